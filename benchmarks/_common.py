@@ -125,7 +125,9 @@ def summary(times: ArrayLike) -> dict[str, float]:
     }
 
 
-def in_pieces(name: str, pieces: Mapping[str, Callable[[], Piece]]) -> list[Piece]:
+def in_pieces(
+    name: str, pieces: Mapping[str, Callable[[], Piece]], since: str | None = None
+) -> list[Piece]:
     """What each piece of a long benchmark found; a run that was ended goes on where it was.
 
     Each result is kept in the system's temporary folder as it comes, as JSON, and used again by
@@ -134,8 +136,9 @@ def in_pieces(name: str, pieces: Mapping[str, Callable[[], Piece]]) -> list[Piec
     Args:
         name: The benchmark.
         pieces: What to call, by a name that says which piece it is.
+        since: A commit since which they would find the same: what it found is used.
     """
-    commit, known = _commit(), {}
+    commit, known = since or _commit(), {}
     file = Path(tempfile.gettempdir()) / f"{name}-{commit}.jsonl"
     if file.exists() and commit.isalnum() and commit != "unknown":
         known = dict(map(json.loads, file.read_text().splitlines()))

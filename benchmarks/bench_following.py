@@ -81,8 +81,9 @@ def costing() -> list[dict[str, Any]]:
     rng = np.random.default_rng(1)
     person = np.radians(_bench.human_motion(60.0, 1)[:, :5])
     places = np.repeat(rng.uniform(model.lower, model.upper, (200, 5)), 30, axis=0)
-    for name, way in (("a person", person), ("hostile places", places)):
-        bare, guarded = (_timed(model, way, guarded=each) for each in (False, True))
+    ways = (("a person", person, False), ("a person, acceleration told", person, True))
+    for name, way, told in (*ways, ("hostile places", places, False)):
+        bare, guarded = (_timed(model, way, guarded=each, told=told) for each in (False, True))
         for how, times in (("a cycle", bare), ("a guarded cycle", guarded)):
             rows.append({"what": f"{how}, {name}", **_common.summary(times)})
         added = {
@@ -95,7 +96,9 @@ def costing() -> list[dict[str, Any]]:
     return rows
 
 
-def _timed(model: RobotModel, way: Array, *, guarded: bool) -> Array:
+def _timed(model: RobotModel, way: Array, *, guarded: bool, told: bool) -> Array:
+    rates = np.gradient(way, TICK, axis=0)
+    changes = np.gradient(rates, TICK, axis=0)
     load = Load.of(model, Strength.of_servos(7.4), READY, None)
     guard = Guard(CollisionModel(model), lambda: 0.3, load, acceleration=GUARDED_STOP.acceleration)
     led = Following(
@@ -105,7 +108,7 @@ def _timed(model: RobotModel, way: Array, *, guarded: bool) -> Array:
     )  # fmt: skip
     times = []
     for k, q in enumerate(way):
-        led.aim(q)
+        _ = led.aim(q, rates[k], changes[k]) if told else led.aim(q)
         begin = time.thread_time()
         led.sample(k)
         times.append(time.thread_time() - begin)
@@ -126,8 +129,9 @@ class _Watched(SimArm):
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
+        is_led: bool = False,
     ) -> None:
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd)
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
         if not np.array_equal(q_cmd, self._last):
             self._last = np.array(q_cmd)
             self.changed.append(time.perf_counter())

@@ -3,8 +3,9 @@
 Each emulated arm has servos of its own (spread 0.2). It is identified with an empty hand, then with
 a load that it is to weigh. What the figures predict is compared with the truth: how far a joint
 droops under 1 N m, at which torque a limp joint breaks away, how far behind its setpoint a joint
-is, and play. Then random paths at 90 deg/s are followed with and without the figures, carrying the
-load. The referee watches caps and every command.
+is, and play. Then random paths at 90 deg/s are followed without the figures, with them, and with
+the true ones, carrying the load, of which the driver is told nothing. The referee watches caps and
+every command.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
 """
@@ -17,6 +18,7 @@ import math
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,7 @@ import numpy as np
 from benchmarks import _common
 from benchmarks.direct_ports import direct_ports
 from so101_motion.calib.record import servo_file, store
+from so101_motion.calib.record.servo_file import ServoRecord
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.hardware import SO101
 from so101_motion.drivers.emulator.spread import differing_servos
@@ -106,8 +109,8 @@ def errors(true: ServoFigures, found: ServoFigures, lash: float) -> dict[str, fl
     }
 
 
-def one_arm(seed: int, plans: int) -> dict[str, Any]:
-    """What became of one arm."""
+def found_by(seed: int) -> dict[str, Any]:
+    """What an arm found out about itself, and how far off that is."""
     load = LOADS_KG[seed % len(LOADS_KG)]
     options = {"reply_timeout": 2.0, "spread": 0.2, "seed": seed}
     with (
@@ -120,27 +123,58 @@ def one_arm(seed: int, plans: int) -> dict[str, Any]:
             empty, took = identified(bench, file, is_empty=True)
         with _harness.hardware_bench(Path(folder), held_kg=load, **options) as bench:
             carrying, _ = identified(bench, file, is_empty=False)
-        with _harness.hardware_bench(Path(folder), held_kg=load, **options) as bench:
-            after = tracking(bench, file, seed, plans)
-        servo_file.servos_path(file).unlink()
-        with _harness.hardware_bench(Path(folder), held_kg=load, **options) as bench:
-            before = tracking(bench, file, seed, plans)
-    differing = differing_servos(SO101, STS3215_12V, spread=0.2, seed=seed)
-    by_joint = {}
-    for joint, kind in list(differing)[:5]:
-        true = ServoFigures(
+    servos = empty.found.servos
+    found = carrying.found.load
+    assert found is not None
+    place = np.linalg.norm(np.array(found.com) - place_in_hand(RobotModel.load()))
+    by_joint = {
+        joint: errors(is_, servos[joint], lash) for joint, (is_, lash) in true_figures(seed).items()
+    }
+    return {
+        "figures": {joint: asdict(each) for joint, each in servos.items()},
+        "joints": by_joint, "took": took, "mass": abs(found.mass - load), "place": float(place),
+    }  # fmt: skip
+
+
+def true_figures(seed: int) -> dict[str, tuple[ServoFigures, float]]:
+    """What an arm's servos are, and their play [rad]."""
+    found = {}
+    for joint, kind in list(differing_servos(SO101, STS3215_12V, spread=0.2, seed=seed))[:5]:
+        own = ServoFigures(
             torque=kind.torque_per_volt / STS3215_12V.torque_per_volt,
             friction=kind.coulomb / STS3215_12V.coulomb,
             dead_time=kind.goal_delay / STS3215_12V.goal_delay,
         )
-        by_joint[joint.name] = errors(true, empty.found.servos[joint.name], joint.lash)
-    found = carrying.found.load
-    assert found is not None
-    place = np.linalg.norm(np.array(found.com) - place_in_hand(RobotModel.load()))
-    return {
-        "seed": seed, "joints": by_joint, "took": took, "before": before, "after": after,
-        "mass": abs(found.mass - load), "place": float(place),
-    }  # fmt: skip
+        found[joint.name] = (own, joint.lash)
+    return found
+
+
+def followed(seed: int, plans: int, known: dict[str, Any] | None) -> float:
+    """How far an arm that carries a load is from its setpoints [deg].
+
+    Args:
+        seed: Which arm.
+        plans: How many random paths.
+        known: The figures of its servos, by joint; None if nobody has identified them.
+    """
+    load = LOADS_KG[seed % len(LOADS_KG)]
+    with (
+        _referee.refereed(("motion",)),
+        direct_ports(),
+        tempfile.TemporaryDirectory() as folder,
+        _harness.hardware_bench(
+            Path(folder), held_kg=load, reply_timeout=2.0, spread=0.2, seed=seed
+        ) as bench,
+    ):
+        file = Path(folder) / "arm.json"
+        if known is not None:
+            servos = {joint: ServoFigures(**each) for joint, each in known.items()}
+            servo_file.save(file, ServoRecord(at="", volts=12.0, servos=servos))
+        return tracking(bench, file, seed, plans)
+
+
+def _as_json(figures: dict[str, tuple[ServoFigures, float]]) -> dict[str, Any]:
+    return {joint: asdict(replace(own, play=lash)) for joint, (own, lash) in figures.items()}
 
 
 def main() -> None:
@@ -149,14 +183,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--arms", type=int, default=20)
     parser.add_argument("--plans", type=int, default=2)
+    parser.add_argument("--since", metavar="COMMIT", help="arms know what they found out then")
     asked = parser.parse_args()
-    pieces = {
-        f"arm {seed}, {asked.plans} plans": partial(one_arm, seed, asked.plans)
-        for seed in range(1, asked.arms + 1)
-    }
-    arms = _common.in_pieces("bench_identify", pieces)
-    for arm in arms:
-        arm["ratio"] = arm["after"] / arm["before"]
+    seeds = range(1, asked.arms + 1)
+    arms = _common.in_pieces(
+        "bench_identify", {f"arm {seed}": partial(found_by, seed) for seed in seeds}, asked.since
+    )
+    for when, figures in (
+        ("before", [None] * len(arms)),
+        ("after", [arm["figures"] for arm in arms]),
+        ("best", [_as_json(true_figures(seed)) for seed in seeds]),
+    ):
+        ways = {
+            f"arm {seed}, {asked.plans} plans, {when}": partial(followed, seed, asked.plans, known)
+            for seed, known in zip(seeds, figures, strict=True)
+        }
+        for arm, error in zip(arms, _common.in_pieces("bench_identify", ways), strict=True):
+            arm[when] = error
+            arm[f"{when}, share"] = error / arm["before"]
     rows: list[dict[str, Any]] = []
     for what, bar in (("droop", 0.1), ("break-away", 0.2), ("lag", 0.1), ("play", 0.1)):
         for joints in (ARM_JOINTS[1:4], (ARM_JOINTS[0], ARM_JOINTS[4])):
@@ -177,7 +221,8 @@ def main() -> None:
         ("duration [s]", "took", 1.0, 180.0),
         ("tracking error before [deg]", "before", 1.0, math.inf),
         ("tracking error after [deg]", "after", 1.0, math.inf),
-        ("tracking error after, share of before", "ratio", 1.0, 0.6),
+        ("tracking error after, share of before", "after, share", 1.0, 0.6),
+        ("with exact figures, share of before", "best, share", 1.0, math.inf),
     ):
         values = scale * np.array([arm[key] for arm in arms])
         rows.append(

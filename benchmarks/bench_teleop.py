@@ -56,7 +56,7 @@ from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.rig import HARD_STOP
 from so101_motion.tasks.teleop import LocalFollower, LocalLeader, Recorder, Teleop
 from so101_motion.tasks.teleop.local_arms import side_of
-from so101_motion.tasks.teleop.pilot import HORIZON, Pace
+from so101_motion.tasks.teleop.pilot import Pace
 
 SECONDS = 60.0
 SEEDS = (1, 2, 3)
@@ -114,22 +114,18 @@ def figures(leader: Array, follower: Array, dt: float) -> dict[str, float]:
 
 
 def following() -> Iterator[dict[str, Any]]:
-    """Latency and tracking, with and without aiming ahead."""
-    for name, seeds, options in (
-        ("following a person", SEEDS, {}),
-        ("the same, not ahead", SEEDS[:1], {"horizon": 0.0}),
-    ):
-        sides = [mirrored(seed, SECONDS, **options) for seed in seeds]
-        leader, follower = (np.vstack([side[i] for side in sides]) for i in (0, 1))
-        qdd = [np.diff(side[2], n=2, axis=0) / PERIOD**2 for side in sides]
-        yield {
-            "what": name,
-            **figures(leader, follower, PERIOD),
-            "acceleration [deg/s^2]": max(float(np.abs(each).max()) for each in qdd),
-            "jerk [rad/s^3]": max(
-                float(np.radians(np.abs(np.diff(each, axis=0))).max()) / PERIOD for each in qdd
-            ),
-        }
+    """Latency and tracking."""
+    sides = [mirrored(seed, SECONDS) for seed in SEEDS]
+    leader, follower = (np.vstack([side[i] for side in sides]) for i in (0, 1))
+    qdd = [np.diff(side[2], n=2, axis=0) / PERIOD**2 for side in sides]
+    yield {
+        "what": "following a person",
+        **figures(leader, follower, PERIOD),
+        "acceleration [deg/s^2]": max(float(np.abs(each).max()) for each in qdd),
+        "jerk [rad/s^3]": max(
+            float(np.radians(np.abs(np.diff(each, axis=0))).max()) / PERIOD for each in qdd
+        ),
+    }
 
 
 def compared(commit: str) -> Iterator[dict[str, Any]]:
@@ -381,7 +377,6 @@ def main() -> None:
         _common.write("bench_teleop_before", list(compared(given.before)))
         return
     minutes = given.minutes
-    print(f"aiming {HORIZON * 1e3:g} ms ahead")
     rows = [live(SECONDS), *costing()]
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         long_run = pool.submit(lasting, minutes) if minutes > 0.0 else None

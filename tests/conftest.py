@@ -144,8 +144,8 @@ class TapedArm(SimArm):
         self.torques = []
         self.is_closed = False
 
-    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None):
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd)
+    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, is_led=False):
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
         self.tape.append((self._clock.now(), np.array(q_cmd), q_jaw_cmd))
 
     def set_torque(self, on):

@@ -260,7 +260,8 @@ def _jog(bench, device, hold, stdin=subprocess.PIPE):
         running.end(30)
         moved = np.abs(arm.degrees() - before).round(1).tolist()
         if max(moved) < 5.0:
-            raise Failure(f"nothing moved: {moved}; {running.said[-600:]}")
+            told = [line for line in running.said.splitlines() if "loop time" not in line]
+            raise Failure(f"nothing moved: {moved}; {told}")
         return {"moved_deg": moved, "dropped_deg": arm.dropped()}
 
 
@@ -293,7 +294,14 @@ def _ended_by(bench, number, code):
         time.sleep(9.0)  # in mid-motion
         running.send(number)
         took = running.end(30, code)
-        return {"ended_after_s": round(took, 2), "dropped_deg": arm.dropped()}
+        here = arm.degrees()
+        time.sleep(1.0)  # nobody is left to tell its servos to stop short of their goals
+        went_on = float(np.abs(arm.degrees() - here).max())
+        return {
+            "ended_after_s": round(took, 2),
+            "went_on_deg": round(went_on, 1),
+            "dropped_deg": arm.dropped(),
+        }
 
 
 def interrupted(bench):
@@ -307,7 +315,7 @@ def terminated(bench):
 
 
 def killed(bench):
-    """SIGKILL in mid-motion: it holds."""
+    """SIGKILL in mid-motion: it goes on to its servos' last goals and holds there."""
     return _ended_by(bench, signal.SIGKILL, -signal.SIGKILL)
 
 
