@@ -141,7 +141,7 @@ TABLE = (
         begins="brownout=14.8",
         ends="end brownout=14.8",
         status=Status.ABORTED,
-        says=("supply of 14.", "power supply"),
+        says=("supply outside the limits", "check the power supply"),
     ),
 )
 

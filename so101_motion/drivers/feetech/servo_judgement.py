@@ -116,8 +116,8 @@ def judge(
         supply = ServoTrouble(
             kind="fault",
             level="stop",
-            sentence=f"its supply of {volts:.1f} V is outside the limits it is set for, or sags"
-            " under load",
+            sentence="its servo reports a supply outside the limits that it is set for, or one that"
+            f" sags under load (last read: {volts:.1f} V)",
             fix="check the power supply and, with 7.4 V servos, that it is not a 12 V one",
         )
     found += [] if supply is None else [supply]
