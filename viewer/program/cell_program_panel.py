@@ -10,14 +10,13 @@ import viser
 from so101_motion.arm.cell import Cell
 
 from ..page import markup
-from ..page.bar import uuid_of
 from ..page.page_context import PageContext
 from ..page.part import Part
-from ..page.shared_fields import grey, put
+from ..page.shared_fields import grey
 from ..view_model import ViewModel
 from . import program_texts as words
 from .cell_program_model import ArmInStep, CellProgramModel
-from .program_fields import FileFields, RoundsFields, WaypointFields
+from .program_fields import FileFields, RoundsFields, RowList, WaypointFields
 
 _ALL = "all arms"
 
@@ -50,11 +49,7 @@ class CellProgramPart(Part):
         self._context.on_choice(
             record, lambda name: model.record(self._names if name == _ALL else (name,))
         )
-        self._steps = gui.add_html("")
-        self._picked = gui.add_text("Picked", "", visible=False)
-        self._context.on_entry(self._picked, self._pick)
-        self._dragged = gui.add_text("Dragged", "", visible=False)
-        self._context.on_entry(self._dragged, self._reorder)
+        self._rows = RowList(self._context, model.choose, model.reorder)
         self._order = gui.add_button_group("Step", ("up", "down", "delete"))
         orders = {"up": partial(model.move, -1), "down": partial(model.move, 1)}
         self._context.on_choice(self._order, partial(_do, orders | {"delete": model.remove}))
@@ -88,18 +83,6 @@ class CellProgramPart(Part):
             self._fields[name] = fields
             self._uses.append(use)
 
-    def _pick(self, number: str) -> None:
-        """Choose a step; picked once more, the targets go there again."""
-        if number.isdigit():
-            self.model.choose(int(number) - 1)
-        put(self._picked, "")
-
-    def _reorder(self, told: str) -> None:
-        """Move a step: the browser tells a count, from where, and to where."""
-        places = [int(word) for word in told.split()[1:] if word.isdigit()]
-        if len(places) == 2:
-            self.model.reorder(*places)
-
     def refresh(self) -> bool:
         """Take in the state of the arms, the plan being made and the running program."""
         return self.model.refresh()
@@ -108,12 +91,10 @@ class CellProgramPart(Part):
         """Update the widgets; viser sends only what differs."""
         model = self.model
         self._sentence.content = markup.sentence(model.sentence)
-        self._steps.content = markup.steps(
+        self._rows.show(
             [(", ".join(step), words.cell_line(step), 0) for step in model.steps],
             chosen=model.chosen,
             active=model.active,
-            press=uuid_of(self._picked),
-            move=uuid_of(self._dragged),
         )
         for name, fields in self._fields.items():
             fields.show(model.waypoint(name))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 from so101_motion.tasks.program.loops import MOST_TIMES
 from so101_motion.tasks.program.program import LONGEST_PAUSE, SLOWEST, Waypoint
 
+from ..page import markup
+from ..page.bar import uuid_of
 from ..page.page_context import PageContext
-from ..page.shared_fields import SharedField, grey
+from ..page.shared_fields import SharedField, grey, put
 
 _NONE = "none"
 _PART_WAY = "part way"
@@ -47,6 +49,48 @@ class FileKeeper(Protocol):
 
     def delete(self, name: str) -> None:
         """Delete the file of a program."""
+
+
+class RowList:
+    """The steps of a program in rows; a row is chosen by a press and moved by dragging it.
+
+    Args:
+        choose: Told the index of the row that is pressed, also when it is the chosen one.
+        reorder: Told which row was dragged, and where to, as indices.
+    """
+
+    def __init__(
+        self,
+        context: PageContext,
+        choose: Callable[[int], None],
+        reorder: Callable[[int, int], None],
+    ) -> None:
+        self._choose, self._reorder = choose, reorder
+        self._rows = context.gui.add_html("")
+        self._picked = context.gui.add_text("Picked", "", visible=False)
+        self._dragged = context.gui.add_text("Dragged", "", visible=False)
+        context.on_entry(self._picked, self._pick)
+        context.on_entry(self._dragged, self._drag)
+
+    def show(
+        self, rows: Iterable[tuple[str, str, int]], *, chosen: int | None, active: int | None
+    ) -> None:
+        """Show the steps; see ``markup.steps``."""
+        press, move = uuid_of(self._picked), uuid_of(self._dragged)
+        self._rows.content = markup.steps(
+            rows, chosen=chosen, active=active, press=press, move=move
+        )
+
+    def _pick(self, number: str) -> None:
+        if number.isdigit():
+            self._choose(int(number) - 1)
+        put(self._picked, "")  # so that the same row can be told again
+
+    def _drag(self, told: str) -> None:
+        """Move a row: the browser tells a count, from where, and to where."""
+        places = [int(word) for word in told.split()[1:] if word.isdigit()]
+        if len(places) == 2:
+            self._reorder(*places)
 
 
 class WaypointFields:

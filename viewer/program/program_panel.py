@@ -24,7 +24,7 @@ from ..page.part import Part
 from ..page.shared_fields import SharedField, grey, put
 from ..view_model import ViewModel
 from . import program_texts as words
-from .program_fields import FileFields, RoundsFields, WaypointFields
+from .program_fields import FileFields, RoundsFields, RowList, WaypointFields
 from .program_model import REST, STEP, ProgramModel
 from .program_screen import ProgramScreen
 from .program_view import Ghost, ProgramView
@@ -73,11 +73,7 @@ class ProgramPart(Part):
             "Record", ("arm", "target"), hint="Where the arm is, or where the ghost is"
         )
         self._on_choice(record, {"arm": model.record_arm, "target": model.record_target})
-        self._waypoints = gui.add_html("")
-        self._picked = gui.add_text("Picked", "", visible=False)
-        self._context.on_entry(self._picked, self._pick)
-        self._dragged = gui.add_text("Dragged", "", visible=False)
-        self._context.on_entry(self._dragged, self._reorder)
+        self._rows = RowList(self._context, model.choose, model.reorder)
         self._order = gui.add_button_group(
             "Waypoint",
             ("up", "down", "copy", "re-record", "delete"),
@@ -157,18 +153,6 @@ class ProgramPart(Part):
     def _on_choice(self, group: Any, commands: dict[str, Callable[[], None]]) -> None:
         self._context.on_choice(group, lambda name: commands[name]())
 
-    def _pick(self, number: str) -> None:
-        """Choose a waypoint; picked once more, the target goes there again."""
-        if number.isdigit():
-            self.model.choose(int(number) - 1)
-        put(self._picked, "")
-
-    def _reorder(self, told: str) -> None:
-        """Move a waypoint: the browser tells a count, from where, and to where."""
-        places = [int(word) for word in told.split()[1:] if word.isdigit()]
-        if len(places) == 2:
-            self.model.reorder(*places)
-
     # The page
 
     def refresh(self) -> bool:
@@ -198,13 +182,7 @@ class ProgramPart(Part):
             )
             for k, waypoint in enumerate(program.waypoints)
         ]
-        self._waypoints.content = markup.steps(
-            rows,
-            chosen=screen.chosen,
-            active=active,
-            press=uuid_of(self._picked),
-            move=uuid_of(self._dragged),
-        )
+        self._rows.show(rows, chosen=screen.chosen, active=active)
         self._show_waypoint(screen)
         self._rounds.show(program.rounds)
         self._plan.disabled = not screen.can_plan
