@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from harness.clocks import SettledClock
 from harness.emulated_joints import MAPS
 from harness.heard_port import HeardEmulator
-from harness.settled_clock import SettledClock
 from referee import CommandCaps, match_of
 
 from so101_motion.control.executor import Executor, Tolerances

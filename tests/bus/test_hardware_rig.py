@@ -7,18 +7,14 @@ from harness.emulated_rig import MIDDLES_DEG, hardware_bench, rad
 from so101_motion.calib.record import record, store
 from so101_motion.common.errors import (
     ConfigError,
-    FollowingError,
     Interrupted,
     NoReply,
     OutsideLimits,
-    PortUnavailable,
-    ServoAlarm,
 )
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.control.executor import Channel
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.hardware_rig import open_so101
 from so101_motion.tasks.teleop.local_arms import middles_of
 
@@ -192,185 +188,6 @@ def test_goals_outside_the_calibrated_range_are_refused(bench):
         rig.arm.start_retarget(np.radians([95.0, 0, 0, 0, 0]))
 
     assert not rig.arm.is_moving
-
-
-# Moving
-
-
-def test_a_joint_that_is_held_fast_ends_the_motion_and_is_not_pressed_on(bench):
-    rig = bench.open()
-    motion = bench.go(rig, 80, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 1.0)
-    shaft = bench.world.servo("shoulder_pan").drive.shaft
-    shaft.upper = shaft.output + 5
-    with pytest.raises(FollowingError, match="shoulder_pan"):
-        bench.finish(motion)
-    bench.advance(1.0)
-
-    assert abs(rig.servos.health[0].load) < 0.5
-
-
-# Trouble: reported by name, nothing else lost, over when it is cleared
-
-
-def test_unplugged_in_mid_move_and_plugged_in_again(bench):
-    rig = bench.open()
-    motion = bench.go(rig, 60, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 0.8)
-    bench.emulator.unplug()
-    with pytest.raises(PortUnavailable):
-        bench.finish(motion, at_most=0.5)
-    assert rig.arm.state.mode is Mode.FAULT
-    bench.advance(2.0)
-    here = bench.q_deg
-    bench.emulator.plug()
-    bench.advance(3.0)
-
-    assert rig.servos.is_connected
-    assert rig.servos.port_losses == 1
-    assert bench.q_deg == pytest.approx(here, abs=0.5)
-    bench.finish(rig.executor.hold())
-    bench.advance(1.0)
-    assert bench.q_deg == pytest.approx(here, abs=0.5)
-    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
-
-
-def test_setting_up_anew_without_a_port_says_what_helps_and_succeeds_by_itself_later(bench):
-    rig = bench.open()
-    bench.advance(0.5)
-    before = bench.q_deg
-    bench.emulator.unplug()
-    bench.advance(0.2)
-    with pytest.raises(PortUnavailable, match="check the USB cable"):
-        rig.reload()
-    with pytest.raises(PortUnavailable, match=r"check the USB cable.*tried again"):
-        bench.finish(rig.executor.hold())
-    bench.emulator.plug()
-    bench.advance(2.0)
-
-    assert rig.servos.is_connected
-    bench.finish(rig.executor.hold())
-    assert bench.q_deg == pytest.approx(before, abs=0.5)
-
-
-def test_a_hot_servo_ends_the_motion_by_name_and_refuses_until_it_is_cool(bench):
-    rig = bench.open()
-    motion = bench.go(rig, 60, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 0.5)
-    bench.world.warm("elbow_flex", 66.0)
-    with pytest.raises(ServoAlarm, match=r"elbow_flex.*66 degC") as caught:
-        bench.finish(motion)
-    assert caught.value.joint == "elbow_flex"
-    assert len(caught.value.recent) > 10
-    with pytest.raises(ServoAlarm, match="elbow_flex"):
-        bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
-    bench.finish(rig.gripper.start_move(0.5))  # nothing else is lost
-    bench.world.warm("elbow_flex", 30.0)
-    bench.advance(1.0)
-    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
-
-
-class Weight:
-    """What bears down on the shoulder for a while, more than its servo can hold [N m]."""
-
-    def __init__(self, clock, until):
-        self._clock, self._until = clock, until
-
-    @property
-    def busy(self):
-        return self._clock.now() < self._until
-
-    def torque(self, joint, t, q, qd):
-        is_there = joint == "shoulder_lift" and t < self._until
-        return 8.0 - 4.0 * qd if is_there and q < rad(66.0) else 0.0
-
-
-def test_an_arm_that_is_pushed_until_a_servo_gives_up_stays_where_it_was_pushed(bench):
-    """It would sink otherwise: a servo that has given up carries less than the arm weighs."""
-    rig = bench.open()
-    bench.finish(bench.go(rig, 0, 50, -60, 0, 0))
-    here = bench.q_deg[1]
-    bench.world.hand = Weight(bench.clock, until=bench.clock.now() + 3.0)
-    bench.advance(2.8)
-    pushed = bench.q_deg[1]
-    bench.advance(2.2)  # let go at 3 s; what sank meanwhile is made up for within 2 s
-    left = bench.q_deg
-    bench.advance(3.0)
-
-    assert left[1] == pytest.approx(pushed, abs=4.0)
-    assert left[1] > here + 8.0
-    assert bench.q_deg == pytest.approx(left, abs=0.1)
-    assert not rig.arm.state.reading.alarms
-    assert rig.servos.health[1].latched == ("overload",)
-    bench.finish(bench.go(rig, 0, 50, -60, 0, 0))
-    assert bench.q_deg[1] == pytest.approx(here, abs=0.6)
-
-
-def test_a_warm_servo_slows_the_arm_down(bench):
-    rig = bench.open()
-    fast = rig.arm.plan(goal_of(30)).duration
-    bench.world.warm("elbow_flex", 62.0)
-    bench.advance(1.0)
-
-    assert rig.arm.plan(goal_of(30)).duration > 1.3 * fast
-
-
-def goal_of(pan_deg):
-    return JointGoal(q=np.radians([float(pan_deg), 0, 0, 0, 0]))
-
-
-def test_too_high_a_supply_is_reported_with_its_figure(bench):
-    rig = bench.open()
-    motion = bench.go(rig, 60, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 0.5)
-    bench.world.power(14.6)
-    with pytest.raises(ServoAlarm, match=r"supply outside the limits"):
-        bench.finish(motion)
-    bench.world.power(12.0)
-    bench.advance(1.0)
-    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
-
-
-def test_a_brown_out_leaves_an_arm_that_holds_again_when_asked(bench):
-    rig = bench.open()
-    motion = bench.go(rig, 60, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 0.5)
-    bench.world.power(3.5)
-    with pytest.raises(NoReply, match="power supply"):
-        bench.finish(motion)
-    bench.world.power(12.0)
-    bench.advance(2.0)
-    bench.finish(rig.executor.hold())
-    here = bench.q_deg
-    bench.advance(1.0)
-    assert rig.arm.state.mode is Mode.HOLDING
-    assert bench.q_deg == pytest.approx(here, abs=2.0), "the weight is taken up"
-
-
-def test_a_dead_servo_is_reported_and_the_others_are_still_read(bench):
-    rig = bench.open()
-    motion = bench.go(rig, 60, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 0.5)
-    bench.world.disconnect("wrist_roll")
-    with pytest.raises(NoReply, match="wrist_roll"):
-        bench.finish(motion)
-    bench.advance(0.5)
-    assert [joint.joint for joint in rig.servos.health if joint.is_silent] == ["wrist_roll"]
-    bench.world.connect("wrist_roll")
-    bench.advance(2.0)
-    bench.finish(rig.executor.hold())
-    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
-
-
-def test_a_servo_that_restarts_holds_again_and_is_reported(bench):
-    rig = bench.open()
-    bench.world.reboot("shoulder_pan")
-    bench.advance(2.0)
-
-    assert rig.arm.state.mode is Mode.FAULT
-    assert "shoulder_pan" in rig.arm.state.fault
-    bench.finish(rig.executor.hold())
-    bench.finish(bench.go(rig, 20, 0, 0, 0, 0))
 
 
 # The gripper

@@ -4,7 +4,7 @@ import time
 from contextlib import nullcontext
 
 import pytest
-from harness.lent_port import PortAccess
+from harness.lent_bus import PortAccess
 
 from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.common.errors import MotorSetupError

@@ -7,7 +7,7 @@ objects to nothing.
 
 from collections import Counter
 
-from harness.turn_clock import TurnClock
+from harness.clocks import TurnClock
 
 from campaign.campaign_arm import Arm
 from so101_motion.common.errors import So101Error

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 
 import click
 import numpy as np
-from harness.turn_clock import TurnClock
+from harness.clocks import TurnClock
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import So101Error

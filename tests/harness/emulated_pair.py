@@ -15,9 +15,12 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
+from so101_motion.tasks.teleop.gate import Phase
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 SERVOS = (1, 2, 3, 4, 5)
+PERIOD = 0.01
+"""Of the setpoints [s]."""
 
 LOWEST_DEG = np.array([-60.0, -45.0, -35.0, -55.0, -80.0, 5.0])
 HIGHEST_DEG = np.array([60.0, 15.0, 50.0, 60.0, 80.0, 70.0])
@@ -261,3 +264,32 @@ def teleop_bench(folder, **options):
         yield bench
     finally:
         bench.close()
+
+
+def setpoints(bench, since=0.0):
+    """Times, angles and speeds of the follower's arm joints [s], [deg], [deg/s]."""
+    rows = np.array([row for row in bench.goals if row[0] >= since - 1e-9])
+    t, q = rows[:, 0], np.degrees(rows[:, 1:6])
+    # Goals leave once a period; one that a busy machine notes late makes the next seem early.
+    return t, q, np.diff(q, axis=0) / np.maximum(np.diff(t), PERIOD)[:, None]
+
+
+def swaying(bench, joint="shoulder_pan", amplitude=40.0, period=4.0, seconds=6.0):
+    """The hand sways one joint; it passes the middle at 63 deg/s."""
+    t = np.arange(0.0, seconds, PERIOD)
+    way = np.tile(np.degrees(bench.leader.world.q), (len(t), 1))
+    way[:, JOINTS.index(joint)] += amplitude * np.sin(2.0 * np.pi * t / period)
+    bench.leader.lead(way)
+
+
+def mirroring(bench):
+    return bench.teleop.status.phase is Phase.MIRRORING
+
+
+def waiting(bench):
+    return bench.teleop.status.phase is Phase.WAITING
+
+
+def zeros(bench):
+    """What the leader's calibration takes away from the angles its world counts [deg]."""
+    return bench.leader.q_deg[:5] - np.degrees(bench.leader.world.q[:5])

@@ -1,15 +1,22 @@
-"""A lent bus without a port: the emulated servos answer inside the call that asks, at any rate."""
+"""A lent bus for calibrations and motor setup, without a port or on one that measures real time.
+
+Without a port the emulated servos answer inside the call that asks, at any rate.
+"""
 
 from contextlib import nullcontext
 
-from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import PortUnavailable
+import pytest
+
+from so101_motion.calib.motors.motor_setup import MotorSetup
+from so101_motion.common.clock import ManualClock, MonotonicClock
+from so101_motion.common.errors import MotorSetupError, PortUnavailable
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.emulator.faults import WireFaults
+from so101_motion.drivers.port.serial_port import SerialPort
 
 APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
 """Joint angles [rad] that differ, as those of loose servos do; twins are noticed by that."""
@@ -130,3 +137,46 @@ class LentBus:
 
     def whole_arm(self):
         self.plug(1, 2, 3, 4, 5, 6)
+
+
+PATIENCE = 0.03
+"""Above what a busy machine takes to run the emulator's thread [s]."""
+
+
+class PortAccess:
+    """Fits ``BusAccess``."""
+
+    def __init__(self, port, baud=1_000_000):
+        self.port, self.clock = port, MonotonicClock()
+        self._bus = Bus(SerialPort(port, baud), reply_timeout=PATIENCE)
+
+    def call(self, job):
+        return job(self._bus)
+
+    def watch(self, job):
+        raise NotImplementedError
+
+    def at_baud(self, baud):
+        self._bus.close()
+        self._bus = Bus(SerialPort(self.port, baud), reply_timeout=PATIENCE)
+
+    def close(self):
+        self._bus.close()
+
+
+def loose(servo_id=1, baud=1_000_000, place=6, **options):
+    """One servo alone on the adapter, and its setup."""
+    bus = LentBus({place: servo_id}, calibrated=False, **options)
+    bus.set(place, baud_rate=reg.BAUDS.index(baud))
+    return bus, MotorSetup(bus.lent)
+
+
+def refused(call, problem, *words):
+    """``call`` is refused for that problem, with these words; the error."""
+    with pytest.raises(MotorSetupError) as caught:
+        call()
+    assert caught.value.problem == problem
+    for word in words:
+        assert word in str(caught.value)
+    assert caught.value.next_step
+    return caught.value

@@ -250,3 +250,26 @@ def test_a_fast_healthy_joint_is_not_taken_for_a_stuck_one(sim):
     fast = MotionLimits.uniform(velocity=3.1, acceleration=9.0, jerk=200.0)
     trajectory = online.point_to_point(np.zeros(5), np.full(5, 2.0), fast, sim.dt)
     sim.after(4.0, sim.executor.execute(trajectory))
+
+
+def test_a_listener_is_told_every_period_until_it_has_enough(sim):
+    heard = []
+    end = sim.executor.listen(lambda state: heard.append(state.t))
+    sim.clock.advance(1.0)
+    assert np.diff(heard) == pytest.approx(np.full(len(heard) - 1, 0.01))
+    assert len(heard) >= 100
+    end()
+    sim.clock.advance(0.2)
+    count = len(heard)
+    sim.clock.advance(1.0)
+    assert len(heard) == count
+
+
+def test_a_listener_that_fails_harms_nobody(sim, caplog):
+    def fail(state):
+        raise ValueError("oh")
+
+    sim.executor.listen(fail)
+    sim.clock.advance(0.05)
+    assert "a listener failed" in caplog.text
+    sim.after(3.0, sim.executor.execute(sim.to_goal(np.full(5, 0.2))))

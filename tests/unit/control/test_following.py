@@ -423,29 +423,6 @@ def test_two_motions_at_once_are_refused(sim):
     assert isinstance(error, MotionError)
 
 
-def test_a_listener_is_told_every_period_until_it_has_enough(sim):
-    heard = []
-    end = sim.executor.listen(lambda state: heard.append(state.t))
-    sim.clock.advance(1.0)
-    assert np.diff(heard) == pytest.approx(np.full(len(heard) - 1, 0.01))
-    assert len(heard) >= 100
-    end()
-    sim.clock.advance(0.2)
-    count = len(heard)
-    sim.clock.advance(1.0)
-    assert len(heard) == count
-
-
-def test_a_listener_that_fails_harms_nobody(sim, caplog):
-    def fail(state):
-        raise ValueError("oh")
-
-    sim.executor.listen(fail)
-    sim.clock.advance(0.05)
-    assert "a listener failed" in caplog.text
-    sim.after(3.0, sim.executor.execute(sim.to_goal(np.full(5, 0.2))))
-
-
 def test_the_guard_hears_when_the_servos_may_be_ahead_of_the_setpoint(sim):
     class Heard(Fence):
         ahead = ()
