@@ -1,9 +1,9 @@
 """Pretended clocks with which a run repeats exactly.
 
 With ``ManualClock`` a thread goes on as soon as it is woken, at the same time as the one that woke
-it, so what a test sees may differ from run to run. On a ``TurnClock`` a woken thread waits until the
-clock is advanced: the same seed gives the same run, however busy the machine is. A ``SettledClock``
-waits until emulated servos have heard what was sent to them.
+it, so what a test sees may differ from run to run. On a ``TurnClock`` a woken thread waits until
+the clock is advanced: the same seed gives the same run, however busy the machine is. A
+``SettledClock`` waits until emulated servos have heard what was sent to them.
 """
 
 import threading

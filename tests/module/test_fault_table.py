@@ -213,6 +213,13 @@ async def bench(tmp_path_factory):
             yield Bench(emulated, module, arm, gripper, planner)
 
 
+@pytest_asyncio.fixture(loop_scope="module")
+async def start(bench):
+    """Where a test finds the arm once all is well [deg]."""
+    await until(bench.is_well)
+    return await bench.joints()
+
+
 def careful_gripper(port):
     """As another program left it: a gripper that gives up at a fifth of its drive, and soon."""
     bus = Bus(SerialPort(port))
@@ -221,9 +228,7 @@ def careful_gripper(port):
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
-async def test_a_fault_is_named_costs_nothing_else_and_is_over_when_it_is_over(bench, row):
-    await until(bench.is_well)
-    start = await bench.joints()
+async def test_a_fault_is_named_costs_nothing_else_and_is_over_when_it_is_over(bench, row, start):
     try:
         await the_move_ends_with_it(bench, row, start)
         await others_are_read(bench, row)
@@ -292,9 +297,7 @@ async def test_an_overloaded_gripper_is_named_and_the_arm_goes_on(bench):
     assert "overload" in own["faults_since_start"]
 
 
-async def test_on_a_wire_that_loses_and_garbles_moves_complete(bench):
-    await until(bench.is_well)
-    start = await bench.joints()
+async def test_on_a_wire_that_loses_and_garbles_moves_complete(bench, start):
     before = await bench.health()
     await bench.type("loss=0.05\ncorrupt=0.02")
     try:
@@ -362,9 +365,7 @@ async def left(*calls, after=0.0):
             await call
 
 
-async def test_a_move_of_the_motion_service_recovers_from_a_fault_like_any_other(bench):
-    await until(bench.is_well)
-    start = await bench.joints()
+async def test_a_move_of_the_motion_service_recovers_from_a_fault_like_any_other(bench, start):
     async with bench.under_way(start) as move:
         await bench.type("unplug")
         with pytest.raises(GRPCError):
@@ -376,9 +377,7 @@ async def test_a_move_of_the_motion_service_recovers_from_a_fault_like_any_other
     await bench.back(start)
 
 
-async def test_a_stop_does_not_wait_for_plans_that_were_abandoned(bench):
-    await until(bench.is_well)
-    start = await bench.joints()
+async def test_a_stop_does_not_wait_for_plans_that_were_abandoned(bench, start):
     plans = [asyncio.ensure_future(bench.planner.do_command({"preview": NO_WAY})) for _ in range(8)]
     await left(*plans, after=0.5)
     await bench.arm.move_to_joint_positions(
@@ -399,9 +398,7 @@ async def moved(bench, start):
 
 
 @pytest.mark.parametrize("after", [0.0, 0.002, 0.005, 0.02])
-async def test_a_client_that_leaves_while_its_stream_is_opened_leaves_nothing(bench, after):
-    await until(bench.is_well)
-    start = await bench.joints()
+async def test_a_client_that_leaves_while_its_stream_is_opened_leaves_nothing(bench, after, start):
 
     async def play():
         async def points():
@@ -417,9 +414,7 @@ async def test_a_client_that_leaves_while_its_stream_is_opened_leaves_nothing(be
     await bench.back(start)
 
 
-async def test_manual_mode_has_its_time_limit_although_its_client_left(bench):
-    await until(bench.is_well)
-    start = await bench.joints()
+async def test_manual_mode_has_its_time_limit_although_its_client_left(bench, start):
     async with bench.under_way(start):
         request = {"command": "enter_manual_mode", "enabled_for": 0.5}
         await left(asyncio.ensure_future(bench.arm.do_command(request)), after=0.02)
@@ -432,9 +427,7 @@ async def test_manual_mode_has_its_time_limit_although_its_client_left(bench):
     await bench.back(start)
 
 
-async def test_of_those_who_begin_to_record_at_once_one_does(bench):
-    await until(bench.is_well)
-    start = await bench.joints()
+async def test_of_those_who_begin_to_record_at_once_one_does(bench, start):
     requests = [{"command": "record_path", "name": f"path{i}", "replace": True} for i in range(4)]
     answers = await asyncio.gather(*map(bench.arm.do_command, requests), return_exceptions=True)
     assert sum(isinstance(answer, GRPCError) for answer in answers) == 3
@@ -443,9 +436,7 @@ async def test_of_those_who_begin_to_record_at_once_one_does(bench):
     await bench.back(start)
 
 
-async def test_a_planner_that_is_removed_ends_what_it_moves(bench):
-    await until(bench.is_well)
-    start = await bench.joints()
+async def test_a_planner_that_is_removed_ends_what_it_moves(bench, start):
     other = await bench.module.add(MOTION, PLANNER, {"arm": "arm"}, "other")
     here = await bench.arm.get_end_position()
     move = asyncio.ensure_future(other.move("arm", turned(here, 80.0)))
