@@ -219,7 +219,7 @@ def _in_turn(
                     if i != k
                 ]
                 asked = replace(me.request, others=tuple(others))
-                plans[k] = plan_among(planner.plan, asked, alone=alone[k])
+                plans[k] = plan_among(planner.plan, asked, alone=alone[k], before=shortest)
                 if plans[k].duration >= shortest:
                     break
             else:

@@ -84,10 +84,12 @@ class Pair:
         return 0.03 if found is None else found
 
     def finish(self, *motions):
-        for _ in range(3000):
+        moving = 0  # cycles; how many pass while a plan is made depends on how busy the machine is
+        while moving < 3000:
             if all(each.future.done() for each in motions):
                 return
             self.advance()
+            moving += self.left.is_moving or self.right.is_moving
         raise AssertionError("it goes on and on")
 
 
