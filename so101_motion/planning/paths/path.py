@@ -175,7 +175,7 @@ class PathFinder:
 
     def _no_path(self, search: TreeSearch | CompiledSearch, deadline: Deadline) -> NoPath:
         if deadline.budget < BRIEF:
-            message = f"no path found in {deadline.budget:.3f} s; allow more time"
+            message = f"no path found in {max(deadline.budget, 0.0):.3f} s; allow more time"
             return NoPath(message, where="path", blockers=())
         trees = search.from_start, search.from_goals
         counts = [tree.count for tree in trees]

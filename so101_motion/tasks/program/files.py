@@ -52,12 +52,12 @@ def folder() -> Path:
     return user_storage.folder() / "programs"
 
 
-def file_of(name: str, place: Path | None = None) -> Path:
+def file_of(name: str, in_folder: Path | None = None) -> Path:
     """The file of the user's program ``name``, existing or not.
 
     Args:
         name: What the program is called.
-        place: The folder; that of the programs of one arm if not given.
+        in_folder: The folder; that of the programs of one arm if not given.
 
     Raises:
         ConfigError: It cannot be the name of a file.
@@ -68,12 +68,12 @@ def file_of(name: str, place: Path | None = None) -> Path:
             "program name", name, "must be letters, digits, spaces and _ . -, such as stack cubes"
         )
     user_storage.refuse_reserved(name, what="program name")
-    return (place or folder()) / f"{name}.json"
+    return (in_folder or folder()) / f"{name}.json"
 
 
-def names(place: Path | None = None) -> tuple[str, ...]:
-    """List the user's programs by name; ``place`` as in ``file_of``."""
-    return tuple(sorted(file.stem for file in (place or folder()).glob("*.json")))
+def names(in_folder: Path | None = None) -> tuple[str, ...]:
+    """List the user's programs by name; ``in_folder`` as in ``file_of``."""
+    return tuple(sorted(file.stem for file in (in_folder or folder()).glob("*.json")))
 
 
 def find(name: str) -> Path:
@@ -163,13 +163,13 @@ def _loop_from(what: str, content: object) -> Loop:
         raise ConfigError(f"{what}: {error.key}", error.value, error.reason) from None
 
 
-def delete(name: str, place: Path | None = None) -> None:
-    """Delete the user's program ``name``; ``place`` as in ``file_of``.
+def delete(name: str, in_folder: Path | None = None) -> None:
+    """Delete the user's program ``name``; ``in_folder`` as in ``file_of``.
 
     Raises:
         ConfigError: There is none, or it cannot be removed.
     """
-    file = file_of(name, place)
+    file = file_of(name, in_folder)
     try:
         file.unlink()
     except OSError as error:
