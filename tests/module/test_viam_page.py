@@ -9,7 +9,7 @@ import viam.components.generic
 import viam.services.discovery
 import viam.services.generic
 import viam.services.worldstatestore  # noqa: F401  # importing registers the clients
-from harness.emulated_port import emulated_port
+from harness.emulated_port import emulated_port, works
 from harness.fake_parent import (
     ARM,
     CALIBRATION,
@@ -23,6 +23,7 @@ from harness.fake_parent import (
     SIMULATED,
     SIMULATED_GRIPPER,
     running_module,
+    until,
 )
 
 from so101_motion.viam.models.module import MODELS
@@ -93,6 +94,7 @@ async def test_the_answers_are_as_shown(tmp_path):
         resources = {}
         for model, api, name, attributes in machine:
             resources[model] = await module.add(api, model, attributes, name)
+        await until(lambda: works(resources[HARDWARE_ARM].get_joint_positions))
         for model, resource in resources.items():
             shown = requests_of(model)
             assert shown, model
