@@ -13,7 +13,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 from so101_motion.calib.procedure.eeprom import read_held
-from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.calib.record import zero
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
@@ -24,6 +25,7 @@ from so101_motion.drivers.emulator.hardware import SO101
 
 TICK = 0.01
 TICKS_PER_DEG = 4096 / 360
+UPRIGHT_DEG = math.degrees(zero.ROLL_UPRIGHT)
 
 
 class Died(BaseException):
@@ -213,3 +215,16 @@ class LentArm:
             return self.held(joint)
         finally:
             servo.memory.bytes[:] = now
+
+
+def calibrate(session, arm, **how):
+    session.start(arm)
+    session.set_homing()
+    session.start_recording()
+    arm.sweep_all(**how)
+    session.stop_recording()
+    return session.save()
+
+
+def all_held(arm):
+    return {joint: arm.held(joint) for joint in JOINTS}

@@ -13,18 +13,34 @@ from so101_viewer.page.screen_state import Screen
 from so101_viewer.page.target_ik import Surroundings, TargetSolver
 from so101_viewer.view_model import ViewModel
 
+from so101_motion.common.clock import Clock
 from so101_motion.common.errors import OutsideLimits, Unreachable
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, JointReading, JointState
+from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
+from so101_motion.rig.cell_rigs import CellRigs
 
 REACH = 0.5
 """The pretended arm's tool point is its first three angles, and it reaches this far [m]."""
 
 WELCOME = "Welcome."
+
+STILL = JointState(
+    t=0.0,
+    mode=Mode.HOLDING,
+    reading=JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0),
+    q_ref=np.zeros(5),
+    qd_ref=np.zeros(5),
+    q_jaw_ref=0.0,
+    arm_moving=False,
+    jaw_moving=False,
+    late_ticks=0,
+)
+"""An arm that rests and holds."""
 
 
 def point(q: Array, frame: str) -> Array:
@@ -99,17 +115,7 @@ class PretendedArm:
         self.failure: Exception | None = None
         self.executed: list[PretendedPlan] = []
         self.motion = SimpleNamespace(future=Future())
-        self.state = JointState(
-            t=0.0,
-            mode=Mode.HOLDING,
-            reading=JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0),
-            q_ref=np.zeros(5),
-            qd_ref=np.zeros(5),
-            q_jaw_ref=0.0,
-            arm_moving=False,
-            jaw_moving=False,
-            late_ticks=0,
-        )
+        self.state = STILL
 
     def be(self, q: Array, *, t: float = 0.0, mode: Mode = Mode.HOLDING) -> None:
         reading = JointReading(q=q, qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0)
@@ -157,6 +163,26 @@ def run_at_once(call: Callable[[], Any]) -> Future[Any]:
     except Exception as error:
         future.set_exception(error)
     return future
+
+
+def pages_of(opened: CellRigs, clock: Clock) -> dict[str, ViewModel]:
+    """The state of the Move tab of each arm of a cell, by its name."""
+    return {
+        name: ViewModel(
+            arm=rig.arm,
+            gripper=rig.gripper,
+            load_solver=TargetSolver.load,
+            submit=run_at_once,
+            now=clock.now,
+            welcome="",
+        )
+        for name, rig in opened.rigs.items()
+    }
+
+
+def aside(pan_deg: float) -> Array:
+    """Where an arm is that was turned a little further to the side; nobody is in its way."""
+    return to_rad(np.array([pan_deg, 0.0, 0.0, 0.0, 0.0]))
 
 
 class PageInputs:

@@ -1,12 +1,9 @@
 """The Move tab of several arms: simulated arms on a clock that the tests drive."""
 
-from concurrent.futures import Future
-
 import numpy as np
 import pytest
+from harness.pretended_page import aside, pages_of, run_at_once
 from so101_viewer.cell_model import CellModel
-from so101_viewer.page.target_ik import TargetSolver
-from so101_viewer.view_model import ViewModel
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.units import to_rad
@@ -19,38 +16,14 @@ from so101_motion.rig.hardware_rig import open_simulated
 OVER_THE_MIDDLE = to_rad(np.array([0.0, -60.0, 60.0, 60.0, 0.0]))
 
 
-def aside(pan_deg):
-    """Where an arm is that was turned a little further to the side; nobody is in its way."""
-    return to_rad(np.array([pan_deg, 0.0, 0.0, 0.0, 0.0]))
-
-
-def at_once(call):
-    done = Future()
-    try:
-        done.set_result(call())
-    except Exception as error:
-        done.set_exception(error)
-    return done
-
-
 class Bench:
     """Three arms and the model of their page."""
 
     def __init__(self, opened, clock):
         self.opened, self.clock = opened, clock
-        self.arms = {
-            name: ViewModel(
-                arm=rig.arm,
-                gripper=rig.gripper,
-                load_solver=TargetSolver.load,
-                submit=at_once,
-                now=clock.now,
-                welcome="",
-            )
-            for name, rig in opened.rigs.items()
-        }
+        self.arms = pages_of(opened, clock)
         self.model = CellModel(
-            opened.cell, self.arms, submit=at_once, now=clock.now, welcome="Welcome."
+            opened.cell, self.arms, submit=run_at_once, now=clock.now, welcome="Welcome."
         )
 
     def aim(self, **targets):
@@ -134,7 +107,7 @@ def test_a_plan_is_dropped_for_all_arms_as_soon_as_one_target_changes(bench):
     assert screen.can_plan
 
 
-def test_targets_that_arms_cannot_have_at_once_are_refused_with_their_names(bench):
+def test_targets_that_arms_cannot_have_run_at_once_are_refused_with_their_names(bench):
     bench.aim(first=OVER_THE_MIDDLE, second=OVER_THE_MIDDLE, third=OVER_THE_MIDDLE)
     assert not bench.plan().plan_is_current
     assert bench.says("arm 1") or bench.says("Arm 1")

@@ -3,14 +3,14 @@
 import math
 
 import pytest
-from harness.calibration_rig import LentArm
+from harness.calibration_rig import UPRIGHT_DEG, LentArm, all_held, calibrate
 
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.procedure.travel_assessment import Verdict
-from so101_motion.calib.record import store, versions, zero
+from so101_motion.calib.record import store, versions
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.errors import (
     CalibrationError,
@@ -18,22 +18,6 @@ from so101_motion.common.errors import (
 )
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emulated
-
-UPRIGHT_DEG = math.degrees(zero.ROLL_UPRIGHT)
-
-
-def calibrate(session, arm, **how):
-    session.start(arm)
-    session.set_homing()
-    session.start_recording()
-    arm.sweep_all(**how)
-    session.stop_recording()
-    return session.save()
-
-
-def all_held(arm):
-    return {joint: arm.held(joint) for joint in JOINTS}
-
 
 # From start to end
 

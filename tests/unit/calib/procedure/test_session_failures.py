@@ -1,17 +1,15 @@
 """What refuses, fails or ends a calibration early, and how it goes on."""
 
 import json
-import math
 import threading
 
 import pytest
-from harness.calibration_rig import LentArm
+from harness.calibration_rig import LentArm, all_held, calibrate
 
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.steps import Command, State
-from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.errors import (
     CalibrationError,
@@ -22,21 +20,6 @@ from so101_motion.common.errors import (
 )
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emulated
-
-UPRIGHT_DEG = math.degrees(zero.ROLL_UPRIGHT)
-
-
-def calibrate(session, arm, **how):
-    session.start(arm)
-    session.set_homing()
-    session.start_recording()
-    arm.sweep_all(**how)
-    session.stop_recording()
-    return session.save()
-
-
-def all_held(arm):
-    return {joint: arm.held(joint) for joint in JOINTS}
 
 
 def recording(file, arm, joints=JOINTS):

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from harness.pretended_page import STILL
 from so101_viewer.page.alarms import (
     LATE_MANY,
     LateCycles,
@@ -14,17 +14,11 @@ from so101_viewer.page.alarms import (
 from so101_viewer.page.screen_state import Tone
 
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import JointReading, JointState
 from so101_motion.drivers.feetech.health import JointHealth
 
 WELL = JointHealth(
     joint="elbow_flex", volts=12.1, amps=-0.12, servo_id=3, t=0.0, latched=(), temperature_c=34,
     load=-0.25, faults=(), answers=1000, lost=0, corrupt=0, retries=0, is_silent=False,
-)  # fmt: skip
-STILL = JointState(
-    t=0.0, mode=Mode.HOLDING, q_ref=np.zeros(5), qd_ref=np.zeros(5), q_jaw_ref=0.0,
-    reading=JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0),
-    arm_moving=False, jaw_moving=False, late_ticks=0,
 )  # fmt: skip
 
 

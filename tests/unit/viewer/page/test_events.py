@@ -6,24 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from harness.pretended_page import STILL
 from so101_viewer.page.events import KEPT, ArmEvents, EventLog
 from so101_viewer.page.screen_state import Tone
 
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import JointReading, JointState
 from so101_motion.rig.protocols import ArmConnection
-
-STILL = JointState(
-    t=10.0,
-    mode=Mode.HOLDING,
-    reading=JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0),
-    q_ref=np.zeros(5),
-    qd_ref=np.zeros(5),
-    q_jaw_ref=0.0,
-    arm_moving=False,
-    jaw_moving=False,
-    late_ticks=0,
-)
 
 
 class Seen:

@@ -1,13 +1,11 @@
 """The Program tab of several arms: simulated arms on a clock that the tests drive."""
 
 import time
-from concurrent.futures import Future
 
 import numpy as np
 import pytest
-from so101_viewer.page.target_ik import TargetSolver
+from harness.pretended_page import aside, pages_of, run_at_once
 from so101_viewer.program.cell_program_model import ArmInStep, CellProgramModel
-from so101_viewer.view_model import ViewModel
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
@@ -20,37 +18,13 @@ from so101_motion.rig.hardware_rig import open_simulated
 FIRST, SECOND = "arm 1", "arm 2"
 
 
-def aside(pan_deg):
-    """Where an arm is that was turned a little further to the side; nobody is in its way."""
-    return to_rad(np.array([pan_deg, 0.0, 0.0, 0.0, 0.0]))
-
-
-def at_once(call):
-    done = Future()
-    try:
-        done.set_result(call())
-    except Exception as error:
-        done.set_exception(error)
-    return done
-
-
 class Bench:
     """Two arms and the model of their Program tab."""
 
     def __init__(self, opened, clock):
         self.opened, self.clock = opened, clock
-        self.arms = {
-            name: ViewModel(
-                arm=rig.arm,
-                gripper=rig.gripper,
-                load_solver=TargetSolver.load,
-                submit=at_once,
-                now=clock.now,
-                welcome="",
-            )
-            for name, rig in opened.rigs.items()
-        }
-        self.model = CellProgramModel(opened.cell, self.arms, at_once)
+        self.arms = pages_of(opened, clock)
+        self.model = CellProgramModel(opened.cell, self.arms, run_at_once)
 
     def record(self, **targets):
         """Record a step in which arms, by ``first`` and ``second``, go somewhere."""
