@@ -146,7 +146,7 @@ class CollisionModel:
             self.batch.watch(checkpoint)
         self._wider = lru_cache(maxsize=8)(self._with_room)
         self._lenient = lru_cache(maxsize=1)(self._with_tolerance)
-        self._bent = lru_cache(maxsize=2)(self._with_bend)
+        self._bent = lru_cache(maxsize=16)(self._with_bend)
         least = float(self.margins.min(initial=self.margin))
         clearances = (each for each in WIDER if each > least)
         self._plain = self._proof(

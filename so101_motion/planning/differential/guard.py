@@ -49,6 +49,9 @@ AHEAD, AHEAD_SHARE = 0.02, 0.2
 lag behind: at most so much [m], and that share of the travel. Emulated, among hostile targets at
 150 deg/s, a joint came 21 mm nearer to the table than its command."""
 
+AHEAD_STEP = 0.002
+"""That is rounded up to whole multiples of this [m]; chosen, small beside ``INEXACT``."""
+
 MOST = 8
 """Of how many things near it ``within_reach`` takes account; chosen, the nearest matter."""
 
@@ -166,7 +169,9 @@ class Guard:
                 )
             )
             if travel > FAST and self._bend:
-                extra = INEXACT + (min(AHEAD_SHARE * travel, AHEAD) if ahead else 0.0)
+                extra = INEXACT
+                if ahead:  # in steps, for each value is a check of its own to be made and kept
+                    extra += min(AHEAD_STEP * math.ceil(AHEAD_SHARE * travel / AHEAD_STEP), AHEAD)
             if travel <= self._free - extra:
                 return True
         q_jaw = self._q_jaw()

@@ -69,6 +69,17 @@ def test_a_long_way_keeps_clearer_for_servos_that_are_driven_ahead_of_it(guard, 
     assert guard.admits(way(q, 0.01 * pan), ahead=True)
 
 
+def test_ways_of_every_length_are_looked_at_with_a_few_checks_that_are_kept():
+    collision = CollisionModel(RobotModel.load())
+    guard = Guard(collision, lambda: 0.3, acceleration=ACCELERATION)
+    for pan in np.linspace(0.02, 0.6, 300):
+        guard.look(LOW)
+        guard.admits(way(LOW, np.array([pan, 0.0, 0.0, 0.0, 0.0])), ahead=True)
+    made = collision._bent.cache_info()
+    assert made.misses <= 12
+    assert made.currsize == made.misses, "none is made twice"
+
+
 def test_bodies_that_are_too_close_may_part_but_come_no_closer(collision):
     wide = CollisionModel(RobotModel.load(), Scene(margin=0.02))
     guard = Guard(wide, lambda: 0.3, acceleration=ACCELERATION)
