@@ -142,6 +142,17 @@ class BatchCheck:
         rows[:, 0] = self._pair_of[rows[:, 0].astype(int)]
         return rows
 
+    def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool | None:
+        """As ``CollisionModel.lacks_more``; None if coal has to say."""
+        q = np.full((len(places), 6), q_jaw)
+        q[:, :5] = places
+        margins, lack = margins[self._pair_of], lack[self._pair_of]
+        said = self.library.so101_lacks_more(
+            self.scene, pointer(q), len(q), pointer(margins), pointer(lack),
+            ctypes.c_double(margins.max()), len(self._near), self._at_near,
+        )  # fmt: skip
+        return None if said < 0 else bool(said)
+
     def first_blocked(
         self, levels: Levels, reach: Array, points: Array, q_jaw: float
     ) -> Array | None:

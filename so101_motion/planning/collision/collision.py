@@ -205,6 +205,13 @@ class CollisionModel:
             lack[k] = max(margins[k] - distance, 0.0)
         return lack
 
+    def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool:
+        """Whether a pair lacks more of a margin than ``lack`` [m] at one of some places (n, 5)."""
+        said = None if self.batch is None else self.batch.lacks_more(places, q_jaw, margins, lack)
+        if said is not None:
+            return said
+        return any((self.lacking(q, q_jaw, margins) > lack).any() for q in places)
+
     def clearance(self, q: ArrayLike, q_jaw: float = 0.0) -> Clearance:
         """The pair of bodies that is closest for what it must keep."""
         distances = self.distances(q, q_jaw)

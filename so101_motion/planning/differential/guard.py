@@ -136,19 +136,22 @@ class Guard:
         """
         self.against, step = (), q_target - q
         heavy = self._see(q)
-        if not heavy:
-            rates = self._rows[:, -len(q) :] @ step
-            if (rates >= np.minimum(0.0, GAP - self._rooms)).all():
-                return q_target
-        near = np.lexsort((self._rows[:, 1], self._rooms))[: MOST - len(heavy)]
-        found: list[ClosePair | TorqueReserve] = [*heavy]
-        found += map(self._collision.described, self._rows[near])
-        G = np.array([each.gradient for each in found])
-        least = np.array([min(0.0, GAP - room_of(each)) for each in found])
-        if (G @ step >= least).all():
+        G, least = self._rows[:, -len(q) :], np.minimum(0.0, GAP - self._rooms)
+        if not heavy and (G @ step >= least).all():
             return q_target
+        near = np.lexsort((self._rows[:, 1], self._rooms))[: MOST - len(heavy)]
+        G, least = G[near], least[near]
+        if heavy:
+            G = np.vstack(([each.gradient for each in heavy], G))
+            left = [min(0.0, GAP - each.left) for each in heavy]
+            least = np.concatenate((left, least))
+            if (G @ step >= least).all():
+                return q_target
         nearest, active = _nearest_within(step, G, least)
-        self.against = tuple(found[i] for i in active)
+        rows, n = self._rows, len(heavy)
+        self.against = tuple(
+            heavy[i] if i < n else self._collision.described(rows[near[i - n]]) for i in active
+        )
         return q if nearest is None else q + nearest
 
     def admits(self, path: Array, *, ahead: bool = False) -> bool:
@@ -158,16 +161,14 @@ class Guard:
             path: Its places, shape (m, 5), m >= 2, [rad].
             ahead: Whether the servos are driven ahead of the command.
         """
-        if self._load is not None and not self._load.admits(path):
+        low, high = path.min(axis=0).tolist(), path.max(axis=0).tolist()
+        load = self._load
+        if load is not None and not (load.surely_admits(low, high) or load.admits(path)):
             return False
         extra = 0.0
         if self._looked is not None:
-            travel = sum(
-                max(max(angles) - at, at - min(angles)) * reach
-                for angles, at, reach in zip(
-                    path.T.tolist(), self._looked.tolist(), self._reach, strict=True
-                )
-            )
+            spans = zip(low, high, self._looked.tolist(), self._reach, strict=True)
+            travel = sum([max(most - at, at - least) * reach for least, most, at, reach in spans])
             if travel > FAST and self._bend:
                 extra = INEXACT
                 if ahead:  # in steps, for each value is a check of its own to be made and kept
@@ -181,9 +182,8 @@ class Guard:
         lack = self._lacking(path[0], q_jaw, margins)
         if not lack.any():
             return False
-        lack += _CLOSER
         places = path[: 0 : -max(1, len(path) // PLACES)]
-        return all(bool((self._lacking(q, q_jaw, margins) <= lack).all()) for q in places)
+        return not self._collision.lacks_more(places, q_jaw, margins, lack + _CLOSER)
 
     def _lacking(self, q: Array, q_jaw: float, margins: Array) -> Array:
         """As ``CollisionModel.lacking``; where it was looked already, that is known."""

@@ -158,3 +158,16 @@ int so101_nearest(const Scene *s, const double *q, double within, int most, doub
     }
     return l.unknown ? -1 : n;
 }
+
+/* Whether at one of n configurations a pair lacks more of its margin than it may, -1 if coal has to
+ * say; both by pair, counted as above, and no margin is above `within`. `near`: room for `most` rows. */
+int so101_lacks_more(const Scene *s, const double *q, int n, const double *margin, const double *may,
+                     double within, int most, double *near) {
+    for (int i = 0; i < n; i++) {
+        const int found = so101_nearest(s, q + 6 * i, within, most, near);
+        if (found < 0) return -1;
+        for (const double *row = near; row < near + NEAR_ROW * found; row += NEAR_ROW)
+            if (margin[(int)row[0]] - row[1] > may[(int)row[0]]) return 1;
+    }
+    return 0;
+}

@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from operator import mul
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -244,10 +243,10 @@ class Load:
 
     def heavy(self, q: Array) -> list[TorqueReserve]:
         """The joints that bear nearly all they may, standing at ``q``, shape (5,), [rad]."""
-        if self._is_surely_within(NEARLY, [(angle,) for angle in q.tolist()]):
+        angles: list[float] = q.tolist()
+        if self._is_surely_within(NEARLY, angles, angles):
             return []
-        torques = self._model.holding_torques(q[None])[0]
-        self._known = q.tolist(), np.abs(torques).tolist()
+        torques = self._learn(q)
         left = 1.0 - np.abs(torques) / self._may_hold
         heavy = np.flatnonzero(left < 1.0 - NEARLY)
         if len(heavy) == 0:
@@ -261,23 +260,35 @@ class Load:
 
         No joint that bears too much where the path begins may come to bear more on it.
         """
-        if self._is_surely_within(1.0, path.T.tolist()):
+        low, high = path.min(axis=0), path.max(axis=0)
+        corners = low.tolist(), high.tolist()
+        if self.surely_admits(*corners):
+            return True
+        self._learn(0.5 * (low + high))
+        if self.surely_admits(*corners):
             return True
         borne = np.abs(self._model.holding_torques(path))
         self._known = path[0].tolist(), borne[0].tolist()
         allowed = np.maximum((1.0 + _TOLERANCE) * self._may_hold, borne[0])
         return bool((borne <= allowed).all())
 
-    def _is_surely_within(self, share: float, angles: Iterable[Sequence[float]]) -> bool:
-        """Whether less is borne where each joint has these angles, going by what is known nearby.
+    def _learn(self, q: Array) -> Array:
+        """What is borne at ``q``, shapes (5,), [rad], [N m]; from now on that is known."""
+        torques: Array = self._model.holding_torques(q[None])[0]
+        self._known = q.tolist(), np.abs(torques).tolist()
+        return torques
 
-        Asked in every control cycle of an arm that is led, so with plain numbers.
-        """
+    def surely_admits(self, low: Sequence[float], high: Sequence[float]) -> bool:
+        """Whether all is bearable between two corners [rad], going by what is known nearby."""
+        return self._is_surely_within(1.0, low, high)
+
+    def _is_surely_within(self, share: float, low: Sequence[float], high: Sequence[float]) -> bool:
+        """Asked in every control cycle of an arm that is led, so with plain numbers."""
         there, borne = self._known  # [rad], [N m] without signs
-        away = [max(max(q) - at, at - min(q)) for q, at in zip(angles, there, strict=True)]
+        a, b, c, d, e = [max(y - at, at - x) for x, y, at in zip(low, high, there, strict=True)]
         return all(
-            sum(map(mul, away, rates)) < share * most - now
-            for rates, most, now in zip(self._rates, self._bearable, borne, strict=True)
+            a * p + b * q + c * r + d * s + e * t < share * most - now
+            for (p, q, r, s, t), most, now in zip(self._rates, self._bearable, borne, strict=True)
         )
 
     def check(self, trajectory: Trajectory) -> float:

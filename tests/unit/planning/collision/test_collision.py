@@ -227,3 +227,20 @@ def test_what_pairs_lack_is_their_margin_less_their_distance(model):
         margins = collision.margins + rng.uniform(0.0, 0.02)
         expected = np.maximum(margins - collision.distances(q, 0.4), 0.0)
         np.testing.assert_allclose(collision.lacking(q, 0.4, margins), expected, atol=2e-6)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_what_pairs_lack_more_than_they_may_is_seen_at_any_of_some_places(model, compiled):
+    rng = np.random.default_rng(5)
+    collision = CollisionModel(model, compiled=compiled)
+    margins, verdicts = collision.margins + 0.015, []
+    while len(verdicts) < 60:
+        q = rng.uniform(model.lower, model.upper)
+        places = q + np.cumsum(rng.normal(0.0, 0.02, (4, 5)), axis=0)
+        may = np.maximum(margins - collision.distances(q, 0.4), 0.0) + rng.uniform(0.0, 0.01)
+        lack = np.array([margins - collision.distances(each, 0.4) for each in places])
+        if np.abs(lack - may).min() > 1e-5:  # coal and the library agree to a micrometre
+            expected = bool((np.maximum(lack, 0.0) > may).any())
+            assert collision.lacks_more(places, 0.4, margins, may) == expected
+            verdicts.append(expected)
+    assert 10 < sum(verdicts) < 50
