@@ -16,7 +16,8 @@ by 10 deg or more in that stretch; of those the median and the 99th percentile. 
 are in it: a joint that turns round slowly sticks for some hundredths of a second first.
 
 ``--before COMMIT`` compares with the teleoperation of an older commit, all of its code but the
-emulator, which is today's: the same servos, leader and clock. It runs nothing else.
+emulator, which is today's: the same servos, leader and clock. The leader moves at up to 120 deg/s,
+then at up to 180, and today's follower has its guard first and then none. It runs nothing else.
 
 ``--minutes`` says how long the long run is, 30 by default. It takes a fifth of that, and runs
 beside the other parts on that clock; all together need two processors for eight minutes.
@@ -60,6 +61,7 @@ from so101_motion.tasks.teleop.pilot import Pace
 
 SECONDS = 60.0
 SEEDS = (1, 2, 3)
+FASTEST = (120.0, 180.0)
 PERIOD = 0.01
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -131,7 +133,6 @@ def following() -> Iterator[dict[str, Any]]:
 def compared(commit: str) -> Iterator[dict[str, Any]]:
     """Today's latency and tracking, and an older commit's with the same servos and leader."""
     here = Path(__file__).parents[1]
-    yield _followed("today", here)
     with tempfile.TemporaryDirectory() as name:
         old = Path(name)
         tree = subprocess.run(["git", "archive", commit], cwd=here, check=True, capture_output=True)
@@ -142,20 +143,34 @@ def compared(commit: str) -> Iterator[dict[str, Any]]:
                 shutil.rmtree(target)
             copy = shutil.copytree if part == "emulator" else shutil.copy
             copy(here / "so101_motion" / "drivers" / part, target)
-        yield _followed(f"the teleoperation of {commit}", old)
+        for fastest in FASTEST:
+            ways = old / "ways.npy"
+            motions = [_bench.human_motion(SECONDS + 1.5, seed, fastest=fastest) for seed in SEEDS]
+            np.save(ways, motions)
+            speed = float(np.abs(np.diff(motions, axis=1)).max()) / PERIOD
+            for who, checkout, options in (
+                ("today, guarded", here, {"guarded": True}),
+                ("today, unguarded", here, {}),
+                (f"the teleoperation of {commit}", old, {}),
+            ):
+                found = _followed(checkout, ways, options)
+                yield {"what": who, "led at up to [deg/s]": speed, **found}
 
 
-def _followed(name: str, checkout: Path) -> dict[str, Any]:
+def _followed(checkout: Path, ways: Path, options: dict[str, bool]) -> dict[str, float]:
     program = (
         "import json, numpy as np; from benchmarks import bench_teleop as bench;"
-        "sides = [bench.mirrored(seed, bench.SECONDS) for seed in bench.SEEDS];"
+        f"ways = iter(np.load({str(ways)!r}));"
+        "bench._bench.human_motion = lambda seconds, seed: next(ways);"
+        f"sides = [bench.mirrored(seed, bench.SECONDS, **{options!r}) for seed in bench.SEEDS];"
         "both = (np.vstack([side[i] for side in sides]) for i in (0, 1));"
         "print(json.dumps(bench.figures(*both, bench.PERIOD)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=checkout, check=True, stdout=subprocess.PIPE, text=True
     )
-    return {"what": name, **json.loads(done.stdout)}
+    found: dict[str, float] = json.loads(done.stdout)
+    return found
 
 
 def losing() -> Iterator[dict[str, Any]]:

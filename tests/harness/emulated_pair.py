@@ -34,14 +34,15 @@ MIRRORING = (
 """What a follower's joints may do."""
 
 
-def human_motion(seconds, seed, *, dt=0.01, tremor_deg=0.08):
+def human_motion(seconds, seed, *, dt=0.01, tremor_deg=0.08, fastest=120.0):
     """Joint angles of somebody who leads an arm, shape (n, 6), [deg]: a row each ``dt``.
 
-    Reaches of minimum jerk (Flash and Hogan 1985), up to 120 deg/s and 150 to 350 deg/s^2, with
-    pauses between them, every joint at its own times, and the trembling of a hand at 6 to 10 Hz.
+    Reaches of minimum jerk (Flash and Hogan 1985), up to ``fastest`` [deg/s] and 150 to 350
+    deg/s^2 (more if that is above 120), with pauses between them, every joint at its own times, and
+    the trembling of a hand at 6 to 10 Hz.
     """
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, seconds, dt)
+    t, hardest = np.arange(0.0, seconds, dt), 350.0 * max(1.0, fastest / 120.0)
     angles = np.zeros((len(t), 6))
     for i in range(6):
         now, here = 0.3, 0.0 if i < 5 else 20.0
@@ -49,9 +50,9 @@ def human_motion(seconds, seed, *, dt=0.01, tremor_deg=0.08):
         while now < seconds:
             goal = rng.uniform(LOWEST_DEG[i], HIGHEST_DEG[i])
             far = abs(goal - here)
-            fast, hard = 1.875 * far / rng.uniform(30.0, 120.0), 5.77 * far / rng.uniform(150, 350)
+            speed, hard = rng.uniform(30.0, fastest), 5.77 * far / rng.uniform(150, hardest)
             begin = now + rng.choice([0.0, rng.uniform(0.0, 0.6)])
-            duration = max(0.35, fast, hard**0.5)
+            duration = max(0.35, 1.875 * far / speed, hard**0.5)
             u = np.clip((t - begin) / duration, 0.0, 1.0)
             q += np.where(t >= begin, (goal - here) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 0.0)
             here, now = goal, begin + duration
