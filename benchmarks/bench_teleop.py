@@ -17,7 +17,8 @@ are in it: a joint that turns round slowly sticks for some hundredths of a secon
 
 ``--before COMMIT`` compares with the teleoperation of an older commit, all of its code but the
 emulator, which is today's: the same servos, leader and clock. The leader moves at up to 120 deg/s,
-then at up to 180, and today's follower has its guard first and then none. It runs nothing else.
+then at up to 180, clear of the table, and today's follower has its guard first and then none. It
+runs nothing else.
 
 ``--minutes`` says how long the long run is, 30 by default. It takes a fifth of that, and runs
 beside the other parts on that clock; all together need two processors for eight minutes.
@@ -62,6 +63,9 @@ from so101_motion.tasks.teleop.pilot import Pace
 SECONDS = 60.0
 SEEDS = (1, 2, 3)
 FASTEST = (120.0, 180.0)
+RAISED = np.array([0.0, -25.0, -20.0, 0.0, 0.0, 0.0])
+"""What lifts the person's motion [deg], which touches the table otherwise: a follower with a guard
+would not go along. Nothing is nearer than 50 mm then."""
 PERIOD = 0.01
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))

@@ -24,7 +24,8 @@ PERIOD = 0.01
 
 LOWEST_DEG = np.array([-60.0, -45.0, -35.0, -55.0, -80.0, 5.0])
 HIGHEST_DEG = np.array([60.0, 15.0, 50.0, 60.0, 80.0, 70.0])
-"""Where the hand leads the joints, all of it well above the table."""
+"""Where the hand leads the joints. At worst, for a moment, the gripper is in the table: that counts
+only for a follower with a guard."""
 
 
 MIRRORING = (
