@@ -17,7 +17,7 @@ if [ -z "${found:-}" ]; then
 fi
 if [ ! -x "$venv/bin/lerobot-record" ]; then
     "$found" -m venv "$venv"
-    "$venv/bin/pip" install "lerobot[core_scripts,feetech]"
+    "$venv/bin/pip" install "lerobot[core-scripts,feetech]"
 fi
 "$venv/bin/pip" install --quiet -e . -e ./lerobot_robot_so101_motion ./tests/genuine_lerobot/lerobot_camera_fake ./tests/genuine_lerobot/lerobot_policy_wild
 exec "$venv/bin/python" tests/genuine_lerobot/commands.py "$@"
