@@ -54,7 +54,7 @@ class CellPage(SearchingPage[CellRigs]):
         events = EventsPart(context, panel)
         panel.dock_below(part.panel)
         ways = HoldButtons(context, title=title, rigs=rigs, guide=part.guide, fade=part.fade)
-        program = CellProgramPart(context, opened.cell, part.model.arms)
+        program = CellProgramPart(context, opened.cell, part.model.arms, part.nodes)
         with context.tabs.add_tab("Jog"):
             arms = host.gui.add_tab_group()
         jogs = [

@@ -125,11 +125,29 @@ def test_a_program_for_both_arms_is_recorded_edited_and_planned(
     ).click()
     guest.press("leave out")
     guest.until(lambda: [row.split("\n")[1] for row in rows.all_inner_texts()] == ["arm 2"] * 2)
-    before = [rig.arm.state.q for rig in rigs]
+    stood = [rig.arm.state.q for rig in rigs]
     guest.press("Plan program")
     guest.until(lambda: guest.button("Run program").is_enabled())
-    for rig, q in zip(rigs, before, strict=True):
+    for rig, q in zip(rigs, stood, strict=True):
         np.testing.assert_array_equal(rig.arm.state.q, q)
     assert guest.barriers() == []
+    guest.until(lambda: guest.says("mm between arms"))
+    line, ghost = page.locator(".so101-timeline:visible"), "/arms/1/program/ghost/gripper_link"
+    at = line.bounding_box()
+    assert at is not None
+
+    def ghost_at(share: float) -> list[float]:
+        """Where the second arm's ghost is, once it has come there."""
+        before = guest.pose_of(ghost)
+        line.click(position={"x": share * at["width"], "y": 0.5 * at["height"]})
+        guest.until(lambda: guest.pose_of(ghost) != before)
+        return guest.pose_of(ghost)["position"]
+
+    assert ghost_at(0.1) != ghost_at(0.3)
+    before = guest.pose_of(ghost)
+    guest.press("2×")
+    guest.until(lambda: guest.pose_of(ghost) != before)
+    for rig, q in zip(rigs, stood, strict=True):
+        np.testing.assert_array_equal(rig.arm.state.q, q)  # only ghosts have moved
     page.get_by_role("tab", name="Move", exact=True).click()
     assert guest.problems == []

@@ -47,6 +47,7 @@ class CellPart(Part):
         model: What is shown.
         stop_button: What the bar's Stop presses.
         panel: The panel on the left.
+        nodes: The node in the scene that stands where an arm's base does, by the arm's name.
     """
 
     def __init__(
@@ -80,14 +81,14 @@ class CellPart(Part):
         self._context = context.reporting(self.model.report)
         self._rigs = rigs
         self._bases = {each.name: each.T_cell_base for each in file.arms}
-        self._nodes = {name: f"/arms/{k}" for k, name in enumerate(rigs)}
+        self.nodes = {name: f"/arms/{k}" for k, name in enumerate(rigs)}
         self._set_up_view()
         self._scene, self._around = file.scene, SceneView(context.server.scene)
         self._robot = RobotModel.load()
         self._stages = {name: self._stage(name, arm) for name, arm in self.model.arms.items()}
         self._held = {
             name: SceneView(context.server.scene, f"{node}/held")
-            for name, node in self._nodes.items()
+            for name, node in self.nodes.items()
         }
         self.stop_button = add_stop(context.gui, *stops)
         self.panel = docked_left(context.gui)
@@ -111,7 +112,7 @@ class CellPart(Part):
         context.leave_open(*(button for _, button in context.bar.views))
 
     def _stage(self, name: str, arm: ViewModel) -> Stage:
-        scene, T, node = self._context.server.scene, self._bases[name], self._nodes[name]
+        scene, T, node = self._context.server.scene, self._bases[name], self.nodes[name]
         scene.add_frame(node, show_axes=False, position=T.p, wxyz=T.quaternion_wxyz())
         scene.add_label(f"{node}/name", name, position=(-0.08, 0.0, 0.0))
         stage: Stage

@@ -20,7 +20,6 @@ from so101_motion.common.modes import Mode
 from so101_motion.tasks.program import (
     CellProgram,
     CellProgramRun,
-    CellRehearsal,
     Waypoint,
     files,
     read_cell_program,
@@ -32,9 +31,11 @@ from so101_motion.tasks.program.rehearsal import stands_at
 
 from ..page import texts
 from ..page.history import History
+from ..page.playback import Playback
 from ..page.screen_state import Sentence
 from ..view_model import ViewModel
 from . import program_texts as words
+from .cell_rehearsal_time import CellRehearsalTime
 from .program_model import SAME_JAW, next_letter, same_things, things_around
 
 Step = Mapping[str, Waypoint]
@@ -61,7 +62,7 @@ class CellProgramModel:
         chosen: Index of the step that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
         saved: The user's programs, by name.
-        rehearsal: The plan of all of it, as long as it holds; else None.
+        timeline: The plan of all of it on a line of time, as long as it holds; else None.
     """
 
     def __init__(
@@ -71,13 +72,15 @@ class CellProgramModel:
         submit: Callable[[Callable[[], Any]], Future[Any]],
     ) -> None:
         self._cell, self._arms, self._submit = cell, dict(arms), submit
+        self._now = next(iter(cell.places.values())).clock.now
         self._edited = _Edited()
         self._history = History(self._edited)
         self.chosen: int | None = None
         self.name, self.saved = "", self._listed()
-        self.rehearsal: CellRehearsal | None = None
+        self.timeline: CellRehearsalTime | None = None
+        self._playback = Playback()
         self._sentence = words.CELL_WELCOME
-        self._planning: Future[CellRehearsal] | None = None
+        self._planning: Future[CellRehearsalTime] | None = None
         self._made_for: tuple[object, ...] = ()
         self._run: CellProgramRun | None = None
         self._shown: tuple[object, ...] = ()
@@ -201,14 +204,27 @@ class CellProgramModel:
     def plan(self) -> None:
         """Plan all of the program; nothing moves."""
         if self.can_plan:
-            self._made_for = self._things()
-            self._planning = self._submit(partial(rehearse_cell, self._cell, self._program()))
+            self._made_for, cell, program = self._things(), self._cell, self._program()
+
+            def plan_all() -> CellRehearsalTime:
+                return CellRehearsalTime(rehearse_cell(cell, program), cell.places)
+
+            self._planning = self._submit(plan_all)
             self._sentence = words.CELL_PLANNING
 
     def run(self) -> None:
         """Run the program as it was planned."""
-        if self.can_run and self.rehearsal is not None:
-            self._run = start_cell_program(self._cell, self.rehearsal)
+        if self.can_run and self.timeline is not None:
+            self._run = start_cell_program(self._cell, self.timeline.rehearsal)
+
+    def preview(self, t: float) -> None:
+        """Show the ghosts ``t`` seconds into the rehearsal."""
+        self._playback.seek(t)
+
+    def play(self, rate: float) -> None:
+        """Play the rehearsal with the ghosts at ``rate`` times real time, or pause."""
+        if self.timeline is not None:
+            self._playback.play(rate)
 
     def report(self, error: BaseException) -> None:
         """Show that a command failed."""
@@ -222,9 +238,24 @@ class CellProgramModel:
         return self._sentence if self._run is None else words.running_step(self._run)
 
     @property
+    def runs(self) -> bool:
+        """Whether the program is being run."""
+        return self._run is not None
+
+    @property
     def active(self) -> int | None:
-        """Index of the step that is being done; None if none is."""
-        return None if self._run is None else self._run.where[1]
+        """Index of the step that is being done, or rehearsed; None if none is."""
+        if self._run is not None:
+            return self._run.where[1]
+        timeline = self.timeline
+        if timeline is None or not 0.0 < self.t < timeline.duration:
+            return None
+        return timeline.at(self.t)[0]
+
+    @property
+    def t(self) -> float:
+        """How far into the rehearsal the ghosts stand [s]."""
+        return self._playback.t
 
     @property
     def can_plan(self) -> bool:
@@ -234,7 +265,7 @@ class CellProgramModel:
     @property
     def can_run(self) -> bool:
         """Whether Run may be pressed."""
-        return self.rehearsal is not None and self._are_ready
+        return self.timeline is not None and self._are_ready
 
     @property
     def can_undo(self) -> bool:
@@ -251,10 +282,11 @@ class CellProgramModel:
         self._collect_plan()
         self._watch_plan()
         self._collect_run()
+        self._playback.advance(self._now())
         before = self._shown
         self._shown = (
             self._edited, self.chosen, self.saved, self.sentence, self.active, self.can_plan,
-            self.can_run,
+            self.can_run, self.t, self.timeline,
         )  # fmt: skip
         return self._shown != before
 
@@ -268,18 +300,19 @@ class CellProgramModel:
         if error is not None:
             self.report(error)
         else:
-            self.rehearsal, self._sentence = planning.result(), words.CELL_PLANNED
+            self.timeline, self._sentence = planning.result(), words.CELL_PLANNED
+            self._playback.load(self.timeline.duration)
 
     def _watch_plan(self) -> None:
-        if self.rehearsal is None or self._run is not None:
+        if self.timeline is None or self._run is not None:
             return
-        for name, stand in self.rehearsal.first[0].stands.items():
+        for name, stand in self.timeline.rehearsal.first[0].stands.items():
             state = self._cell.places[name].arm.state
             if not stands_at(stand.q, state.q_ref):
                 self._drop_plan(texts.named(name, words.ARM_MOVED))
             elif abs(stand.q_jaw - state.q_jaw_ref) > SAME_JAW:
                 self._drop_plan(texts.named(name, words.JAW_MOVED))
-        if self.rehearsal is not None and not same_things(self._things(), self._made_for):
+        if self.timeline is not None and not same_things(self._things(), self._made_for):
             self._drop_plan(words.THINGS_CHANGED)
 
     def _collect_run(self) -> None:
@@ -289,7 +322,7 @@ class CellProgramModel:
             self._drop_plan(words.done(run) if error is None else words.cell_ended(error))
 
     def _drop_plan(self, sentence: Sentence) -> None:
-        self._planning = self.rehearsal = None
+        self._planning = self.timeline = None
         self._sentence = sentence
 
     def _things(self) -> tuple[object, ...]:

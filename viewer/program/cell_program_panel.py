@@ -8,6 +8,7 @@ from functools import partial
 import viser
 
 from so101_motion.arm.cell import Cell
+from so101_motion.planning.kinematics.model import RobotModel
 
 from ..page import markup
 from ..page.page_context import PageContext
@@ -16,7 +17,8 @@ from ..page.shared_fields import grey
 from ..view_model import ViewModel
 from . import program_texts as words
 from .cell_program_model import ArmInStep, CellProgramModel
-from .program_fields import FileFields, RoundsFields, RowList, WaypointFields
+from .program_fields import FileFields, RehearsalFields, RoundsFields, RowList, WaypointFields
+from .program_view import Ghost, GhostView
 
 _ALL = "all arms"
 
@@ -27,12 +29,23 @@ class CellProgramPart(Part):
     Args:
         cell: In which the arms keep apart.
         arms: Target and picture of each arm, by its name in the cell.
+        nodes: The node in the scene that stands where the arm's base does, by the same names.
     """
 
-    def __init__(self, context: PageContext, cell: Cell, arms: Mapping[str, ViewModel]) -> None:
+    def __init__(
+        self,
+        context: PageContext,
+        cell: Cell,
+        arms: Mapping[str, ViewModel],
+        nodes: Mapping[str, str],
+    ) -> None:
         self.model = CellProgramModel(cell, arms, context.beside)
         self._context = context.reporting(self.model.report)
-        self._names = tuple(arms)
+        self._names, self._places = tuple(arms), cell.places
+        self._ghosts = {
+            name: GhostView(context.server.scene, f"{node}/program") for name, node in nodes.items()
+        }
+        self._robot = RobotModel.load()
         with context.tabs.add_tab("Program"):
             self._add_steps(context.gui)
             self._add_run(context.gui)
@@ -63,6 +76,9 @@ class CellProgramPart(Part):
         self._context.on_press(self._plan, model.plan)
         self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
         self._context.on_press(self._run, model.run)
+        self._rehearsal = RehearsalFields(
+            self._context, model, hint="Only the ghosts move; pauses last 2 s; again: pause"
+        )
         self._facts = gui.add_html("")
 
     def _add_arms(self, gui: viser.GuiApi) -> None:
@@ -89,23 +105,38 @@ class CellProgramPart(Part):
 
     def show(self) -> None:
         """Update the widgets; viser sends only what differs."""
-        model = self.model
+        model, timeline = self.model, self.model.timeline
+        self._show_ghosts()
+        near = {} if timeline is None else timeline.nearest
         self._sentence.content = markup.sentence(model.sentence)
         self._rows.show(
-            [(", ".join(step), words.cell_line(step), 0) for step in model.steps],
+            [
+                (", ".join(step), words.cell_line(step, near.get(k)), 0)
+                for k, step in enumerate(model.steps)
+            ],
             chosen=model.chosen,
             active=model.active,
         )
         for name, fields in self._fields.items():
             fields.show(model.waypoint(name))
         for group in (self._order, *self._uses):
-            grey(group, model.chosen is None or model.active is not None)
+            grey(group, model.chosen is None or model.runs)
         grey(self._history, not model.can_undo)
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
-        self._facts.content = markup.facts(words.cell_facts(model.rehearsal))
+        self._facts.content = markup.facts(words.cell_facts(timeline))
+        self._rehearsal.show(timeline, model.t, words.cell_timeline)
         self._rounds.show(model.rounds)
         self._files.show(model.name, model.saved)
+
+    def _show_ghosts(self) -> None:
+        """Show where the arms would stand; none while the program is run, or without a plan."""
+        model, timeline = self.model, self.model.timeline
+        stands = {} if timeline is None or model.runs else timeline.at(model.t)[1]
+        ghosts = {name: Ghost(*stand) for name, stand in stands.items()}
+        for name, view in self._ghosts.items():
+            ghost, state = ghosts.get(name), self._places[name].arm.state
+            view.show(self._robot, ghost if ghost and ghost.is_apart(state.q) else None)
 
 
 def _do(commands: Mapping[str, Callable[[], None]], name: str) -> None:

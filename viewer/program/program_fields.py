@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from so101_motion.tasks.program.loops import MOST_TIMES
 from so101_motion.tasks.program.program import LONGEST_PAUSE, SLOWEST, Waypoint
 
 from ..page import markup
-from ..page.bar import uuid_of
+from ..page.bar import board, uuid_of
+from ..page.markup import Timeline
 from ..page.page_context import PageContext
 from ..page.shared_fields import SharedField, grey, put
 
+_RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
 _NONE = "none"
 _PART_WAY = "part way"
 _JAW = {"keep": None, "close": 0.0, "open": 1.0, _PART_WAY: 0.5}
@@ -49,6 +52,27 @@ class FileKeeper(Protocol):
 
     def delete(self, name: str) -> None:
         """Delete the file of a program."""
+
+
+class Player(Protocol):
+    """Plays what was planned."""
+
+    def preview(self, t: float) -> None:
+        """Show the ghosts ``t`` seconds into it."""
+
+    def play(self, rate: float) -> None:
+        """Play it at ``rate`` times real time, or pause."""
+
+
+class Timed(Protocol):
+    """What has a place on a line of time."""
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+
+
+Line = TypeVar("Line", bound=Timed)
 
 
 class RowList:
@@ -143,6 +167,44 @@ class WaypointFields:
         self._pause.offer(None if waypoint.passes else waypoint.pause)
         self._jaw.offer(next((name for name, each in _JAW.items() if each == aperture), _PART_WAY))
         self._opening.offer(100.0 * aperture if aperture is not None else None)
+
+
+class RehearsalFields:
+    """A planned program on a line of time: where its ghosts stand, and what plays it.
+
+    Args:
+        player: Told where the ghosts shall stand, and how fast they go.
+        hint: What is said about the buttons.
+    """
+
+    def __init__(self, context: PageContext, player: Player, *, hint: str) -> None:
+        gui = context.gui
+        self._line = gui.add_html(markup.timeline(None, None))
+        self._now = gui.add_html("", visible=False)
+        self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
+        self._t = SharedField(self._slider, player.preview, context, shown=lambda t: round(t, 2))
+        self._play = gui.add_button_group("Play", tuple(_RATES), hint=hint)
+        context.on_choice(self._play, lambda name: player.play(_RATES[name]))
+        self._drawn: Timed | None = None
+
+    def show(self, timeline: Line | None, t: float, drawn: Callable[[Line], Timeline]) -> None:
+        """Show a planned program, and the time ``t`` [s] on it; without one all is grey.
+
+        Args:
+            timeline: What was planned.
+            t: Where the ghosts stand [s].
+            drawn: What to draw of it.
+        """
+        self._slider.disabled = timeline is None
+        grey(self._play, timeline is None)
+        if timeline is not self._drawn:
+            self._drawn = timeline
+            line = None if timeline is None else drawn(timeline)
+            self._line.content = markup.timeline(line, uuid_of(self._slider))
+        self._now.content = board("program", t=None if timeline is None else round(t, 2))
+        if timeline is not None:
+            self._slider.max = max(math.ceil(100.0 * timeline.duration) / 100.0, 0.01)
+        self._t.show(t if timeline is not None else 0.0)
 
 
 class RoundsFields:

@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numpy as np
 import viser
 
-from so101_motion.common.geometry import Array
-from so101_motion.common.units import to_deg, to_rad
+from so101_motion.common.units import to_deg
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program.loops import MOST_TIMES, Loop
 from so101_motion.tasks.program.program import MOST
 from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
-from ..page.bar import board, uuid_of
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.shared_fields import SharedField, grey, put
 from ..view_model import ViewModel
 from . import program_texts as words
-from .program_fields import FileFields, RoundsFields, RowList, WaypointFields
+from .program_fields import FileFields, RehearsalFields, RoundsFields, RowList, WaypointFields
 from .program_model import REST, STEP, ProgramModel
 from .program_screen import ProgramScreen
 from .program_view import Ghost, ProgramView
-from .rehearsal_time import RehearsalTime
 
-_RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
 _LINES = 3  # of the figures
 
 
@@ -49,7 +43,6 @@ class ProgramPart(Part):
             set_target=page.set_target_joints,
         )
         self._context = context.reporting(self.model.report)
-        self._drawn: RehearsalTime | None = None  # what is on the line of time
         self._offered: tuple[object, ...] = ()  # for what the loop's fields were filled in
         self._view = ProgramView(
             context.server.scene,
@@ -135,16 +128,11 @@ class ProgramPart(Part):
         self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
         self._context.on_press(self._run, model.run)
         self._progress = gui.add_progress_bar(0.0, color="green")
-        self._line = gui.add_html(markup.timeline(None, None))
-        self._now = gui.add_html("", visible=False)
-        self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
-        self._t = self._field(self._slider, model.preview, lambda t: round(t, 2))
-        self._play = gui.add_button_group(
-            "Play",
-            tuple(_RATES),
+        self._rehearsal = RehearsalFields(
+            self._context,
+            model,
             hint="Only the ghost moves; pauses last 2 s, loops are shown twice; again: pause",
         )
-        self._context.on_choice(self._play, lambda name: model.play(_RATES[name]))
         self._facts = gui.add_html(markup.facts(words.NO_FACTS, lines=_LINES))
 
     def _field(self, widget: Any, command: Callable[[Any], None], shown: Any) -> SharedField:
@@ -168,9 +156,10 @@ class ProgramPart(Part):
             active = run.where.index + screen.first
         elif timeline is not None:
             step, q, q_jaw = timeline.at(screen.t)
-            if _apart(q, self._context.rig.arm.state.q):
-                ghost = Ghost(q, q_jaw)
+            ghost = Ghost(q, q_jaw)
             active = step + screen.first if 0.0 < screen.t < timeline.duration else None
+        if ghost is not None and not ghost.is_apart(self._context.rig.arm.state.q):
+            ghost = None
         self._view.show(program, None if timeline is None else timeline.rehearsal, ghost)
         self._sentence.content = markup.sentence(screen.sentence)
         near = {} if timeline is None else screen.clearances
@@ -195,18 +184,9 @@ class ProgramPart(Part):
 
     def _show_rehearsal(self, screen: ProgramScreen) -> None:
         timeline = screen.timeline
-        self._slider.disabled = timeline is None
-        grey(self._play, timeline is None)
         facts = words.NO_FACTS if timeline is None else words.facts(timeline.rehearsal)
         self._facts.content = markup.facts(facts, lines=_LINES)
-        if timeline is not self._drawn:
-            self._drawn = timeline
-            line = None if timeline is None else words.timeline(timeline)
-            self._line.content = markup.timeline(line, uuid_of(self._slider))
-        self._now.content = board("program", t=None if timeline is None else round(screen.t, 2))
-        if timeline is not None:
-            self._slider.max = max(math.ceil(100.0 * timeline.duration) / 100.0, 0.01)
-        self._t.show(screen.t if timeline is not None else 0.0)
+        self._rehearsal.show(timeline, screen.t, words.timeline)
 
     def _show_waypoint(self, screen: ProgramScreen) -> None:
         waypoints = screen.program.waypoints
@@ -227,8 +207,3 @@ class ProgramPart(Part):
                 put(box, number)
         self._name.offer(waypoints[index].name)
         self._pass.offer(waypoints[index].passes)
-
-
-def _apart(q: Array, other: Array) -> bool:
-    """Whether two arms at these joint angles would not flicker in each other."""
-    return not np.allclose(q, other, atol=to_rad(0.5))

@@ -10,7 +10,6 @@ from so101_motion.common.errors import Interrupted
 from so101_motion.common.units import to_mm
 from so101_motion.tasks.program import (
     CellProgramRun,
-    CellRehearsal,
     Program,
     ProgramRun,
     Rehearsal,
@@ -19,6 +18,7 @@ from so101_motion.tasks.program import (
 
 from ..page import markup, texts
 from ..page.screen_state import Sentence, Tone
+from .cell_rehearsal_time import CellRehearsalTime
 from .rehearsal_time import RehearsalTime
 
 WELCOME = Sentence(text="Record the arm or the target as the first waypoint.")
@@ -133,17 +133,37 @@ def cell_ended(error: BaseException) -> Sentence:
     return CELL_STOPPED if isinstance(error, Interrupted) else texts.ended(error)
 
 
-def cell_facts(rehearsal: CellRehearsal | None) -> tuple[tuple[str, str], ...]:
+def cell_facts(timeline: CellRehearsalTime | None) -> tuple[tuple[str, str], ...]:
     """The figures of a planned program of several arms."""
-    if rehearsal is None:
+    if timeline is None:
         return (("One round", "–"),)
-    return (("One round", f"{rehearsal.duration:.1f} s plus gripper time and pauses"),)
+    pairs = (texts.between(each.first, each.second, each.least) for each in timeline.clearances)
+    lasts = f"{timeline.rehearsal.duration:.1f} s plus gripper time and pauses"
+    return (("One round", lasts), *pairs)
 
 
-def cell_line(step: Mapping[str, Waypoint]) -> str:
-    """What is special about a step of several arms."""
+def cell_line(step: Mapping[str, Waypoint], clearance: float | None = None) -> str:
+    """What is special about a step of several arms.
+
+    Args:
+        step: The step.
+        clearance: How near two arms come to each other [m], if it is planned.
+    """
     parts = ((name, ", ".join(_done_at(waypoint))) for name, waypoint in step.items())
-    return "; ".join(f"{name}: {said}" for name, said in parts if said)
+    said = [f"{name}: {said}" for name, said in parts if said]
+    if clearance is not None:
+        said.append(f"{to_mm(clearance):.0f} mm between arms")
+    return "; ".join(said)
+
+
+def cell_timeline(timeline: CellRehearsalTime) -> markup.Timeline:
+    """A planned program of several arms on a line, in shares of its length."""
+    whole = max(timeline.duration, 1e-9)
+    parts = (
+        markup.Span(f"{index + 1}", begins / whole, ends / whole)
+        for index, begins, ends in timeline.spans()
+    )
+    return markup.Timeline(tuple(parts), (), timeline.duration)
 
 
 def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:

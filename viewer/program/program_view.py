@@ -13,6 +13,7 @@ import viser
 from so101_description import PARTS
 
 from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_rad
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
 from so101_motion.tasks.program import Program, Rehearsal
@@ -33,6 +34,30 @@ class Ghost(NamedTuple):
     q: Array
     q_jaw: float
 
+    def is_apart(self, q: Array) -> bool:
+        """Whether it would not flicker in an arm at ``q``, shape (5,), [rad]."""
+        return not np.allclose(self.q, q, atol=to_rad(0.5))
+
+
+class GhostView:
+    """A see-through arm where a rehearsal is.
+
+    Args:
+        root: Name of its root node.
+    """
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._arm = RobotView(scene, f"{root}/ghost", color=_COLOR, opacity=0.35)
+        self._arm.show(())
+
+    def show(self, model: RobotModel, ghost: Ghost | None) -> None:
+        """Show a ghost, or none."""
+        if ghost is None:
+            self._arm.show(())
+            return
+        self._arm.show(PARTS)
+        self._arm.move(model.link_placements(ghost.q, ghost.q_jaw))
+
 
 class ProgramView:
     """Draws a program and its plan.
@@ -49,8 +74,7 @@ class ProgramView:
         on_pick: Callable[[viser.SceneNodeHandle, int], None],
     ) -> None:
         self._scene, self._model, self._on_pick = scene, model, on_pick
-        self._ghost = RobotView(scene, f"{_ROOT}/ghost", color=_COLOR, opacity=0.35)
-        self._ghost.show(())
+        self._ghost = GhostView(scene, _ROOT)
         self._program: Program | None = None
         self._rehearsal: Rehearsal | None = None
         self._dots: list[viser.SceneNodeHandle] = []
@@ -58,11 +82,7 @@ class ProgramView:
 
     def show(self, program: Program, rehearsal: Rehearsal | None, ghost: Ghost | None) -> None:
         """Draw program, plan and ghost; sends nothing if they are unchanged."""
-        if ghost is None:
-            self._ghost.show(())
-        else:
-            self._ghost.show(PARTS)
-            self._ghost.move(self._model.link_placements(ghost.q, ghost.q_jaw))
+        self._ghost.show(self._model, ghost)
         if program is not self._program:
             self._program = program
             self._draw_dots(np.array([self._model.frame(each.q).p for each in program.waypoints]))

@@ -103,7 +103,39 @@ def test_a_plan_is_dropped_when_an_arm_has_moved(bench):
     bench.opened.rigs[SECOND].arm.start_move(JointGoal(q=aside(50.0)))
     bench.move(lambda: bench.says("arm 2: The arm has moved."))
     assert not bench.model.can_run
-    assert bench.model.rehearsal is None
+    assert bench.model.timeline is None
+
+
+def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
+    model = bench.model
+    bench.record(first=aside(55.0), second=aside(50.0))
+    ArmInStep(model, SECOND).set_aperture(1.0)
+    ArmInStep(model, FIRST).set_pause(60.0)
+    bench.record(second=aside(60.0))
+    model.set_rounds(2)
+    assert bench.planned()
+    timeline = model.timeline
+    assert [index for index, _, _ in timeline.spans()] == [0, 1, 0]
+    assert model.t == timeline.duration
+    assert model.active is None
+    _, began, ended = timeline.spans()[0]
+    assert began == 0.0
+    assert ended < 10.0  # a pause of a minute is shown for two seconds
+    model.preview(ended)
+    assert model.active == 1
+    for name, q in ((FIRST, 55.0), (SECOND, 50.0)):
+        np.testing.assert_allclose(timeline.at(ended)[1][name].q, aside(q), atol=1e-6)
+    opened = bench.opened.rigs[SECOND].gripper.angle_of(1.0)
+    assert timeline.at(ended)[1][SECOND].q_jaw == pytest.approx(opened)
+    model.play(2.0)
+    model.refresh()
+    bench.clock.advance(0.1)
+    assert model.refresh()
+    assert model.t == pytest.approx(ended + 0.2)
+    [between] = timeline.clearances
+    assert (between.first, between.second) == (FIRST, SECOND)
+    assert 0.0 < min(timeline.nearest.values()) == between.least.distance
+    np.testing.assert_array_equal(bench.q(FIRST), timeline.rehearsal.first[0].stands[FIRST].q)
 
 
 def test_steps_are_edited_arm_by_arm_and_edits_are_undone(bench):

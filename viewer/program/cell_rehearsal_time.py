@@ -1,0 +1,148 @@
+"""A planned program of several arms on one line of time: motions, jaws and pauses."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from so101_motion.arm.gripper import JAW_LIMITS
+from so101_motion.arm.place import Place, Stand
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.apart import clearance_over_time
+from so101_motion.planning.collision.course import Course
+from so101_motion.tasks.program import CellRehearsal
+from so101_motion.tasks.program.cell_run import PlannedStep
+
+from ..cell_model import Between
+from .rehearsal_time import SHOWN_PAUSE
+
+_LOOKS = 15
+"""Instants of a motion at which the clearance is computed; chosen, two milliseconds."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Span:
+    """A step on the line: when it begins, when all arms have arrived, and when it ends [s].
+
+    Then jaws go to an angle [rad] in a time [s], by the name of their arm.
+    """
+
+    index: int
+    begins: float
+    arrived: float
+    ends: float
+    planned: PlannedStep
+    jaws: Mapping[str, tuple[float, float]]
+
+    def at(self, t: float) -> dict[str, Stand]:
+        """Where the arms stand at a time [s]."""
+        found = {}
+        for name, stand in self.planned.stands.items():
+            plan, (q, q_jaw) = self.planned.plans.get(name), stand
+            if plan is not None:
+                q = plan.trajectory.sample(min(max(t - self.begins, 0.0), plan.duration)).q
+            q_wanted, lasts = self.jaws.get(name, (q_jaw, 0.0))
+            if t > self.arrived:
+                q_jaw += min((t - self.arrived) / max(lasts, 1e-9), 1.0) * (q_wanted - q_jaw)
+            found[name] = Stand(q, q_jaw)
+        return found
+
+
+class CellRehearsalTime:
+    """A first round of a planned program, and the first step of the next if there are more.
+
+    Jaws are taken to move at their own pace, which what they grip may change.
+
+    Args:
+        rehearsal: What was planned.
+        places: The arms of the cell, by their names.
+
+    Attributes:
+        rehearsal: What was planned.
+        clearances: What is between every two arms over all of it.
+        nearest: How near two arms come to each other in a step [m].
+    """
+
+    def __init__(self, rehearsal: CellRehearsal, places: Mapping[str, Place]) -> None:
+        self.rehearsal = rehearsal
+        self._spans: list[_Span] = []
+        for index, planned in enumerate(rehearsal.first):
+            self._add(index, planned, places)
+        if rehearsal.again:
+            self._add(0, rehearsal.again[0], places)
+        self._begins = [each.begins for each in self._spans]
+        self.clearances = self._between(places)
+        self.nearest = self._by_step()
+
+    @property
+    def duration(self) -> float:
+        """How long all of it takes [s], with pauses as they are shown."""
+        return self._spans[-1].ends
+
+    def at(self, t: float) -> tuple[int, dict[str, Stand]]:
+        """Which step is done, and where the arms stand, at a time [s]."""
+        span = self._spans[self._place(t)]
+        return span.index, span.at(t)
+
+    def spans(self) -> tuple[tuple[int, float, float], ...]:
+        """The pieces of the line: the step, its begin and its end [s]."""
+        return tuple((each.index, each.begins, each.ends) for each in self._spans)
+
+    def _place(self, t: float) -> int:
+        return max(bisect_right(self._begins, t) - 1, 0)
+
+    def _add(self, index: int, planned: PlannedStep, places: Mapping[str, Place]) -> None:
+        begins = self._spans[-1].ends if self._spans else 0.0
+        arrived = begins + max(each.duration for each in planned.plans.values())
+        jaws, ends, pace = {}, arrived, float(JAW_LIMITS.velocity[0])
+        for name, waypoint in self.rehearsal.program.steps[index].items():
+            lasts, q_jaw = 0.0, planned.stands[name].q_jaw
+            if waypoint.aperture is not None:
+                q_wanted = places[name].gripper.angle_of(waypoint.aperture)
+                lasts = abs(q_wanted - q_jaw) / pace
+                jaws[name] = q_wanted, lasts
+            ends = max(ends, arrived + lasts + min(waypoint.pause, SHOWN_PAUSE))
+        self._spans.append(
+            _Span(
+                index=index,
+                begins=begins,
+                arrived=arrived,
+                ends=ends,
+                planned=planned,
+                jaws=jaws,
+            )
+        )
+
+    def _between(self, places: Mapping[str, Place]) -> tuple[Between, ...]:
+        times = np.concatenate(
+            [np.linspace(each.begins, each.arrived, _LOOKS, endpoint=False) for each in self._spans]
+        )
+        times = np.append(times, self.duration)
+        stands = [self.at(t)[1] for t in times]
+        found = []
+        rows = {name: _rows([each[name] for each in stands]) for name in stands[0]}
+        for a, b in combinations(rows, 2):
+            T = places[a].T_cell_base.inverse @ places[b].T_cell_base
+            pair = (places[a].bodies, rows[a]), (places[b].bodies, rows[b])
+            looks = clearance_over_time(*pair, T, np.arange(len(times), dtype=np.float64))
+            closest = (each._replace(t=float(t)) for each, t in zip(looks, times, strict=True))
+            found.append(Between(a, b, tuple(closest)))
+        return tuple(found)
+
+    def _by_step(self) -> dict[int, float]:
+        found: dict[int, float] = {}
+        for between in self.clearances:
+            for each in between.closest:
+                index = self._spans[self._place(each.t)].index
+                found[index] = min(each.distance, found.get(index, np.inf))
+        return found
+
+
+def _rows(stands: list[Stand]) -> Course:
+    """Where an arm is, one second apart, whenever that is."""
+    q: Array = np.array([np.append(each.q, each.q_jaw) for each in stands])
+    return Course(t=0.0, dt=1.0, q=q)
