@@ -336,7 +336,7 @@ def components(count: int, seed: int) -> list[dict[str, object]]:
             _, q = plan(q_start, q_goal, bare)
             full = around(q)
             first.append(plan(q_start, q_goal, full)[0])
-            pairs = [[plan(q_start, q_goal, scene)[0] for scene in (bare, full)] for _ in range(7)]
+            pairs = [[plan(q_start, q_goal, scene)[0] for scene in (bare, full)] for _ in range(15)]
         except PlanningError:
             continue
         without, among = np.min(pairs, axis=0)
