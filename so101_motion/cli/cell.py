@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from concurrent.futures import wait
 from dataclasses import replace
 from pathlib import Path
@@ -65,7 +66,8 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
     def touch(one: str, other: str, number: int) -> None:
         text = f"touch {number} of {touches}: let {one} and {other} meet, then press Enter"
         click.echo(text, err=True)
-        click.getchar()
+        if not (sys.stdin and sys.stdin.readline()):
+            raise click.UsageError("there is no terminal to press Enter on")
 
     with quietly(), open_cell(known) as opened:
         if not yes:
@@ -115,7 +117,7 @@ def move(
     """Move several arms of FILE in one motion, which they begin and end together.
 
     \b
-    so101 cell move cell.json --xyz left 200,0,150 --joints right 60,0,0,30,0
+    so101 cell move cell.json --xyz left 150,0,150 --joints right 60,0,0,30,0
     """  # noqa: D301
     from so101_motion.files.cell_file import read_cell
     from so101_motion.planning.goals import Goal, JointGoal, PoseGoal

@@ -159,8 +159,9 @@ def _with_goals(planner: Planner, team: Sequence[TeamMember]) -> list[TeamMember
             since=0.0,
         )
         if met is not None:
+            near = max(met.distance, 0.0)
             raise InCollision(
-                f"at the goals {a.name}'s {met.first} would be {met.distance * 1e3:.0f} mm from"
+                f"at the goals {a.name}'s {met.first} would be {near * 1e3:.0f} mm from"
                 f" {b.name}'s {met.second} ({ROOM * 1e3:.0f} mm must stay free); choose others",
                 first=f"{a.name}'s {met.first}",
                 second=f"{b.name}'s {met.second}",

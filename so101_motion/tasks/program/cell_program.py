@@ -9,7 +9,7 @@ begins when all are done. A file looks like this::
      "rounds": 3,
      "steps": [
       {"left": {"name": "over the mug", "q_deg": [10, -40, 35, 60, 0], "aperture_percent": 80}},
-      {"left": {"q_deg": [10, -20, 30, 70, 0], "aperture_percent": 0, "pause_s": 0.5},
+      {"left": {"q_deg": [25, -20, 30, 70, 0], "aperture_percent": 0, "pause_s": 0.5},
        "right": {"q_deg": [40, -40, 35, 60, 0], "speed_percent": 40}}
      ]
     }
@@ -61,8 +61,11 @@ class CellProgram:
                     raise ConfigError(f"step {number}: {name}", waypoint.name, reason)
 
     def called(self, index: int) -> str:
-        """What messages call a step: its number, and where each arm goes."""
-        goals = ", ".join(f"{name} to {each.name}" for name, each in self.steps[index].items())
+        """What messages call a step: its number, and which arm goes where, if that has a name."""
+        goals = ", ".join(
+            name if each.name == _nameless(index + 1, name) else f"{name} to {each.name}"
+            for name, each in self.steps[index].items()
+        )
         return f"step {index + 1} ({goals})"
 
 
@@ -106,5 +109,11 @@ def write_cell_program(program: CellProgram, path: Path) -> None:
 def _step(number: int, content: object) -> dict[str, Waypoint]:
     if not isinstance(content, Mapping):
         raise ConfigError(f"step {number}", content, 'must be {"left": {"q_deg": [...]}, ...}')
-    what = f"step {number}"
-    return {str(name): waypoint_from(f"{what}: {name}", each) for name, each in content.items()}
+    return {
+        str(name): waypoint_from(_nameless(number, name), each) for name, each in content.items()
+    }
+
+
+def _nameless(number: int, arm: object) -> str:
+    """What a waypoint without a name is called."""
+    return f"step {number}: {arm}"

@@ -26,6 +26,8 @@ def test_touches_that_are_all_the_same_are_refused_and_the_file_stays(tmp_path):
     assert result.exit_code != 0
     assert "touch 5 of 5" in result.output
     assert path.read_text() == content
+    alone = CliRunner().invoke(main, asked, input="")
+    assert "no terminal to press Enter on" in alone.output
 
 
 def test_arms_are_moved_together(tmp_path):
