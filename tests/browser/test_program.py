@@ -76,6 +76,34 @@ def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None
     assert program.problems == []
 
 
+def test_the_scene_shows_what_belongs_to_the_tab_in_front(program: Guest) -> None:
+    def in_front(name: str) -> None:
+        program.page.get_by_role("tab", name=name).click()
+
+    def shown(*nodes: str) -> bool:
+        return {each for each in every if program.sees(each)} == set(nodes)
+
+    ghost, own_path, sweep = "/ghost/gripper_link", "/path", "/sweep/gripper_link"
+    other_ghost, other_path, dots = "/program/ghost/gripper_link", "/program/path", "/program/dots"
+    every = (own_path, sweep, other_path, dots)
+    program.until(lambda: shown(dots) and program.sees(ghost))  # the target, to be recorded
+    in_front("Move")
+    program.press("Plan")
+    program.until(lambda: shown(own_path, sweep) and program.sees(ghost))
+    in_front("Program")
+    program.until(lambda: shown(dots) and program.sees(ghost))
+    planned(program)
+    program.press("2×")
+    program.until(lambda: program.sees(other_ghost))
+    program.press("2×")
+    program.until(lambda: shown(dots, other_path) and not program.sees(ghost))
+    program.page.locator(".so101-steps button").first.click()  # what was asked for last is seen
+    program.until(lambda: program.sees(ghost) and not program.sees(other_ghost))
+    program.page.reload()  # begins on the first tab
+    program.until(lambda: program.button("Execute").count() == 1)
+    program.until(lambda: other_path not in program.nodes() and dots not in program.nodes())
+
+
 def test_a_waypoint_may_be_passed_and_asks_for_no_pause_then(program: Guest) -> None:
     program.press("arm")
     program.until(lambda: program.says("Recorded waypoint 3."))

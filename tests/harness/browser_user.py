@@ -146,6 +146,13 @@ class Guest:
     def nodes(self) -> set[str]:
         return set(self.page.evaluate("Object.keys(window.__viserSceneTree.getState())"))
 
+    def sees(self, node: str) -> bool:
+        """Whether a node is there and not hidden."""
+        seen: bool = self.page.evaluate(
+            "name => window.__viserSceneTree.getState()[name]?.effectiveVisibility ?? false", node
+        )
+        return seen
+
     def pose_of(self, node: str) -> dict[str, list[float]]:
         """Where the browser has a node: ``position`` [m] and ``wxyz``."""
         pose: dict[str, list[float]] = self.page.evaluate(

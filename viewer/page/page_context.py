@@ -23,6 +23,7 @@ from so101_motion.rig.protocols import RigLike
 from .bar import Bar
 from .commands import Command
 from .events import EventLog
+from .front_tab import FrontTab
 
 T = TypeVar("T")
 
@@ -39,6 +40,7 @@ class PageContext:
         leave_open: Lets every window press the given widgets, not only the one in control.
         events: The event log.
         bar: The bar at the top of the page.
+        front: The tab in front.
     """
 
     server: viser.ViserServer
@@ -48,6 +50,7 @@ class PageContext:
     leave_open: Callable[..., None] = lambda *_: None
     events: EventLog = field(default_factory=EventLog)
     bar: Bar = field(default_factory=Bar)
+    front: FrontTab = field(default_factory=FrontTab)
 
     @property
     def gui(self) -> viser.GuiApi:

@@ -15,6 +15,7 @@ from so101_motion.rig.cell_rigs import CellRigs
 
 from ..cell_model import CellModel, CellScreen, CommonPlan
 from ..page import markup, texts
+from ..page.front_tab import Drawn
 from ..page.guiding import Guiding
 from ..page.page_context import PageContext
 from ..page.part import Part
@@ -104,6 +105,7 @@ class CellPart(Part):
         self._guiding = [Guiding(rig.arm, clock, context.beside) for rig in rigs.values()]
         self._shown: CommonPlan | None = None
         self._pictures = 0
+        self._drawn = Drawn.PLAN
 
     def _set_up_view(self) -> None:
         context, sight = self._context, Sight.of_arms(tuple(self._bases.values()))
@@ -166,11 +168,12 @@ class CellPart(Part):
                 each.refresh()
             except So101Error as error:
                 self.model.report(error)
-        return self.model.refresh()
+        is_other = self._context.front.drawn is not self._drawn
+        return self.model.refresh() or is_other
 
     def show(self) -> None:
         """Draw the arms; update their figures now and then."""
-        screen = self.model.screen()
+        screen, self._drawn = self.model.screen(), self._context.front.drawn
         self._pictures += 1
         self._around.show(self._scene, SE3.identity())
         for name, each in screen.arms.items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import viser
 
 from ..page import texts
+from ..page.front_tab import Drawn
 from ..page.page_context import ArmContext
 from ..page.screen_state import PlanView
 from ..page.shared_fields import grey
@@ -18,7 +19,7 @@ class Comparison:
     """The buttons, the figures and the grey path of a plan that is kept."""
 
     def __init__(self, context: ArmContext) -> None:
-        self._scene = context.server.scene
+        self._scene, self._front = context.server.scene, context.front
         self._newest: PlanView | None = None
         self._kept: PlanView | None = None
         self._line: viser.LineSegmentsHandle | None = None
@@ -43,6 +44,8 @@ class Comparison:
     def show(self, newest: PlanView | None) -> None:
         """Take note of the newest plan that can be kept; None when there is none."""
         self._newest = newest
+        if self._line is not None:
+            self._line.visible = self._front.drawn is Drawn.PLAN
         grey(self._buttons, newest is None and self._kept is None)
 
     def rows(self) -> tuple[tuple[str, ...], ...]:

@@ -12,6 +12,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
 from so101_motion.tasks.sweeps.atlas import Atlas
 
+from ..page.front_tab import Drawn
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
@@ -89,6 +90,7 @@ class MovePart(Part):
         context.bar.stop, context.bar.plan = self.stop_button, self._plan_panel.plan_button
         self._measuring, self._measures = Measuring(context.server.scene), False
         self._pictures = 0
+        self._front, self._drawn = context.front, Drawn.PLAN
 
     def _set_click(self, does: str) -> None:
         self._measures = does == MEASURES
@@ -130,11 +132,12 @@ class MovePart(Part):
 
     def refresh(self) -> bool:
         """Take in the state of the arm, the plan being made and the running motion."""
-        return self.page.refresh()
+        is_other = self._front.drawn is not self._drawn
+        return self.page.refresh() or is_other
 
     def show(self) -> None:
         """Draw the arm; update its figures now and then."""
-        screen = self.page.screen()
+        screen, self._drawn = self.page.screen(), self._front.drawn
         self._pictures += 1
         self._stage.show(screen)
         if not screen.state.arm_moving or self._pictures % _WORDS_EVERY == 0:

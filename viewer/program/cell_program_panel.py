@@ -11,6 +11,7 @@ from so101_motion.arm.cell import Cell
 from so101_motion.planning.kinematics.model import RobotModel
 
 from ..page import markup
+from ..page.front_tab import PROGRAM
 from ..page.page_context import PageContext
 from ..page.part import Part
 from ..page.shared_fields import grey
@@ -46,7 +47,7 @@ class CellProgramPart(Part):
             name: GhostView(context.server.scene, f"{node}/program") for name, node in nodes.items()
         }
         self._robot = RobotModel.load()
-        with context.tabs.add_tab("Program"):
+        with context.tabs.add_tab(PROGRAM):
             self._add_steps(context.gui)
             self._add_run(context.gui)
             self._add_arms(context.gui)

@@ -15,6 +15,7 @@ from so101_motion.tasks.program.program import MOST
 from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
+from ..page.front_tab import PROGRAM
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.shared_fields import SharedField, grey, put
@@ -43,13 +44,16 @@ class ProgramPart(Part):
             set_target=page.set_target_joints,
         )
         self._context = context.reporting(self.model.report)
+        self._page, self._front = page, context.front
+        self._rehearsed: tuple[object, ...] = ()  # when the target was as it is now
+        self._target: object = None
         self._offered: tuple[object, ...] = ()  # for what the loop's fields were filled in
         self._view = ProgramView(
             context.server.scene,
             RobotModel.load(),
             lambda dot, k: self._context.on_pick(dot, partial(self.model.choose, k)),
         )
-        with context.tabs.add_tab("Program"):  # nothing comes and goes, so nothing changes places
+        with context.tabs.add_tab(PROGRAM):  # nothing comes and goes, so nothing changes places
             self._add_recording(context.gui)
             self._add_run(context.gui)
             self._add_waypoint(context.gui)
@@ -145,7 +149,18 @@ class ProgramPart(Part):
 
     def refresh(self) -> bool:
         """Take in the state of the arm, the plan being made and the running program."""
-        return self.model.refresh()
+        return self.model.refresh() | self._note_ghost()
+
+    def _note_ghost(self) -> bool:
+        """Find out whether rehearsal or target is newer; return whether that has changed."""
+        screen, before = self.model.screen(), self._front.rehearses
+        rehearsed = (screen.timeline, screen.t)
+        if rehearsed != self._rehearsed:
+            self._rehearsed, self._target = rehearsed, self._page.target
+        self._front.rehearses = screen.run is not None or (
+            screen.timeline is not None and self._page.target is self._target
+        )
+        return self._front.rehearses is not before
 
     def show(self) -> None:
         """Update tab and scene; viser sends only what differs."""
@@ -156,11 +171,16 @@ class ProgramPart(Part):
             active = run.where.index + screen.first
         elif timeline is not None:
             step, q, q_jaw = timeline.at(screen.t)
-            ghost = Ghost(q, q_jaw)
+            if self._front.rehearses:
+                ghost = Ghost(q, q_jaw)
             active = step + screen.first if 0.0 < screen.t < timeline.duration else None
         if ghost is not None and not ghost.is_apart(self._context.rig.arm.state.q):
             ghost = None
-        self._view.show(program, None if timeline is None else timeline.rehearsal, ghost)
+        rehearsal = None if timeline is None else timeline.rehearsal
+        if self._front.is_program:
+            self._view.show(program, rehearsal, ghost)
+        else:
+            self._view.hide()
         self._sentence.content = markup.sentence(screen.sentence)
         near = {} if timeline is None else screen.clearances
         rows = [

@@ -28,6 +28,9 @@ _POINTS = 32
 """Points of the tool path that are drawn for each waypoint; chosen."""
 
 
+_EMPTY = Program()
+
+
 class Ghost(NamedTuple):
     """Where the ghost of a rehearsal stands: ``q`` (5,) and jaw [rad]."""
 
@@ -89,6 +92,10 @@ class ProgramView:
         if rehearsal is not self._rehearsal:
             self._rehearsal = rehearsal
             self._draw_path(rehearsal)
+
+    def hide(self) -> None:
+        """Draw nothing, as of a program without waypoints."""
+        self.show(_EMPTY, None, None)
 
     def _draw_dots(self, points: Array) -> None:
         for node in self._dots:

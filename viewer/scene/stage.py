@@ -11,6 +11,7 @@ from viser.transforms import SO3
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.kinematics.model import RobotModel
 
+from ..page.front_tab import Drawn
 from ..page.page_context import PageContext
 from ..page.screen_state import PathLine, Screen, Tone
 from ..page.target_editor import ANY
@@ -55,6 +56,7 @@ class Stage:
         root: str = "",
     ) -> None:
         self._scene, self._model, self._root = context.server.scene, model, root
+        self._front = context.front
         self._clicked, self._views = context.on_scene_click(on_click), views
         self._live = RobotView(self._scene, f"{root}/live")
         self._ghost = RobotView(self._scene, f"{root}/ghost", color=_GHOST, opacity=0.35)
@@ -155,16 +157,20 @@ class Stage:
             self._p_target = screen.target.p_base
             self._show_handles()
             self.set_handles(True)
-        self._sweep.show(screen.sweep, state.q_jaw, self._model)
-        if screen.path is not self._path:
-            self._path = screen.path
+        has_plan = self._front.drawn is Drawn.PLAN
+        self._sweep.show(screen.sweep if has_plan else None, state.q_jaw, self._model)
+        path = screen.path if has_plan else None
+        if path is not self._path:
+            self._path = path
             self._draw_path()
 
     def _show_ghost(self, screen: Screen, T_live: dict[str, SE3]) -> None:
-        if screen.q_ghost is None:
+        drawn = self._front.drawn
+        q_ghost = screen.target.q if drawn is Drawn.TARGET else screen.q_ghost
+        if q_ghost is None or drawn is Drawn.NOTHING:
             self._ghost.show(())
             return
-        T_ghost = self._model.link_placements(screen.q_ghost, screen.state.q_jaw)
+        T_ghost = self._model.link_placements(q_ghost, screen.state.q_jaw)
         self._ghost.show({link for link in T_ghost if looks_different(T_ghost[link], T_live[link])})
         self._ghost.move(T_ghost)
         self._ghost.paint(_GHOST if screen.target.problem is None else _GHOST_BAD)

@@ -14,7 +14,8 @@ from websockets.http11 import Response
 
 _FRONT = Path(__file__).with_name("front")
 _SCRIPTS = (
-    "link.js", "still.js", "bar.js", "jog.js", "names.js", "plot.js", "steps.js", "timeline.js",
+    "link.js", "still.js", "bar.js", "jog.js", "names.js", "plot.js", "steps.js", "tabs.js",
+    "timeline.js",
 )  # fmt: skip
 
 

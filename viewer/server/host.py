@@ -19,9 +19,10 @@ import viser
 from so101_motion.common.errors import So101Error
 from so101_motion.rig.protocols import RigLike
 
-from ..page.bar import Bar, board
+from ..page.bar import Bar, board, uuid_of
 from ..page.commands import Commands
 from ..page.events import EventLog
+from ..page.front_tab import FrontTab
 from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
 from ..page.screen_state import Tone
@@ -49,6 +50,7 @@ class Host:
         windows: The browsers on the page.
         events: What happened, for people.
         bar: The bar at the top.
+        front: The tab in front.
         say: Told what a command raised; a part with a better place for it may take this over.
     """
 
@@ -62,12 +64,15 @@ class Host:
         self._workers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-viewer-work")
         self._parts: tuple[Part, ...] = ()
         self.bar = Bar()
+        self.front = FrontTab()
         self.gui = server.viser.gui
         self.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_AMBER)
         self.gui.main_panel.dock_right()
         self.gui.main_panel.set_width(_RIGHT_WIDTH)
         self._bar_html = self.gui.add_html("", visible=False)
         self._beat_html = self.gui.add_html("", visible=False)
+        self._front_html = self.gui.add_html("", visible=False)
+        self._front_name = self.gui.add_text("Front", "", visible=False)
         self._beats, self._beat_due = 0, 0.0
         self._tabs: viser.GuiTabGroupHandle | None = None
         self._thread = threading.Thread(target=self._run, name="so101-viewer", daemon=True)
@@ -87,6 +92,7 @@ class Host:
     def _shared(self) -> dict[str, Any]:
         if self._tabs is None:  # empty, it would be an ugly thing to look at
             self._tabs = self.gui.add_tab_group()
+            PageContext(**self._shared()).on_entry(self._front_name, self.front.turn_to)
         return {
             "server": self._server.viser,
             "tabs": self._tabs,
@@ -95,6 +101,7 @@ class Host:
             "leave_open": self.windows.leave_open,
             "events": self.events,
             "bar": self.bar,
+            "front": self.front,
         }
 
     def add_parts(self, *parts: Part) -> None:
@@ -146,6 +153,9 @@ class Host:
 
     def _show_bar(self) -> None:
         self._bar_html.content = self.bar.text()  # viser sends it if it differs
+        self._front_html.content = board(
+            "front", tab=self.front.name, press=uuid_of(self._front_name)
+        )
         if time.monotonic() >= self._beat_due:
             self._beat_due = time.monotonic() + _BEAT
             self._beats += 1

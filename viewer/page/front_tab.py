@@ -1,0 +1,49 @@
+"""Which tab is in front: what the scene shows belongs to that one alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+
+PROGRAM = "Program"
+"""The name of the tab whose plan is not the Move tab's."""
+
+
+class Drawn(Enum):
+    """What the scene shows of what the Move tab has."""
+
+    PLAN = auto()
+    """The plan: its path, and a ghost that goes along it."""
+    TARGET = auto()
+    """A ghost at the target, which may be recorded; no path."""
+    NOTHING = auto()
+    """No ghost, no path: those of a program are there."""
+
+
+@dataclass(slots=True)
+class FrontTab:
+    """The tab in front in the window in control. For the page's thread.
+
+    Attributes:
+        name: What stands on it.
+        rehearses: Whether the Program tab has the ghost.
+    """
+
+    name: str = ""
+    rehearses: bool = False
+
+    def turn_to(self, name: str) -> None:
+        """Note which tab is in front now."""
+        self.name = name
+
+    @property
+    def is_program(self) -> bool:
+        """Whether it is the one of programs."""
+        return self.name == PROGRAM
+
+    @property
+    def drawn(self) -> Drawn:
+        """What the scene shows of what the Move tab has."""
+        if not self.is_program:
+            return Drawn.PLAN
+        return Drawn.NOTHING if self.rehearses else Drawn.TARGET
