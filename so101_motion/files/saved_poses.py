@@ -41,7 +41,7 @@ class SavedPoses:
         Raises:
             ConfigError: Their file cannot be read.
         """
-        path = self._file()
+        path = self.file()
         if not path.exists():
             return ()
         given = user_storage.read(path, schema=SCHEMA).get("poses")
@@ -105,11 +105,12 @@ class SavedPoses:
 
         self._change(remove)
 
-    def _file(self) -> Path:
+    def file(self) -> Path:
+        """Where the user's own are kept."""
         return self._path or user_storage.folder() / "poses.json"
 
     def _change(self, change: Callable[[list[NamedPose]], list[NamedPose]]) -> None:
-        path = self._file()
+        path = self.file()
         with user_storage.locked(path):
             poses = change(list(self.own()))
             if len(poses) > MOST:

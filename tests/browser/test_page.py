@@ -307,6 +307,11 @@ def test_a_pose_can_be_saved_and_comes_back_by_its_name(guest: Guest, rig: Rig) 
     assert [pose.name for pose in SavedPoses().own()] == ["<i>mine</i>"]
     guest.press("delete")
     guest.until(lambda: guest.says("Deleted <i>mine</i>."))
+    guest.button("undo").filter(visible=True).last.click()
+    guest.until(lambda: [pose.name for pose in SavedPoses().own()] == ["<i>mine</i>"])
+    guest.until(lambda: guest.button("delete").count() == 1)
+    guest.press("delete")
+    guest.until(lambda: guest.says("Deleted <i>mine</i>."))
     guest.page.get_by_text("My poses").click()
     assert not far_from(HOME, rig)
 

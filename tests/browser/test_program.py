@@ -180,6 +180,11 @@ def test_names_are_shown_as_they_are_typed_and_a_program_is_kept(
     program.press("load")
     program.until(lambda: program.says("Loaded wave, 2 waypoints."))
     program.until(lambda: program.says(name))
+    program.button("delete").last.click()
+    program.until(lambda: not (own_files / "programs" / "wave.json").exists())
+    program.button("undo").last.click()
+    program.until(lambda: (own_files / "programs" / "wave.json").exists())
+    program.until(lambda: program.says("Undone: the saved files are as before."))
     program.page.get_by_text("Save and load").click()
 
 

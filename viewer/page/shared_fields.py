@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, Protocol
 
 from .page_context import PageContext
 
@@ -53,6 +53,38 @@ class SharedField:
         self._widget.disabled = value is None
         if value is not None:
             self.show(value)
+
+
+class CanUndo(Protocol):
+    """Something with edits."""
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an edit to undo."""
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether one was undone."""
+
+    def undo(self) -> None:
+        """Undo the last edit."""
+
+    def redo(self) -> None:
+        """Redo what was undone last."""
+
+
+class UndoButtons:
+    """A pair of buttons: undo and redo."""
+
+    def __init__(self, context: PageContext, label: str, edited: CanUndo) -> None:
+        self._edited = edited
+        self._group = context.gui.add_button_group(label, ("undo", "redo"))
+        commands = {"undo": edited.undo, "redo": edited.redo}
+        context.on_choice(self._group, lambda name: commands[name]())
+
+    def show(self, *, can: bool = True) -> None:
+        """Let them be pressed if there is something to undo, and if it ``can`` be at all."""
+        grey(self._group, not (can and (self._edited.can_undo or self._edited.can_redo)))
 
 
 def grey(group: Any, greyed: bool) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..page.page_context import ArmContext
-from ..page.shared_fields import SharedField
+from ..page.shared_fields import SharedField, UndoButtons
 from .poses import COMMANDS, SOURCES, PoseList
 
 _NONE = "none saved yet"
@@ -22,6 +22,7 @@ class PoseFolder:
             save = gui.add_button_group(
                 "Save", tuple(SOURCES), hint="Where the arm is, or where the ghost is"
             )
+            self._undo = UndoButtons(context, "Saved poses", poses.shelf)
         self._chosen = SharedField(self._list, poses.choose, context, shown=str)
         self._name = SharedField(self._text, poses.call, context, shown=str)
         context.on_choice(self._use, lambda name: COMMANDS[name](poses))
@@ -35,3 +36,4 @@ class PoseFolder:
         self._use.visible = bool(names)
         self._chosen.show(self._poses.chosen or (names[0] if names else _NONE))
         self._name.show(self._poses.name)
+        self._undo.show()

@@ -11,6 +11,7 @@ from so101_motion.files.saved_poses import SavedPoses
 
 from ..page import texts
 from ..page.screen_state import Sentence
+from ..page.shelf import Shelf
 from ..view_model import ViewModel
 
 
@@ -22,12 +23,14 @@ class PoseList:
 
     Attributes:
         poses: As they were read last; the file is read again with every change.
+        shelf: Undoes what was done to their file.
         chosen: Name of the one to be used, or None.
         name: What the next one is called.
     """
 
     def __init__(self, book: SavedPoses, page: ViewModel) -> None:
         self._book, self._page = book, page
+        self.shelf = Shelf(lambda _name: book.file(), lambda: (), self._put_back)
         self.poses: tuple[NamedPose, ...] = ()
         self.chosen: str | None = None
         self.name = ""
@@ -61,23 +64,29 @@ class PoseList:
     def rename(self) -> None:
         """Rename the selected pose to the typed name."""
         chosen = self._chosen()
-        self._book.rename(chosen, self.name)
+        with self.shelf.changing(chosen):
+            self._book.rename(chosen, self.name)
         self._changed(self.name.strip(), texts.renamed(chosen, self.name.strip()))
 
     def delete(self) -> None:
         """Delete the selected pose."""
         chosen = self._chosen()
-        self._book.delete(chosen)
+        with self.shelf.changing(chosen):
+            self._book.delete(chosen)
         self._changed(None, texts.deleted(chosen))
 
+    def _put_back(self, sentence: Sentence) -> None:
+        self._changed(self.chosen, sentence)
+
     def _save(self, q: Array) -> None:
-        pose = self._book.save(self.name, q)
+        with self.shelf.changing(self.name):
+            pose = self._book.save(self.name, q)
         self._changed(pose.name, texts.saved(pose.name))
 
     def _changed(self, chosen: str | None, sentence: Sentence) -> None:
         self.poses = self._book.own()
-        first = self.poses[0].name if self.poses else None
-        self.chosen = first if chosen is None else chosen
+        names = [pose.name for pose in self.poses]
+        self.chosen = chosen if chosen in names else next(iter(names), None)
         self.name = self.chosen or ""
         self._page.tell(sentence)
 

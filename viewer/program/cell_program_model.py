@@ -12,10 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from so101_motion.arm.cell import Cell
-from so101_motion.common.errors import ConfigError, So101Error
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.modes import Mode
 from so101_motion.tasks.program import (
     CellProgram,
@@ -33,6 +34,7 @@ from ..page import texts
 from ..page.history import History
 from ..page.playback import Playback
 from ..page.screen_state import Sentence
+from ..page.shelf import Shelf
 from ..view_model import ViewModel
 from . import program_texts as words
 from .cell_rehearsal_time import CellRehearsalTime
@@ -61,7 +63,7 @@ class CellProgramModel:
     Attributes:
         chosen: Index of the step that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
-        saved: The user's programs, by name.
+        shelf: The user's programs.
         timeline: The plan of all of it on a line of time, as long as it holds; else None.
     """
 
@@ -76,7 +78,7 @@ class CellProgramModel:
         self._edited = _Edited()
         self._history = History(self._edited)
         self.chosen: int | None = None
-        self.name, self.saved = "", self._listed()
+        self.name, self.shelf = "", Shelf(_file_of, _listed, self._tell)
         self.timeline: CellRehearsalTime | None = None
         self._playback = Playback()
         self._sentence = words.CELL_WELCOME
@@ -176,22 +178,23 @@ class CellProgramModel:
 
     def save(self) -> None:
         """Save the program under its name; replaces one of that name."""
-        file = files.file_of(self.name, cell_folder())
-        write_cell_program(self._program(), file)
-        self.name, self.saved = file.stem, self._listed()
+        program = self._program()
+        with self.shelf.changing(self.name) as file:
+            write_cell_program(program, file)
+        self.name = file.stem
         self._sentence = words.saved(file)
 
     def load(self, name: str) -> None:
         """Load the program ``name``; nothing moves."""
-        program = read_cell_program(files.file_of(name, cell_folder()))
+        program = read_cell_program(_file_of(name))
         self._edit(program.steps, rounds=program.rounds)
         self.name, self.chosen = name, 0
         self._sentence = words.loaded_steps(name, len(program.steps))
 
     def delete(self, name: str) -> None:
         """Delete the file of the program ``name``; the edited program stays."""
-        files.delete(name, cell_folder())
-        self.saved = self._listed()
+        with self.shelf.changing(name):
+            files.delete(name, cell_folder())
         self._sentence = words.deleted(name)
 
     def clear(self) -> None:
@@ -269,8 +272,13 @@ class CellProgramModel:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is an edit to undo, or one that was undone."""
-        return self._run is None and (self._history.can_undo or self._history.can_redo)
+        """Whether there is an edit to undo."""
+        return self._run is None and self._history.can_undo
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether one was undone."""
+        return self._run is None and self._history.can_redo
 
     @property
     def _are_ready(self) -> bool:
@@ -285,7 +293,7 @@ class CellProgramModel:
         self._playback.advance(self._now())
         before = self._shown
         self._shown = (
-            self._edited, self.chosen, self.saved, self.sentence, self.active, self.can_plan,
+            self._edited, self.chosen, self.shelf.names, self.sentence, self.active, self.can_plan,
             self.can_run, self.t, self.timeline,
         )  # fmt: skip
         return self._shown != before
@@ -328,11 +336,8 @@ class CellProgramModel:
     def _things(self) -> tuple[object, ...]:
         return tuple(x for each in self._cell.places.values() for x in things_around(each.arm))
 
-    def _listed(self) -> tuple[str, ...]:
-        try:
-            return files.names(cell_folder())
-        except So101Error:
-            return ()
+    def _tell(self, sentence: Sentence) -> None:
+        self._sentence = sentence
 
     def _at_target(self, name: str) -> Waypoint:
         taken = (each.name for step in self.steps for each in step.values())
@@ -366,6 +371,14 @@ class CellProgramModel:
         if self.chosen is not None:
             self.chosen = min(self.chosen, left - 1) if left else None
         self._drop_plan(words.PRESS_PLAN if left else words.CELL_WELCOME)
+
+
+def _file_of(name: str) -> Path:
+    return files.file_of(name, cell_folder())
+
+
+def _listed() -> tuple[str, ...]:
+    return files.names(cell_folder())
 
 
 class ArmInStep:

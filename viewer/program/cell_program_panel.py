@@ -14,7 +14,7 @@ from ..page import markup
 from ..page.front_tab import PROGRAM
 from ..page.page_context import PageContext
 from ..page.part import Part
-from ..page.shared_fields import grey
+from ..page.shared_fields import UndoButtons, grey
 from ..view_model import ViewModel
 from . import program_texts as words
 from .cell_program_model import ArmInStep, CellProgramModel
@@ -70,9 +70,7 @@ class CellProgramPart(Part):
 
     def _add_run(self, gui: viser.GuiApi) -> None:
         model = self.model
-        self._history = gui.add_button_group("Edits", ("undo", "redo"))
-        edits = {"undo": model.undo, "redo": model.redo}
-        self._context.on_choice(self._history, partial(_do, edits))
+        self._undo = UndoButtons(self._context, "Edits", model)
         self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
         self._context.on_press(self._plan, model.plan)
         self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
@@ -122,13 +120,13 @@ class CellProgramPart(Part):
             fields.show(model.waypoint(name))
         for group in (self._order, *self._uses):
             grey(group, model.chosen is None or model.runs)
-        grey(self._history, not model.can_undo)
+        self._undo.show()
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
         self._facts.content = markup.facts(words.cell_facts(timeline))
         self._rehearsal.show(timeline, model.t, words.cell_timeline)
         self._rounds.show(model.rounds)
-        self._files.show(model.name, model.saved)
+        self._files.show(model.name)
 
     def _show_ghosts(self) -> None:
         """Show where the arms would stand; none while the program is run, or without a plan."""

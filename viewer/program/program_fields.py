@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Protocol, TypeVar
 
 from so101_motion.tasks.program.loops import MOST_TIMES
@@ -13,7 +13,8 @@ from ..page import markup
 from ..page.bar import board, uuid_of
 from ..page.markup import Timeline
 from ..page.page_context import PageContext
-from ..page.shared_fields import SharedField, grey, put
+from ..page.shared_fields import SharedField, UndoButtons, grey, put
+from ..page.shelf import Shelf
 
 _RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
 _NONE = "none"
@@ -37,6 +38,10 @@ class WaypointEditor(Protocol):
 
 class FileKeeper(Protocol):
     """Saves and loads programs."""
+
+    @property
+    def shelf(self) -> Shelf:
+        """Where they are kept."""
 
     def call(self, name: str) -> None:
         """Set the name for saving."""
@@ -237,14 +242,18 @@ class FileFields:
             write = gui.add_button_group("Program", ("save", "new"))
             self._saved = saved = gui.add_dropdown("Saved", (_NONE,))
             self._use = gui.add_button_group("Saved one", ("load", "delete"))
+            self._undo = UndoButtons(context, "Files", keeper.shelf)
+        self._shelf = keeper.shelf
         writes = {"save": keeper.save, "new": keeper.clear}
         uses = {"load": keeper.load, "delete": keeper.delete}
         context.on_choice(write, lambda chosen: writes[chosen]())
         context.on_choice(self._use, lambda chosen: uses[chosen](saved.value))
 
-    def show(self, name: str, saved: Sequence[str]) -> None:
+    def show(self, name: str) -> None:
         """Show the name for saving, and what is saved."""
         self._called.show(name)
-        if self._saved.options != (tuple(saved) or (_NONE,)):
-            self._saved.options = tuple(saved) or (_NONE,)
+        saved = self._shelf.names
+        if self._saved.options != (saved or (_NONE,)):
+            self._saved.options = saved or (_NONE,)
         grey(self._use, not saved)
+        self._undo.show()

@@ -16,7 +16,7 @@ from typing import Any
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.clock import Clock
-from so101_motion.common.errors import ConfigError, So101Error
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.rig.protocols import GripperLike
@@ -35,6 +35,7 @@ from ..page.guiding import Guiding
 from ..page.history import History
 from ..page.playback import Playback
 from ..page.screen_state import Sentence
+from ..page.shelf import Shelf
 from ..page.target_ik import Surroundings, TargetSolver
 from . import program_texts as words
 from .program_screen import ProgramScreen
@@ -52,6 +53,9 @@ class ProgramModel:
 
     Args:
         q_arm: Where the arm is, as it can be gone to again, shape (5,), [rad].
+
+    Attributes:
+        shelf: The user's programs.
     """
 
     def __init__(
@@ -73,7 +77,7 @@ class ProgramModel:
         self._playback = Playback()
         self._chosen: int | None = None
         self._name = ""
-        self._saved = self._listed()
+        self.shelf = Shelf(files.file_of, files.names, self._tell)
         self._sentence = words.WELCOME
         self._rehearsing: Future[tuple[RehearsalTime, dict[int, float]]] | None = None
         self._timeline: RehearsalTime | None = None
@@ -149,8 +153,6 @@ class ProgramModel:
         """Remove the selected waypoint."""
         index = self._chosen_index()
         self._edit(self._program.without(index))
-        left = len(self._program)
-        self._chosen = min(index, left - 1) if left else None
 
     def duplicate(self) -> None:
         """Add the selected waypoint once more behind itself."""
@@ -170,6 +172,16 @@ class ProgramModel:
     def redo(self) -> None:
         """Redo what was undone last."""
         self._set(self._history.redo())
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an edit to undo."""
+        return self._history.can_undo and self._run is None
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether one was undone."""
+        return self._history.can_redo and self._run is None
 
     def set_rounds(self, rounds: int | None) -> None:
         """Set the number of rounds; None for endless."""
@@ -196,9 +208,9 @@ class ProgramModel:
         """Save the program under its name; replaces one of that name."""
         if not self._program.waypoints:
             raise ConfigError("program", None, "record a waypoint first")
-        file = files.file_of(self._name)
-        files.write(self._program, file)
-        self._name, self._saved = file.stem, self._listed()
+        with self.shelf.changing(self._name) as file:
+            files.write(self._program, file)
+        self._name = file.stem
         self._sentence = words.saved(file)
 
     def load(self, name: str) -> None:
@@ -210,8 +222,8 @@ class ProgramModel:
 
     def delete(self, name: str) -> None:
         """Delete the file of the program ``name``; the edited program stays."""
-        files.delete(name)
-        self._saved = self._listed()
+        with self.shelf.changing(name):
+            files.delete(name)
         self._sentence = words.deleted(name)
 
     def clear(self) -> None:
@@ -239,7 +251,7 @@ class ProgramModel:
             if part != ALL:
                 last = self._first + 1 if part == STEP else len(program)
                 program = program.part(self._first, last)
-            self._made_for = self._things()
+            self._made_for = things_around(self._arm)
 
             def plan_all() -> tuple[RehearsalTime, dict[int, float]]:
                 timeline = RehearsalTime(rehearse(arm, gripper, program), gripper.angle_of)
@@ -285,14 +297,11 @@ class ProgramModel:
             run and run.where,
             self._timeline,
             self._program,
-            self._saved,
+            self.shelf.names,
         )
-        if all(new is old or new == old for new, old in zip(seen, self._shown, strict=False)) and (
-            self._shown
-        ):
-            return False
-        self._shown = seen
-        return True
+        before, self._shown = self._shown, seen
+        pairs = zip(seen, before, strict=False)
+        return not before or any(new is not old and new != old for new, old in pairs)
 
     def screen(self) -> ProgramScreen:
         """Everything to be shown now."""
@@ -300,7 +309,6 @@ class ProgramModel:
             program=self._program,
             chosen=self._chosen,
             name=self._name,
-            saved=self._saved,
             sentence=self._status(),
             timeline=self._timeline,
             clearances=self._clearances,
@@ -310,8 +318,6 @@ class ProgramModel:
             can_plan=self._can_plan(),
             can_run=self._can_run(),
             can_guide=self._can_guide(),
-            can_undo=self._history.can_undo and self._run is None,
-            can_redo=self._history.can_redo and self._run is None,
             first=self._first,
             t=self._playback.t,
         )
@@ -325,11 +331,8 @@ class ProgramModel:
             return words.guided(self._guiding.left)
         return self._sentence
 
-    def _listed(self) -> tuple[str, ...]:
-        try:
-            return files.names()
-        except So101Error:
-            return ()
+    def _tell(self, sentence: Sentence) -> None:
+        self._sentence = sentence
 
     def _record(self, q: Array) -> None:
         number = len(self._program) + 1
@@ -368,10 +371,6 @@ class ProgramModel:
         self._timeline = self._rehearsing = None
         self._sentence = sentence
 
-    def _things(self) -> tuple[object, ...]:
-        """What a plan depends on beside the program and the arm's place."""
-        return things_around(self._arm)
-
     def _can_plan(self) -> bool:
         return (
             bool(self._program.waypoints)
@@ -385,7 +384,7 @@ class ProgramModel:
             self._timeline is not None
             and self._run is None
             and self._arm.state.mode is Mode.HOLDING
-            and same_things(self._things(), self._made_for)
+            and same_things(things_around(self._arm), self._made_for)
         )
 
     def _can_guide(self) -> bool:
@@ -419,7 +418,7 @@ class ProgramModel:
             self._drop_plan(words.ARM_MOVED)
         elif abs(rehearsal.q_jaw_start - state.q_jaw_ref) > SAME_JAW:
             self._drop_plan(words.JAW_MOVED)
-        elif not same_things(self._things(), self._made_for):
+        elif not same_things(things_around(self._arm), self._made_for):
             self._drop_plan(words.THINGS_CHANGED)
 
     def _collect_run(self) -> None:

@@ -18,7 +18,7 @@ from ..page import markup
 from ..page.front_tab import PROGRAM
 from ..page.page_context import ArmContext
 from ..page.part import Part
-from ..page.shared_fields import SharedField, grey, put
+from ..page.shared_fields import SharedField, UndoButtons, grey, put
 from ..view_model import ViewModel
 from . import program_texts as words
 from .program_fields import FileFields, RehearsalFields, RoundsFields, RowList, WaypointFields
@@ -121,8 +121,7 @@ class ProgramPart(Part):
 
     def _add_run(self, gui: viser.GuiApi) -> None:
         model = self.model
-        self._history = gui.add_button_group("Edits", ("undo", "redo"))
-        self._on_choice(self._history, {"undo": model.undo, "redo": model.redo})
+        self._undo = UndoButtons(self._context, "Edits", model)
         self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
         self._context.on_press(self._plan, model.plan)
         self._plan_part = gui.add_button_group(
@@ -197,10 +196,10 @@ class ProgramPart(Part):
         self._plan.disabled = not screen.can_plan
         self._run.disabled = not screen.can_run
         grey(self._plan_part, not screen.can_plan or screen.chosen is None)
-        grey(self._history, not (screen.can_undo or screen.can_redo))
+        self._undo.show()
         self._show_rehearsal(screen)
         put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
-        self._files.show(screen.name, screen.saved)
+        self._files.show(screen.name)
 
     def _show_rehearsal(self, screen: ProgramScreen) -> None:
         timeline = screen.timeline

@@ -18,7 +18,6 @@ class ProgramScreen:
         program: What is edited, or run.
         chosen: Index of the waypoint that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
-        saved: The user's programs, by name.
         sentence: What to know or to do now.
         timeline: The plan of all of it on a line of time, as long as it holds; else None.
         clearances: How near each step of that plan comes to anything [m], by index.
@@ -28,8 +27,6 @@ class ProgramScreen:
         can_plan: Whether Plan may be pressed.
         can_run: Whether Run may be pressed.
         can_guide: Whether the arm may be guided now.
-        can_undo: Whether there is an edit to undo.
-        can_redo: Whether one was undone.
         first: Index of the first waypoint that is planned or run.
         t: How far into the rehearsal the ghost stands [s].
     """
@@ -37,7 +34,6 @@ class ProgramScreen:
     program: Program
     chosen: int | None
     name: str
-    saved: tuple[str, ...]
     sentence: Sentence
     timeline: RehearsalTime | None
     clearances: dict[int, float]
@@ -47,7 +43,5 @@ class ProgramScreen:
     can_plan: bool
     can_run: bool
     can_guide: bool
-    can_undo: bool
-    can_redo: bool
     first: int
     t: float

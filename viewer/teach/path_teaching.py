@@ -25,6 +25,7 @@ from so101_motion.tasks.teleop.local_arms import jaw_of
 from ..page import texts
 from ..page.guiding import Guiding
 from ..page.screen_state import Sentence, Tone
+from ..page.shelf import Shelf
 
 WELCOME = Sentence(text="Press Record a path: the arm goes soft, and you guide it by hand.")
 BEGINS = Sentence(text="The arm goes soft …", tone=Tone.WARM)
@@ -57,7 +58,7 @@ class PathTeaching:
         doing: What is going on.
         sentence: What to know or to do now.
         name: What the path is called.
-        saved: Names of the saved ones.
+        shelf: The saved ones.
     """
 
     def __init__(self, rig: Rig, submit: Callable[[Callable[[], Any]], Future[Any]]) -> None:
@@ -71,7 +72,7 @@ class PathTeaching:
         self.doing = Doing.NOTHING
         self.sentence = WELCOME
         self.name = ""
-        self.saved = self._listed()
+        self.shelf = Shelf(_file_of, _listed, self._tell)
 
     # Recording
 
@@ -137,20 +138,20 @@ class PathTeaching:
             raise ConfigError("path", None, "record a path first")
         if not self.name.strip():
             raise ConfigError("name", None, "type a name first")
-        file = files.file_of(_folder(), self.name.strip())
-        files.write(self.path, file, replace=True)
-        self.name, self.saved = file.stem, self._listed()
+        with self.shelf.changing(self.name.strip()) as file:
+            files.write(self.path, file, replace=True)
+        self.name = file.stem
         self.sentence = texts.saved(file.stem)
 
     def load(self, name: str) -> None:
         """Take a saved path; nothing moves."""
-        self._take(files.read(files.file_of(_folder(), name)))
+        self._take(files.read(_file_of(name)))
         self.name = name
 
     def delete(self, name: str) -> None:
         """Delete a saved path; the one that is shown stays."""
-        files.delete(files.file_of(_folder(), name))
-        self.saved = self._listed()
+        with self.shelf.changing(name) as file:
+            files.delete(file)
         self.sentence = texts.deleted(name)
 
     def report(self, error: BaseException) -> None:
@@ -226,15 +227,20 @@ class PathTeaching:
         else:
             self.report(error)
 
-    def _listed(self) -> tuple[str, ...]:
-        try:
-            return tuple(each.name for each in files.listed(_folder()))
-        except So101Error:
-            return ()
+    def _tell(self, sentence: Sentence) -> None:
+        self.sentence = sentence
 
 
 def _folder() -> Path:
     return user_storage.folder() / "paths"
+
+
+def _file_of(name: str) -> Path:
+    return files.file_of(_folder(), name)
+
+
+def _listed() -> tuple[str, ...]:
+    return tuple(each.name for each in files.listed(_folder()))
 
 
 def _recording(recorder: PathRecorder, left: float | None) -> Sentence:

@@ -12,7 +12,7 @@ from so101_motion.tasks.guided import GuidedPath
 from ..page import markup
 from ..page.page_context import ArmContext
 from ..page.part import Part
-from ..page.shared_fields import SharedField, grey
+from ..page.shared_fields import SharedField, UndoButtons, grey
 from ..scene.robot_view import segments
 from .leading import Leading, OpenLeader, session_for
 from .path_teaching import Doing, PathTeaching
@@ -62,6 +62,7 @@ class TeachPart(Part):
             self._write = gui.add_button_group("Path", ("save",))
             self._saved = gui.add_dropdown("Saved", (_NONE,))
             self._use = gui.add_button_group("Saved one", ("load", "delete"))
+            self._undo = UndoButtons(context, "Files", teaching.shelf)
         context.on_choice(self._write, lambda _name: teaching.save())
         use = {"load": teaching.load, "delete": teaching.delete}
         context.on_choice(self._use, lambda what: use[what](self._saved.value))
@@ -86,7 +87,7 @@ class TeachPart(Part):
         if teaching is not None:
             teaching.refresh()
             told += [teaching.sentence, teaching.doing, teaching.path, teaching.replay]
-            told += [teaching.can_plan, teaching.can_record, teaching.saved, teaching.name]
+            told += [teaching.can_plan, teaching.can_record, teaching.shelf.names, teaching.name]
         if leading is not None:
             leading.refresh()
             told += [leading.sentence, leading.is_on, leading.can_switch]
@@ -111,9 +112,11 @@ class TeachPart(Part):
         self._run.disabled = not teaching.can_run
         self._name.show(teaching.name)
         grey(self._write, teaching.path is None)
-        if self._saved.options != (teaching.saved or (_NONE,)):
-            self._saved.options = teaching.saved or (_NONE,)
-        grey(self._use, not teaching.saved)
+        saved = teaching.shelf.names
+        if self._saved.options != (saved or (_NONE,)):
+            self._saved.options = saved or (_NONE,)
+        grey(self._use, not saved)
+        self._undo.show()
         if teaching.path is not self._drawn:
             self._drawn = teaching.path
             self._draw(teaching.path)

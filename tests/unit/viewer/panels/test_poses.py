@@ -72,6 +72,16 @@ def test_a_pose_can_be_renamed_and_deleted(shelf: PoseList, page: PretendedPage)
     assert names(shelf) == []
     assert shelf.chosen is None
     assert page.sentence[-1] == "Deleted <b>other</b>."
+    shelf.shelf.undo()
+    assert names(shelf) == ["<b>other</b>"]
+    assert shelf.chosen == "<b>other</b>"
+    shelf.shelf.undo()
+    assert names(shelf) == ["mine"]
+    shelf.call("mine")
+    shelf.save_target()  # in its place
+    shelf.shelf.undo()
+    shelf.use()
+    np.testing.assert_allclose(page.aimed[-1], 0.1, atol=1e-6)
 
 
 def test_without_a_pose_there_is_nothing_to_use(shelf: PoseList) -> None:

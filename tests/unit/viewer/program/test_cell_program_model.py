@@ -172,12 +172,15 @@ def test_a_saved_program_comes_back_and_is_gone_when_deleted(bench):
     model.call("wave")
     model.save()
     model.clear()
-    assert model.saved == ("wave",)
+    assert model.shelf.names == ("wave",)
     model.load("wave")
     assert model.rounds is None
     np.testing.assert_allclose(model.steps[0][SECOND].q, aside(50.0), atol=1e-6)
     model.delete("wave")
-    assert model.saved == ()
+    assert model.shelf.names == ()
+    model.shelf.undo()
+    assert model.shelf.names == ("wave",)
+    model.shelf.redo()
     model.clear()
     model.call("nothing")
     with pytest.raises(ConfigError, match="steps"):

@@ -179,7 +179,7 @@ def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab: Tab) -> None:
     assert tab.names == "ACB"
     for _ in range(9):
         tab.model.undo()
-    assert (tab.names, tab.model.screen().chosen, tab.model.screen().can_undo) == ("", None, False)
+    assert (tab.names, tab.model.screen().chosen, tab.model.can_undo) == ("", None, False)
 
 
 def test_a_part_of_a_program_is_rehearsed_and_run_from_the_chosen_waypoint(tab: Tab) -> None:
@@ -383,7 +383,7 @@ def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
         tab.model.save()
     tab.model.call("stack cubes")
     tab.model.save()
-    assert tab.model.screen().saved == ("stack cubes",)
+    assert tab.model.shelf.names == ("stack cubes",)
     tab.model.clear()
     assert len(tab.model.screen().program) == 0
     tab.model.load("stack cubes")
@@ -391,7 +391,11 @@ def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
     assert tab.model.screen().program.rounds is None
     assert tab.said == "Loaded stack cubes, 2 waypoints. Press Plan program."
     tab.model.delete("stack cubes")
-    assert tab.model.screen().saved == ()
+    assert tab.model.shelf.names == ()
+    tab.model.shelf.undo()
+    assert tab.model.shelf.names == ("stack cubes",)
+    tab.model.load("stack cubes")
+    assert tab.names == "AB"
 
 
 def test_an_arm_at_rest_gives_nothing_new_to_show(tab: Tab) -> None:

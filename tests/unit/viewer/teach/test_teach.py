@@ -100,11 +100,13 @@ def test_a_path_is_recorded_planned_replayed_and_kept(bench: Bench) -> None:
         teaching.save()
     teaching.call("wave")
     teaching.save()
-    assert teaching.saved == ("wave",)
+    assert teaching.shelf.names == ("wave",)
     teaching.load("wave")
     assert teaching.path is not path
     teaching.delete("wave")
-    assert teaching.saved == ()
+    assert teaching.shelf.names == ()
+    teaching.shelf.undo()
+    teaching.load("wave")
 
 
 def test_a_stop_ends_the_recording_and_what_was_shown_is_kept(bench: Bench) -> None:
