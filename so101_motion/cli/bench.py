@@ -78,8 +78,8 @@ class Figure:
 def bench(source: AnySource, as_json: bool) -> None:
     """Measure planning, the control loop and the bus on this computer, in ten seconds.
 
-    Nothing moves. With --port the servos are asked as the control loop asks them; with --machine
-    the way to it is measured.
+    Nothing moves. With --port the servos are asked as the control loop asks them; with
+    --machine the connection to it is measured.
 
     \b
     so101 bench --sim

@@ -31,7 +31,7 @@ def calibration() -> None:
 @click.argument("file", required=False, shell_complete=completed_files)
 @json_option
 def show(file: str | None, as_json: bool) -> None:
-    """What a calibration file says and means; without FILE, which files there are.
+    """Show what a calibration file holds; without FILE, list the files.
 
     Besides the numbers: where each joint's zero comes from, how many millimetres that makes at the
     jaws, and which earlier versions are kept.
@@ -162,7 +162,7 @@ def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None
 @dry_run_option
 @json_option
 def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None:
-    """Let FILE say again what it said before; what it says now becomes a version.
+    """Restore the previous version of FILE; the present one is kept as a version.
 
     "so101 calibration show FILE" lists the versions.
     """

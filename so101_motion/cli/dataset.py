@@ -96,7 +96,7 @@ def check(
     html: Path | None,
     as_json: bool,
 ) -> None:
-    """Look for what makes the data set in PATH unfit to learn from or to replay.
+    """Check whether the data set in PATH is fit to learn from and to replay.
 
     Jumps, limits, speeds, contact, joints that stand or are not where they were sent, time gaps,
     and numbers that mean something else than it seems. The worst moments come first.
@@ -155,7 +155,7 @@ def convert(
     link: bool,
     as_json: bool,
 ) -> None:
-    """Write the data set in PATH anew to OUT: other units, or an arm that is calibrated otherwise.
+    """Copy the data set in PATH to OUT, in other units or for another calibration.
 
     The joints keep their angles, only the numbers that say them change. PATH is only read. OUT is
     there whole or not at all.
@@ -224,7 +224,7 @@ def replay(
     yes: bool,
     as_json: bool,
 ) -> None:
-    """Let the arm do an episode of the data set in PATH again, and say how far off it was.
+    """Replay an episode of the data set in PATH, and say how closely the arm followed.
 
     It goes to the first frame by a plan, and then keeps the recording's own time, under its caps
     (180 deg/s and 500 deg/s^2 unless told otherwise) and clear of itself, the table and the scene.

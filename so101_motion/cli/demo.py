@@ -23,7 +23,7 @@ _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
     type=click.IntRange(1, 8),
     default=1,
     show_default=True,
-    help="So many arms that share a space and keep apart.",
+    help="Number of arms; they share the space and keep apart.",
 )
 @page_options
 def demo(text: bool, arms: int, page: Page) -> None:

@@ -41,7 +41,7 @@ _SIGNS = {"ok": ("✓", "green"), "warn": ("!", "yellow"), "fail": ("✗", "red"
 @click.option("--sim", is_flag=True, help="The simulated arm: checks the installation only.")
 @port_option("Serial port of the arm; by default the only one with an arm")
 @calibration_option
-@click.option("--report", type=OutFile(), help="Write all of it to this file, to send it on.")
+@click.option("--report", type=OutFile(), help="Write the report to this file as well.")
 @machine_options
 @json_option
 def doctor(

@@ -31,7 +31,7 @@ _OPEN, _CLOSED = 1.0, 0.0
 
 @click.group(cls=Verbs)
 def guide() -> None:
-    """Lead the arm by hand, keep the path, and let the arm go it again."""
+    """Lead the arm by hand, record its path, and replay it."""
 
 
 @guide.command()
@@ -44,7 +44,7 @@ def guide() -> None:
 def record(
     file: Path, source: Source, seconds: float | None, replace: bool, yes: bool, as_json: bool
 ) -> None:
-    """Let the arm yield to your hand and write its path to FILE (.json).
+    """Lead the arm by hand and record its path in FILE (.json).
 
     It carries its own weight and stays where you leave it. The keys o and c open and close the jaw,
     Enter ends it, and so does Ctrl-C; nothing is lost then. Afterwards the arm holds.
@@ -127,7 +127,7 @@ def replay(
     yes: bool,
     as_json: bool,
 ) -> None:
-    """Go to the beginning of the path in FILE and along it, as fast as the caps allow.
+    """Move to the start of the path in FILE and along it, as fast as the caps allow.
 
     It is planned and looked at for collisions before anything moves. Ctrl-C stops the arm.
 
@@ -164,7 +164,7 @@ def replay(
 )
 @json_option
 def list_(folder: Path, as_json: bool) -> None:
-    """The paths in FOLDER, or here."""
+    """List the paths in FOLDER, or in this folder."""
     from so101_motion.tasks.guided import files
 
     kept = files.listed(folder)

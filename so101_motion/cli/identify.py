@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     metavar="FOLDER",
     help="Write goals, positions and voltages of each joint there; no serial number.",
 )
-@click.option("--undo", is_flag=True, help="Move nothing: go back to the figures before.")
+@click.option("--undo", is_flag=True, help="Move nothing: restore the previous figures.")
 @yes_option
 @json_option
 def identify(

@@ -44,9 +44,9 @@ def run(
 ) -> None:
     """Run PROGRAM: the name of one saved in the preview, or a .json file.
 
-    Every leg is planned and looked at for collisions before anything moves. Waypoints that may be
-    passed are gone through without a stop, within 3 degrees a joint; loops are repeated where they
-    stand. Ctrl-C stops the arm.
+    Every leg is planned and looked at for collisions before anything moves. The arm goes
+    through waypoints that may be passed without a stop, within 3 degrees a joint. Ctrl-C stops
+    the arm.
 
     \b
     so101 run "stack cubes" --port /dev/ttyACM0

@@ -32,10 +32,9 @@ _PATIENCE = 1.0
 @any_source_options
 @json_option
 def status(source: AnySource, as_json: bool) -> None:
-    """Say how the arm is: its mode, its joints, where the tool is.
+    """Show the arm's mode, its joints, and where its tool is.
 
-    Nothing is driven by being looked at: an arm that is limp stays limp, one that holds goes on
-    holding.
+    Looking changes nothing: a limp arm stays limp, and one that holds goes on holding.
 
     \b
     so101 status --port /dev/ttyACM0

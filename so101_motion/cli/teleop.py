@@ -39,7 +39,7 @@ _EVERY = 0.2  # [s], how often a person is told how it is
 @click.option("--leader-calibration", type=click.Path(path_type=Path), help="Calibration file.")
 @click.option("--follower-calibration", type=click.Path(path_type=Path), help="Calibration file.")
 @click.option("--no-gripper", is_flag=True, help="Leave the follower's jaw alone.")
-@click.option("--scale", type=PerJoint(), help="Factor from leader to follower; minus turns.")
+@click.option("--scale", type=PerJoint(), help="Factor from leader to follower; a minus reverses.")
 @click.option("--mirror", is_flag=True, help="For arms that face each other: pan and roll turn.")
 @click.option("--offsets", type=PerJoint(), help="Five angles to add for the follower [deg].")
 @click.option(
@@ -84,8 +84,9 @@ def teleop(
 ) -> None:
     """Lead one arm by hand and let another follow. Ctrl-C ends it; both arms hold then.
 
-    The leader goes limp, so have a hand on it. The follower comes to it slowly and mirrors it from
-    5 deg on. When one of the two is lost the follower holds, until you bring the leader back to it.
+    The leader goes limp, so have a hand on it. The follower comes to it slowly, and mirrors it
+    once it is within 5 deg. When one of the two is lost the follower holds, until you bring the
+    leader back to it.
 
     \b
     so101 teleop --leader /dev/ttyACM0 --follower /dev/ttyACM1

@@ -30,7 +30,7 @@ its version 6.5 they then have no port at all. Unless you use a Braille display:
 
 @click.command("install-udev")
 @click.option("--install", is_flag=True, help="Write the rule; needs root.")
-@click.option("--print", "printed", is_flag=True, help="Print the rule; so it is by default.")
+@click.option("--print", "printed", is_flag=True, help="Print the rule; this is the default.")
 @dry_run_option
 def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
     """Give users of this Linux computer access to servo adapters, without root.

@@ -44,7 +44,7 @@ def viam() -> None:
 @click.option("--new", "with_new", is_flag=True, help="Also list what only this module knows.")
 @json_option
 def import_(file: TextIO, with_new: bool, as_json: bool) -> None:
-    """Read a machine's configuration and print what it becomes with this module.
+    """Read a machine's configuration and print it rewritten for this module.
 
     FILE is the machine's JSON (Configure, then JSON, in Viam's app; or /etc/viam.json), or - to
     read it from stdin. It is read and never changed, and keys in it are not printed. On stdout come

@@ -140,7 +140,7 @@ def view(
     atlas: Path | None,
     page: Page,
 ) -> None:
-    """See the arm in the browser, plan, try and move it; nothing moves by opening the page.
+    """See, plan and move the arm in the browser; opening the page moves nothing.
 
     \b
     so101 view --sim

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,18 @@ import pytest
 from harness.browser_user import HOME, READY, Guest
 from so101_viewer import Preview
 
+from so101_motion.common.errors import MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
+from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.hardware_rig import Rig
 
 pytestmark = pytest.mark.browser
+
+STALLED = "No setpoint could be sent"
+"""What the page says when a busy machine kept the arm from moving on."""
+
+ATTEMPTS = 4
 
 
 @pytest.fixture
@@ -55,6 +63,21 @@ def planned(guest: Guest) -> None:
     guest.until(is_planned)
 
 
+def runs(guest: Guest, rig: Rig) -> None:
+    """Run the planned program to its end, by way of READY; anew where a busy machine gave up."""
+    for _ in range(ATTEMPTS):
+        guest.press("Run program")
+        guest.until(lambda: at(READY, rig) or guest.says(STALLED))
+        guest.until(lambda: guest.says("Done.") or guest.says(STALLED))
+        if not guest.says(STALLED):
+            return
+        while not at(HOME, rig):
+            with suppress(MotionError):
+                rig.arm.start_move(JointGoal(q=HOME)).result(60.0)
+        planned(guest)
+    pytest.fail(f"the machine is too busy: {ATTEMPTS} runs were given up")
+
+
 def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None:
     assert {"/program/dots", "/program/number0", "/program/number1"} <= program.nodes()
     planned(program)
@@ -68,9 +91,7 @@ def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None
     shown = program.page.get_by_role("slider", name="Rehearsal (s)")
     program.until(lambda: abs(float(shown.get_attribute("aria-valuenow") or 0) - 0.5 * whole) < 0.1)
     assert at(HOME, rig)  # planning moves nothing
-    program.press("Run program")
-    program.until(lambda: at(READY, rig))
-    program.until(lambda: program.says("Done."))
+    runs(program, rig)
     assert at(HOME, rig)
     program.until(lambda: program.button("Run program").is_disabled())
     assert program.problems == []

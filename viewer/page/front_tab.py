@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 
 PROGRAM = "Program"
@@ -31,10 +31,32 @@ class FrontTab:
 
     name: str = ""
     rehearses: bool = False
+    _rehearsed: tuple[object, ...] = field(default=(), repr=False)
+    _targets: tuple[object, ...] = field(default=(), repr=False)
 
     def turn_to(self, name: str) -> None:
         """Note which tab is in front now."""
         self.name = name
+
+    def note(
+        self, rehearsal: object | None, t: float, targets: tuple[object, ...], *, runs: bool
+    ) -> bool:
+        """Let rehearsal or targets have the ghost, whichever is newer.
+
+        Args:
+            rehearsal: Of the Program tab; None without one.
+            t: How far into it its ghost stands [s].
+            targets: Those of the Move tab.
+            runs: Whether the program is run.
+
+        Returns:
+            Whether another one has it now.
+        """
+        if (rehearsal, t) != self._rehearsed:
+            self._rehearsed, self._targets = (rehearsal, t), targets
+        are_old = all(one is other for one, other in zip(targets, self._targets, strict=True))
+        before, self.rehearses = self.rehearses, runs or (rehearsal is not None and are_old)
+        return self.rehearses is not before
 
     @property
     def is_program(self) -> bool:

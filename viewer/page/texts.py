@@ -191,7 +191,7 @@ def grip(screen: Screen) -> str:
     """What the gripper does."""
     q_jaw = screen.state.q_jaw
     if screen.holds:
-        return f"Holding something, {to_mm(tip_distance(q_jaw)):.0f} mm apart at the tips."
+        return f"Holding something: the tips are {to_mm(tip_distance(q_jaw)):.0f} mm apart."
     return f"Holding nothing, {opening(q_jaw)}."
 
 

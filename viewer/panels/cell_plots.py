@@ -34,7 +34,7 @@ class CellPlots:
                 gui,
                 "clearance (mm)",
                 self._pairs,
-                ("kept free",),
+                ("least allowed",),
                 (_NONE, *(0.0 * _NONE for _ in self._pairs), 0.0 * _NONE + to_mm(ROOM)),
             )
         self._velocities: dict[str, viser.GuiUplotHandle] = {}

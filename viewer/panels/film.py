@@ -101,7 +101,7 @@ def film_of(view: PlanView, *, title: str, run: Run | None = None) -> Film:
         ("Limits", texts.caps(view.plan.limits)),
         ("Gripper", texts.opening(view.q_jaw)),
         ("Orange line", "path of the tool"),
-        ("Blue arm", "the goal" if run is None else "the plan; the other is as measured"),
+        ("Blue arm", "the goal" if run is None else "as planned; the orange one as measured"),
     ]
     return Film(
         title=title,

@@ -82,7 +82,7 @@ class SharePart(Part):
         if self._plan is None:
             return NOTHING
         if self._what.value == RUN and self._ran is not None:
-            return Sentence(text=f"The last run, which was of {self._ran[0].name}. {READY}")
+            return Sentence(text=f"The last run, of {self._ran[0].name}. {READY}")
         is_old = "" if self._page.plan_is_current else ", which is old"
         return Sentence(text=f"{self._plan.name}{is_old}. {READY}")
 

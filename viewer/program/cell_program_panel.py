@@ -43,6 +43,7 @@ class CellProgramPart(Part):
         self.model = CellProgramModel(cell, arms, context.beside)
         self._context = context.reporting(self.model.report)
         self._names, self._places = tuple(arms), cell.places
+        self._arms = tuple(arms.values())
         self._ghosts = {
             name: GhostView(context.server.scene, f"{node}/program") for name, node in nodes.items()
         }
@@ -100,7 +101,9 @@ class CellProgramPart(Part):
 
     def refresh(self) -> bool:
         """Take in the state of the arms, the plan being made and the running program."""
-        return self.model.refresh()
+        model = self.model
+        is_news, targets = model.refresh(), tuple(arm.target for arm in self._arms)
+        return is_news | self._context.front.note(model.timeline, model.t, targets, runs=model.runs)
 
     def show(self) -> None:
         """Update the widgets; viser sends only what differs."""
@@ -130,12 +133,12 @@ class CellProgramPart(Part):
 
     def _show_ghosts(self) -> None:
         """Show where the arms would stand; none while the program is run, or without a plan."""
-        model, timeline = self.model, self.model.timeline
-        stands = {} if timeline is None or model.runs else timeline.at(model.t)[1]
+        model, timeline, front = self.model, self.model.timeline, self._context.front
+        is_seen = front.is_program and front.rehearses and not model.runs
+        stands = timeline.at(model.t)[1] if timeline is not None and is_seen else {}
         ghosts = {name: Ghost(*stand) for name, stand in stands.items()}
         for name, view in self._ghosts.items():
-            ghost, state = ghosts.get(name), self._places[name].arm.state
-            view.show(self._robot, ghost if ghost and ghost.is_apart(state.q) else None)
+            view.show(self._robot, ghosts.get(name), self._places[name].arm.state)
 
 
 def _do(commands: Mapping[str, Callable[[], None]], name: str) -> None:

@@ -45,8 +45,6 @@ class ProgramPart(Part):
         )
         self._context = context.reporting(self.model.report)
         self._page, self._front = page, context.front
-        self._rehearsed: tuple[object, ...] = ()  # when the target was as it is now
-        self._target: object = None
         self._offered: tuple[object, ...] = ()  # for what the loop's fields were filled in
         self._view = ProgramView(
             context.server.scene,
@@ -148,18 +146,10 @@ class ProgramPart(Part):
 
     def refresh(self) -> bool:
         """Take in the state of the arm, the plan being made and the running program."""
-        return self.model.refresh() | self._note_ghost()
-
-    def _note_ghost(self) -> bool:
-        """Find out whether rehearsal or target is newer; return whether that has changed."""
-        screen, before = self.model.screen(), self._front.rehearses
-        rehearsed = (screen.timeline, screen.t)
-        if rehearsed != self._rehearsed:
-            self._rehearsed, self._target = rehearsed, self._page.target
-        self._front.rehearses = screen.run is not None or (
-            screen.timeline is not None and self._page.target is self._target
+        is_news, screen = self.model.refresh(), self.model.screen()
+        return is_news | self._front.note(
+            screen.timeline, screen.t, (self._page.target,), runs=screen.run is not None
         )
-        return self._front.rehearses is not before
 
     def show(self) -> None:
         """Update tab and scene; viser sends only what differs."""
@@ -173,11 +163,9 @@ class ProgramPart(Part):
             if self._front.rehearses:
                 ghost = Ghost(q, q_jaw)
             active = step + screen.first if 0.0 < screen.t < timeline.duration else None
-        if ghost is not None and not ghost.is_apart(self._context.rig.arm.state.q):
-            ghost = None
         rehearsal = None if timeline is None else timeline.rehearsal
         if self._front.is_program:
-            self._view.show(program, rehearsal, ghost)
+            self._view.show(program, rehearsal, ghost, self._context.rig.arm.state)
         else:
             self._view.hide()
         self._sentence.content = markup.sentence(screen.sentence)

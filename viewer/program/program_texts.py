@@ -28,7 +28,7 @@ PLANNED = Sentence(
     text="Planned, no collisions. Press Run program to move the arm.", tone=Tone.GOOD
 )
 PLANNED_PART = Sentence(
-    text="Planned, no collisions; a loop that began earlier is not repeated. Press Run program.",
+    text="Planned, no collisions. Loops that begin earlier run once. Press Run program.",
     tone=Tone.GOOD,
 )
 ARM_MOVED = Sentence(text="The arm has moved. Press Plan program again.")
@@ -58,9 +58,9 @@ def recorded(number: int) -> Sentence:
 def passing(before: Waypoint, *, is_last: bool) -> Sentence:
     """A waypoint is passed without a stop now."""
     if is_last:
-        return Sentence(text="The arm stops at the last waypoint; this is passed when one follows.")
+        return Sentence(text="The arm stops at the last waypoint, until another follows it.")
     if before.pause > 0.0 or before.aperture is not None:
-        text = "Passed without stopping, so without a pause, and the gripper stays as it is."
+        text = "Passed without stopping. Its pause and its gripper setting are removed."
         return Sentence(text=text)
     return Sentence(text="Passed without stopping.")
 

@@ -13,12 +13,12 @@ import viser
 from so101_description import PARTS
 
 from so101_motion.common.geometry import Array
-from so101_motion.common.units import to_rad
+from so101_motion.common.state import JointState
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
 from so101_motion.tasks.program import Program, Rehearsal
 
-from ..scene.robot_view import RobotView, segments
+from ..scene.robot_view import RobotView, looks_different, segments
 
 _COLOR = (147, 51, 234)
 _ROOT = "/program"
@@ -37,10 +37,6 @@ class Ghost(NamedTuple):
     q: Array
     q_jaw: float
 
-    def is_apart(self, q: Array) -> bool:
-        """Whether it would not flicker in an arm at ``q``, shape (5,), [rad]."""
-        return not np.allclose(self.q, q, atol=to_rad(0.5))
-
 
 class GhostView:
     """A see-through arm where a rehearsal is.
@@ -53,13 +49,19 @@ class GhostView:
         self._arm = RobotView(scene, f"{root}/ghost", color=_COLOR, opacity=0.35)
         self._arm.show(())
 
-    def show(self, model: RobotModel, ghost: Ghost | None) -> None:
-        """Show a ghost, or none."""
+    def show(self, model: RobotModel, ghost: Ghost | None, arm: JointState) -> None:
+        """Show a ghost, or none; its links that stand where those of the ``arm`` do are hidden."""
         if ghost is None:
-            self._arm.show(())
+            self.hide()
             return
-        self._arm.show(PARTS)
-        self._arm.move(model.link_placements(ghost.q, ghost.q_jaw))
+        T_ghost = model.link_placements(ghost.q, ghost.q_jaw)
+        T_arm = model.link_placements(arm.q, arm.q_jaw)
+        self._arm.show({link for link in PARTS if looks_different(T_ghost[link], T_arm[link])})
+        self._arm.move(T_ghost)
+
+    def hide(self) -> None:
+        """Show none."""
+        self._arm.show(())
 
 
 class ProgramView:
@@ -83,19 +85,25 @@ class ProgramView:
         self._dots: list[viser.SceneNodeHandle] = []
         self._path: viser.LineSegmentsHandle | None = None
 
-    def show(self, program: Program, rehearsal: Rehearsal | None, ghost: Ghost | None) -> None:
-        """Draw program, plan and ghost; sends nothing if they are unchanged."""
-        self._ghost.show(self._model, ghost)
+    def show(
+        self, program: Program, rehearsal: Rehearsal | None, ghost: Ghost | None, arm: JointState
+    ) -> None:
+        """Draw program, plan and ghost, where it is not in the arm; sends only what differs."""
+        self._ghost.show(self._model, ghost, arm)
+        self._draw(program, rehearsal)
+
+    def hide(self) -> None:
+        """Draw nothing, as of a program without waypoints."""
+        self._ghost.hide()
+        self._draw(_EMPTY, None)
+
+    def _draw(self, program: Program, rehearsal: Rehearsal | None) -> None:
         if program is not self._program:
             self._program = program
             self._draw_dots(np.array([self._model.frame(each.q).p for each in program.waypoints]))
         if rehearsal is not self._rehearsal:
             self._rehearsal = rehearsal
             self._draw_path(rehearsal)
-
-    def hide(self) -> None:
-        """Draw nothing, as of a program without waypoints."""
-        self.show(_EMPTY, None, None)
 
     def _draw_dots(self, points: Array) -> None:
         for node in self._dots:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import viser
@@ -37,15 +36,8 @@ _FOLLOW = "Follow"
 _BEHIND_TOOL = np.array([0.25, -0.40, 0.22])
 """Where the camera stands that goes along with the tool, seen from it [m]; chosen."""
 
-_TALL_CAMERA = np.array([0.76, -1.40, 0.51])
-_TALL_LOOK_AT = np.array([0.0, 0.0, -0.20])
-"""On a phone held upright, where the panels cover the lower part of the picture."""
-
 _GROUND, _KEY_LIGHT = (160, 160, 160), (0.6, -1.0, 0.5)
 """Chosen by comparing pictures with those in viser's ``studio`` surroundings."""
-
-_TALL = 0.7
-"""A picture is tall if its width is less than this share of its height."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,7 +78,6 @@ def set_up_view(server: viser.ViserServer, sight: Sight = ONE_ARM) -> None:
     cores, and the page hears no click meanwhile.
     """
     _set_up(server, sight)
-    server.on_client_connect(partial(_step_back_if_tall, sight))
     scene = server.scene
     scene.configure_environment_map(None)
     scene.add_light_hemisphere(
@@ -157,18 +148,6 @@ def set_up_recording(server: viser.ViserServer) -> None:
     """Set up camera and lights of a recording, whose player resets them in each round."""
     _set_up(server, ONE_ARM)
     server.scene.add_light_ambient("/light", intensity=0.8)
-
-
-async def _step_back_if_tall(sight: Sight, client: viser.ClientHandle) -> None:
-    """Move the camera back on a phone, also after viser resets it."""
-
-    async def look(camera: viser.CameraHandle) -> None:
-        if camera.aspect < _TALL and np.allclose(camera.position, sight.at(_CAMERA)):
-            with client.atomic():
-                camera.position = sight.at(_TALL_CAMERA)  # takes along what is looked at
-                camera.look_at = sight.at(_TALL_LOOK_AT)
-
-    client.camera.on_update(look)
 
 
 def _set_up(server: viser.ViserServer, sight: Sight) -> None:

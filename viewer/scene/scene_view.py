@@ -40,7 +40,8 @@ FLOOR_SIZE = 1.2
 """Edge of the floor that is drawn [m]; chosen: somewhat beyond the arm's reach."""
 
 
-_AXES = 0.42  # how long X and Y are drawn on it [m]; chosen: their ends are in the first picture
+_AXES = 0.4  # how long X and Y are drawn on it [m]; chosen: their ends are in the first picture
+_AXIS_NAMES = (f"X {1000.0 * _AXES:.0f} mm", "Y")  # the arm may hide a part of a longer Y
 _AXIS_COLORS = np.array([(224, 49, 49), (47, 158, 68)])
 """Of X and Y, about as the arrows of the target have them."""
 
@@ -201,8 +202,13 @@ def _floor(stage: viser.SceneApi, path: str) -> viser.GridHandle:
     lines = np.stack([np.zeros((2, 3)), ends], axis=1)
     colors = np.repeat(_AXIS_COLORS[:, None], 2, axis=1)
     stage.add_line_segments(f"{path}/axes", lines, colors, thickness=1.5, thickness_units="screen")
-    for name, end in zip("XY", ends, strict=True):
+    for name, end in zip(_AXIS_NAMES, ends, strict=True):
         stage.add_label(
-            f"{path}/{name}", name, position=end, anchor="center-center", depth_test=True
+            f"{path}/{name[0]}",
+            name,
+            position=1.05 * end,
+            anchor="center-center",
+            depth_test=True,
+            font_screen_scale=0.8,
         )
     return floor

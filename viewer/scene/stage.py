@@ -64,7 +64,13 @@ class Stage:
             f"{root}/target", scale=0.11, disable_rotations=True, depth_test=False
         )
         for axis, p in zip("XYZ", _LETTERS * np.eye(3), strict=True):
-            self._scene.add_label(f"{root}/target/{axis}", axis, position=p, anchor="center-center")
+            self._scene.add_label(
+                f"{root}/target/{axis}",
+                axis,
+                position=p,
+                anchor="center-center",
+                font_screen_scale=0.8,
+            )
         self._on_drag, self._on_turn = on_drag, on_turn
         context.on_drag(self._target, self._dragged)
         context.on_release(self._target, lambda _: self._released(on_release))

@@ -179,9 +179,9 @@ def words(standing: WindowStatus) -> str | None:
     return {
         Role.IN_CONTROL: None,
         Role.WATCHING: f"Window {other} has control. You see everything, and Stop works here too.",
-        Role.ASKING: f"Asked window {other}; without an answer you get control in {seconds} s.",
+        Role.ASKING: f"Asked window {other}. You get control in {seconds} s unless it refuses.",
         Role.ASKED: f"Window {other} will get control in {seconds} s.",
-        Role.FREE: "No window has control; the next press takes it.",
+        Role.FREE: "No window has control. Press any button to take it.",
     }[standing.role]
 
 

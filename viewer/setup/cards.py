@@ -210,7 +210,7 @@ def grid(found: Verification) -> str:
         is_ok = check.status == "ok"
         colour, mark = (GOOD, "✓") if is_ok else (BAD, "✗")
         facts = check.facts
-        about = "as it must be"
+        about = "as it should be"
         if facts is not None:
             about = f"{facts.volts:.1f} V, firmware {facts.firmware}"
         about = about if is_ok else check.status.replace("_", " ")

@@ -26,7 +26,7 @@ from .setup_context import SetupContext
 from .setup_target import SetupTarget
 
 _LET_GO = (
-    "The arm must be assembled by now; that takes an hour or two, and this page waits. Hold the arm"
+    "Assemble the arm first; this page waits. Then hold it"
     " with one hand, then press Let go of the joints: it sinks at once. Nothing is written to the"
     " motors yet."
 )

@@ -37,11 +37,11 @@ _SHOWN = 5
 
 @click.group(cls=Verbs)
 def sweep() -> None:
-    """Compute large things shard by shard: where the arm reaches, many plans.
+    """Run large computations in pieces: where the arm reaches, many plans.
 
     All cores but one work, unless --workers or --dask says otherwise. The result is the same
-    whatever computes it; the last line is its SHA-256. What is interrupted goes on when the same
-    command is given again.
+    whatever computes it; the last line is its SHA-256. To go on after an interruption, give the
+    same command again.
     """
 
 

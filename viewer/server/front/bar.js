@@ -54,6 +54,10 @@
     lost.setAttribute('role', 'alert');
     lost.hidden = true;
 
+    new ResizeObserver(() => {
+      document.documentElement.style.setProperty('--so101-wrong', `${alerts.offsetHeight}px`);
+    }).observe(alerts);
+
     let pressed = 0;
     button.addEventListener('pointerdown', () => { pressed = Date.now(); stop(); });
     button.addEventListener('click', () => { if (Date.now() - pressed > 400) stop(); });

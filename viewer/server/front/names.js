@@ -34,7 +34,11 @@
     for (const node of document.querySelectorAll('.mantine-CloseButton-root:not([aria-label])')) {
       node.setAttribute('aria-label', 'Close');
       const notice = node.closest('.mantine-Notification-root');
-      if (notice?.textContent.startsWith('Software WebGL')) setTimeout(() => node.click(), READ);
+      if (!notice?.textContent.startsWith('Software WebGL')) continue;
+      notice.querySelector('.mantine-Notification-title').textContent =
+        'No graphics card is used, so the picture is slow.';
+      notice.querySelector('.mantine-Notification-description').textContent = '';
+      setTimeout(() => node.click(), READ);
     }
   }
 

@@ -145,7 +145,7 @@ def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab: Tab
     tab.model.set_aperture(0.0)
     tab.model.set_passes(True)
     assert first() == (True, 0.0, None)
-    assert tab.said.endswith("so without a pause, and the gripper stays as it is.")
+    assert tab.said.endswith("Its pause and its gripper setting are removed.")
     tab.model.set_aperture(0.5)
     assert first() == (False, 0.0, 0.5)
     assert tab.said == "The gripper needs a stop, so this waypoint is no longer passed."
@@ -161,7 +161,7 @@ def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab: Tab
     assert first() == (False, 0.0, None)
     tab.model.choose(1)
     tab.model.set_passes(True)
-    assert tab.said == "The arm stops at the last waypoint; this is passed when one follows."
+    assert tab.said == "The arm stops at the last waypoint, until another follows it."
 
 
 def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab: Tab) -> None:
@@ -241,7 +241,7 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: T
     tab.until(lambda: tab.model.screen().run is None)
     tab.model.plan("from here")
     tab.until(lambda: tab.model.screen().can_run)
-    assert tab.said.startswith("Planned, no collisions; a loop that began earlier")
+    assert tab.said.startswith("Planned, no collisions. Loops that begin earlier run once.")
     tab.model.end_loop()
     assert tab.model.screen().program.loops == ()
     with pytest.raises(ConfigError, match="is in no loop"):
