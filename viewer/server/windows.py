@@ -178,7 +178,7 @@ def words(standing: WindowStatus) -> str | None:
     other, seconds = standing.other, standing.seconds
     return {
         Role.IN_CONTROL: None,
-        Role.WATCHING: f"Window {other} has control. You see everything, and Stop works here too.",
+        Role.WATCHING: f"Window {other} has control. Stop works here too.",
         Role.ASKING: f"Asked window {other}. You get control in {seconds} s unless it refuses.",
         Role.ASKED: f"Window {other} will get control in {seconds} s.",
         Role.FREE: "No window has control. Press any button to take it.",
