@@ -41,6 +41,7 @@ FLOOR_SIZE = 1.2
 
 
 _AXES = 0.4  # how long X and Y are drawn on it [m]; chosen: their ends are in the first picture
+_ABOVE = np.array([0.0, 0.0, 0.012])  # else the floor's lines go through the words [m]
 _AXIS_NAMES = (f"X {1000.0 * _AXES:.0f} mm", "Y")  # the arm may hide a part of a longer Y
 _AXIS_COLORS = np.array([(224, 49, 49), (47, 158, 68)])
 """Of X and Y, about as the arrows of the target have them."""
@@ -206,7 +207,7 @@ def _floor(stage: viser.SceneApi, path: str) -> viser.GridHandle:
         stage.add_label(
             f"{path}/{name[0]}",
             name,
-            position=1.05 * end,
+            position=1.05 * end + _ABOVE,
             anchor="center-center",
             depth_test=True,
             font_screen_scale=0.8,
