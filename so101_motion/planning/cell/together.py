@@ -4,8 +4,8 @@ Three ways, the quickest first. *All at once*: every arm is planned for as if it
 faster ones are slowed down to the slowest. *One after the other*: an arm is planned for, and the
 next among it (``planning/among.py``), in every order there is; whoever is there early rests. *As
 one*: where arms have to make room for each other, a path is searched for all joints together, and
-timed as one. Each is looked for only if the one before fails; of the orders the one that ends
-earliest is taken.
+timed as one, slower where they are near each other (``pace.py``). Each is looked for only if the
+one before fails; of the orders the one that ends earliest is taken.
 
 What is found is proven as a whole: every arm by itself as always, and every two arms in time.
 """
@@ -24,6 +24,7 @@ import numpy as np
 from so101_motion.common.errors import InCollision, NoPath, PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import crossing, plan_among
+from so101_motion.planning.cell.pace import PacedArm, pace_on
 from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course, OtherArm
@@ -304,7 +305,7 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
     problem: PlanningError | None = None
     motions: list[Trajectory] = []
     for slower in SLOWER:
-        for trajectory in motions or _timed(np.array(points), contexts, first.dt):
+        for trajectory in motions or _timed(np.array(points), team, contexts):
             if slower == SLOWER[0]:
                 motions.append(trajectory)
             parts = _split(slowed(trajectory, slower) if slower > 1.0 else trajectory)
@@ -357,20 +358,35 @@ def _searched(
     return found and shortened(found[0], checker, random, deadline)
 
 
-def _timed(points: Array, contexts: Sequence[PlanningContext], dt: float) -> Iterator[Trajectory]:
-    """Motions along a path of all joints: with its corners cut, then with a stop at each."""
+def _timed(
+    points: Array, team: Sequence[TeamMember], contexts: Sequence[PlanningContext]
+) -> Iterator[Trajectory]:
+    """Motions along a path of all joints.
+
+    With its corners cut, slower where arms are near each other; then with a stop at each.
+    """
     limits = [each.moves.limits for each in contexts]
     caps = MotionLimits(
         velocity=np.concatenate([each.velocity for each in limits]),
         acceleration=np.concatenate([each.acceleration for each in limits]),
         jerk=np.concatenate([each.jerk for each in limits]),
     )
-    if len(points) > 2:
-        for tolerance in (CORNER, 0.25 * CORNER):
+    dt, paced, arms = team[0].request.dt, replace(caps, tool_speed=1.0), _paced(team)
+    for tolerance in (CORNER, 0.25 * CORNER):
+        path = blended_path(points, tolerance)
+        pace = pace_on(path, arms)
+        if pace is not None:
             with suppress(PlanningError):
-                yield _borne(retime(blended_path(points, tolerance), caps, dt), contexts)
+                yield _borne(retime(path, paced, dt, tool_speed_fn=pace), contexts)
     legs = [point_to_point(a, b, caps, dt) for a, b in pairwise(points)]
     yield _borne(joined(legs), contexts)
+
+
+def _paced(team: Sequence[TeamMember]) -> list[PacedArm]:
+    return [
+        PacedArm(bodies_of(each.request.scene.attached), each.T_cell_base, each.request.q_jaw)
+        for each in team
+    ]
 
 
 def _borne(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> Trajectory:

@@ -203,9 +203,9 @@ def clearance_over_time(
     """
     (a, _), (b, _) = first, second
     found = []
-    for t, gaps in zip(times, _gaps(first, second, T_first_second, times), strict=True):
-        i, j = np.unravel_index(np.argmin(gaps), gaps.shape)
-        found.append(Meeting(float(t), float(gaps[i, j]), a.names[i], b.names[j]))
+    for t, apart in zip(times, gaps(first, second, T_first_second, times), strict=True):
+        i, j = np.unravel_index(np.argmin(apart), apart.shape)
+        found.append(Meeting(float(t), float(apart[i, j]), a.names[i], b.names[j]))
     return found
 
 
@@ -232,12 +232,12 @@ def only_part(
     if first[0].passed | second[0].passed:
         return False
     times = np.linspace(since, max(first[1].end, since), LOOKS)
-    now, *after = _gaps(first, second, T_first_second, times)
+    now, *after = gaps(first, second, T_first_second, times)
     enough = np.minimum(now, room) - _SAME
     return all(bool(np.all(each >= enough)) for each in after)
 
 
-def _gaps(
+def gaps(
     first: tuple[ArmBodies, Course],
     second: tuple[ArmBodies, Course],
     T: SE3,
@@ -251,14 +251,14 @@ def _gaps(
     data, request = (a.model.createData(), b.model.createData()), coal.DistanceRequest()
     for qa, qb in zip(one.at(times), other.at(times), strict=True):
         place_a, place_b = a.placed(qa, SE3.identity(), data[0]), b.placed(qb, T, data[1])
-        gaps = np.full((len(a.objects), len(b.objects)), np.inf)
+        apart = np.full((len(a.objects), len(b.objects)), np.inf)
         for i, (x, at) in enumerate(zip(a.objects, place_a, strict=True)):
             for j, (y, to) in enumerate(zip(b.objects, place_b, strict=True)):
                 if x.parentJoint or y.parentJoint:
-                    gaps[i, j] = coal.distance(
+                    apart[i, j] = coal.distance(
                         x.geometry, at, y.geometry, to, request, coal.DistanceResult()
                     )
-        yield gaps
+        yield apart
 
 
 def stops_meeting(

@@ -193,6 +193,24 @@ int so101_apart(const Scene *a, const Scene *b, const double *placement, const d
     return known_apart(a, b, placement, levers_a, levers_b, n, qa, qb, margin, skew, &known, out);
 }
 
+/* How far apart every body of `a` is from every body of `b` at each of `n` configurations, at least and
+ * about, see so101_gap; `out`: n tables, a row for each body of `a`. Bases are infinitely far apart. */
+void so101_gaps(const Scene *a, const Scene *b, const double *placement, int n, const double *qa,
+                const double *qb, double need, double enough, double *out) {
+    double lie[MOST_BODIES][MOST_BODIES][3];
+    memset(lie, 0, sizeof lie);
+    for (int k = 0; k < n; k++) {
+        Arm first = {.scene = a, .q = qa + JOINTS * k}, second = {.scene = b, .q = qb + JOINTS * k};
+        look(&first, 0, 1, 0.0);
+        look(&second, placement, 1, 0.0);
+        for (int i = 0; i < a->bodies; i++)
+            for (int j = 0; j < b->bodies; j++)
+                *out++ = a->body[i].joint || b->body[j].joint
+                             ? between(&first, i, &second, j, need, enough, lie[i][j])
+                             : INFINITY;
+    }
+}
+
 /* What an arm will do: `n` configurations from `t` on, `dt` apart; it rests before and after. */
 typedef struct {
     double t, dt;

@@ -227,7 +227,7 @@ double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, c
     const Pose *pose_a = &at_a[first->joint], *pose_b = &at_b[second->joint];
     const double radii = first->radius + second->radius + ROUNDED;
     double w[4][3], share[4], pa[3], pb[3], low = 0.0, last = INFINITY;
-    if (!(dot(v, v) > 0.0))
+    if (!(dot(v, v) > 1e-18)) /* unknown, or they have touched */
         for (int c = 0; c < 3; c++) v[c] = pose_a->p[c] - pose_b->p[c];
     int n = 0;
     for (int round = 0; round < ROUNDS && n < 4; round++) {

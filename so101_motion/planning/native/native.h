@@ -179,4 +179,6 @@ int so101_first_blocked(Scene *s, const Level *levels, int n_levels, const doubl
 int so101_apart(const Scene *a, const Scene *b, const double *placement, const double *levers_a,
                 const double *levers_b, int n, const double *qa, const double *qb, double margin,
                 double skew, double *out);
+void so101_gaps(const Scene *a, const Scene *b, const double *placement, int n, const double *qa,
+                const double *qb, double need, double enough, double *out);
 #endif

@@ -1,0 +1,110 @@
+"""How fast several arms may be on a common path: the nearer to each other, the slower.
+
+A proof asks for more room where both arms are fast (``apart.py``). A path that leaves less is
+slowed down where it does, instead of all of it. What comes out is only likely to be proven.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.apart import EARLY, ROOM, gaps, placement
+from so101_motion.planning.collision.arm_bodies import ArmBodies
+from so101_motion.planning.collision.batch_check import pointer
+from so101_motion.planning.collision.course import Course
+from so101_motion.planning.native.library import native
+from so101_motion.planning.timing.path_geometry import JointPath
+
+LOOKS = 64
+"""At so many places of a path it is looked how near arms are; chosen, a millisecond."""
+
+FAR = 0.3
+"""Bodies that are further apart than this slow nobody down [m]; chosen."""
+
+SHARE = 0.8
+"""So much of the room that is left may be used; chosen, between two places it may be less."""
+
+SLOWEST = 0.02
+"""Nothing is made slower than this [m/s]; chosen."""
+
+
+class PacedArm(NamedTuple):
+    """An arm on a common path.
+
+    Attributes:
+        bodies: The arm's, with what it holds.
+        T_cell_base: Where its base stands.
+        q_jaw: Its jaw [rad].
+    """
+
+    bodies: ArmBodies
+    T_cell_base: SE3
+    q_jaw: float
+
+
+def pace_on(path: JointPath, arms: Sequence[PacedArm]) -> Callable[[Array, Array], Array] | None:
+    """How fast arms are on a path, as a share of what is likely to be proven.
+
+    Args:
+        path: Of all joints, five for each arm.
+        arms: The arms in the order of their joints.
+
+    Returns:
+        From joint angles (m, n) on the path and their rates (m, n) to that share, (m,); None if
+        arms come so near to each other that they could not move at all.
+    """
+    places = path.evaluate(np.linspace(0.0, path.length, LOOKS)).q
+    q = [
+        np.column_stack([places[:, 5 * k : 5 * k + 5], np.full(LOOKS, each.q_jaw)])
+        for k, each in enumerate(arms)
+    ]
+    allowed = []
+    for i, j in combinations(range(len(arms)), 2):
+        T = arms[i].T_cell_base.inverse @ arms[j].T_cell_base
+        room = _gaps(arms[i].bodies, arms[j].bodies, T, q[i], q[j]) - ROOM
+        if room.min() <= 0.0:
+            return None
+        allowed.append((i, j, np.maximum(SHARE * room / EARLY, SLOWEST)))
+    square = np.sum(places**2, axis=1)
+
+    def pace(q: Array, qd: Array) -> Array:
+        k = np.argmin(square - 2.0 * q @ places.T, axis=1)  # the nearest
+        fast = [
+            np.abs(qd[:, 5 * i : 5 * i + 5]) @ each.bodies.levers[:, :5].T
+            for i, each in enumerate(arms)
+        ]
+        shares = [
+            (np.minimum(fast[i][:, :, None], fast[j][:, None]) / most[k]).max(axis=(1, 2))
+            for i, j, most in allowed
+        ]
+        return np.asarray(np.max(shares, axis=0))
+
+    return pace
+
+
+def _gaps(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array) -> Array:
+    """How far apart bodies are at configurations (n, 6), at least and about: (n, k, m), [m]."""
+    if a.handle is None or b.handle is None:
+        one, other = Course(t=0.0, dt=1.0, q=qa), Course(t=0.0, dt=1.0, q=qb)
+        return np.array([*gaps((a, one), (b, other), T, np.arange(float(len(qa))))])
+    library, placed = native().library, placement(T)
+    assert library is not None
+    found = np.empty((len(qa), len(a.objects), len(b.objects)))
+    library.so101_gaps(
+        a.handle,
+        b.handle,
+        pointer(placed),
+        len(qa),
+        pointer(np.ascontiguousarray(qa)),
+        pointer(np.ascontiguousarray(qb)),
+        ctypes.c_double(ROOM),
+        ctypes.c_double(FAR),
+        pointer(found),
+    )
+    return found
