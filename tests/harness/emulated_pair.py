@@ -39,11 +39,11 @@ def human_motion(seconds, seed, *, dt=0.01, tremor_deg=0.08, fastest=120.0):
     """Joint angles of somebody who leads an arm, shape (n, 6), [deg]: a row each ``dt``.
 
     Reaches of minimum jerk (Flash and Hogan 1985), up to ``fastest`` [deg/s] and 150 to 350
-    deg/s^2 (more if that is above 120), with pauses between them, every joint at its own times, and
-    the trembling of a hand at 6 to 10 Hz.
+    deg/s^2, with pauses between them, every joint at its own times, and the trembling of a hand at
+    6 to 10 Hz.
     """
     rng = np.random.default_rng(seed)
-    t, hardest = np.arange(0.0, seconds, dt), 350.0 * max(1.0, fastest / 120.0)
+    t = np.arange(0.0, seconds, dt)
     angles = np.zeros((len(t), 6))
     for i in range(6):
         now, here = 0.3, 0.0 if i < 5 else 20.0
@@ -51,7 +51,7 @@ def human_motion(seconds, seed, *, dt=0.01, tremor_deg=0.08, fastest=120.0):
         while now < seconds:
             goal = rng.uniform(LOWEST_DEG[i], HIGHEST_DEG[i])
             far = abs(goal - here)
-            speed, hard = rng.uniform(30.0, fastest), 5.77 * far / rng.uniform(150, hardest)
+            speed, hard = rng.uniform(30.0, fastest), 5.77 * far / rng.uniform(150, 350)
             begin = now + rng.choice([0.0, rng.uniform(0.0, 0.6)])
             duration = max(0.35, 1.875 * far / speed, hard**0.5)
             u = np.clip((t - begin) / duration, 0.0, 1.0)
