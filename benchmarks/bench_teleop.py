@@ -17,8 +17,8 @@ are in it: a joint that turns round slowly sticks for some hundredths of a secon
 
 ``--before COMMIT`` compares with the teleoperation of an older commit, all of its code but the
 emulator, which is today's: the same servos, leader and clock. The leader moves at up to 120 deg/s,
-then at up to 180, clear of the table, and today's follower has its guard first and then none. It
-runs nothing else.
+then at up to 180, clear of the table, and today's follower has its guard first and then none. How
+hard a servo truly brakes is not judged there. It runs nothing else.
 
 ``--minutes`` says how long the long run is, 30 by default. It takes a fifth of that, and runs
 beside the other parts on that clock; all together need two processors for eight minutes.
@@ -166,6 +166,8 @@ def _followed(checkout: Path, ways: Path, options: dict[str, bool]) -> dict[str,
         "import json, numpy as np; from benchmarks import bench_teleop as bench;"
         f"ways = iter(np.load({str(ways)!r}));"
         "bench._bench.human_motion = lambda seconds, seed: next(ways);"
+        "refereed = bench._referee.refereed;"
+        "bench._referee.refereed = lambda: refereed(('motion',));"
         f"sides = [bench.mirrored(seed, bench.SECONDS, **{options!r}) for seed in bench.SEEDS];"
         "both = (np.vstack([side[i] for side in sides]) for i in (0, 1));"
         "print(json.dumps(bench.figures(*both, bench.PERIOD)))"
