@@ -69,7 +69,7 @@ ATTRIBUTES = (
         default=SPEED_RANGE_DEG[1], ours=True,
     ),
     Attribute(
-        "acceleration_degs_per_sec_per_sec", "cap while mirroring", unit="deg/s^2",
+        "acceleration_degs_per_sec_per_sec", "cap while mirroring; with the guard 380 at most", unit="deg/s^2",
         range=ACCELERATION_RANGE_DEG, default=ACCELERATION_RANGE_DEG[1], ours=True,
     ),
     Attribute(
