@@ -69,8 +69,8 @@ ATTRIBUTES = (
         default=SPEED_RANGE_DEG[1], ours=True,
     ),
     Attribute(
-        "acceleration_degs_per_sec_per_sec", "cap while mirroring; with the guard 380 at most", unit="deg/s^2",
-        range=ACCELERATION_RANGE_DEG, default=ACCELERATION_RANGE_DEG[1], ours=True,
+        "acceleration_degs_per_sec_per_sec", "cap while mirroring; with the guard 380 at most",
+        unit="deg/s^2", range=ACCELERATION_RANGE_DEG, default=ACCELERATION_RANGE_DEG[1], ours=True,
     ),
     Attribute(
         "approach_speed_degs_per_sec", "cap while coming closer", unit="deg/s",
