@@ -157,7 +157,7 @@ def responding(seconds: float) -> dict[str, Any]:
         arm.changed.clear()
         begin = time.perf_counter()
         led.aim(READY + np.radians([4.0 if k % 2 else 0.0, 0.0, 0.0, 0.0, 0.0]))
-        time.sleep(0.05)
+        time.sleep(0.2)
         found.append(arm.changed[0] - begin)
     led.close().result(5.0)
     late = executor.state.late_ticks
