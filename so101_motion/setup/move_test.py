@@ -297,7 +297,7 @@ class _Run:
         if error is None:
             return ""
         if isinstance(error, Interrupted):
-            return str(error)
+            return "it was stopped, and the arm holds" if error.by == "stop" else str(error)
         if not isinstance(error, So101Error):
             raise error
         self._trouble[self._joint] = str(error)

@@ -115,8 +115,8 @@ def result(found: MoveReport) -> str:
     return (
         f'<div style="{_BOX}"><b style="color:{colour};font-size:1.1em">'
         f"{escape(capital(found.sentence))}</b>"
-        f'<div style="color:{DIM}">{escape(tool)}Off: from where it was sent, at rest. Sides: how'
-        " much that differs with the side it came from. Behind: how late it is while it moves."
+        f'<div style="color:{DIM}">{escape(tool)}Off: how far each joint rests from its target.'
+        " Sides: how much that depends on where it came from. Behind: how late it is in motion."
         "</div></div>"
     )
 

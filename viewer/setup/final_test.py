@@ -314,5 +314,14 @@ class FinalTestPage(StepPage):
                 name="test",
                 verdict="fail" if not report.passed else "warn" if warned else "ok",
                 sentence=report.sentence,
-                fix="" if report.passed else "read the note at each joint, then test again",
+                fix=_what_to_do(report),
             )
+
+
+def _what_to_do(report: MoveReport) -> str:
+    """What to do after a test; empty when it is passed."""
+    if report.passed:
+        return ""
+    if report.ended_by:
+        return "press Back and test again"
+    return "press Back, read the note at each joint, then test again"

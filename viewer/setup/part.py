@@ -238,6 +238,7 @@ class SetupPart(Part):
         can_test = step.name == TEST.name and target is not None and target.rig is not None
         skips = can_test and self.setup.tested is None
         self._next.label = "Skip the test" if skips else "Finish" if wizard.is_last else "Next"
+        self._next.color = "gray" if skips else None
         self._next.disabled = reason is not None
         self._back.disabled = bool(self.setup.doing)
         self._abort.show(can=not self.setup.doing)

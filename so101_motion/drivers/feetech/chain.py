@@ -83,7 +83,7 @@ class Chain:
             PortUnavailable: There is no port at present; ``set_up`` tries to get it back.
         """
         if not self.is_set_up:
-            reason = "not connected at present; the connection is taken up again by itself"
+            reason = "not connected at present; it reconnects by itself"
             raise PortUnavailable("the arm's port", reason)
         return self.connection.bus()
 

@@ -54,8 +54,10 @@
     lost.setAttribute('role', 'alert');
     lost.hidden = true;
 
+    const reach = () => { alerts.tabIndex = alerts.scrollHeight > alerts.clientHeight ? 0 : -1; };
     new ResizeObserver(() => {
       document.documentElement.style.setProperty('--so101-wrong', `${alerts.offsetHeight}px`);
+      reach();  // what must be scrolled, keys scroll
     }).observe(alerts);
 
     let pressed = 0;
@@ -102,13 +104,13 @@
       root.classList.toggle('so101-empty', !board().so101);
       root.classList.toggle('so101-watching', mine.controls === false);
       if (changed('alerts', wrong)) {
-        alerts.tabIndex = wrong.length > 2 ? 0 : -1;  // more may have to be scrolled
         list.replaceChildren(...wrong.map(({ tone, text }) => {
           const line = make('p');
           line.className = tone;
           line.textContent = text;
           return line;
         }));
+        reach();
       }
       if (changed('views', board().views)) {
         views.replaceChildren(...(board().views ?? []).map(({ label, press }) => {
