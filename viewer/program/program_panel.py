@@ -44,7 +44,7 @@ class ProgramPart(Part):
             set_target=page.set_target_joints,
         )
         self._context = context.reporting(self.model.report)
-        self._page, self._front = page, context.front
+        self._page, self._target, self._front = page, page.target, context.front
         self._offered: tuple[object, ...] = ()  # for what the loop's fields were filled in
         self._view = ProgramView(
             context.server.scene,
@@ -146,10 +146,13 @@ class ProgramPart(Part):
 
     def refresh(self) -> bool:
         """Take in the state of the arm, the plan being made and the running program."""
-        is_news, screen = self.model.refresh(), self.model.screen()
-        return is_news | self._front.note(
-            screen.timeline, screen.t, (self._page.target,), runs=screen.run is not None
-        )
+        before, self._target = self._target, self._page.target
+        is_news = self.model.refresh()
+        if not is_news and self._target is before:
+            return False
+        screen = self.model.screen()
+        runs = screen.run is not None
+        return is_news | self._front.note(screen.timeline, screen.t, (self._target,), runs=runs)
 
     def show(self) -> None:
         """Update tab and scene; viser sends only what differs."""

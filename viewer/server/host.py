@@ -92,7 +92,8 @@ class Host:
     def _shared(self) -> dict[str, Any]:
         if self._tabs is None:  # empty, it would be an ugly thing to look at
             self._tabs = self.gui.add_tab_group()
-            PageContext(**self._shared()).on_entry(self._front_name, self.front.turn_to)
+            self.page_context().on_entry(self._front_name, self._turn_to)
+            self._turn_to("")
         return {
             "server": self._server.viser,
             "tabs": self._tabs,
@@ -103,6 +104,11 @@ class Host:
             "bar": self.bar,
             "front": self.front,
         }
+
+    def _turn_to(self, name: str) -> None:
+        """Note which tab is in front, and tell the browsers that it is known."""
+        self.front.turn_to(name)
+        self._front_html.content = board("front", tab=name, press=uuid_of(self._front_name))
 
     def add_parts(self, *parts: Part) -> None:
         """Add ``parts`` to the page; called before ``start`` or by a command."""
@@ -153,9 +159,6 @@ class Host:
 
     def _show_bar(self) -> None:
         self._bar_html.content = self.bar.text()  # viser sends it if it differs
-        self._front_html.content = board(
-            "front", tab=self.front.name, press=uuid_of(self._front_name)
-        )
         if time.monotonic() >= self._beat_due:
             self._beat_due = time.monotonic() + _BEAT
             self._beats += 1
