@@ -13,7 +13,7 @@ demo:
 	$(BIN)/so101 demo
 
 # Who takes what, with two workers and with more: tests/harness/lanes.py.
-WORKERS ?= 2
+WORKERS ?= 3
 test: browser
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
