@@ -149,7 +149,9 @@ def compared(commit: str) -> Iterator[dict[str, Any]]:
             copy(here / "so101_motion" / "drivers" / part, target)
         for fastest in FASTEST:
             ways = old / "ways.npy"
-            motions = [_bench.human_motion(SECONDS + 1.5, seed, fastest=fastest) for seed in SEEDS]
+            motions = [
+                _bench.human_motion(SECONDS + 1.5, seed, fastest=fastest) + RAISED for seed in SEEDS
+            ]
             np.save(ways, motions)
             speed = float(np.abs(np.diff(motions, axis=1)).max()) / PERIOD
             for who, checkout, options in (
