@@ -275,7 +275,7 @@ def followings(ticks: int, seed: int) -> list[dict[str, object]]:
             begin = time.process_time()
             clock.advance(0.01)
             spent.append(time.process_time() - begin)
-            q = [np.append(rig.arm.state.q_ref, 0.0) for rig in (one, other)]
+            q = [np.append(rig.arm.state.q_ref, rig.arm.state.q_jaw) for rig in (one, other)]
             touching += solids.touch(*q)
         for following in led:
             following.close()
