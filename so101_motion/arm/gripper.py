@@ -5,7 +5,8 @@ setpoints, and the executor then tells it to stay where it is. From there it is 
 further (or a share of it, see ``set_force``), which it cannot reach; the servo's position loop
 turns that distance into a steady force, a fifth of what the motor could do, that it can keep up
 without getting hot. As long as the jaw is held off the place it was sent to, something is held;
-when the thing slips out, the jaw closes the distance and nothing is.
+when the thing slips out, the jaw closes the distance and nothing is. A jaw that was only late, with
+nothing between, meets no resistance when it presses; it then closes further.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, Unpack
 
@@ -63,6 +65,15 @@ NEAR = to_rad(5.0)
 
 SAME_APERTURE = 0.02
 """An aperture nearer than this to what is wanted needs no motion; chosen."""
+
+
+@dataclass(frozen=True)
+class _Way:
+    """Where a motion takes the jaw [rad], how fast, and whether it grabs."""
+
+    q_goal: float
+    limits: MotionLimits | None
+    grabs: bool
 
 
 class Jaw(Protocol):
@@ -201,10 +212,7 @@ class Gripper:
         Raises:
             ConfigError: Outside 0 to 1.
         """
-        motion = Motion()
-        running = self._begin_latest(motion, self.angle_of(aperture), limits, grabs=False)
-        running.add_done_callback(partial(self._closed_or_met, motion, aperture))
-        return motion
+        return self._start(_Way(self.angle_of(aperture), limits, grabs=False))
 
     def start_grab(self, aperture: float = 0.0, *, limits: MotionLimits | None = None) -> Motion:
         """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
@@ -213,10 +221,7 @@ class Gripper:
             aperture: What counts as closed.
             limits: How fast, this once; the gripper's own if None.
         """
-        motion = Motion()
-        running = self._begin_latest(motion, self.angle_of(aperture), limits, grabs=True)
-        running.add_done_callback(partial(self._closed_or_met, motion, -1.0))
-        return motion
+        return self._start(_Way(self.angle_of(aperture), limits, grabs=True))
 
     def open_following(
         self,
@@ -300,15 +305,15 @@ class Gripper:
             raise ConfigError("aperture", aperture, "must be between 0 (closed) and 1 (open)")
         return self.closed + aperture * (self.opened - self.closed)
 
-    def _begin_latest(
-        self, motion: Motion, q_goal: float, limits: MotionLimits | None, *, grabs: bool
-    ) -> Future[None]:
+    def _start(self, way: _Way) -> Motion:
+        motion = Motion()
         with self._lock:
-            previous, self._latest, self._grabs = self._latest, motion, grabs
-            running = self._begin(motion, q_goal, limits)
+            previous, self._latest, self._grabs = self._latest, motion, way.grabs
+            running = self._begin(motion, way.q_goal, way.limits)
         if previous is not None:  # the jaw has turned already; what is only prepared must not begin
             previous.interrupt(SUPERSEDED)
-        return running
+        running.add_done_callback(partial(self._arrived_or_met, motion, way))
+        return motion
 
     @property
     def _pressing(self) -> float:
@@ -338,28 +343,49 @@ class Gripper:
             **how,
         )
 
-    def _closed_or_met(self, motion: Motion, aperture: float, done: Future[None]) -> None:
-        """Press on what has stopped a motion that closes to ``aperture``."""
+    def _arrived_or_met(self, motion: Motion, way: _Way, done: Future[None]) -> None:
+        """Press on what has stopped a jaw that closes."""
         error = done.exception()
-        if not isinstance(error, FollowingError) or aperture > self.aperture:
+        opens = not way.grabs and way.q_goal > self.q_jaw
+        if opens or not isinstance(error, FollowingError):
             motion.take_outcome(done)
             return
+        pressed = partial(self._pressed, motion, way, None if way.grabs else error)
+        self._go_on(motion, self._pressing, pressed, grabs=True)
+
+    def _pressed(
+        self, motion: Motion, way: _Way, missed: FollowingError | None, done: Future[None]
+    ) -> None:
+        """End with the grip; close further if there was nothing to press on."""
+        state = self._executor.state
+        grips = state.q_jaw - state.q_jaw_ref >= GRIP
+        if isinstance(done.exception(), FollowingError):
+            if missed is None:
+                motion.future.set_result(None)  # that it cannot get there is the grip
+            else:
+                motion.future.set_exception(missed)
+        elif done.exception() is None and not grips and state.q_jaw_ref > way.q_goal:
+            met = partial(self._arrived_or_met, motion, way)
+            self._go_on(motion, way.q_goal, met, grabs=way.grabs, limits=way.limits)
+        else:
+            motion.take_outcome(done)
+
+    def _go_on(
+        self,
+        motion: Motion,
+        q_goal: float,
+        then: Callable[[Future[None]], None],
+        *,
+        grabs: bool,
+        limits: MotionLimits | None = None,
+    ) -> None:
         try:
             with self._lock:
                 if self._latest is not motion:
                     raise Interrupted(SUPERSEDED)
-                is_grab, self._grabs = self._grabs, True
-                pressing = self._begin(motion, self._pressing)
+                self._grabs = grabs
+                running = self._begin(motion, q_goal, limits)
         except So101Error as refusal:
             motion.future.set_exception(refusal)
         else:
-            pressing.add_done_callback(partial(self._pressed, motion, None if is_grab else error))
-
-    @staticmethod
-    def _pressed(motion: Motion, missed: FollowingError | None, done: Future[None]) -> None:
-        if not isinstance(done.exception(), FollowingError):
-            motion.take_outcome(done)
-        elif missed is None:
-            motion.future.set_result(None)  # that it cannot get there is the grip
-        else:
-            motion.future.set_exception(missed)
+            running.add_done_callback(then)

@@ -77,6 +77,22 @@ def test_a_grab_that_meets_something_presses_a_little_and_holds(rig, gripper):
     assert not gripper.is_holding
 
 
+@pytest.mark.parametrize("starts", [Gripper.start_grab, Gripper.start_move])
+def test_a_jaw_that_was_only_late_closes_all_the_way(rig, gripper, starts):
+    rig.after(3.0, gripper.start_move(0.9).future)
+    closing = starts(gripper, 0.1)
+    for _ in range(2):  # as often as servos or their bus falter
+        rig.clock.advance(0.15)
+        rig.arm.jam("gripper")
+        while rig.executor.state.mode.value != "stopping":
+            rig.clock.advance(0.01)
+        rig.arm.unjam("gripper")
+    rig.after(4.0, closing.future)
+
+    assert gripper.aperture == pytest.approx(0.1, abs=1e-3)
+    assert not gripper.is_holding
+
+
 def test_a_grip_presses_as_gently_as_it_is_told_also_while_it_holds(rig, gripper):
     gripper.set_force(GENTLEST)
     rig.after(3.0, gripper.start_move(0.5).future)
