@@ -137,11 +137,13 @@ class ChannelPlayer:
 
     @property
     def acceleration(self) -> Array | None:
-        """How that velocity changes, shape (n,), [rad/s^2]; None where nobody knows beforehand."""
+        """How that velocity is going to change, shape (n,), [rad/s^2]; None if nobody knows."""
         source = None if self._motion is None else self._motion.source
         if isinstance(source, Following):
             return source.foreseen.qdd
-        return self.reference.qdd if isinstance(source, PlannedMotion | None) else None
+        if isinstance(source, PlannedMotion):
+            return source.acceleration
+        return self.reference.qdd if source is None else None
 
     @property
     def is_led(self) -> bool:

@@ -17,6 +17,10 @@ from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
+FORESIGHT = 0.06
+"""How far ahead it is told how joints will accelerate [s]: by then a servo does what it is sent
+now, its delay and its lag passed."""
+
 _LOOK_AHEAD = 60
 """More setpoints than a stop needs of its path; chosen."""
 
@@ -77,6 +81,15 @@ class PlannedMotion:
         """The setpoint of tick ``k``."""
         self._k = k
         return self._trajectory.sample(k * self._trajectory.dt)
+
+    @property
+    def acceleration(self) -> Array:
+        """How the joints accelerate in ``FORESIGHT`` from now on, on average, (n,) [rad/s^2]."""
+        qd, dt = self._trajectory.qd, self._trajectory.dt
+        k, last = min(self._k, len(qd) - 1), len(qd) - 1
+        ahead = round(FORESIGHT / dt)
+        found: Array = (qd[min(k + ahead, last)] - qd[k]) / (ahead * dt)
+        return found
 
     @property
     def is_over(self) -> bool:

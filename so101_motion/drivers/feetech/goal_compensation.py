@@ -20,9 +20,10 @@ from so101_motion.drivers.bus.registers import Fault
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import Gravity, Trim
 from so101_motion.drivers.feetech.lag_compensation import DELAY, braking, stopping_distance
+from so101_motion.drivers.feetech.reversals import Reversals
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
-from so101_motion.drivers.goal_limiter import GoalLimiter
+from so101_motion.drivers.goal_limiter import SLACK, GoalLimiter
 from so101_motion.drivers.servo_types import AS_SOLD, ServoFigures
 
 _AHEAD = 0.06
@@ -100,6 +101,7 @@ class GoalCompensation:
         self._setpoint_qd = [0.0] * 6  # of the servos' own set-points [rad/s]
         self._lags = [0.0] * 6  # how far joints would stay behind, were nothing done [rad]
         self._t_goals = 0.0
+        self._reversals = Reversals(self.trim)
 
     def found(self, i: int, servo: ServoCondition) -> None:
         """Joint ``i``'s servo has been set up and was found like this."""
@@ -173,8 +175,13 @@ class GoalCompensation:
         self._is_told, self._is_led = qdd is not None, is_led
         # While what makes up for lag is being given up, a servo must not run on as the joint slows.
         self._qdd = qdd or self._changes(known, now)
+        ways, dt = None, now - self._t_point
+        if known is not None and qdd is not None and not is_led:
+            ways = self._reversals.foresee(known, qdd, dt if dt < _RECENT else SLACK)
+        else:
+            self._reversals.unknown()
         self._qd, self._t_point = known, now
-        self.trim.command(q, now, self._qd or (0.0,) * 5, _AHEAD)
+        self.trim.command(q, now, self._qd or (0.0,) * 5, _AHEAD, ways)
         for i, each in enumerate(qd or ()):
             if math.isnan(each):  # it is to stay where it is
                 self._setpoint_qd[i] = 0.0
@@ -221,7 +228,8 @@ class GoalCompensation:
         else:  # one that is led at speed is not overtaken
             rise = 0.0 if self._is_led else dt / _BLEND
             self._foreseen[i] += min(max(wanted - before, -dt / _BLEND), rise)
-        if not (qd or qdd or self._setpoint_qd[i]):
+        crossing = self._reversals.crossing[i]
+        if not (qd or qdd or self._setpoint_qd[i] or crossing):
             return 0.0
         model = self.trim.models[i]
         share = self._foreseen[i]
@@ -235,7 +243,9 @@ class GoalCompensation:
         self._setpoint_qd[i] = min(max(wanted, before - change), before + change)
         # What is sent now is felt later, when the joint has gone on and is faster or slower.
         later = DELAY + model.kind.goal_delay
-        behind = self.trim.lag(i, qd + qdd * later, qdd) + later * (qd + 0.5 * qdd * later)
+        behind = self.trim.lag(i, qd + qdd * later + crossing, qdd) + later * (
+            qd + 0.5 * qdd * later
+        )
         ahead = stopping_distance(self._setpoint_qd[i], model.braking) + share * behind
         return min(max(ahead, -_MOST_AHEAD), _MOST_AHEAD) if self._is_led else ahead
 

@@ -92,8 +92,8 @@ the stretched arm its shoulder takes 0.46 to be lifted."""
 LARGEST_OFFSET = LARGEST_SAG + LARGEST_DRIVE
 """Share of full drive that both parts together may ask for."""
 
-INERTIA = 0.01
-"""Of the links that a joint moves, on top of rotor and gears [kg m^2]; chosen, an average."""
+INERTIA = (0.012, 0.014, 0.007, 0.002, 0.001)
+"""Of the links that each joint moves, on top of rotor and gears [kg m^2]; chosen, averages."""
 
 HEAVIEST = 0.4
 """Most that the hand is taken to carry, or to lack [kg]. Chosen; what a weaker motor looks like
@@ -176,6 +176,16 @@ class Trim:
         ]
 
     @property
+    def ways(self) -> Sequence[float]:
+        """Which way and how fully friction is overcome, -1 to 1."""
+        return self._way
+
+    @property
+    def weights(self) -> Sequence[float]:
+        """What holds the joints where they will be when the last goal is felt [N m]."""
+        return self._weight
+
+    @property
     def rest(self) -> list[float]:
         """What of ``offset`` neither weight nor friction explain [rad]."""
         return list(self._rest)
@@ -205,7 +215,12 @@ class Trim:
         return [known + rest for known, rest in zip(self._known, self._rest, strict=True)]
 
     def command(
-        self, goal: list[float], now: float, qd: Sequence[float] = (0.0,) * 5, ahead: float = 0.0
+        self,
+        goal: list[float],
+        now: float,
+        qd: Sequence[float] = (0.0,) * 5,
+        ahead: float = 0.0,
+        ways: Sequence[float] | None = None,
     ) -> None:
         """The six joints are sent to ``goal`` [rad] at ``now`` [s].
 
@@ -214,13 +229,16 @@ class Trim:
             now: When.
             qd: How fast they are wanted there [rad/s].
             ahead: How much later a goal is felt than it is sent [s].
+            ways: Which way and how fully friction is to be overcome, -1 to 1, where that is
+                foreseen; else it follows from the way that the joints have come.
         """
         if goal == self._goal:
             return
         before = self._goal or goal
         for i in range(_JAW):
             step = goal[i] - before[i]
-            self._way[i] = _within(self._way[i] + step / ENGAGING, 1.0)
+            turned = _within(self._way[i] + step / ENGAGING, 1.0)
+            self._way[i] = turned if ways is None else ways[i]
             self._gives_way[i] = self._gives_way[i] and not step
         q = [at + v * ahead for at, v in zip(goal, qd, strict=False)]
         self._take_up(goal, [*q, goal[_JAW]], now)
@@ -241,7 +259,7 @@ class Trim:
             qdd: How its speed changes [rad/s^2].
         """
         model, torque = self.models[i], self._torque[i]
-        more = model.kind.viscous * qd + (model.kind.armature + INERTIA) * qdd
+        more = model.kind.viscous * qd + (model.kind.armature + INERTIA[i]) * qdd
         return model.distance(torque + more, qd) - model.distance(torque)
 
     def start(self, goal: list[float], now: float, sag: Sequence[float | None]) -> None:

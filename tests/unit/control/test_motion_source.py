@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from so101_motion.control.motion_source import PlannedMotion
+from so101_motion.control.motion_source import FORESIGHT, PlannedMotion
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 
@@ -26,3 +26,12 @@ def test_a_motion_whose_last_ticks_were_missed_stops_where_it_ends():
     motion.sample(len(trajectory) + 7)
     q, _ = motion.stop_ahead()
     assert np.all(q == trajectory.q[-1])
+
+
+def test_the_acceleration_ahead_ends_at_the_speed_that_will_be_had():
+    trajectory = point_to_point(np.zeros(5), np.full(5, 0.8), CAPS, 0.01)
+    motion = PlannedMotion(trajectory)
+    for k in (0, 20, len(trajectory) - 3, len(trajectory) + 7):
+        now = motion.sample(k)
+        later = trajectory.sample(k * 0.01 + FORESIGHT)
+        np.testing.assert_allclose(now.qd + FORESIGHT * motion.acceleration, later.qd, atol=1e-12)

@@ -1,0 +1,71 @@
+"""Where friction changes sides and motors go through play when planned joints turn round."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from so101_motion.drivers.feetech.lag_compensation import DELAY
+from so101_motion.drivers.feetech.reversals import Reversals
+from so101_motion.drivers.feetech.servo_model import ServoModel
+from so101_motion.drivers.servo_types import ServoFigures
+
+DT, PLAY = 0.01, math.radians(0.85)
+
+
+def turned(speeds, *, play=PLAY, weights=None):
+    """The ways of friction, and how fast the motor goes through the play, of joint 0 at times."""
+    trim = SimpleNamespace(
+        models=[ServoModel(figures=ServoFigures(play=play))] * 5, ways=[0.0] * 5, weights=[0.0] * 5
+    )
+    reversals, ways, crossing = Reversals(trim), [], []
+    for k, speed in enumerate(speeds[:-6]):
+        if weights is not None:
+            trim.weights[0] = weights[k]
+        change = (speeds[k + 6] - speed) / (6 * DT)
+        trim.ways = reversals.foresee([speed, 0.0, 0.0, 0.0, 0.0], [change, 0, 0, 0, 0], DT)
+        ways.append(trim.ways[0])
+        crossing.append(reversals.crossing[0])
+    return np.array(ways), np.array(crossing)
+
+
+def test_friction_changes_sides_before_the_joint_turns_and_is_done_soon_after():
+    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))  # turns at 0.5 s
+    ways, _ = turned(speeds)
+    felt = ways[: round((0.5 - DELAY - 0.022) / DT)]
+    assert felt[-6] == 1.0
+    assert felt[-1] < 0.5
+    assert ways[50] == -1.0
+
+
+def test_the_motor_goes_through_all_of_the_play_and_no_further():
+    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))
+    _, crossing = turned(speeds)
+    assert DT * crossing[crossing < 0.0].sum() == pytest.approx(-PLAY)
+    assert DT * crossing[crossing > 0.0].sum() == pytest.approx(0.5 * PLAY), "from the middle"
+
+
+def test_a_joint_that_comes_to_rest_keeps_its_friction_where_it_is():
+    t = DT * np.arange(150)
+    smooth = 3.0 * np.minimum(t, 0.1) - np.minimum(t, 0.1) ** 2  # it has speeded up
+    speeds = np.where(t < 0.5, smooth, 0.29 * np.maximum(1.0 - (t - 0.5) / 0.4, 0.0) ** 2)
+    ways, _ = turned(speeds)
+    assert ways[20:].min() == 1.0
+
+
+def test_nothing_crosses_a_play_that_nobody_knows():
+    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))
+    assert not turned(speeds, play=None)[1].any()
+
+
+def test_a_joint_under_load_does_not_cross_its_play_when_it_turns():
+    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))
+    _, crossing = turned(speeds, weights=np.full(120, 0.5))
+    assert not crossing[10:].any()
+
+
+def test_a_load_that_changes_sides_has_the_motor_bring_the_joint_back():
+    speeds = np.full(120, 0.5)
+    _, crossing = turned(-speeds, weights=np.linspace(-0.5, 0.5, 120))
+    assert DT * crossing[20:].sum() == pytest.approx(PLAY)
