@@ -28,8 +28,8 @@ BRAKING = tuple(to_rad(each) for each in (624.0, 464.0, 627.0, 572.0, 572.0, 572
 arm; the others get their mean."""
 
 DELAY = 0.0065
-"""From a setpoint to the set-point of the servo that follows it, on average, beyond the servo's own
-delay [s]: half a period, and what the emulated servo loses in whole milliseconds. Chosen by trial."""
+"""From a setpoint to the servo's set-point that follows it, on average, and beyond its own delay
+[s]: half a period, and what the emulated servo loses in whole milliseconds. Chosen by trial."""
 
 _FULL = to_rad(980.0)
 """The same with a register 85 that does not bind: what 100 units of register 41 stand for, by the
