@@ -291,7 +291,7 @@ class Arm(PlannedArm):
         self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]
     ) -> Callable[[], Following]:
         return partial(
-            self._led.following, self._situation, self._below_ceiling(limits), guarded=guarded,
+            self._led.following, self._situation, self.led_limits(limits), guarded=guarded,
             share=self.slowdown, **how,
         )  # fmt: skip
 

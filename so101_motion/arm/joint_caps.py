@@ -74,6 +74,11 @@ class JointCaps:
         )
 
 
+LED = 0.92
+"""Share of what servos keep up with that joints use which are led. Chosen by trial: nobody knows
+beforehand when they are to brake, so servos begin late and then have to brake harder."""
+
+
 class CappedJoints:
     """The caps of one arm: its own, and what no motion may exceed.
 
@@ -128,6 +133,11 @@ class CappedJoints:
     def limits(self) -> MotionLimits:
         """The caps of a motion that names none of its own; see also ``slowdown``."""
         return self._caps.limits
+
+    def led_limits(self, limits: MotionLimits | None) -> MotionLimits:
+        """The caps of a following that asks for ``limits``; None for the arm's own."""
+        wanted = self._below_ceiling(limits)
+        return wanted.scaled_to(wanted.velocity, LED * self.servo_acceleration)
 
     def effective_limits(self, limits: MotionLimits | None) -> MotionLimits:
         """The caps that a motion gets which asks for ``limits``; None for the arm's own."""

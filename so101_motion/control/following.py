@@ -382,7 +382,8 @@ class Following(LedMotion):
             if qdd is None:
                 led = online.towards(self.now, q, qd, limits, self._dt, arrival=arrival)
             else:
-                led = online.alongside(self.now, Setpoint(q=q, qd=qd, qdd=qdd), limits, self._dt)
+                aimed = Setpoint(q=q, qd=qd, qdd=qdd)
+                led, qdd = online.alongside(self.now, aimed, limits, self._dt)
             led, after, path = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()

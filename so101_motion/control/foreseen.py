@@ -1,8 +1,9 @@
 """Say how joints that are led accelerate, as far as that is known beforehand.
 
 The driver makes up for what servos lag behind by it, which drives them ahead of their setpoints; so
-nothing is told that could drive them elsewhere. A target may say of itself what it likes: it counts
-no further than the setpoint accelerates itself, and the same way. How joints brake is known
+nothing is told that could drive them elsewhere. A target may say of itself what it likes: joints
+get faster no further than their setpoint does. That they will brake is told before it does, for a
+servo needs time to, but never so much that they would turn round. How joints come to rest is known
 exactly. Of a target that does not say how it accelerates nothing is known, and servos lag.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from so101_motion.common.geometry import Array
+from so101_motion.planning.timing.online import FORESIGHT
 from so101_motion.planning.timing.trajectory import Setpoint
 
 KNOWN_JERK = 200.0
@@ -42,11 +44,13 @@ class Foreseen:
         return self._left > 0.0
 
     def beside(self, led: Setpoint, qdd: Array) -> None:
-        """The joints are led to ``led`` by a target with the acceleration ``qdd``, shape (n,)."""
+        """The joints are led to ``led`` and will accelerate by ``qdd``, shape (n,), [rad/s^2]."""
         self._left, step = AHEAD, KNOWN_JERK * self._dt
         before = led.qdd if self.qdd is None else self.qdd
         known = np.clip(qdd, before - step, before + step)
-        self.qdd = np.clip(known, np.minimum(led.qdd, 0.0), np.maximum(led.qdd, 0.0))
+        way = np.sign(led.qd)
+        faster, to_rest = np.maximum(way * led.qdd, 0.0), -np.abs(led.qd) / FORESIGHT
+        self.qdd = way * np.clip(way * known, np.minimum(way * led.qdd, to_rest), faster)
 
     def braking(self, now: Setpoint) -> None:
         """The joints brake and are at ``now``."""

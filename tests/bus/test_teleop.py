@@ -114,6 +114,20 @@ def test_the_follower_is_10_ms_behind_a_person_and_within_a_degree(bench):
     assert bench.teleop.status.last_error == ""
 
 
+def test_a_shoulder_that_is_led_as_hard_as_it_can_swings_past_by_no_more_than_it_may(bench):
+    bench.start()
+    bench.advance(0.5)
+    bench.leader.lead(human_motion(61.5, seed=2, fastest=180.0)[:2700])
+    bench.advance(24.5)
+    strays = []
+    for _ in range(200):
+        bench.clock.advance(PERIOD)
+        wanted = np.degrees(bench.follower.rig.arm.state.q_ref)
+        strays.append(np.abs(wanted - bench.follower.q_deg[:5]).max())
+    assert mirroring(bench)
+    assert max(strays) < 7.5, "a joint that is 8 deg off has lost its setpoints"
+
+
 def test_velocity_acceleration_and_jerk_are_bounded(bench):
     bench.start()
     bench.advance(0.5)

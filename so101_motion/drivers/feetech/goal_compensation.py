@@ -45,7 +45,7 @@ _BLEND = 0.5
 
 _TURNING, _LED_SHARE, _LED_BRAKING = to_rad(60.0), 0.4, 0.8
 """Of a joint that is led less of the lag is made up for the slower it is, below the first [rad/s],
-down to the share that follows; and its set-point changes its speed by so much of its own braking.
+down to the share that follows; and its set-point gets faster by so much of its own braking.
 Turning round, a servo has to cross its play, and were its set-point as far ahead by then as in a
 planned motion, it would go after it harder than any joint may. Chosen by trial."""
 
@@ -234,13 +234,15 @@ class GoalCompensation:
         model = self.trim.models[i]
         share = self._foreseen[i]
         # The set-point runs ahead of the joint; no faster than it can.
-        change = model.braking * dt
+        before, slower = self._setpoint_qd[i], model.braking * dt
+        faster = slower
         if self._is_led:
-            change *= _LED_BRAKING if self._is_told else 1.0
+            faster *= _LED_BRAKING if self._is_told else 1.0
             share *= _LED_SHARE + (1.0 - _LED_SHARE) * min(abs(qd) / _TURNING, 1.0)
             self.trim.lags[i] = (1.0 - share) * self._lags[i]
-        wanted, before = qd + share * qdd * (DELAY + model.lag), self._setpoint_qd[i]
-        self._setpoint_qd[i] = min(max(wanted, before - change), before + change)
+        wanted = qd + share * qdd * (DELAY + model.lag)
+        low, high = (slower, faster) if before > 0.0 else (faster, slower)
+        self._setpoint_qd[i] = min(max(wanted, before - low), before + high)
         # What is sent now is felt later, when the joint has gone on and is faster or slower.
         later = DELAY + model.kind.goal_delay
         behind = self.trim.lag(i, qd + qdd * later + crossing, qdd) + later * (

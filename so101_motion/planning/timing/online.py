@@ -37,6 +37,10 @@ SAME_POSITION = 1e-9
 SOFTNESS = 0.035
 """Time constant with which a joint comes beside its target [s]; chosen by trial."""
 
+FORESIGHT = 0.05
+"""How far ahead a caller is told how joints will accelerate [s]: after that time a servo does what
+it is sent now."""
+
 LESS_JERK = 1.0 - 1e-9
 """Share of the jerk caps with which a motion is looked for again. Chosen: far above rounding, far
 below what can be told from the caps."""
@@ -151,6 +155,18 @@ def towards(
         PlanningError: ruckig finds no motion, for example because the target is too fast.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
+    return _overtaking(now, q_target, qd_target, limits, dt, arrival)[0]
+
+
+def _overtaking(
+    now: Setpoint,
+    q_target: ArrayLike,
+    qd_target: ArrayLike,
+    limits: MotionLimits,
+    dt: float,
+    arrival: Arrival,
+) -> tuple[Setpoint, Array]:
+    """The setpoint of ``towards``, and how fast the joints are ``FORESIGHT`` later [rad/s]."""
     q, qd, qdd, to, rate = _numbers(
         limits, dt, q=now.q, qd=now.qd, qdd=now.qdd, q_target=q_target, qd_target=qd_target
     )
@@ -161,15 +177,19 @@ def towards(
     request.max_velocity = [cap - v for cap, v in zip(fastest, rate, strict=True)]
     request.min_velocity = [-cap - v for cap, v in zip(fastest, rate, strict=True)]
     request.synchronization = _SYNCHRONIZATION[arrival]
-    seen = _found(request).at_time(dt)
-    return Setpoint(
+    found = _found(request)
+    seen, later = found.at_time(dt), found.at_time(dt + FORESIGHT)
+    setpoint = Setpoint(
         q=np.array([a + b for a, b in zip(to, seen[0], strict=True)]),
         qd=np.array([a + b for a, b in zip(rate, seen[1], strict=True)]),
         qdd=np.array(seen[2]),
     )
+    return setpoint, np.array([a + b for a, b in zip(rate, later[1], strict=True)])
 
 
-def alongside(now: Setpoint, target: Setpoint, limits: MotionLimits, dt: float) -> Setpoint:
+def alongside(
+    now: Setpoint, target: Setpoint, limits: MotionLimits, dt: float
+) -> tuple[Setpoint, Array]:
     """The next setpoint beside a target whose acceleration is known.
 
     A joint that is near goes softly: what it is off dies down with ``SOFTNESS``, and otherwise it
@@ -181,6 +201,10 @@ def alongside(now: Setpoint, target: Setpoint, limits: MotionLimits, dt: float) 
         target: The target at the end of the period, shapes (n,), slower than the velocity caps.
         limits: Caps of the n joints.
         dt: The period [s].
+
+    Returns:
+        The setpoint, and how the joints will accelerate during ``FORESIGHT`` from there on, on
+        average, shape (n,), [rad/s^2].
 
     Raises:
         PlanningError: ruckig finds no motion.
@@ -197,13 +221,14 @@ def alongside(now: Setpoint, target: Setpoint, limits: MotionLimits, dt: float) 
     soft = (np.abs(jerk) <= limits.jerk) & (np.abs(qdd) <= limits.acceleration)
     soft &= (np.abs(qd) <= limits.velocity) & (fastest <= limits.velocity)
     if soft.all():
-        return Setpoint(q=q, qd=qd, qdd=qdd)
-    fast = towards(now, target.q, target.qd, limits, dt)
-    return Setpoint(
+        return Setpoint(q=q, qd=qd, qdd=qdd), target.qdd
+    fast, later = _overtaking(now, target.q, target.qd, limits, dt, "each")
+    setpoint = Setpoint(
         q=np.where(soft, q, fast.q),
         qd=np.where(soft, qd, fast.qd),
         qdd=np.where(soft, qdd, fast.qdd),
     )
+    return setpoint, np.where(soft, target.qdd, (later - fast.qd) / FORESIGHT)
 
 
 @functools.cache

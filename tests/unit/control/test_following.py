@@ -14,6 +14,7 @@ from so101_motion.control.foreseen import KNOWN_JERK
 from so101_motion.control.joint_group import Channel
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.online import FORESIGHT
 
 CAPS = MotionLimits.uniform(velocity=2.0, acceleration=6.0, jerk=150.0)
 SLOW = MotionLimits.uniform(velocity=0.3, acceleration=1.0, jerk=30.0)
@@ -244,17 +245,20 @@ def test_one_that_does_not_say_so_is_nothing_the_driver_could_know(sim):
     assert following.foreseen.qdd is None
 
 
-def test_the_driver_is_told_of_no_acceleration_that_the_command_has_not(sim):
+def test_the_driver_is_told_of_no_speed_that_the_command_will_not_have(sim):
     told, rng = [], np.random.default_rng(3)
 
     def raves(following):
-        told.append((following.foreseen.qdd, following.now.qdd))
+        told.append((following.foreseen.qdd, following.now.qdd, following.now.qd))
         following.aim(rng.uniform(-1.0, 1.0, 5), rng.normal(size=5), 1e6 * rng.normal(size=5))
 
     follow(sim, each=raves)
     sim.clock.advance(3.0)
-    known, true = np.array(told[2:]).transpose(1, 0, 2)
-    assert np.all(known * (true - known) >= 0.0), "as far as that, the same way"
+    known, true, qd = np.array(told[2:]).transpose(1, 0, 2)
+    faster, accelerates = np.sign(qd) * known, np.sign(qd) * true
+    assert np.all(faster <= np.maximum(accelerates, 0.0) + 1e-9), "as fast as that, not faster"
+    to_rest = -np.abs(qd) / FORESIGHT
+    assert np.all(faster >= np.minimum(accelerates, to_rest) - 1e-9), "nor the other way"
     rises = np.diff(np.abs(known), axis=0)
     assert rises.max() <= KNOWN_JERK * sim.dt + 1e-9, "and no faster than servos bear it"
     assert_bounded(sim)

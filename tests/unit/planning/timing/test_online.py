@@ -269,7 +269,7 @@ def led_beside(now, caps, seconds, noise=0.0):
     for k in range(1, round(seconds / 0.01)):
         there = swaying(0.01 * k)
         there = Setpoint(q=there.q + noise * rng.standard_normal(3), qd=there.qd, qdd=there.qdd)
-        led.append(online.alongside(led[-1], there, caps, 0.01))
+        led.append(online.alongside(led[-1], there, caps, 0.01)[0])
     return led
 
 
@@ -279,6 +279,19 @@ def test_a_joint_beside_its_target_accelerates_as_it_does():
     for k, now in enumerate(led):
         assert now.q == pytest.approx(swaying(0.01 * k).q, abs=2e-3)
         assert now.qdd == pytest.approx(swaying(0.01 * k).qdd, abs=2.0)
+
+
+def test_that_a_joint_will_brake_is_known_before_it_does():
+    caps = MotionLimits.uniform(velocity=5.0, acceleration=25.0, jerk=500.0, n=1)
+    now, told, true = Setpoint.at_rest(np.zeros(1)), [], []
+    there = Setpoint.at_rest(np.array([1.0]))
+    for _ in range(25):
+        now, soon = online.alongside(now, there, caps, 0.01)
+        told.append(soon[0])
+        true.append(now.qdd[0])
+    mean = np.convolve(true, np.full(5, 0.2), "valid")[1:]
+    assert told[: len(mean)] == pytest.approx(mean, abs=4.0)
+    assert np.argmax(np.array(told) < 0.0) <= np.argmax(np.array(true) < 0.0) - 2
 
 
 def test_what_is_off_dies_down_without_the_jerk_of_the_fastest_motion():
