@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from enum import Enum
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +75,8 @@ class PathTeaching:
         self.sentence = WELCOME
         self.name = ""
         self.shelf = Shelf(_file_of, _listed, self._tell)
+        self._saved: tuple[Path, bytes] | None = None  # where the path is kept, and as what
+        self._kept = ""  # what was said when a path was kept
 
     # Recording
 
@@ -84,8 +88,9 @@ class PathTeaching:
         )
 
     def record(self) -> None:
-        """Let the arm go soft and record its path."""
+        """Let the arm go soft and record its path; an unsaved one is kept under a name first."""
         if self.can_record:
+            self._kept = self._keep_unsaved()
             self.doing, self.sentence = Doing.BEGINNING, BEGINS
             self._guiding.start()
 
@@ -140,13 +145,17 @@ class PathTeaching:
             raise ConfigError("name", None, "type a name first")
         with self.shelf.changing(self.name.strip()) as file:
             files.write(self.path, file, replace=True)
-        self.name = file.stem
+        self.name, self._saved = file.stem, (file, file.read_bytes())
         self.sentence = texts.saved(file.stem)
 
     def load(self, name: str) -> None:
-        """Take a saved path; nothing moves."""
-        self._take(files.read(_file_of(name)))
-        self.name = name
+        """Take a saved path; nothing moves. An unsaved one is kept under a name first."""
+        file = _file_of(name)
+        path, content = files.read(file), file.read_bytes()
+        kept = self._keep_unsaved()
+        self._take(path)
+        self.name, self._saved = name, (file, content)
+        self.sentence = replace(self.sentence, text=f"{self.sentence.text}{kept}")
 
     def delete(self, name: str) -> None:
         """Delete a saved path; the one that is shown stays."""
@@ -195,11 +204,24 @@ class PathTeaching:
     def _keep(self, recorder: PathRecorder) -> None:
         why, self._recorder = recorder.ended_by, None
         self._take(recorder.end())
-        if why:
-            self.sentence = Sentence(text=f"The recording ended: {why}. {PLAN.text}")
+        said = f"The recording ended: {why}. {PLAN.text}" if why else self.sentence.text
+        tone = Tone.PLAIN if why else Tone.GOOD
+        self.sentence = Sentence(text=f"{said}{self._kept}", tone=tone)
+
+    def _keep_unsaved(self) -> str:
+        """Save a path that is nowhere in the files; return what to say about it."""
+        if self.path is None or (self._saved is not None and _holds(*self._saved)):
+            return ""
+        taken = set(self.shelf.names)
+        name = next(name for k in count(1) if (name := f"unsaved {k}") not in taken)
+        with self.shelf.changing(name) as file:
+            files.write(self.path, file)
+        self._saved = (file, file.read_bytes())
+        return f' The path before is saved as "{name}".'
 
     def _take(self, path: GuidedPath) -> None:
         self.path, self.replay, self.doing = path, None, Doing.NOTHING
+        self._saved = None
         text = f"{path.duration:.1f} s, {len(path)} points. {PLAN.text}"
         self.sentence = Sentence(text=text, tone=Tone.GOOD)
 
@@ -231,6 +253,13 @@ class PathTeaching:
         self.sentence = sentence
 
 
+def _holds(file: Path, content: bytes) -> bool:
+    try:
+        return file.read_bytes() == content
+    except OSError:
+        return False
+
+
 def _folder() -> Path:
     return user_storage.folder() / "paths"
 
@@ -245,8 +274,8 @@ def _listed() -> tuple[str, ...]:
 
 def _recording(recorder: PathRecorder, left: float | None) -> Sentence:
     end = "" if left is None else f" It holds again in {max(left, 0.0):.0f} s."
-    count = f"{recorder.points} point{'' if recorder.points == 1 else 's'}"
-    text = f"Recording, {count}. Guide the arm by hand.{end}"
+    points = f"{recorder.points} point{'' if recorder.points == 1 else 's'}"
+    text = f"Recording, {points}. Guide the arm by hand.{end}"
     return Sentence(text=text, tone=Tone.WARM)
 
 
