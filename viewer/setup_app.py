@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
+import numpy as np
+
 from so101_motion.calib.motors.progress import NAME, SetupProgress
 from so101_motion.setup.port_selection import REPLY_TIMEOUT, own_folder
 from so101_motion.viam.client import MachineSensor
 
 from .app import serve
-from .scene.lighting import set_up_view
+from .scene.lighting import Sight, set_up_view
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key
 from .setup.part import SetupPart
 from .setup.setup_target import FixedArm, Ports, fixed_machine
 from .setup.stop import SetupStop
+
+_SIGHT = Sight(middle=np.array([0.1, 0.0, 0.17]))
+"""Higher than where arms work, so that one that is stretched upwards is in the picture."""
 
 
 class SetupApp(ServedPage):
@@ -32,7 +37,7 @@ class SetupApp(ServedPage):
     ) -> None:
         super().__init__(server)
         context = self.host.page_context()
-        set_up_view(context.server)
+        set_up_view(context.server, _SIGHT)
         setup = SetupPart(
             context, ports=ports, fixed=fixed, progress=progress, preview=serve, resumes=True
         )
