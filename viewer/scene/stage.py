@@ -63,7 +63,8 @@ class Stage:
         self._target = self._scene.add_transform_controls(
             f"{root}/target", scale=0.11, disable_rotations=True, depth_test=False
         )
-        for axis, p in zip("XYZ", _LETTERS * np.eye(3), strict=True):
+        letters = () if root else "XYZ"  # those of several arms would lie over each other
+        for axis, p in zip(letters, _LETTERS * np.eye(3), strict=False):
             self._scene.add_label(
                 f"{root}/target/{axis}",
                 axis,
