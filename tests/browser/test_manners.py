@@ -151,6 +151,10 @@ def test_on_phones_and_tablets_bar_picture_and_panels_have_places_of_their_own(
     stop.click()
     small.until(lambda: at_rest(rig))
     small.until(lambda: small.barriers() == [])
+    page.set_viewport_size({"width": 390, "height": 844})
+    for tab, name in (("Jog", "gripper, open"), ("Program", "Run program")):
+        page.get_by_role("tab", name=tab).click()  # and what is used most needs no scrolling
+        small.until(lambda name=name: box(small.button(name))[3] <= 844)
     page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
     page.get_by_role("button", name="Health").click()  # folded at the end of the column
     meets_no_barrier(small, "Events", "Jog", "Program")

@@ -65,17 +65,17 @@ class CellProgramPart(Part):
             record, lambda name: model.record(self._names if name == _ALL else (name,))
         )
         self._rows = RowList(self._context, model.choose, model.reorder)
-        self._order = gui.add_button_group("Step", ("up", "down", "delete"))
-        orders = {"up": partial(model.move, -1), "down": partial(model.move, 1)}
-        self._context.on_choice(self._order, partial(_do, orders | {"delete": model.remove}))
 
     def _add_run(self, gui: viser.GuiApi) -> None:
         model = self.model
-        self._undo = UndoButtons(self._context, "Edits", model)
         self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
         self._context.on_press(self._plan, model.plan)
         self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
         self._context.on_press(self._run, model.run)
+        self._order = gui.add_button_group("Step", ("up", "down", "delete"))
+        orders = {"up": partial(model.move, -1), "down": partial(model.move, 1)}
+        self._context.on_choice(self._order, partial(_do, orders | {"delete": model.remove}))
+        self._undo = UndoButtons(self._context, "Edits", model)
         self._rehearsal = RehearsalFields(
             self._context, model, hint="Only the ghosts move; pauses last 2 s; again: pause"
         )

@@ -53,7 +53,9 @@ class ProgramPart(Part):
         )
         with context.tabs.add_tab(PROGRAM):  # nothing comes and goes, so nothing changes places
             self._add_recording(context.gui)
-            self._add_run(context.gui)
+            self._add_run(context.gui)  # above what is used less, for a phone shows little
+            self._add_order(context.gui)
+            self._add_rehearsal(context.gui)
             self._add_waypoint(context.gui)
             self._add_loops(context.gui)
             self._rounds = RoundsFields(self._context, self.model.set_rounds)
@@ -69,21 +71,6 @@ class ProgramPart(Part):
         )
         self._on_choice(record, {"arm": model.record_arm, "target": model.record_target})
         self._rows = RowList(self._context, model.choose, model.reorder)
-        self._order = gui.add_button_group(
-            "Waypoint",
-            ("up", "down", "copy", "re-record", "delete"),
-            hint="re-record: it moves to where the arm is now",
-        )
-        self._on_choice(
-            self._order,
-            {
-                "up": partial(model.move, -1),
-                "down": partial(model.move, 1),
-                "copy": model.duplicate,
-                "re-record": model.take_place,
-                "delete": model.remove,
-            },
-        )
 
     def _add_waypoint(self, gui: viser.GuiApi) -> None:
         model = self.model
@@ -118,20 +105,39 @@ class ProgramPart(Part):
         self.model.set_loop(first - 1, last - 1, times)
 
     def _add_run(self, gui: viser.GuiApi) -> None:
-        model = self.model
-        self._undo = UndoButtons(self._context, "Edits", model)
         self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
-        self._context.on_press(self._plan, model.plan)
+        self._context.on_press(self._plan, self.model.plan)
+        self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
+        self._context.on_press(self._run, self.model.run)
+        self._progress = gui.add_progress_bar(0.0, color="green")
+
+    def _add_order(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        self._order = gui.add_button_group(
+            "Waypoint",
+            ("up", "down", "copy", "re-record", "delete"),
+            hint="re-record: it moves to where the arm is now",
+        )
+        self._on_choice(
+            self._order,
+            {
+                "up": partial(model.move, -1),
+                "down": partial(model.move, 1),
+                "copy": model.duplicate,
+                "re-record": model.take_place,
+                "delete": model.remove,
+            },
+        )
+        self._undo = UndoButtons(self._context, "Edits", model)
+
+    def _add_rehearsal(self, gui: viser.GuiApi) -> None:
         self._plan_part = gui.add_button_group(
             "Plan only", (REST, STEP), hint="From the chosen waypoint on, or only the way to it"
         )
-        self._context.on_choice(self._plan_part, model.plan)
-        self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
-        self._context.on_press(self._run, model.run)
-        self._progress = gui.add_progress_bar(0.0, color="green")
+        self._context.on_choice(self._plan_part, self.model.plan)
         self._rehearsal = RehearsalFields(
             self._context,
-            model,
+            self.model,
             hint="Only the ghost moves; pauses last 2 s, loops are shown twice; again: pause",
         )
         self._facts = gui.add_html(markup.facts(words.NO_FACTS, lines=_LINES))
