@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -14,16 +15,7 @@ import numpy as np
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
 from so101_motion.planning.among import crosses, crossing, delayed
-from so101_motion.planning.collision.apart import (
-    EARLY,
-    GUARDED,
-    GUARDED_EARLY,
-    PARTING,
-    Meeting,
-    first_meeting,
-    nearness,
-    only_part,
-)
+from so101_motion.planning.collision.apart import EARLY, Gained, led_apart
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import Course, OtherArm, stop_along
 from so101_motion.planning.collision.scene import Attached, as_seen_by
@@ -42,10 +34,6 @@ ALL = "*"
 
 LATER, LATEST = 0.1, 2.0
 """By how much a motion may begin later than it was planned [s], and at the most; chosen."""
-
-PUSHED = 0.7
-"""Arms that are nearer than this share of what they have gained were moved by others; chosen, a
-proof leaves three quarters of it."""
 
 PROMPT = 0.5 * EARLY
 """So late at most a motion begins that was proven together with others' [s]: the proof allows for
@@ -107,7 +95,7 @@ class Place:
         self._expected: Trajectory | None = None  # that was proven together with others'
         self._course: Course | None = None
         self._planned: Course | None = None
-        self._gained: dict[str, float] = {}  # of arms that are too near, by name
+        self._gained: dict[str, Gained] = {}  # of arms that are too near, by name
         bodies_of()  # made before the control loop needs it
 
     @property
@@ -186,7 +174,14 @@ class Place:
         course = self._stop(q, dt, now)
         with self.cell.lock:
             for other in self._neighbours():
-                meeting = self._meeting(course, other, now)
+                attached = self.attached_to(other)
+                meeting = led_apart(
+                    (bodies_of(self.attached_to(self), other.name), course),
+                    (bodies_of(as_seen_by(self.name, attached)), other.course_at(now)),
+                    _T_from_to(self.T_cell_base, other.T_cell_base),
+                    since=now,
+                    gained=self._gained.setdefault(other.name, Gained()),
+                )
                 if meeting is not None:
                     self.against = f"the {meeting.first} close to {other.name}'s {meeting.second}"
                     return False
@@ -212,7 +207,7 @@ class Place:
         """This arm as another has to know it."""
         return OtherArm(
             name=self.name,
-            T_base_other=other.T_cell_base.inverse @ self.T_cell_base,
+            T_base_other=_T_from_to(other.T_cell_base, self.T_cell_base),
             course=course,
             attached=as_seen_by(other.name, other.attached_to(self)),
         )
@@ -220,35 +215,6 @@ class Place:
     def attached_to(self, place: Place) -> tuple[Attached, ...]:
         """What an arm holds as far as this one knows, itself included."""
         return (*place.arm.scene.attached, *self.held.get(place.name, ()))
-
-    def _meeting(self, course: Course, other: Place, now: float) -> Meeting | None:
-        """Where a course would come too near to another arm's.
-
-        Arms that are too near already may part: what they have gained they keep, and those that
-        have less, such as one that braked into that, may do nothing but part.
-        """
-        seen = other.seen_from(self, other.course_at(now))
-        bodies = bodies_of(self.attached_to(self), other.name)
-        mine, theirs = (bodies, course), (bodies_of(seen.attached), seen.course)
-        T = seen.T_base_other
-        meeting = first_meeting(mine, theirs, T, since=now, room=GUARDED, early=GUARDED_EARLY)
-        if meeting is None:
-            return None
-        nearest = nearness(mine, theirs, T, at=now, room=GUARDED)
-        if nearest is None:
-            self._gained.pop(other.name, None)
-            return meeting
-        kept = self._gained.get(other.name, 0.0)
-        if nearest < PUSHED * kept:
-            kept = 0.0  # the other was moved towards this one
-        kept = max(kept, nearest - PARTING)
-        if kept > 0.0:
-            meeting = first_meeting(mine, theirs, T, since=now, room=kept, early=0.0)
-        if meeting is not None and only_part(mine, theirs, T, since=now, room=GUARDED):
-            meeting = None
-        if meeting is None:
-            self._gained[other.name] = kept
-        return meeting
 
     @property
     def bodies(self) -> ArmBodies:
@@ -269,3 +235,9 @@ class Place:
             return []
         unminded = {self.name, *self._ignores}
         return [each for key, each in self.cell.places.items() if key not in unminded]
+
+
+@lru_cache(maxsize=64)
+def _T_from_to(T_cell_a: SE3, T_cell_b: SE3) -> SE3:
+    """Where the second is in the first; asked for in every control cycle."""
+    return T_cell_a.inverse @ T_cell_b

@@ -37,10 +37,10 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.approach import GATE, Approach
 from so101_motion.control.foreseen import Foreseen
-from so101_motion.control.joint_bounds import JointBounds, Places, gentle, landed, stoppable
+from so101_motion.control.joint_bounds import JointBounds, gentle, landed, stoppable
 from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
-from so101_motion.planning.collision.course import Neighbours
+from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
@@ -57,6 +57,10 @@ LOOK_EVERY = 0.05
 SHORT_AFTER, NEARER = 0.5, to_rad(0.5)
 """Joints have stopped short when for so long [s] something holds them and they have come no nearer
 to their target than this [rad]; chosen: joints that creep along an obstacle may take for ever."""
+
+HELD_FOR = 0.1
+"""For so long something that held joints is taken to hold them still [s]: from rest a step may be
+so small that it is admitted, and only the next is not. Chosen."""
 
 GENTLE = 0.3
 """For so long after the guard has refused a step, steps take no more jerk than a stop undoes [s]: a
@@ -149,14 +153,15 @@ class Following(LedMotion):
         self._stale_after = math.inf if stale_after is None else stale_after
         self._guard, self._each, self._ends_there = guard, each, ends_there
         self._neighbours = neighbours
-        self._look_every = LOOK_EVERY if guard is None else min(guard.look_every, LOOK_EVERY)
+        looks = LOOK_EVERY if neighbours is None else STEP
+        self._look_every = looks if guard is None else min(guard.look_every, looks)
         self.foreseen = Foreseen(dt)
         self._aimed: _Aim | None = None
         self._seen: _Aim | None = None
         self._t = self._t_seen = self._t_nearest = 0.0
         self._nearest = math.inf
         self._held: tuple[str, ...] = ()
-        self._t_gentle = -math.inf
+        self._t_gentle = self._t_held = -math.inf
         self._slowing: PlannedMotion | None = None
         self._k = 0  # of the next setpoint of what is slowing
         self._begin_at(Setpoint(q=frozen_array(q_start, (n,)), qd=np.zeros(n), qdd=np.zeros(n)))
@@ -313,7 +318,7 @@ class Following(LedMotion):
         self._bounds = JointBounds(
             self._least, self._most, self.limits.acceleration, self._stop_limits
         )
-        self._braked, _ = self._to_rest(now)
+        self._braked = self._to_rest(now).after
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
         try:
@@ -353,7 +358,8 @@ class Following(LedMotion):
         """Go on as the last setpoint has left room for."""
         self.now = self._braked
         self.foreseen.braking(self.now)
-        self._braked, _ = online.path_to_rest(self.now, self._stop_limits, self._dt, math.inf)
+        rest = online.path_to_rest(self.now, self._stop_limits, self._dt, math.inf)
+        self._braked = rest.after
 
     def _lead(self, aim: _Aim) -> None:
         """Go on towards a target, or brake where that must not be."""
@@ -384,55 +390,48 @@ class Following(LedMotion):
             else:
                 aimed = Setpoint(q=q, qd=qd, qdd=qdd)
                 led, qdd = online.alongside(self.now, aimed, limits, self._dt)
-            led, after, path = self._inside(landed(led, q, qd), limits)
+            led, rest = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
-        path.insert(0, self.now.q.tolist())
+        path = np.array([self.now.q.tolist(), *rest.path])
         ahead = qdd is not None or self.foreseen.may_be_ahead
-        if self._guard is not None and not self._guard.admits(np.array(path), ahead=ahead):
+        if self._guard is not None and not self._guard.admits(path, ahead=ahead):
             self._held = self._held or ("too little room to brake",)
             self._t_gentle = self._t + GENTLE
             return self._brake()
-        if not self._keeps_off(led):
+        if self._neighbours is not None and not self._neighbours.admits(path[1:], rest.step):
+            self._held = (*self._held, self._neighbours.against)
             return self._brake()
-        self.now, self._braked = led, after
+        self.now, self._braked = led, rest.after
         if aim.qdd is None:
             self.foreseen.unknown()
         else:
             self.foreseen.beside(led, led.qdd if qdd is None else qdd)
 
-    def _keeps_off(self, led: Setpoint) -> bool:
-        """Whether the joints can stop from there without meeting other arms."""
-        if self._neighbours is None:
-            return True
-        stop = online.stop(led.q, led.qd, led.qdd, self._stop_limits, self._dt)
-        if self._neighbours.admits(stop.q, stop.dt):
-            return True
-        self._held = (*self._held, self._neighbours.against)
-        return False
-
-    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, Setpoint, Places]:
-        """``led``, but joints that could not stop in time brake; what follows to rest; the path."""
-        after, path = self._to_rest(led)
-        outside = self._bounds.outside(led, limits, path)
+    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, online.PathToRest]:
+        """``led``, but joints that could not stop in time brake; what follows to rest."""
+        rest = self._to_rest(led)
+        outside = self._bounds.outside(led, limits, rest.path)
         if not any(outside):
-            return led, after, path
+            return led, rest
         braked = self._braked
         led = Setpoint(
             q=np.where(outside, braked.q, led.q),
             qd=np.where(outside, braked.qd, led.qd),
             qdd=np.where(outside, braked.qdd, led.qdd),
         )
-        return led, *self._to_rest(led)
+        return led, self._to_rest(led)
 
-    def _to_rest(self, now: Setpoint) -> tuple[Setpoint, Places]:
+    def _to_rest(self, now: Setpoint) -> online.PathToRest:
         return online.path_to_rest(now, self._stop_limits, self._dt, self._look_every)
 
     def _refuse_short(self, aim: _Aim) -> None:
         if not self._ends_there:
             return
         off = float(np.max(np.abs(aim.q - self.now.q)))
-        if off < self._nearest - NEARER or not self._held:
+        if self._held:
+            self._t_held = self._t
+        if off < self._nearest - NEARER or self._t - self._t_held > HELD_FOR:
             self._nearest, self._t_nearest = off, self._t
         elif self._t - self._t_nearest > SHORT_AFTER:
             raise MotionError(

@@ -6,7 +6,6 @@ slowed down where it does, instead of all of it. What comes out is only likely t
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import NamedTuple
@@ -14,11 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.planning.collision.apart import EARLY, ROOM, gaps, placement
+from so101_motion.planning.collision.apart import EARLY, ROOM, distances
 from so101_motion.planning.collision.arm_bodies import ArmBodies
-from so101_motion.planning.collision.batch_check import pointer
-from so101_motion.planning.collision.course import Course
-from so101_motion.planning.native.library import native
 from so101_motion.planning.timing.path_geometry import JointPath
 
 LOOKS = 64
@@ -67,7 +63,8 @@ def pace_on(path: JointPath, arms: Sequence[PacedArm]) -> Callable[[Array, Array
     allowed = []
     for i, j in combinations(range(len(arms)), 2):
         T = arms[i].T_cell_base.inverse @ arms[j].T_cell_base
-        room = _gaps(arms[i].bodies, arms[j].bodies, T, q[i], q[j]) - ROOM
+        near = distances(arms[i].bodies, arms[j].bodies, T, q[i], q[j], need=ROOM, enough=FAR)
+        room = near - ROOM
         if room.min() <= 0.0:
             return None
         allowed.append((i, j, np.maximum(SHARE * room / EARLY, SLOWEST)))
@@ -86,25 +83,3 @@ def pace_on(path: JointPath, arms: Sequence[PacedArm]) -> Callable[[Array, Array
         return np.asarray(np.max(shares, axis=0))
 
     return pace
-
-
-def _gaps(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array) -> Array:
-    """How far apart bodies are at configurations (n, 6), at least and about: (n, k, m), [m]."""
-    if a.handle is None or b.handle is None:
-        one, other = Course(t=0.0, dt=1.0, q=qa), Course(t=0.0, dt=1.0, q=qb)
-        return np.array([*gaps((a, one), (b, other), T, np.arange(float(len(qa))))])
-    library, placed = native().library, placement(T)
-    assert library is not None
-    found = np.empty((len(qa), len(a.objects), len(b.objects)))
-    library.so101_gaps(
-        a.handle,
-        b.handle,
-        pointer(placed),
-        len(qa),
-        pointer(np.ascontiguousarray(qa)),
-        pointer(np.ascontiguousarray(qb)),
-        ctypes.c_double(ROOM),
-        ctypes.c_double(FAR),
-        pointer(found),
-    )
-    return found

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import coal
@@ -19,7 +20,7 @@ import numpy as np
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.arm_bodies import ArmBodies
 from so101_motion.planning.collision.batch_check import pointer
-from so101_motion.planning.collision.course import Course, stopping
+from so101_motion.planning.collision.course import STEP, Course, stopping
 from so101_motion.planning.collision.scene import HOLDERS
 from so101_motion.planning.native.library import native
 
@@ -37,13 +38,13 @@ lag behind their commands, by nearly the same time."""
 GUARDED_EARLY = 0.01
 """The same for arms that are led [s]: one period of the control loop."""
 
-STEP = 0.02
-"""Time between the samples at which two courses are held against each other [s]. Chosen: a joint
-that accelerates at 10 rad/s^2 is then within 0.2 mm of the straight line between."""
-
 PARTING, TENTH = 5e-4, 1e-4
 """Arms that are too near already may come so much nearer [m], because parts that slide along each
 other do; distances are known to the second. Chosen."""
+
+PUSHED = 0.7
+"""Arms that are nearer than this share of what they have gained were moved by others; chosen, a
+proof leaves three quarters of it."""
 
 LOOKS = 4
 """At so many instants of a stop it is looked whether arms only part; chosen."""
@@ -157,17 +158,15 @@ def nearness(
         room: How near [m].
 
     Returns:
-        At most so far are they apart, to ``TENTH``; 0 or less if they touch, or nearly [m].
+        So far are they apart at least, and ``TENTH`` more at most; 0 or less if they touch, or
+        nearly [m].
     """
-    when = np.array([at])
-    here, there = ((each, Course(t=at, dt=1.0, q=c.at(when))) for each, c in (first, second))
-    found, nearest = None, room
-    while nearest > 0.0:
-        met = first_meeting(here, there, T_first_second, since=at, room=nearest)
-        if met is None:
-            break
-        found = nearest = min(met.distance, nearest - TENTH)
-    return found
+    here, there = (course.at(np.array([at])) for _, course in (first, second))
+    nearest = min(
+        float(distances(a, b, T_first_second, here, there, need=room, enough=room).min())
+        for a, b in _groups(first[0], second[0])
+    )
+    return nearest if nearest < room else None
 
 
 def are_apart(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, room: float) -> bool:
@@ -209,6 +208,72 @@ def clearance_over_time(
     return found
 
 
+@dataclass(slots=True)
+class Gained:
+    """What an arm that is led has gained from another that is too near.
+
+    Attributes:
+        room: How far they keep apart from now on [m]; 0 for nothing.
+        lie: About how their bodies lie from each other, for the library: a hint, no more.
+    """
+
+    room: float = 0.0
+    lie: Array = field(default_factory=lambda: np.zeros(0))
+
+
+def led_apart(
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T_first_second: SE3,
+    *,
+    since: float,
+    gained: Gained,
+) -> Meeting | None:
+    """Where an arm that is led would come too near to another, both stopping along their courses.
+
+    Arms that are too near already may part: what they have gained they keep, and those that have
+    less, such as one that braked into that, may do nothing but part.
+
+    Args:
+        first: The led arm's bodies and its course.
+        second: Another's.
+        T_first_second: Where the second's base is in the first's.
+        since: From when on to look [s].
+        gained: What they have gained, of the same two arms in every cycle; is changed.
+
+    Returns:
+        Where they would meet; None if nowhere.
+    """
+    a, b = first[0], second[0]
+    if a.handle is not None and b.handle is not None and not a.passed | b.passed:
+        figures = since, STEP, GUARDED, GUARDED_EARLY, PUSHED, PARTING
+        size = 3 * len(a.objects) * len(b.objects)
+        if len(gained.lie) != size:
+            gained.lie = np.zeros(size)
+        more = np.concatenate(([gained.room], gained.lie))
+        found, out = _answer("so101_led_apart", first, second, T_first_second, figures, more)
+        if found != _UNKNOWN:
+            gained.room, gained.lie = float(out[4]), out[5:]
+            return _meeting(found, out, a, b)
+    pair = first, second, T_first_second
+    met = first_meeting(*pair, since=since, room=GUARDED, early=GUARDED_EARLY)
+    if met is None:
+        return None
+    nearest = nearness(*pair, at=since, room=GUARDED)
+    if nearest is None:
+        gained.room = 0.0
+        return met
+    kept = gained.room if nearest >= PUSHED * gained.room else 0.0
+    kept = max(kept, nearest - PARTING)
+    if only_part(*pair, since=since, room=GUARDED):
+        met = None
+    elif kept > 0.0:
+        met = first_meeting(*pair, since=since, room=kept, early=0.0)
+    if met is None:
+        gained.room = kept
+    return met
+
+
 def only_part(
     first: tuple[ArmBodies, Course],
     second: tuple[ArmBodies, Course],
@@ -235,6 +300,44 @@ def only_part(
     now, *after = gaps(first, second, T_first_second, times)
     enough = np.minimum(now, room) - _SAME
     return all(bool(np.all(each >= enough)) for each in after)
+
+
+def distances(
+    a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, need: float, enough: float
+) -> Array:
+    """How far apart bodies of two arms are at least at configurations, shape (n, k, m), [m].
+
+    Exact to ``TENTH`` where that is less than ``need``, else to a tenth of what is to spare, and
+    what is more than ``enough`` will do. Those of the bases are infinitely far from each other.
+
+    Args:
+        a: An arm's bodies.
+        b: Another's.
+        T: Where its base is in the first's.
+        qa: The first arm's joints and jaw, shape (n, 6), [rad].
+        qb: The second's; as many.
+        need: How far they should be apart [m].
+        enough: How far they need not be [m].
+    """
+    if a.handle is None or b.handle is None:
+        one, other = Course(t=0.0, dt=1.0, q=qa), Course(t=0.0, dt=1.0, q=qb)
+        return np.array([*gaps((a, one), (b, other), T, np.arange(float(len(qa))))])
+    library, placed = native().library, placement(T)
+    assert library is not None
+    qa, qb = np.ascontiguousarray(qa), np.ascontiguousarray(qb)
+    found = np.empty((len(qa), len(a.objects), len(b.objects)))
+    library.so101_gaps(
+        a.handle,
+        b.handle,
+        pointer(placed),
+        len(qa),
+        pointer(qa),
+        pointer(qb),
+        ctypes.c_double(need),
+        ctypes.c_double(enough),
+        pointer(found),
+    )
+    return found
 
 
 def gaps(
@@ -307,26 +410,38 @@ def _told(
     figures: tuple[float, ...],
 ) -> Meeting | None:
     """What the compiled library answers about two courses."""
+    found, out = _answer(question, first, second, T, figures)
+    return _meeting(found, out, first[0], second[0])
+
+
+def _answer(
+    question: str,
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T: SE3,
+    figures: tuple[float, ...],
+    more: Array | None = None,
+) -> tuple[int, Array]:
+    """The library's verdict about two courses; when, how near, which bodies, and ``more``."""
     (a, one), (b, other) = first, second
-    library, out = native().library, np.zeros(4)
+    library, n, m = native().library, one.q.size, other.q.size
     assert library is not None
-    times = np.array([one.t, one.dt, other.t, other.dt])
-    placed, at = placement(T), times.ctypes.data
-    found = getattr(library, question)(
-        a.handle,
-        b.handle,
-        pointer(placed),
-        a.levers_pointer,
-        b.levers_pointer,
-        ctypes.c_void_p(at),
-        len(one.q),
-        pointer(one.q),
-        ctypes.c_void_p(at + 2 * times.itemsize),
-        len(other.q),
-        pointer(other.q),
-        *map(ctypes.c_double, figures),
-        pointer(out),
+    told = np.array([one.t, one.dt, other.t, other.dt, 0.0, 0.0, 0.0, 0.0])
+    parts = [placement(T), one.q.ravel(), other.q.ravel(), told, *(() if more is None else (more,))]
+    given = np.concatenate(parts)
+    at: int = given.ctypes.data  # asking for an address takes as long as some looks
+    placed, qa, qb, times, others, out = (
+        ctypes.c_void_p(at + given.itemsize * k)
+        for k in (0, 12, 12 + n, 12 + n + m, 14 + n + m, 16 + n + m)
     )
+    found = getattr(library, question)(
+        a.handle, b.handle, placed, a.levers_pointer, b.levers_pointer,
+        times, n // 6, qa, others, m // 6, qb, *map(ctypes.c_double, figures), out,
+    )  # fmt: skip
+    return int(found), given[16 + n + m :]
+
+
+def _meeting(found: int, out: Array, a: ArmBodies, b: ArmBodies) -> Meeting | None:
     met = _found(found, out)
     return None if met is None else Meeting(met[0], met[1], a.names[met[2]], b.names[met[3]])
 

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.planning.collision.scene import Attached
 
+STEP = 0.02
+"""Time between the samples at which two courses are held against each other [s]. Chosen: a joint
+that accelerates at 10 rad/s^2 is then within 0.2 mm of the straight line between."""
+
 
 class Samples(Protocol):
     """Joint angles over time, such as a ``Trajectory``."""

@@ -20,11 +20,16 @@
 #define AT_LEAST 0.1
 #define PART 0.5    /* of the margin: the least travel between two looks at a pair */
 #define SOON 0.5      /* of the time until a pair must be looked at; then it is, if others must */
+#define SAME 1e-7   /* distances that differ by less are equal [m]; as in apart.py */
+#define TENTH 1e-4  /* to which so101_gap knows distances [m] */
+#define BARELY 1e-6 /* bodies whose hulls are nearer than this may overlap [m] */
+#define LED_LOOKS 4  /* instants at which it is looked whether bodies part; as LOOKS in apart.py */
 #define CLOSE 0.05  /* balls that are further apart than this beyond the need will do [m] */
 
 typedef struct {
     const Scene *scene;
-    const double *q, *travel; /* configurations; what each body travels in each step at most [m] */
+    const double *q, *travel; /* configurations; what each body travels in each step at most [m], */
+    const double *bend;       /* and how far it leaves the straight line between */
     Pose pose[JOINTS + 1];
     double centre[MOST_BODIES][3];
 } Arm;
@@ -59,13 +64,17 @@ static void look(Arm *arm, const double *placement, int n, double t) {
     }
 }
 
-static double between(const Arm *a, int i, const Arm *b, int j, double need, double enough,
-                      double *v) {
+/* How far apart two bodies are at least, by balls around them. */
+static double balls(const Arm *a, int i, const Arm *b, int j) {
     const Body *first = &a->scene->body[i], *second = &b->scene->body[j];
     double square = 0.0;
     for (int c = 0; c < 3; c++) square += pow(a->centre[i][c] - b->centre[j][c], 2.0);
-    const double low =
-        sqrt(square) - first->ball - second->ball - first->radius - second->radius - SLACK;
+    return sqrt(square) - first->ball - second->ball - first->radius - second->radius - SLACK;
+}
+
+static double between(const Arm *a, int i, const Arm *b, int j, double need, double enough,
+                      double *v) {
+    const double low = balls(a, i, b, j);
     if (low > enough) return low;
     return so101_gap(a->scene, a->pose, i, b->scene, b->pose, j, need, enough, v);
 }
@@ -83,15 +92,37 @@ static double until(const Arm *a, int i, const Arm *b, int j, int n, double t, d
     return INFINITY;
 }
 
-/* How far each body travels in each step at most: by how far its points are from each axis. */
-static void travelled(const Scene *s, const double *levers, int n, const double *q, double *travel) {
+/* How far each body travels in each step at most: by how far its points are from each axis. And how
+ * far they are from the straight line between, if that is asked for: an eighth of what the velocity
+ * changes by, and the second derivative of a point by two joints is no longer than its way to the
+ * axis of the later one. */
+static void travelled(const Scene *s, const double *levers, int n, const double *q, double *travel,
+                      double *bend) {
     for (int k = 0; k < n - 1; k++)
         for (int i = 0; i < s->bodies; i++) {
-            double sum = 0.0;
-            for (int j = 0; j < JOINTS; j++)
-                sum += fabs(q[JOINTS * (k + 1) + j] - q[JOINTS * k + j]) * levers[JOINTS * i + j];
+            double sum = 0.0, turned = 0.0, change = 0.0;
+            for (int j = 0; j < JOINTS; j++) {
+                const double by = fabs(q[JOINTS * (k + 1) + j] - q[JOINTS * k + j]);
+                const double way = by * levers[JOINTS * i + j];
+                sum += way;
+                change += way * (by + 2.0 * turned);
+                turned += by;
+            }
             travel[k * s->bodies + i] = sum;
+            if (bend) bend[k * s->bodies + i] = change / 8.0;
         }
+}
+
+/* Whether two bodies keep `need` apart from `t` to the end of that step, because a plane keeps them
+ * apart at both times; `ahead` is where the arms are then. */
+static int step_is_clear(const Arm *a, int i, const Arm *b, int j, const Arm *ahead, double t,
+                         double need, const double *v) {
+    const int k = (int)t;
+    const double left = k + 1 - t;
+    const double bend = a->bend[k * a->scene->bodies + i] + b->bend[k * b->scene->bodies + j];
+    const double bound = need + left * left * bend;
+    return so101_gap_along(a->scene, a->pose, i, b->scene, b->pose, j, v) >= bound &&
+           so101_gap_along(a->scene, ahead[0].pose, i, b->scene, ahead[1].pose, j, v) >= bound;
 }
 
 /* What is known of every two bodies; of `low` and `lie` nothing if they are 0. */
@@ -126,12 +157,12 @@ static void begin(Known *known, const Arm *a, const Arm *b, int n, double margin
         }
 }
 
-static int apart(const Scene *a, const Scene *b, const double *placement, int n, const double *qa,
-                 const double *qb, const double *travel_a, const double *travel_b, double margin,
-                 double skew, Known *known, double *out) {
-    Arm first = {.scene = a, .q = qa, .travel = travel_a};
-    Arm second = {.scene = b, .q = qb, .travel = travel_b};
+static int apart(const Arm *arms, const double *placement, int n, double margin, double skew,
+                 Known *known, double *out) {
+    const Scene *a = arms[0].scene, *b = arms[1].scene;
+    Arm first = arms[0], second = arms[1], ahead[2] = {arms[0], arms[1]};
     double t = 0.0;
+    int looked_ahead = 0; /* to this step */
     begin(known, &first, &second, n, margin, skew);
     while (t <= n - 1) {
         double next = INFINITY;
@@ -148,7 +179,8 @@ static int apart(const Scene *a, const Scene *b, const double *placement, int n,
                     }
                     double need = margin;
                     if (n > 1)
-                        need += skew * fmin(travel_a[k * a->bodies + i], travel_b[k * b->bodies + j]);
+                        need += skew * fmin(first.travel[k * a->bodies + i],
+                                            second.travel[k * b->bodies + j]);
                     const double enough = need + (n > 1 ? CLOSE : 0.0);
                     const double gap =
                         between(&first, i, &second, j, need, enough, known->lie[i][j]);
@@ -160,6 +192,16 @@ static int apart(const Scene *a, const Scene *b, const double *placement, int n,
                     *due = fmax(until(&first, i, &second, j, n, t, gap - margin, skew),
                                 until(&first, i, &second, j, n, t, PART * margin, 0.0));
                     *soon = fmin(t + SOON * (*due - t), *due);
+                    const int end = (int)t + 1;
+                    if (*due < end && end < n) {
+                        if (looked_ahead < end) {
+                            look(&ahead[0], 0, n, end);
+                            look(&ahead[1], placement, n, end);
+                            looked_ahead = end;
+                        }
+                        if (step_is_clear(&first, i, &second, j, ahead, t, need, known->lie[i][j]))
+                            *due = *soon = end;
+                    }
                 }
                 next = fmin(next, *due);
             }
@@ -172,12 +214,15 @@ static int apart(const Scene *a, const Scene *b, const double *placement, int n,
 static int known_apart(const Scene *a, const Scene *b, const double *placement,
                        const double *levers_a, const double *levers_b, int n, const double *qa,
                        const double *qb, double margin, double skew, Known *known, double *out) {
-    double *travel = malloc(sizeof(double) * (size_t)n * (size_t)(a->bodies + b->bodies));
+    const int each = n * (a->bodies + b->bodies);
+    double *travel = malloc(sizeof(double) * 2 * (size_t)each), *bend = travel + each;
     if (!travel) return UNKNOWN;
-    travelled(a, levers_a, n, qa, travel);
-    travelled(b, levers_b, n, qb, travel + n * a->bodies);
-    const int found = apart(a, b, placement, n, qa, qb, travel, travel + n * a->bodies, margin, skew,
-                            known, out);
+    travelled(a, levers_a, n, qa, travel, bend);
+    travelled(b, levers_b, n, qb, travel + n * a->bodies, bend + n * a->bodies);
+    const Arm arms[2] = {
+        {.scene = a, .q = qa, .travel = travel, .bend = bend},
+        {.scene = b, .q = qb, .travel = travel + n * a->bodies, .bend = bend + n * a->bodies}};
+    const int found = apart(arms, placement, n, margin, skew, known, out);
     free(travel);
     return found;
 }
@@ -241,6 +286,20 @@ static double stop_of(const Course *c, double t, double places[PLACES][JOINTS]) 
     return duration;
 }
 
+/* Where two arms are every `step` seconds from `since` on, `n` configurations of each; 0 without
+ * memory. */
+static double *sampled(const Course *both, double since, double step, int *n) {
+    const double end =
+        fmax(both[0].t + both[0].dt * (both[0].n - 1), both[1].t + both[1].dt * (both[1].n - 1)) -
+        since;
+    *n = end > 0.0 ? (int)ceil(end / step - 1e-9) + 1 : 1;
+    double *q = malloc(sizeof(double) * 2 * (size_t)*n * JOINTS);
+    for (int which = 0; q && which < 2; which++)
+        for (int i = 0; i < *n; i++)
+            course_at(&both[which], since + step * i, q + JOINTS * (which * *n + i));
+    return q;
+}
+
 /* As so101_apart, for two arms from `since` on along their courses, which are held against each
  * other every `step` seconds and straight in between; see so101_stops_apart for the arguments. */
 int so101_courses_apart(const Scene *a, const Scene *b, const double *placement,
@@ -248,18 +307,106 @@ int so101_courses_apart(const Scene *a, const Scene *b, const double *placement,
                         int na, const double *qa, const double *b_course, int nb, const double *qb,
                         double since, double step, double margin, double skew, double *out) {
     const Course both[2] = {{a_course[0], a_course[1], na, qa}, {b_course[0], b_course[1], nb, qb}};
-    const double end =
-        fmax(both[0].t + both[0].dt * (na - 1), both[1].t + both[1].dt * (nb - 1)) - since;
-    const int n = end > 0.0 ? (int)ceil(end / step - 1e-9) + 1 : 1;
-    double *q = malloc(sizeof(double) * 2 * (size_t)n * JOINTS);
+    int n;
+    double *q = sampled(both, since, step, &n);
     if (!q) return UNKNOWN;
-    for (int which = 0; which < 2; which++)
-        for (int i = 0; i < n; i++)
-            course_at(&both[which], since + step * i, q + JOINTS * (which * n + i));
     const int found = so101_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n, margin,
                                   skew / step, out);
     free(q);
     if (found != FREE) out[0] = since + step * out[0];
+    return found;
+}
+
+/* Whether two bodies only part from the first of LED_LOOKS instants on: at each of the others they
+ * are as far apart as at the first, where that is `now` to a tenth, or `room`. UNKNOWN where they
+ * touch, or where it is too close to say. `lie` as in Known. */
+static int pair_parts(const Arm *first, int i, const Arm *second, int j, double now, double room,
+                      double *lie) {
+    const Scene *a = first->scene, *b = second->scene;
+    const double radii = a->body[i].radius + b->body[j].radius, rough = fmin(now + 2.0 * TENTH, room);
+    double least = -INFINITY, most = INFINITY; /* what must stay between them */
+    for (int k = 1; k < LED_LOOKS; k++) {
+        if (between(&first[k], i, &second[k], j, rough, rough, lie) >= rough) continue;
+        for (int at = most < INFINITY ? k : 0; at <= k; at += k) {
+            const Closest found = so101_closest_bodies(a, first[at].pose, i, b, second[at].pose, j,
+                                                       fmin(most, room) + radii);
+            const double low = found.low - radii, high = found.length - radii;
+            if (!(found.length > BARELY) && !(low > fmin(most, room))) return UNKNOWN;
+            if (!at)
+                least = fmin(low, room) - SAME, most = fmin(low > room ? room : high, room) - SAME;
+            else if (high < least)
+                return TOUCHING;
+            else if (!(low >= most))
+                return UNKNOWN;
+        }
+    }
+    return FREE;
+}
+
+/* Whether two arms only part, see pair_parts; how near they are at the first instant. */
+static int arms_part(const Course *both, const Scene *a, const Scene *b, const double *placement,
+                     double since, double room, Known *known, double *nearest) {
+    Arm arm[2][LED_LOOKS];
+    double q[2][LED_LOOKS][JOINTS];
+    const double lasts = fmax(both[0].t + both[0].dt * (both[0].n - 1) - since, 0.0);
+    for (int k = 0; k < LED_LOOKS; k++)
+        for (int which = 0; which < 2; which++) {
+            course_at(&both[which], since + lasts * k / (LED_LOOKS - 1), q[which][k]);
+            arm[which][k] = (Arm){.scene = which ? b : a, .q = q[which][k]};
+            look(&arm[which][k], which ? placement : 0, 1, 0.0);
+        }
+    int answer = FREE;
+    *nearest = INFINITY;
+    for (int i = 0; i < a->bodies; i++)
+        for (int j = 0; j < b->bodies; j++) {
+            if (!a->body[i].joint && !b->body[j].joint) continue;
+            known->low[i][j] = between(arm[0], i, arm[1], j, room, room, known->lie[i][j]);
+            *nearest = fmin(*nearest, known->low[i][j]);
+        }
+    for (int i = 0; i < a->bodies && answer == FREE; i++)
+        for (int j = 0; j < b->bodies && answer == FREE; j++)
+            if (a->body[i].joint || b->body[j].joint)
+                answer = pair_parts(arm[0], i, arm[1], j, known->low[i][j], room, known->lie[i][j]);
+    return answer;
+}
+
+/* Whether an arm that is led may stop along a course beside another's, see led_apart in apart.py. As
+ * so101_courses_apart, but `told` is when, how near, which bodies; at 4 what they have gained, 0 for
+ * nothing, where what they have gained now is left; then about how each two bodies lie, as in Known,
+ * which is kept for the next time. UNKNOWN: the caller finds out. */
+int so101_led_apart(const Scene *a, const Scene *b, const double *placement,
+                    const double *levers_a, const double *levers_b, const double *a_course, int na,
+                    const double *qa, const double *b_course, int nb, const double *qb, double since,
+                    double step, double margin, double skew, double pushed, double parting,
+                    double *told) {
+    const Course both[2] = {{a_course[0], a_course[1], na, qa}, {b_course[0], b_course[1], nb, qb}};
+    double *kept = told + 4, *lie = told + 5, nearest;
+    int n;
+    double *q = sampled(both, since, step, &n);
+    if (!q) return UNKNOWN;
+    Known known;
+    memset(known.low, 0, sizeof known.low);
+    for (int i = 0; i < a->bodies; i++)
+        memcpy(known.lie[i], lie + 3 * b->bodies * i, sizeof(double) * 3 * b->bodies);
+    int found = known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n, margin,
+                            skew / step, &known, told);
+    if (found == TOUCHING && told[0] > 0.0) {
+        *kept = 0.0; /* now they are far enough from each other */
+    } else if (found == TOUCHING) {
+        found = arms_part(both, a, b, placement, since, margin, &known, &nearest);
+        const double before = nearest < pushed * *kept ? 0.0 : *kept;
+        const double now = fmax(before, nearest - parting);
+        if (!(nearest < margin))
+            *kept = 0.0, found = TOUCHING;
+        else if (found == TOUCHING && now > 0.0)
+            found = known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n, now, 0.0,
+                                &known, told);
+        if (found == FREE) *kept = now;
+    }
+    free(q);
+    if (found != FREE) told[0] = since + step * told[0];
+    for (int i = 0; i < a->bodies; i++)
+        memcpy(lie + 3 * b->bodies * i, known.lie[i], sizeof(double) * 3 * b->bodies);
     return found;
 }
 
@@ -284,7 +431,7 @@ int so101_stops_apart(const Scene *a, const Scene *b, const double *placement,
             memcpy(before[which][1], stop[which][0], sizeof stop[which][0]);
             if (k)
                 travelled(which ? b : a, which ? levers_b : levers_a, 2, before[which][0],
-                          moved[which]);
+                          moved[which], 0);
             memcpy(before[which][0], stop[which][0], sizeof stop[which][0]);
         }
         for (int i = 0; k && i < a->bodies; i++)

@@ -248,9 +248,25 @@ double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, c
     return low - radii;
 }
 
+double so101_gap_along(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
+                       int body_b, const double *v) {
+    const Body *first = &a->body[body_a], *second = &b->body[body_b];
+    double pa[3], pb[3];
+    body_furthest(a, first, &at_a[first->joint], v, -1.0, pa);
+    body_furthest(b, second, &at_b[second->joint], v, 1.0, pb);
+    for (int c = 0; c < 3; c++) pa[c] -= pb[c];
+    return dot(v, pa) / sqrt(dot(v, v)) - first->radius - second->radius - ROUNDED;
+}
+
 Closest so101_closest_pair(const Scene *s, const Pose *pose, int pair, double enough) {
     const Hull a = hull_of(s, pose, s->pair[pair].first), b = hull_of(s, pose, s->pair[pair].second);
     return closest(&a, &b, enough, EXACT);
+}
+
+Closest so101_closest_bodies(const Scene *a, const Pose *at_a, int body_a, const Scene *b,
+                             const Pose *at_b, int body_b, double enough) {
+    const Hull first = hull_of(a, at_a, body_a), second = hull_of(b, at_b, body_b);
+    return closest(&first, &second, enough, EXACT);
 }
 
 Closest so101_closest_piece(const Scene *s, const Pose *pose, int body, int piece, double enough) {

@@ -152,6 +152,10 @@ int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin)
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                  int body_b, double need, double enough, double *v);
 
+/* How far apart two bodies are at least along v, from the second to the first [m]; NaN for no v. */
+double so101_gap_along(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
+                       int body_b, const double *v);
+
 /* How far apart two bodies are without their radii, at least and as found [m], and where they are
  * nearest; `low` alone counts if that is more than `enough`. A length of 0 is not to be trusted. */
 typedef struct {
@@ -159,6 +163,8 @@ typedef struct {
 } Closest;
 
 Closest so101_closest_pair(const Scene *s, const Pose *pose, int pair, double enough);
+Closest so101_closest_bodies(const Scene *a, const Pose *at_a, int body_a, const Scene *b,
+                             const Pose *at_b, int body_b, double enough);
 Closest so101_closest_piece(const Scene *s, const Pose *pose, int body, int piece, double enough);
 void so101_lowest(const Scene *s, const Pose *pose, int body, double *at); /* its lowest point */
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import ruckig
@@ -245,9 +245,21 @@ def _soft_gains(dt: float) -> tuple[float, float, float]:
     return tuple(gains.tolist())
 
 
-def path_to_rest(
-    now: Setpoint, limits: MotionLimits, dt: float, every: float
-) -> tuple[Setpoint, list[list[float]]]:
+class PathToRest(NamedTuple):
+    """A stop, seen roughly.
+
+    Attributes:
+        after: The state one period on.
+        path: Where the joints are from now to rest, m >= 2 rows of n [rad].
+        step: The time between these [s].
+    """
+
+    after: Setpoint
+    path: list[list[float]]
+    step: float
+
+
+def path_to_rest(now: Setpoint, limits: MotionLimits, dt: float, every: float) -> PathToRest:
     """The shortest stop (see :func:`stop`), seen roughly: cheap enough for every tick.
 
     Args:
@@ -255,9 +267,6 @@ def path_to_rest(
         limits: Acceleration and jerk caps of the n joints.
         dt: The period [s].
         every: How often to look, at least [s].
-
-    Returns:
-        The state one period on, and the positions from now to rest, m >= 2 rows of n [rad].
 
     Raises:
         PlanningError: ruckig finds no motion.
@@ -269,9 +278,10 @@ def path_to_rest(
     step = duration / count
     path = [found.at_time(k * step)[0] for k in range(count + 1)]
     if duration <= dt:
-        return Setpoint.at_rest(np.array(path[-1])), path
+        return PathToRest(Setpoint.at_rest(np.array(path[-1])), path, step)
     q, qd, qdd = found.at_time(dt)
-    return Setpoint(q=np.array(q), qd=np.array(qd), qdd=np.array(qdd)), path
+    after = Setpoint(q=np.array(q), qd=np.array(qd), qdd=np.array(qdd))
+    return PathToRest(after, path, step)
 
 
 def stop(

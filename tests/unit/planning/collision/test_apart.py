@@ -7,9 +7,10 @@ from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision import apart
-from so101_motion.planning.collision.arm_bodies import bodies_of
-from so101_motion.planning.collision.course import Course, stopping
+from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
+from so101_motion.planning.collision.course import STEP, Course, stopping
 from so101_motion.planning.collision.scene import Attached, Box
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 
@@ -59,6 +60,67 @@ def test_the_clearance_over_time_is_that_of_the_nearest_bodies():
         assert {met.first, met.second} <= set(bodies.names)
 
 
+def test_compiled_distances_are_those_of_coal_at_least_and_about():
+    random, bodies, count, enough = np.random.default_rng(3), bodies_of(), 40, 0.3
+    q = [random.uniform(-0.8, 0.8, (count, 6)) for _ in range(2)]
+    found = apart.distances(bodies, bodies, T_LEFT_RIGHT, *q, need=apart.ROOM, enough=enough)
+    pair = [(bodies, Course(t=0.0, dt=1.0, q=each)) for each in q]
+    true = np.array([*apart.gaps(*pair, T_LEFT_RIGHT, np.arange(float(count)))])
+    moved = np.isfinite(true)
+    np.testing.assert_array_equal(np.isfinite(found), moved)
+    found, true = found[moved], true[moved]
+    assert np.any(true < 0.0)
+    assert np.all(found <= np.maximum(true, 0.0) + 1e-5)
+    near = (true > 0.0) & (true < enough)
+    assert np.all(found[near] > true[near] - 2e-4 - 0.12 * np.maximum(true[near] - apart.ROOM, 0.0))
+
+
+def without_library():
+    bodies = ArmBodies(RobotModel.load())
+    bodies._batch = None
+    return bodies
+
+
+def test_an_arm_that_is_led_may_part_from_one_that_is_near_with_and_without_the_library():
+    facing, by_coal, verdicts = Facing(6), without_library(), []
+    while len(verdicts) < 12:
+        q_left, q_right = facing.near(), facing.near()
+        far = distance(facing.bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
+        if not 0.003 < far < 0.009:
+            continue
+        stop = q_left + np.outer(np.linspace(0.0, 0.1, 8), facing.random.uniform(-1.0, 1.0, 5))
+        led = Course(t=0.0, dt=0.02, q=np.column_stack([stop, np.zeros(8)]))
+        still = Course.resting(q_right, 0.0)
+        found = []
+        for bodies in (facing.bodies, by_coal):
+            gained = apart.Gained()
+            pair = (bodies, led), (bodies, still)
+            met = apart.led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained)
+            again = apart.led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained)
+            assert (met is None) == (again is None)
+            assert gained.room == (0.0 if met else pytest.approx(far - apart.PARTING, abs=2e-4))
+            found.append(met is None)
+        assert found[0] == found[1]
+        if found[0]:
+            nearest = [distance(facing.bodies, q, still.q[0]) for q in led.q]
+            assert min(nearest) > 0.75 * (far - apart.PARTING)
+        verdicts.append(found[0])
+    assert set(verdicts) == {True, False}
+
+
+def test_an_arm_that_is_led_and_pushed_towards_another_may_only_part():
+    facing = Facing(8)
+    gained = apart.Gained(room=0.009)
+    while True:
+        q_left, q_right = facing.near(), facing.near()
+        far = distance(facing.bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
+        if 0.003 < far < 0.005:
+            break
+    still = [(facing.bodies, Course.resting(q, 0.0)) for q in (q_left, q_right)]
+    assert apart.led_apart(*still, T_LEFT_RIGHT, since=0.0, gained=gained) is None
+    assert gained.room == pytest.approx(far - apart.PARTING, abs=2e-4)
+
+
 def test_what_is_proven_keeps_its_room_at_every_instant():
     facing = Facing(2)
     proven = 0
@@ -83,7 +145,7 @@ def test_without_the_library_the_verdict_is_the_same():
     verdicts = set()
     for _ in range(10):
         left, right = random_courses(facing)
-        times = np.arange(0.0, max(left.end, right.end), apart.STEP)
+        times = np.arange(0.0, max(left.end, right.end), STEP)
         both = np.ascontiguousarray(left.at(times)), np.ascontiguousarray(right.at(times))
         args = facing.bodies, facing.bodies, FURTHER, *both, apart.ROOM, 1.0
         found, by_coal = apart._meet(*args), apart._meet_by_coal(*args)
