@@ -1,102 +1,52 @@
-"""Two arms that face each other at 350 mm: planned for together, and led into each other.
+"""Two arms that face each other at 350 mm, planned for together.
 
 Tasks are drawn so that the tools begin and end where both arms reach, and so that arms that moved
 in straight joint lines at the same pace would meet halfway. What is measured: how many tasks are
 solved, how long planning and proof take, and how much sooner both are there than one after the
-other. Then two leaders draw random motions that two guarded followings take up, in one cell.
+other. How they are led into each other ``bench_led.py`` measures.
 
-Contact is judged by other means than planning: polytopes around the official solids (from
-``tests/data/official_supports.json``, measured supports in 400 directions), looked at by coal at
-single instants, every 5 ms of a plan and every tick of a following.
+Contact is judged by other means than planning (``solids.py``): polytopes around the official
+solids, looked at by coal at single instants, every 5 ms of a plan.
 
 Last, what 30 components of a machine that stand around cost the plans of one arm: each motion is
 planned without and with them, in turn, and of either the quickest of several times counts. They are
 not in the way, so what is compared is the looking.
 
-    python -m benchmarks.bench_cell --tasks 500 --ticks 100000
+    python -m benchmarks.bench_cell --tasks 500
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from dataclasses import replace
-from itertools import product
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks._common import single_thread, summary, write
+from benchmarks.solids import Facing
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array, rot_z
+from so101_motion.planning.cell.together import TeamMember, plan_together
+from so101_motion.planning.collision.apart import first_meeting
+from so101_motion.planning.collision.arm_bodies import bodies_of
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.course import Course
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.planner import Planner
+from so101_motion.planning.request import PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
 
-SUPPORTS = Path(__file__).parents[1] / "tests" / "data" / "official_supports.json"
 T_LEFT_RIGHT = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
-LINK_OF_BASE = "base_link"
 COMPONENTS = 30
-
-
-class Solids:
-    """Polytopes around the official solids of an arm, which coal holds against those of another."""
-
-    def __init__(self) -> None:
-        import coal
-        import pinocchio as pin
-        from scipy.spatial import HalfspaceIntersection
-
-        from so101_motion.planning.collision.coal_shapes import convex_hull
-        from so101_motion.planning.kinematics.model import RobotModel
-
-        self._coal, self._pin = coal, pin
-        self._model = RobotModel.load().pin_model
-        self._data = self._model.createData()
-        known = json.loads(SUPPORTS.read_text())
-        k = np.arange(known["count"])
-        z = 1.0 - 2.0 * (k + 0.5) / known["count"]
-        azimuth = np.pi * (1.0 + np.sqrt(5.0)) * (k + 0.5)
-        flat = np.sqrt(1.0 - z * z)
-        directions = np.column_stack((flat * np.cos(azimuth), flat * np.sin(azimuth), z))
-        self._shapes = {}
-        for link, reach_mm in known["supports_mm"].items():
-            reach = np.array(reach_mm) * 1e-3
-            inside = np.linalg.lstsq(directions, reach, rcond=None)[0]
-            planes = np.column_stack((directions, -reach))
-            corners = HalfspaceIntersection(planes, inside).intersections
-            self._shapes[link] = convex_hull(corners)
-
-    def placed(self, q: Array, T: SE3) -> dict[str, tuple[Any, Any]]:
-        """The polytopes of an arm at six joint angles whose base is at ``T``."""
-        pin, model = self._pin, self._model
-        pin.framesForwardKinematics(model, self._data, q)
-        base = pin.SE3(np.array(T.R), np.array(T.p))
-        found = {}
-        for link, shape in self._shapes.items():
-            place = base * self._data.oMf[model.getFrameId(link)]
-            found[link] = shape, self._coal.Transform3s(place.rotation, place.translation)
-        return found
-
-    def touch(self, q_left: Array, q_right: Array) -> bool:
-        """Whether the arms touch at configurations of five joints and the jaw."""
-        left, right = self.placed(q_left, SE3.identity()), self.placed(q_right, T_LEFT_RIGHT)
-        coal = self._coal
-        for (a, (shape_a, T_a)), (b, (shape_b, T_b)) in product(left.items(), right.items()):
-            if a == b == LINK_OF_BASE:
-                continue
-            request, result = coal.CollisionRequest(), coal.CollisionResult()
-            if coal.collide(shape_a, T_a, shape_b, T_b, request, result):
-                return True
-        return False
 
 
 class Tasks:
     """Draws crossing tasks."""
 
     def __init__(self, seed: int) -> None:
-        from so101_motion.planning.collision.arm_bodies import bodies_of
-        from so101_motion.planning.collision.collision import CollisionModel
-        from so101_motion.planning.kinematics.model import RobotModel
 
         self.random, self.model = np.random.default_rng(seed), RobotModel.load()
         self.collision, self.bodies = CollisionModel(self.model), bodies_of()
@@ -111,9 +61,6 @@ class Tasks:
 
     def are_apart(self, q_left: Array, q_right: Array, room: float) -> bool:
         """Whether the arms at rest keep ``room`` [m] apart."""
-        from so101_motion.planning.collision.apart import first_meeting
-        from so101_motion.planning.collision.course import Course
-
         left, right = (Course.resting(q, 0.0) for q in (q_left, q_right))
         pair = (self.bodies, left), (self.bodies, right)
         return first_meeting(*pair, T_LEFT_RIGHT, since=0.0, room=room) is None
@@ -133,14 +80,8 @@ class Tasks:
 
 def plans(count: int, seed: int) -> list[dict[str, object]]:
     """Tasks planned together."""
-    from so101_motion.planning.cell.together import TeamMember, plan_together
-    from so101_motion.planning.goals import JointGoal
-    from so101_motion.planning.planner import Planner
-    from so101_motion.planning.request import PlanRequest
-    from so101_motion.planning.timing.limits import MotionLimits
-
     caps = MotionLimits.uniform(velocity=np.pi / 2, acceleration=6.0, jerk=60.0)
-    tasks, solids = Tasks(seed), Solids()
+    tasks, solids = Tasks(seed), Facing(T_LEFT_RIGHT)
     planner = Planner(tasks.model)
     planner.warm_up()
 
@@ -231,73 +172,8 @@ def plans(count: int, seed: int) -> list[dict[str, object]]:
     ]
 
 
-def followings(ticks: int, seed: int) -> list[dict[str, object]]:
-    """Two leaders drive two guarded followings into each other."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    from so101_motion.arm.cell import Cell
-    from so101_motion.common.clock import ManualClock
-    from so101_motion.control.following import Following
-    from so101_motion.planning.timing.limits import MotionLimits
-    from so101_motion.rig.hardware_rig import Rig, open_simulated
-
-    caps = MotionLimits.uniform(velocity=np.pi, acceleration=8.0, jerk=150.0)
-    tasks, solids, clock = Tasks(seed), Solids(), ManualClock()
-    starts, _ = tasks.draw()
-    spent: list[float] = []
-    touching = held = 0
-    with (
-        open_simulated(clock=clock, q_start=starts[0]) as one,
-        open_simulated(clock=clock, q_start=starts[1]) as other,
-    ):
-        cell = Cell()
-        for name, rig, T in (("left", one, SE3.identity()), ("right", other, T_LEFT_RIGHT)):
-            cell.add(name, rig, T)
-
-        def opened(rig: Rig) -> Following:
-            with ThreadPoolExecutor(1) as threads:
-                done = threads.submit(
-                    rig.arm.open_following, limits=caps, stale_after=None, gate=10.0
-                )
-                while not done.done():
-                    clock.advance(0.01)
-            return done.result()
-
-        led = [opened(rig) for rig in (one, other)]
-        left_for = [0, 0]
-        for _ in range(ticks):
-            for k, following in enumerate(led):
-                if left_for[k] == 0:
-                    following.aim(tasks.near())
-                    left_for[k] = int(tasks.random.integers(10, 120))
-                left_for[k] -= 1
-                held += any("'s " in each for each in following.held_by)
-            begin = time.process_time()
-            clock.advance(0.01)
-            spent.append(time.process_time() - begin)
-            q = [np.append(rig.arm.state.q_ref, rig.arm.state.q_jaw) for rig in (one, other)]
-            touching += solids.touch(*q)
-        for following in led:
-            following.close()
-    return [
-        {
-            "what": "two guarded followings, both ticks, CPU",
-            **summary(spent),
-            "touching": touching,
-            "held by the other": held / (2 * ticks),
-        }
-    ]
-
-
 def components(count: int, seed: int) -> list[dict[str, object]]:
     """What 30 components that stand around cost the plans of one arm."""
-    from so101_motion.planning.collision.collision import CollisionModel
-    from so101_motion.planning.collision.scene import Box, Obstacle, Scene
-    from so101_motion.planning.goals import JointGoal
-    from so101_motion.planning.planner import Planner
-    from so101_motion.planning.request import PlanRequest
-    from so101_motion.planning.timing.limits import MotionLimits
-
     caps = MotionLimits.uniform(velocity=np.pi / 2, acceleration=6.0, jerk=60.0)
     tasks = Tasks(seed)
     planner, random = Planner(tasks.model), np.random.default_rng(seed)
@@ -360,12 +236,11 @@ def main() -> None:
     single_thread()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tasks", type=int, default=500)
-    parser.add_argument("--ticks", type=int, default=100_000)
     parser.add_argument("--motions", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
-    rows = [*plans(asked.tasks, asked.seed), *followings(asked.ticks, asked.seed)]
-    write("bench_cell", [*rows, *components(asked.motions, asked.seed)])
+    rows = [*plans(asked.tasks, asked.seed), *components(asked.motions, asked.seed)]
+    write("bench_cell", rows)
 
 
 if __name__ == "__main__":
