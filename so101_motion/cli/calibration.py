@@ -89,12 +89,14 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
 
 @calibration.command()
 @click.argument("file", shell_complete=completed_files)
-@click.option("--lerobot", metavar="ID", help="For the arm that LeRobot calls so (--robot.id).")
+@click.option(
+    "--lerobot", metavar="ID", help="Save it where LeRobot looks for the arm with this --robot.id."
+)
 @click.option("--kind", default="", help="With --lerobot: its kind of arm, such as so_leader.")
 @click.option("--out", type=click.Path(path_type=Path), help="Write to this file.")
 @dry_run_option
 def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run: bool) -> None:
-    """Write FILE as LeRobot reads it; without --lerobot or --out to stdout.
+    """Print FILE in LeRobot's format, or save it with --lerobot or --out.
 
     \b
     so101 calibration export my_arm.json --lerobot my_follower
@@ -158,7 +160,9 @@ def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None
 
 @calibration.command()
 @click.argument("file", shell_complete=completed_files)
-@click.option("--number", type=int, metavar="N", help="Which version; by default the last other.")
+@click.option(
+    "--number", type=int, metavar="N", help="Which version; by default the newest that differs."
+)
 @dry_run_option
 @json_option
 def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None:

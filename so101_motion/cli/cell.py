@@ -41,7 +41,9 @@ def cell() -> None:
 
 @cell.command()
 @click.argument("file", type=IN_FILE)
-@click.option("--touches", type=click.IntRange(5, 50), default=6, show_default=True)
+@click.option(
+    "--touches", type=click.IntRange(5, 50), default=6, show_default=True, help="Number of places."
+)
 @click.option("--yes", is_flag=True, help="Start without asking.")
 @json_option
 def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
@@ -205,8 +207,8 @@ def handover(
 ) -> None:
     """Pass what GIVER holds into the hand of TAKER, two arms of FILE.
 
-    THING is its name among what FILE says that GIVER holds ("attached"); it may be left out if
-    that is one thing. Where the hands meet and how it is taken is found.
+    THING is what FILE calls the held thing (in "attached" of GIVER); leave it out if GIVER holds
+    only one. The program finds where the hands meet and how TAKER grips it.
 
     \b
     so101 cell handover cell.json left right stick

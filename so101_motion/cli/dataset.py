@@ -70,7 +70,9 @@ _recorded_option = click.option(
 @click.argument("path", type=_FOLDER)
 @_set_options
 @_recorded_option
-@click.option("--scene", "scene_file", type=IN_FILE, help="What was around the arm.")
+@click.option(
+    "--scene", "scene_file", type=IN_FILE, help="A scene file: what stood around the arm."
+)
 @click.option(
     "--speed",
     type=Finite(1.0, 1000.0),
@@ -98,8 +100,8 @@ def check(
 ) -> None:
     """Check whether the data set in PATH is fit to learn from and to replay.
 
-    Jumps, limits, speeds, contact, joints that stand or are not where they were sent, time gaps,
-    and numbers that mean something else than it seems. The worst moments come first.
+    It looks for jumps, exceeded limits and speeds, contact, joints that stand still or do not reach
+    their commands, time gaps, and numbers in other units than it seems. Worst moments first.
 
     \b
     so101 dataset check ~/.cache/huggingface/lerobot/me/pick
@@ -135,12 +137,12 @@ def check(
 @click.argument("out", type=click.Path(path_type=Path))
 @_set_options
 @_recorded_option
-@click.option("--to", "to_units", type=_KINDS, help="What they shall mean.  [default: the same]")
+@click.option("--to", "to_units", type=_KINDS, help="Units to convert to.  [default: the same]")
 @click.option(
     "--to-calibration",
     "to_calibration_file",
     type=IN_FILE,
-    help="Calibration of the arm it shall fit.  [default: that of --calibration]",
+    help="Calibration of the arm that will use it.  [default: that of --calibration]",
 )
 @click.option("--link", is_flag=True, help="Link videos and images instead of copying them.")
 @json_option
@@ -206,9 +208,11 @@ def convert(
     type=IN_FILE,
     help="Calibration of the arm that was recorded.  [default: that of this arm]",
 )
-@click.option("--state", is_flag=True, help="Go where the joints were, not where they were sent.")
+@click.option("--state", is_flag=True, help="Follow the measured positions, not the commands.")
 @click.option("--start", type=Finite(0.0), default=0.0, metavar="S", help="Start at this time [s].")
-@click.option("--scene", "scene_file", type=IN_FILE, help="What is around the arm, for the guard.")
+@click.option(
+    "--scene", "scene_file", type=IN_FILE, help="A scene file: what stands around the arm."
+)
 @yes_option
 @json_option
 def replay(

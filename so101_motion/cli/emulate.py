@@ -17,7 +17,7 @@ from so101_motion.cli.param_types import Finite, Link
 @click.option(
     "--ids", default="1-6", show_default=True, help="Servo ids on the bus: 1-6, 1-3,5, 6=1."
 )
-@click.option("--new", is_flag=True, help="As the kit comes: all have id 1, none is plugged in.")
+@click.option("--new", is_flag=True, help="A new kit: all servos have id 1, none is plugged in.")
 @click.option("--realtime", is_flag=True, help="Send bytes at the speed of a real bus.")
 @click.option(
     "--latency",
@@ -48,7 +48,7 @@ from so101_motion.cli.param_types import Finite, Link
     help="Servos differ by up to this share in friction, play, gain, dead time and zero.",
 )
 @click.option(
-    "--seed", type=int, default=0, metavar="N", help="Which of the arms with that spread."
+    "--seed", type=int, default=0, metavar="N", help="With --spread: another seed, another arm."
 )
 @click.option(
     "--like",

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 
 @click.command()
 @source_options
-@click.option("--carrying", is_flag=True, help="The hand carries something: weigh it, too.")
-@click.option("--check", is_flag=True, help="Keep nothing: only say how well the figures predict.")
+@click.option(
+    "--carrying", is_flag=True, help="The hand holds something: measure its weight as well."
+)
+@click.option("--check", is_flag=True, help="Keep nothing; only say how well the figures predict.")
 @click.option(
     "--record",
     type=click.Path(path_type=Path, file_okay=False),

@@ -36,6 +36,8 @@ class Finite(click.FloatRange):
 
     def _describe_range(self) -> str:
         """The bounds in words, for the help and for errors."""
+        if self.min is None and self.max is None:
+            return ""
         if self.min is None or self.max is None:
             return super()._describe_range()
         return f"{self.min:g} to {self.max:g}"

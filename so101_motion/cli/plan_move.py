@@ -52,8 +52,12 @@ def _goal_options(verb: F) -> F:
     """The options that name a goal; the verb gets ``goal`` and ``scene``."""
 
     @click.option("--xyz", type=_POINT, help="Bring the tool to this point [mm], base frame.")
-    @click.option("--approach", type=_POINT, help="With --xyz: where the tool's z axis points.")
-    @click.option("--line", is_flag=True, help="With --xyz: along a straight line of the tool.")
+    @click.option(
+        "--approach",
+        type=_POINT,
+        help="With --xyz: direction of the tool's z axis, such as 0,0,-1.",
+    )
+    @click.option("--line", is_flag=True, help="With --xyz: move the tool along a straight line.")
     @click.option(
         "--frame",
         type=click.Choice(["tool", "jaw_tip"]),

@@ -44,9 +44,8 @@ def run(
 ) -> None:
     """Run PROGRAM: the name of one saved in the preview, or a .json file.
 
-    Every leg is planned and looked at for collisions before anything moves. The arm goes
-    through waypoints that may be passed without a stop, within 3 degrees a joint. Ctrl-C stops
-    the arm.
+    Everything is planned and checked for collisions before anything moves. Where "Pass through"
+    is ticked the arm does not stop, and each joint comes within 3 degrees. Ctrl-C stops the arm.
 
     \b
     so101 run "stack cubes" --port /dev/ttyACM0

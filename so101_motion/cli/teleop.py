@@ -39,19 +39,33 @@ _EVERY = 0.2  # [s], how often a person is told how it is
 @click.option("--leader-calibration", type=click.Path(path_type=Path), help="Calibration file.")
 @click.option("--follower-calibration", type=click.Path(path_type=Path), help="Calibration file.")
 @click.option("--no-gripper", is_flag=True, help="Leave the follower's jaw alone.")
-@click.option("--scale", type=PerJoint(), help="Factor from leader to follower; a minus reverses.")
-@click.option("--mirror", is_flag=True, help="For arms that face each other: pan and roll turn.")
-@click.option("--offsets", type=PerJoint(), help="Five angles to add for the follower [deg].")
+@click.option(
+    "--scale", type=PerJoint(), help="Multiply the leader's angles by this; a minus reverses."
+)
+@click.option("--mirror", is_flag=True, help="For arms that face each other: reverse pan and roll.")
+@click.option("--offsets", type=PerJoint(), help="Add these five angles to the leader's [deg].")
 @click.option(
     "--guard/--no-guard",
     default=True,
     help="Keep the follower clear of itself and the table.  [default: on]",
 )
-@click.option("--scene", "scene_file", type=IN_FILE, help="What is around it, for the guard.")
-@click.option("--speed", type=float, metavar="DEG/S", help="Cap while mirroring.  [default: 180]")
-@click.option("--acceleration", type=float, metavar="DEG/S2", help="Likewise.  [default: 500]")
 @click.option(
-    "--approach-speed", type=float, metavar="DEG/S", help="While coming closer.  [default: 30]"
+    "--scene", "scene_file", type=IN_FILE, help="A scene file: what stands around the follower."
+)
+@click.option(
+    "--speed", type=float, metavar="DEG/S", help="Joint speed cap while it mirrors.  [default: 180]"
+)
+@click.option(
+    "--acceleration",
+    type=float,
+    metavar="DEG/S2",
+    help="Joint acceleration cap while it mirrors.  [default: 500]",
+)
+@click.option(
+    "--approach-speed",
+    type=float,
+    metavar="DEG/S",
+    help="Joint speed cap while it comes to the leader.  [default: 30]",
 )
 @click.option(
     "--record", type=OutFile(".csv", ".mcap"), help="Record it to this file, .csv or .mcap."

@@ -129,7 +129,9 @@ def page_options(verb: F) -> F:
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="What the arm reaches, shown as cubes: the folder that so101 sweep reach made.",
 )
-@click.option("--leader-calibration", type=click.Path(path_type=Path), help="Its calibration file.")
+@click.option(
+    "--leader-calibration", type=click.Path(path_type=Path), help="The leader's calibration file."
+)
 @page_options
 def view(
     source: AnySource | CellSource,

@@ -69,10 +69,12 @@ class FromTo(click.ParamType[tuple[float, float]]):
 @click.argument("task_files", metavar="TASK [TASK]", nargs=-1, required=True, type=IN_FILE)
 @_each(
     "--x-mm", type=FromTo(_FARTHEST_MM), default=["-300:300"],
-    help="Where the base may be in the cell; twice for two arms, as all that say where.",
+    help="Where the base may be in the cell, along x; give it twice for two arms.",
 )  # fmt: skip
-@_each("--y-mm", type=FromTo(_FARTHEST_MM), default=["-300:300"], help="Likewise.")
-@_each("--z-mm", type=FromTo(_FARTHEST_MM), default=["0"], help="Likewise; 0 is on the table.")
+@_each("--y-mm", type=FromTo(_FARTHEST_MM), default=["-300:300"], help="The same along y.")
+@_each(
+    "--z-mm", type=FromTo(_FARTHEST_MM), default=["0"], help="The same along z; 0 is on the table."
+)
 @_each("--turn-deg", type=FromTo(360.0), default=["-180:180"], help="How it may be turned.")
 @_each(
     "--mount", type=click.Choice(["table", "wall", "upside-down"]), default=["table"],
@@ -84,10 +86,14 @@ class FromTo(click.ParamType[tuple[float, float]]):
 )  # fmt: skip
 @click.option(
     "--spacing-mm", type=Finite(4.0, 1000.0), default=40.0, show_default=True,
-    help="Between the bases that are tried first; the best are moved by an eighth of it.",
+    help="Distance between the places tried first; the best are refined in eighths of it.",
 )  # fmt: skip
 @click.option(
-    "--turn-step-deg", type=Finite(1.0, 180.0), default=30.0, show_default=True, help="Likewise."
+    "--turn-step-deg",
+    type=Finite(1.0, 180.0),
+    default=30.0,
+    show_default=True,
+    help="Angle between the turns tried first.",
 )
 @click.option(
     "--by", type=click.Choice(["time", "clearance", "torque", "robust"]), default="time",
@@ -142,7 +148,7 @@ def place(
     dask: str | None,
     as_json: bool,
 ) -> None:
-    """Find where to screw the base, so that TASK is done best.
+    """Find the place for the base from which TASK is done best.
 
     TASK is a program taught on an arm at the cell's origin, or a file of poses with tolerances.
     Every pose must be reached free of contact, and the whole cycle planned. The ten best places

@@ -226,7 +226,7 @@ def export(plans_folder: Path, out: Path, first: int, count: int | None) -> None
 @click.option("--scene", "scene_file", type=IN_FILE, help="What stands around the arm now.")
 @click.option(
     "--calibration", "calibration_file", type=IN_FILE,
-    help="Calibration of the arm that shall do it.",
+    help="Calibration of the arm that will do it.",
 )  # fmt: skip
 @click.option(
     "--taught-with", "taught_file", type=IN_FILE,
@@ -265,11 +265,11 @@ def check(
 @click.argument("atlas_folder", metavar="ATLAS", type=click.Path(path_type=Path, exists=True))
 @click.option(
     "--axis", type=click.Choice(["x", "y", "z"]), default="z", show_default=True,
-    help="Which coordinate is the same everywhere in the slice.",
+    help="The axis that the slice is perpendicular to.",
 )  # fmt: skip
 @click.option(
     "--at-mm", type=Finite(-1000.0, 1000.0), default=50.0, show_default=True,
-    help="Where the slice is.",
+    help="Where on this axis the slice is.",
 )  # fmt: skip
 @click.option(
     "--colour-by", type=click.Choice(["torque", "clearance", "manipulability", "ways"]),
