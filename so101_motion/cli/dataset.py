@@ -341,7 +341,7 @@ def _print_check(report: CheckReport, worst: int) -> None:
 
 
 def _print_differences(off: Differences) -> None:
-    click.echo(f"joints are {1000.0 * off.lag_s:.0f} ms late; with that taken out, off by [deg]")
+    click.echo(f"joints lag by {1000.0 * off.lag_s:.0f} ms; errors without that lag [deg]")
     click.echo(f"  {'':<14}{'rms':>8}{'mean':>8}{'worst':>8}")
     for joint, rms in off.rms_deg.items():
         click.echo(f"  {joint:<14}{rms:8.2f}{off.mean_deg[joint]:8.2f}{off.worst_deg[joint]:8.2f}")
