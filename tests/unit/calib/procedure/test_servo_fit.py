@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from so101_motion.calib.procedure.servo_fit import identify, play
+from so101_motion.calib.procedure.servo_fit import identify, play, refined
 from so101_motion.calib.procedure.servo_twin import JointRecord, replayed, setpoints
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.setup.identify_report import write_recordings
@@ -87,6 +87,13 @@ def test_play_shows_when_a_joint_without_load_turns_round(degrees):
     assert play(record, true, weightless) == pytest.approx(true.play, rel=0.05)
     off = ServoFigures(friction=0.95, torque=0.95)
     assert play(record, off, weightless) == pytest.approx(true.play, rel=0.1)
+
+
+def test_a_play_that_was_looked_for_with_poor_figures_is_put_right_with_good_ones():
+    true = ServoFigures(torque=1.1, friction=0.9, play=math.radians(0.95))
+    record = record_of(true, index=0)
+    found = refined(record, replace(true, play=0.8 * true.play), np.zeros(len(record.t)))
+    assert found.play == pytest.approx(true.play, rel=0.04)
 
 
 def test_a_recording_is_written_as_angles_from_the_zero_without_a_date(tmp_path):
