@@ -46,9 +46,6 @@ PUSHED = 0.7
 """Arms that are nearer than this share of what they have gained were moved by others; chosen, a
 proof leaves three quarters of it."""
 
-LOOKS = 4
-"""At so many instants of a stop it is looked whether arms only part; chosen."""
-
 _SAME = 1e-7
 """Distances that differ by less are equal [m]; coal's rounding."""
 
@@ -284,7 +281,8 @@ def only_part(
 ) -> bool:
     """Whether no two bodies come nearer than they are, or nearer than ``room`` [m].
 
-    Looked at by coal at some instants of the first arm's course. Never while something is passed
+    Looked at by coal every ``STEP`` until both rest, at first twice as often. Never while something
+    is passed
     from hand to hand.
 
     Args:
@@ -296,7 +294,9 @@ def only_part(
     """
     if first[0].passed | second[0].passed:
         return False
-    times = np.linspace(since, max(first[1].end, since), LOOKS)
+    left = max(first[1].end, second[1].end) - since
+    soon, later = np.arange(0.0, 2.0 * STEP, 0.5 * STEP), np.arange(2.0 * STEP, left, STEP)
+    times = since + np.append(np.append(soon[soon < left], later), max(left, 0.0))
     now, *after = gaps(first, second, T_first_second, times)
     enough = np.minimum(now, room) - _SAME
     return all(bool(np.all(each >= enough)) for each in after)

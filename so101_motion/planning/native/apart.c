@@ -23,7 +23,6 @@
 #define SAME 1e-7   /* distances that differ by less are equal [m]; as in apart.py */
 #define TENTH 1e-4  /* to which so101_gap knows distances [m] */
 #define BARELY 1e-6 /* bodies whose hulls are nearer than this may overlap [m] */
-#define LED_LOOKS 4  /* instants at which it is looked whether bodies part; as LOOKS in apart.py */
 #define CLOSE 0.05  /* balls that are further apart than this beyond the need will do [m] */
 
 typedef struct {
@@ -317,57 +316,60 @@ int so101_courses_apart(const Scene *a, const Scene *b, const double *placement,
     return found;
 }
 
-/* Whether two bodies only part from the first of LED_LOOKS instants on: at each of the others they
- * are as far apart as at the first, where that is `now` to a tenth, or `room`. UNKNOWN where they
- * touch, or where it is too close to say. `lie` as in Known. */
-static int pair_parts(const Arm *first, int i, const Arm *second, int j, double now, double room,
-                      double *lie) {
-    const Scene *a = first->scene, *b = second->scene;
+/* Whether two bodies are as far apart at an instant as at the first, where that is `now` to a tenth,
+ * or `room`. UNKNOWN where they touch, or where it is too close to say. `lie` as in Known; `limit` is
+ * between what and what that is exactly, or 0 if nobody has looked. */
+static int pair_parts(const Arm *first, const Arm *at, int i, int j, double now, double room,
+                      double *limit, double *lie) {
+    const Scene *a = at[0].scene, *b = at[1].scene;
     const double radii = a->body[i].radius + b->body[j].radius, rough = fmin(now + 2.0 * TENTH, room);
-    double least = -INFINITY, most = INFINITY; /* what must stay between them */
-    for (int k = 1; k < LED_LOOKS; k++) {
-        if (between(&first[k], i, &second[k], j, rough, rough, lie) >= rough) continue;
-        for (int at = most < INFINITY ? k : 0; at <= k; at += k) {
-            const Closest found = so101_closest_bodies(a, first[at].pose, i, b, second[at].pose, j,
-                                                       fmin(most, room) + radii);
-            const double low = found.low - radii, high = found.length - radii;
-            if (!(found.length > BARELY) && !(low > fmin(most, room))) return UNKNOWN;
-            if (!at)
-                least = fmin(low, room) - SAME, most = fmin(low > room ? room : high, room) - SAME;
-            else if (high < least)
-                return TOUCHING;
-            else if (!(low >= most))
-                return UNKNOWN;
-        }
+    if (between(&at[0], i, &at[1], j, rough, rough, lie) >= rough) return FREE;
+    if (limit[1] == 0.0) {
+        const Closest found =
+            so101_closest_bodies(a, first[0].pose, i, b, first[1].pose, j, room + radii);
+        const double low = found.low - radii, high = found.length - radii;
+        if (!(found.length > BARELY)) return UNKNOWN;
+        limit[0] = fmin(low, room) - SAME;
+        limit[1] = (low > room ? room : fmin(high, room)) - SAME;
     }
-    return FREE;
+    const Closest found =
+        so101_closest_bodies(a, at[0].pose, i, b, at[1].pose, j, limit[1] + radii);
+    if (found.low - radii >= limit[1]) return FREE;
+    if (!(found.length > BARELY)) return UNKNOWN;
+    return found.length - radii < limit[0] ? TOUCHING : UNKNOWN;
 }
 
-/* Whether two arms only part, see pair_parts; how near they are at the first instant. */
+/* Whether two arms only part, see only_part in apart.py: at every half a step in the beginning, then
+ * at every step; how near they are at first. */
 static int arms_part(const Course *both, const Scene *a, const Scene *b, const double *placement,
-                     double since, double room, Known *known, double *nearest) {
-    Arm arm[2][LED_LOOKS];
-    double q[2][LED_LOOKS][JOINTS];
-    const double lasts = fmax(both[0].t + both[0].dt * (both[0].n - 1) - since, 0.0);
-    for (int k = 0; k < LED_LOOKS; k++)
-        for (int which = 0; which < 2; which++) {
-            course_at(&both[which], since + lasts * k / (LED_LOOKS - 1), q[which][k]);
-            arm[which][k] = (Arm){.scene = which ? b : a, .q = q[which][k]};
-            look(&arm[which][k], which ? placement : 0, 1, 0.0);
-        }
-    int answer = FREE;
+                     double since, double step, double room, Known *known, double *nearest) {
+    double q[2][JOINTS], limit[MOST_BODIES][MOST_BODIES][2];
+    Arm first[2] = {{.scene = a, .q = q[0]}, {.scene = b, .q = q[1]}}, at[2];
+    const double lasts =
+        fmax(both[0].t + both[0].dt * (both[0].n - 1), both[1].t + both[1].dt * (both[1].n - 1)) - since;
     *nearest = INFINITY;
-    for (int i = 0; i < a->bodies; i++)
-        for (int j = 0; j < b->bodies; j++) {
-            if (!a->body[i].joint && !b->body[j].joint) continue;
-            known->low[i][j] = between(arm[0], i, arm[1], j, room, room, known->lie[i][j]);
-            *nearest = fmin(*nearest, known->low[i][j]);
-        }
-    for (int i = 0; i < a->bodies && answer == FREE; i++)
-        for (int j = 0; j < b->bodies && answer == FREE; j++)
-            if (a->body[i].joint || b->body[j].joint)
-                answer = pair_parts(arm[0], i, arm[1], j, known->low[i][j], room, known->lie[i][j]);
-    return answer;
+    memset(limit, 0, sizeof limit);
+    for (double t = 0.0;;) {
+        for (int which = 0; which < 2; which++) course_at(&both[which], since + t, q[which]);
+        memcpy(at, first, sizeof at);
+        look(&at[0], 0, 1, 0.0);
+        look(&at[1], placement, 1, 0.0);
+        for (int i = 0; i < a->bodies; i++)
+            for (int j = 0; j < b->bodies; j++) {
+                if (!a->body[i].joint && !b->body[j].joint) continue;
+                double *low = &known->low[i][j], *lie = known->lie[i][j];
+                if (t == 0.0) {
+                    *low = between(&at[0], i, &at[1], j, room, room, lie);
+                    *nearest = fmin(*nearest, *low);
+                    continue;
+                }
+                const int answer = pair_parts(first, at, i, j, *low, room, limit[i][j], lie);
+                if (answer != FREE) return answer;
+            }
+        if (t == 0.0) memcpy(first, at, sizeof at);
+        if (!(t < lasts)) return FREE;
+        t = fmin(t + (t < 1.9 * step ? 0.5 * step : step), lasts);
+    }
 }
 
 /* Whether an arm that is led may stop along a course beside another's, see led_apart in apart.py. As
@@ -393,7 +395,7 @@ int so101_led_apart(const Scene *a, const Scene *b, const double *placement,
     if (found == TOUCHING && told[0] > 0.0) {
         *kept = 0.0; /* now they are far enough from each other */
     } else if (found == TOUCHING) {
-        found = arms_part(both, a, b, placement, since, margin, &known, &nearest);
+        found = arms_part(both, a, b, placement, since, step, margin, &known, &nearest);
         const double before = nearest < pushed * *kept ? 0.0 : *kept;
         const double now = fmax(before, nearest - parting);
         if (!(nearest < margin))

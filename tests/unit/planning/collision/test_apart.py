@@ -108,6 +108,31 @@ def test_an_arm_that_is_led_may_part_from_one_that_is_near_with_and_without_the_
     assert set(verdicts) == {True, False}
 
 
+@pytest.mark.parametrize("by_coal", [False, True])
+@pytest.mark.parametrize("who", ["led", "other"])
+def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_coal):
+    facing = Facing(9)
+    bodies = without_library() if by_coal else facing.bodies
+    share = np.sin(3.0 * np.pi * np.linspace(0.0, 1.0, 31)) ** 2  # three times there and back
+    while True:
+        q_left, q_right = facing.near(), facing.near()
+        far = distance(bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
+        if not 0.006 < far < 0.009:
+            continue
+        away = facing.random.uniform(-0.05, 0.05, 5)
+        q = (q_left, q_right)[who == "other"] + np.outer(share, away)
+        moving = Course(t=0.0, dt=0.01, q=np.column_stack([q, np.zeros(31)]))
+        course = {"led": Course.resting(q_left, 0.0), "other": Course.resting(q_right, 0.0)}
+        course[who] = moving
+        k = np.array([0.05])
+        near = distance(bodies, *(each.at(k)[0] for each in course.values()))
+        if 0.001 < near < far - 0.002:
+            break
+    gained = apart.Gained(room=far - 1e-4)
+    pair = (bodies, course["led"]), (bodies, course["other"])
+    assert apart.led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained) is not None
+
+
 def test_an_arm_that_is_led_and_pushed_towards_another_may_only_part():
     facing = Facing(8)
     gained = apart.Gained(room=0.009)
