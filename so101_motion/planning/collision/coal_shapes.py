@@ -15,6 +15,7 @@ import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.collision.cubes import cube_middles, cube_numbers
 from so101_motion.planning.collision.scene import Box, Capsule, Mesh, PointCloud, Shape, Sphere
 
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
@@ -43,28 +44,19 @@ def full_cubes(cloud: PointCloud, checkpoint: Checkpoint = wanted) -> Array:
     found, merged, waiting = [np.zeros(0, dtype=np.int64)], 0, 0
     for begin in range(0, len(cloud.points), _AT_ONCE):
         checkpoint()
-        cubes = np.floor(cloud.points[begin : begin + _AT_ONCE] / cloud.resolution)
-        found.append(np.unique((cubes.astype(np.int64) + _MIDDLE) @ _PLACES))
+        points = cloud.points[begin : begin + _AT_ONCE]
+        found.append(np.unique(cube_numbers(points, cloud.resolution)))
         waiting += len(found[-1])
         if waiting > merged + 4 * _AT_ONCE:
             checkpoint()
             found = [np.unique(np.concatenate(found))]
             merged, waiting = len(found[0]), 0
     checkpoint()
-    keys = np.unique(np.concatenate(found))
-    cubes = keys[:, None] // _PLACES % (2 * _MIDDLE) - _MIDDLE
-    return np.asarray((cubes + 0.5) * cloud.resolution)
+    return cube_middles(np.unique(np.concatenate(found)), cloud.resolution)
 
 
 _AT_ONCE = 16_384
 """So many points are looked at between two checkpoints. Chosen: 3 ms."""
-
-_MIDDLE = 32_768
-"""Cubes are counted from here in each direction, so that none has a negative number; see
-``scene.CUBES``."""
-
-_PLACES = np.array([(2 * _MIDDLE) ** 2, 2 * _MIDDLE, 1])
-"""What the three numbers of a cube count in the one that stands for it."""
 
 
 def held_shape(shape: Shape) -> tuple[Any, Array]:

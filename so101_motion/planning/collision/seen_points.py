@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.coal_shapes import held_shape
+from so101_motion.planning.collision.cubes import PLACES, cube_middles, cube_numbers
 from so101_motion.planning.collision.scene import MARGIN, Attached
 from so101_motion.planning.collision.shape_files import read_shape
 
@@ -28,10 +29,10 @@ EDGE = 0.01
 """Edge of the cubes [m]. Chosen: what depth cameras know at an arm's length, and quick to check."""
 
 THIN = EDGE / 4.0
-"""Of points that are so near to each other one is looked at [m]; chosen, the noise of a camera."""
+"""Edge of the cubes of which only one point each is looked at [m]; chosen, a camera's noise."""
 
 OWN = EDGE * 3.0**0.5 + MARGIN + 1e-3
-"""What is nearer to the arm is taken for the arm [m]: a cube that is left then keeps the margin."""
+"""Points nearer to the arm than this belong to it [m], so that every cube keeps the margin."""
 
 LOW = 0.01
 """What is no higher above the floor is the floor [m]; chosen, noise of a depth camera."""
@@ -40,14 +41,7 @@ FEWEST = 3
 """Fewer points in a cube and the 26 around it are noise; chosen, surfaces show dozens."""
 
 REACH = 0.7
-"""So far from the base's origin the arm gets, and a little more [m]; what it holds comes on top."""
-
-
-_MIDDLE = 4_096
-"""Cubes are counted from here in each direction, so that none has a negative number."""
-
-_PLACES = np.array([(2 * _MIDDLE) ** 2, 2 * _MIDDLE, 1])
-"""What the three numbers of a cube count in the one that stands for it."""
+"""How far the arm reaches from its base's origin, rounded up [m]; what it holds comes on top."""
 
 
 class _Hull(NamedTuple):
@@ -85,9 +79,9 @@ def seen_cubes(
         points = points[points[:, 2] > floor_z + LOW]
     points = _thinned(points)
     own = of_the_arm(points, T_base_links=T_base_links, T_base_tool=T_base_tool, held=held)
-    keys, counts = np.unique(_keys(points[~own], EDGE), return_counts=True)
+    keys, counts = np.unique(cube_numbers(points[~own], EDGE), return_counts=True)
     keys = keys[_in_company(keys, counts)]
-    return np.asarray((keys[:, None] // _PLACES % (2 * _MIDDLE) - _MIDDLE + 0.5) * EDGE)
+    return cube_middles(keys, EDGE)
 
 
 def of_the_arm(
@@ -121,14 +115,9 @@ def _is_in(points: Array, T: SE3, hull: _Hull) -> Mask:
     return np.asarray(inside)
 
 
-def _keys(points: Array, edge: float) -> Any:
-    """One number for the cube that each point is in."""
-    return (np.floor(points / edge).astype(np.int64) + _MIDDLE) @ _PLACES
-
-
 def _thinned(points: Array) -> Array:
     """One point of each small cube: cameras see a surface many times over."""
-    _, first = np.unique(_keys(points, THIN), return_index=True)
+    _, first = np.unique(cube_numbers(points, THIN), return_index=True)
     return points[first]
 
 
@@ -136,7 +125,7 @@ def _in_company(keys: Any, counts: Any) -> Mask:
     """Whether each cube and those around it hold points enough, shape (n,); keys in order."""
     around = np.zeros(len(keys), dtype=np.int64)
     for step in itertools.product((-1, 0, 1), repeat=3):
-        wanted = keys + np.array(step) @ _PLACES
+        wanted = keys + np.array(step) @ PLACES
         at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
         around += np.where(keys[at] == wanted, counts[at], 0) if len(keys) else 0
     return np.asarray(around >= FEWEST)
