@@ -123,26 +123,16 @@ class Gripper:
 
     Args:
         executor: The I/O thread that moves it; owned by the rig.
-        closed: Jaw angle at aperture 0 [rad].
-        opened: Jaw angle at aperture 1 [rad].
-        limits: How fast it moves, one joint.
 
     Attributes:
-        closed: As given; changes with the calibration.
-        opened: Likewise.
-        limits: As given; for motions that start from now on.
+        closed: Jaw angle at aperture 0 [rad]; changes with the calibration.
+        opened: Jaw angle at aperture 1 [rad]; likewise.
+        limits: How fast it moves, one joint; for motions that start from now on.
         feels: Whether the jaw is stopped by what is between; a simulated one closes through it.
     """
 
-    def __init__(
-        self,
-        *,
-        executor: Executor,
-        closed: float = JAW_CLOSED,
-        opened: float = JAW_OPEN,
-        limits: MotionLimits = JAW_LIMITS,
-    ) -> None:
-        self.closed, self.opened, self.limits = closed, opened, limits
+    def __init__(self, executor: Executor) -> None:
+        self.closed, self.opened, self.limits = JAW_CLOSED, JAW_OPEN, JAW_LIMITS
         self._executor = executor
         self._lock = threading.Lock()
         self._latest: Motion | None = None

@@ -41,8 +41,8 @@ class ArmExecutor(Protocol):
     def stop_limits(self, channel: Channel) -> MotionLimits:
         """How hard a stop brakes."""
 
-    def play(self, source: S, *, channel: Channel = ...) -> S:
-        """Move the joints as ``source`` says; returns ``source``."""
+    def play(self, source: S) -> S:
+        """Move the arm joints as ``source`` says; returns ``source``."""
 
     def stop(self, channel: Channel | None = None, *, by: str = ...) -> Future[None]:
         """Slow down to rest; done at rest."""

@@ -47,7 +47,7 @@ def show(file: str | None, as_json: bool) -> None:
     kept = store.versions(stored.path)
     explained = explain_stored(stored)
     if as_json:
-        print_json("calibration", {**facts(stored), **_zero_facts(stored, explained, kept)})
+        print_json("calibration", {**facts(stored), **_zero_facts(explained, kept)})
         return
     click.echo(str(stored.path))
     _table(stored.calibration)
@@ -232,7 +232,7 @@ def _list_files(as_json: bool) -> None:
 
 
 def _zero_facts(
-    stored: Stored, explained: Iterable[ZeroReport], kept: Iterable[Any]
+    explained: Iterable[ZeroReport], kept: Iterable[Any]
 ) -> dict[str, list[dict[str, object]]]:
     return {
         "meaning": [

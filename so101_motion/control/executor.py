@@ -202,16 +202,16 @@ class Executor:
         turn = partial(self._control.turn, following, channel)
         return self.requests.ask(turn, following.future, channel)
 
-    def play(self, source: S, *, channel: Channel = Channel.ARM) -> S:
-        """Move the joints as ``source`` says; they count as moving until its future is done.
+    def play(self, source: S) -> S:
+        """Move the arm joints as ``source`` says; they count as moving until its future is done.
 
         ``stop`` and ``interrupt(source.future, ...)`` end it.
 
         Returns:
             ``source``.
         """
-        begin = partial(self._control.play, source, channel)
-        self.requests.ask(begin, source.future, channel)
+        begin = partial(self._control.play, source, Channel.ARM)
+        self.requests.ask(begin, source.future, Channel.ARM)
         return source
 
     def on_failure(self, listener: Callable[[Exception, tuple[JointState, ...]], None]) -> None:

@@ -53,7 +53,6 @@ class SimArm:
         clock: What time it is.
         q: Where the arm joints stand, shape (5,), [rad]; zeros by default.
         q_jaw: Where the jaw stands [rad].
-        max_speed: Speed cap of every joint [rad/s].
 
     Attributes:
         on_command: Called with every command as it is taken, on the caller's thread; None for
@@ -65,13 +64,10 @@ class SimArm:
         clock: Clock,
         q: ArrayLike | None = None,
         q_jaw: float = 0.0,
-        *,
-        max_speed: float = MAX_SPEED,
     ) -> None:
         q = frozen_array(np.zeros(5) if q is None else q, (5,))
         self.on_command: CommandListener | None = None
         self._clock = clock
-        self._max_speed = max_speed
         self._lock = threading.Lock()
         self._t = clock.now()
         self._q = np.append(q, q_jaw)
@@ -80,7 +76,7 @@ class SimArm:
         self._goal = self._q.copy()
         self._jammed = np.zeros(6, dtype=bool)
         self._torque = self._yields = False
-        self._limiter = GoalLimiter(_JOINTS, speed=max_speed, acceleration=MAX_ACCELERATION)
+        self._limiter = GoalLimiter(_JOINTS, speed=MAX_SPEED, acceleration=MAX_ACCELERATION)
         self._failure: Exception | None = None
 
     # What a driver does
@@ -231,8 +227,8 @@ class SimArm:
             return
         jammed_at = self._q[self._jammed]
         away = self._goal - self._inner
-        ramp = np.minimum(np.abs(away) / self._max_speed, dt)
-        self._respond(np.sign(away) * self._max_speed, ramp)
+        ramp = np.minimum(np.abs(away) / MAX_SPEED, dt)
+        self._respond(np.sign(away) * MAX_SPEED, ramp)
         arrived = ramp < dt
         self._inner[arrived] = self._goal[arrived]
         self._respond(np.zeros(6), dt - ramp)

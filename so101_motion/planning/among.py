@@ -98,7 +98,7 @@ def plan_among(
         PlanningError: As for a motion among things that stand; the others' links, where they come
             to rest, are among these.
     """
-    ends = [_standing(each, each.course.q[-1:], ROOM) for each in request.others]
+    ends = [_standing(each, each.course.q[-1:]) for each in request.others]
     known = replace(request, others=(), scene=_with_arms(request.scene, ends))
     first = alone if alone is not None and _keeps_off(alone, request) else plan(known)
     if all(each.course.end <= 0.0 for each in request.others):
@@ -261,7 +261,7 @@ def _around(
     name, meeting = met
     q_met = others[name].course.at(np.array([meeting.t]))
     q_others[name] = np.concatenate((q_others[name], q_met))
-    arms = [_standing(others[key], q, ROOM) for key, q in q_others.items()]
+    arms = [_standing(others[key], q) for key, q in q_others.items()]
     budget = min(request.time_budget, TRIED)
     scene = _with_arms(request.scene, arms)
     try:
@@ -300,13 +300,13 @@ def delayed(trajectory: Trajectory, wait: float) -> Trajectory:
     )
 
 
-def _standing(other: OtherArm, q: Array, room: float) -> StandingArm:
+def _standing(other: OtherArm, q: Array) -> StandingArm:
     return StandingArm(
         name=other.name,
         T_base_arm=other.T_base_other,
         q=q,
         attached=other.attached,
-        room=room,
+        room=ROOM,
     )
 
 

@@ -86,7 +86,7 @@ class Rig:
                 acceleration=acceleration,
                 scene=scene,
             )
-            self.gripper = Gripper(executor=self.executor)
+            self.gripper = Gripper(self.executor)
             start(self.executor)
         except BaseException:
             driver.close()

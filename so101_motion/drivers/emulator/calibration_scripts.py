@@ -24,10 +24,11 @@ SPEED = math.radians(120.0)
 REST = 0.3
 """For how long it stays at a stop [s]; chosen."""
 
-_PRESS = (
-    2.0 * STS3215_12V.break_away
-)  # [N m], chosen: enough to get there, too little to push the stop in
+_PRESS = 2.0 * STS3215_12V.break_away
+"""How hard it presses against a stop [N m]; chosen: it gets there, but does not push it in."""
 
+_START = 2.0
+"""When it begins to sweep [s]; from half that time on it holds the pose. Chosen."""
 
 UPRIGHT = {"wrist_roll": 0.0486795}
 """How a person who was asked to turn the gripper so that it opens straight upwards holds it [rad]:
@@ -52,7 +53,6 @@ def holding_script(
 def sweeping_script(
     weight: Callable[[Array], Array],
     *,
-    start: float = 2.0,
     pose: Mapping[str, float] | None = None,
     speed: float = SPEED,
 ) -> tuple[str, float]:
@@ -60,7 +60,6 @@ def sweeping_script(
 
     Args:
         weight: Holding torque [N m] as a function of the six joint angles [rad], shapes (6,).
-        start: When to begin to sweep [s]; from half that time on the hand holds the pose.
         pose: The joint angles of the pose [rad]; those left out as in ``UPRIGHT``, else zero.
         speed: How fast it leads a joint [rad/s].
 
@@ -72,8 +71,8 @@ def sweeping_script(
     def line(t: float, i: int, q: Array, press: float = 0.0) -> str:
         return _line(weight, t, i, q, press)
 
-    lines = [holding_script(weight, by=start / 2.0, pose=pose)]
-    t = start
+    lines = [holding_script(weight, by=_START / 2.0, pose=pose)]
+    t = _START
     for i, joint in enumerate(SO101):
         lines.append(line(t, i, held))
         q = held.copy()

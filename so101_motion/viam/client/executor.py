@@ -110,7 +110,7 @@ class MachineExecutor(MotionRunner):
 
         return self.begin(turn)
 
-    def play(self, source: S, *, channel: Channel = Channel.ARM) -> S:
+    def play(self, source: S) -> S:
         """Not offered.
 
         Raises:

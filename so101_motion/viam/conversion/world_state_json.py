@@ -21,6 +21,9 @@ from so101_motion.viam.conversion.orientation import from_rotation
 
 Json = dict[str, object]
 
+_AT_ONCE = 1_000
+"""So many rows are formatted at a time, so that no other thread waits for long. Chosen."""
+
 
 def world_state_json(scene: Scene, *, arm: str = "arm") -> Json:
     """The WorldState for a scene.
@@ -68,10 +71,10 @@ def ply(vertices: Array, triangles: Array, *, digits: int = 6) -> bytes:
     return "".join((head, *lines)).encode()
 
 
-def _lines(form: str, rows: Array, *, at_once: int = 1_000) -> Iterator[str]:
-    """Format some rows at a time, so that no other thread waits for long."""
-    for first in range(0, len(rows), at_once):
-        some = rows[first : first + at_once]
+def _lines(form: str, rows: Array) -> Iterator[str]:
+    """Rows as text, some of them at a time."""
+    for first in range(0, len(rows), _AT_ONCE):
+        some = rows[first : first + _AT_ONCE]
         yield form * len(some) % tuple(some.ravel().tolist())
 
 

@@ -36,7 +36,7 @@ def rig(make_sim, taped_arm, clock):
 
 @pytest.fixture
 def gripper(rig):
-    return Gripper(executor=rig.executor)
+    return Gripper(rig.executor)
 
 
 def test_it_opens_as_far_as_it_is_told(rig, gripper):
