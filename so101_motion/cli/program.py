@@ -64,7 +64,7 @@ def run(
         if not yes:
             have_agreed(f"Move the {source.what}?")
         with stops_on_ctrl_c(rig.arm):
-            _wait(start_program(rig.arm, rig.gripper, rig.clock, rehearsal))
+            await_end(start_program(rig.arm, rig.gripper, rig.clock, rehearsal))
         if as_json:
             facts = {"waypoints": [each.name for each in made.waypoints], "rounds": made.rounds}
             loops = files.loops_to(made.loops)
@@ -90,7 +90,7 @@ def _planned(rehearsal: Rehearsal) -> str:
     return "\n".join((*lines, f"{rehearsal.duration:.1f} s a round with its pauses, {times}"))
 
 
-def _wait(run: ProgramRun) -> None:
+def await_end(run: ProgramRun) -> None:
     """Wait for the end and say on stderr where it is."""
     shown = None
     while not wait((run.future,), 0.1).done:

@@ -152,7 +152,7 @@ def teleop(
             print_json("teleop", _facts(last, record))
         elif record is not None:
             click.echo(f"saved {record}", err=True)
-        _print_end(last)
+        print_end(last)
 
 
 def _open(port: str, calibration: Path | None) -> Rig:
@@ -184,7 +184,7 @@ def _watch(session: Any, seconds: float | None) -> None:
         click.echo("", err=True)
 
 
-def _print_end(last: Status) -> None:
+def print_end(last: Status) -> None:
     """Print why it ended by itself, if it did."""
     if not last.is_running:
         click.echo(f"ended: {last.reason}", err=True)

@@ -52,7 +52,7 @@ def minimise(model: RobotModel, task: Task, q: Array) -> Array:
     """
     lower, upper = model.lower, model.upper
     q = np.clip(q, lower, upper)
-    value, gradient, H = _half_square(model, task, q)
+    value, gradient, H = half_square(model, task, q)
     damping = _LEAST_DAMPING
     for _ in range(_STEPS):
         free = ((q > lower) | (gradient < 0.0)) & ((q < upper) | (gradient > 0.0))
@@ -63,7 +63,7 @@ def minimise(model: RobotModel, task: Task, q: Array) -> Array:
         step = -V @ ((V.T @ gradient) / np.maximum(np.abs(curvatures), damping))
         step *= min(1.0, _LONGEST_STEP / np.abs(step).max())
         q_new = np.minimum(np.maximum(np.where(free, q + step, q), lower), upper)
-        new = _half_square(model, task, q_new)
+        new = half_square(model, task, q_new)
         if new[0] < value:
             q, (value, gradient, H) = q_new, new
             damping = max(damping * 0.1, _LEAST_DAMPING)
@@ -72,7 +72,7 @@ def minimise(model: RobotModel, task: Task, q: Array) -> Array:
     return q
 
 
-def _half_square(model: RobotModel, task: Task, q: Array) -> tuple[float, Array, Array]:
+def half_square(model: RobotModel, task: Task, q: Array) -> tuple[float, Array, Array]:
     """Half the squared residual [m^2], its gradient (5,) and its curvature (5, 5)."""
     error = task.p_base - model.rotation_and_position(q, task.frame)[1]
     J = model.frame_jacobian(q, task.frame)

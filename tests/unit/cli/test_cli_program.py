@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from so101_motion.cli import main
-from so101_motion.cli.program import _wait
+from so101_motion.cli.program import await_end
 from so101_motion.common.errors import NoReply
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.program import Loop, Program, Waypoint, files
@@ -92,4 +92,4 @@ def test_a_servo_that_falls_silent_ends_the_run_though_its_error_is_a_timeout_to
     run = SimpleNamespace(future=Future[None]())
     run.future.set_exception(NoReply("no reply from servo 3", servo_id=3, register="goal"))
     with pytest.raises(NoReply):
-        _wait(run)
+        await_end(run)

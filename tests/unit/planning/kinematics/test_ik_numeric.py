@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from so101_motion.planning.goals import GoalMetric, PoseGoal
-from so101_motion.planning.kinematics.ik_numeric import _half_square, minimise, polish
+from so101_motion.planning.kinematics.ik_numeric import half_square, minimise, polish
 from so101_motion.planning.kinematics.ik_task import check_goal
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -27,9 +27,9 @@ def test_the_gradient_is_that_of_the_value(model, metric):
     h = 1e-6 * np.eye(5)
     for q, q_goal in configurations(model, 40).reshape(20, 2, 5):
         task = task_at(model, q_goal, metric)
-        gradient = _half_square(model, task, q)[1]
+        gradient = half_square(model, task, q)[1]
         differences = [
-            (_half_square(model, task, q + e)[0] - _half_square(model, task, q - e)[0]) / 2e-6
+            (half_square(model, task, q + e)[0] - half_square(model, task, q - e)[0]) / 2e-6
             for e in h
         ]
         np.testing.assert_allclose(gradient, differences, atol=1e-8)
@@ -40,10 +40,10 @@ def test_the_curvature_of_the_position_is_that_of_its_gradient(model):
     for q, q_goal in configurations(model, 40).reshape(20, 2, 5):
         task = task_at(model, q_goal, GoalMetric.POSITION_ONLY)
         differences = [
-            (_half_square(model, task, q + e)[1] - _half_square(model, task, q - e)[1]) / 2e-6
+            (half_square(model, task, q + e)[1] - half_square(model, task, q - e)[1]) / 2e-6
             for e in h
         ]
-        np.testing.assert_allclose(_half_square(model, task, q)[2], differences, atol=1e-8)
+        np.testing.assert_allclose(half_square(model, task, q)[2], differences, atol=1e-8)
 
 
 @pytest.mark.parametrize("metric", GoalMetric)
@@ -53,7 +53,7 @@ def test_a_descent_never_goes_uphill_nor_outside(model, metric):
         end = minimise(model, task, 2.0 * q)
         assert model.outside(end, tolerance=0.0) is None
         begin = np.clip(2.0 * q, model.lower, model.upper)
-        assert _half_square(model, task, end)[0] <= _half_square(model, task, begin)[0]
+        assert half_square(model, task, end)[0] <= half_square(model, task, begin)[0]
 
 
 def test_polishing_removes_what_a_rough_posture_leaves(model):

@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from so101_motion.cli import main
-from so101_motion.cli.teleop import _print_end
+from so101_motion.cli.teleop import print_end
 
 
 def run(*arguments, **options):
@@ -36,9 +36,9 @@ def test_who_has_no_hand_on_the_leader_does_not_let_go_of_it():
 
 
 def test_an_end_that_nobody_asked_for_is_said_and_no_success(capsys):
-    _print_end(SimpleNamespace(is_running=True, reason=""))
+    print_end(SimpleNamespace(is_running=True, reason=""))
     with pytest.raises(SystemExit) as ended:
-        _print_end(SimpleNamespace(is_running=False, reason="the follower was stopped"))
+        print_end(SimpleNamespace(is_running=False, reason="the follower was stopped"))
     assert ended.value.code == 7
     assert capsys.readouterr().err == "ended: the follower was stopped\n"
 
