@@ -23,7 +23,6 @@ JERK_TIME = 0.1
 """Time to build up full acceleration [s]: jerk cap = acceleration cap / this. Chosen: at the
 default 100 deg/s^2 the arm starts and stops without a visible jolt, and a move costs 0.1 s more."""
 
-
 TOLERANCE = to_rad(0.2)
 """How far beyond its range a joint may be sent [rad]: two ticks, for a joint at its very stop is
 measured now on this side of it, now on that."""

@@ -58,7 +58,6 @@ _SECTIONS: dict[str, tuple[click.Command, ...]] = {
 }
 """The verbs, in the order in which a newcomer needs them."""
 
-
 _AS_JSON = f"{__name__}.as_json"  # in the context: whether a program reads stdout
 
 

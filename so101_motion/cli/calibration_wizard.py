@@ -42,7 +42,6 @@ GOOD_ENOUGH = 10.0
 """The same with nobody to ask, when all joints can be saved but some not quite got to their stops
 [s]. Chosen."""
 
-
 SHOWN = 5.0
 """For how long it is shown why the recording could not end [s]; the bars tell more. Chosen."""
 

@@ -28,7 +28,6 @@ SERVO_VOLTAGES = (7.4, 12.0)
 HEAVIEST = 5.0
 """Largest payload that is accepted [kg]; more was meant as grams."""
 
-
 _TO_SI: Mapping[str, Callable[[float], float]] = {
     "mm": to_m, "deg": to_rad, "deg/s": to_rad, "deg/s^2": to_rad,
 }  # fmt: skip

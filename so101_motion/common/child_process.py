@@ -37,7 +37,6 @@ importlib.import_module(sys.argv.pop(1)).main()
 """
 """What a child runs. Where this package lies comes last, in case it is the current folder."""
 
-
 _UNWANTED = "the computation was cancelled"
 
 

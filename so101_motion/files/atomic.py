@@ -28,7 +28,6 @@ else:
 LONGEST_WAIT = 10.0
 """For how long to wait for another writer [s]; writing takes milliseconds. Chosen."""
 
-
 _ABANDONED = 60.0
 """A file beside another that is older than this was left by a writer that was killed [s]. Chosen;
 writing takes milliseconds."""

@@ -60,7 +60,6 @@ to keep the speed up; a corner that proves blocked is cut less."""
 _PICTURE_POINTS = 64
 """How many points of the tool's path a plan carries for pictures."""
 
-
 _Frame = tuple[str, tuple[float, ...], tuple[float, ...]]
 """A further frame's name, rotation and position, as something that can be looked up by."""
 

@@ -23,7 +23,6 @@ T = TypeVar("T")
 
 _PERIOD = 0.05  # [s] between two looks; fresh enough for a picture, near no load on the wire
 
-
 _START = reg.TORQUE_ENABLE.address
 _END = reg.PRESENT_POSITION.address + reg.PRESENT_POSITION.size
 

@@ -34,7 +34,6 @@ WORST = 0.006
 """Largest residual of a touch that is believed [m]. Chosen: tips of 3 mm that are held together by
 hand, and a calibration that is off by half a degree at 300 mm."""
 
-
 TIP = 0.0063
 """How far the tip of the fixed jaw is beyond the frame ``jaw_tip`` [m]; see ``urdf/README.md``."""
 

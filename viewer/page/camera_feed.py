@@ -2,7 +2,7 @@
 
 At an address there are JPEG or PNG again and again, or a stream of JPEG. The thread
 ``so101-viewer-camera`` keeps the newest picture as the camera sent it; nothing is decoded here.
-What goes wrong is told and tried again.
+After an error it says what went wrong, and tries again.
 """
 
 from __future__ import annotations

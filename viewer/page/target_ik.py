@@ -25,14 +25,12 @@ from so101_motion.planning.kinematics.model import RobotModel
 FRAMES = ("jaw_tip", "tool")
 """What can be brought to a target: the tip of the fixed jaw, or the tool frame."""
 
-
 _FIRST_OFFSETS = tuple(
     np.array([x, y, z])
     for z in (-0.10, 0.05)
     for x, y in ((-0.08, -0.16), (-0.08, 0.16), (0.05, 0.05), (-0.12, 0.0))
 )
 """Where to look for a first target, seen from the tool [m]; chosen: aside, nearer and lower."""
-
 
 DIRECTION_TOLERANCE = to_rad(3.0)
 """How far the gripper may be turned off a wanted direction [rad]; chosen: with five joints a point

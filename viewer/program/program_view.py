@@ -27,7 +27,6 @@ _ABOVE = np.array([0.0, 0.0, 0.015])
 _POINTS = 32
 """Points of the tool path that are drawn for each waypoint; chosen."""
 
-
 _EMPTY = Program()
 
 

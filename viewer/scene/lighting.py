@@ -21,7 +21,6 @@ _WIDE = 1.0
 _FIELD_OF_VIEW = math.radians(36.0)
 """Chosen: the whole workspace in the picture, the arm a little above the middle."""
 
-
 _VIEWS = {
     "Home": _CAMERA,
     "Top": np.array([-0.001, 0.0, 1.40]),
@@ -30,7 +29,6 @@ _VIEWS = {
 }
 """Where the camera stands for each of the buttons over the picture, seen from the middle of one
 arm's workspace, which it looks at [m]. Chosen."""
-
 
 _FOLLOW = "Follow"
 _BEHIND_TOOL = np.array([0.25, -0.40, 0.22])

@@ -39,7 +39,6 @@ _AIR, _CHOSEN_AIR = 0.25, 0.5
 FLOOR_SIZE = 1.2
 """Edge of the floor that is drawn [m]; chosen: somewhat beyond the arm's reach."""
 
-
 _AXES = 0.4  # how long X and Y are drawn on it [m]; chosen: their ends are in the first picture
 _ABOVE = np.array([0.0, 0.0, 0.012])  # else the floor's lines go through the words [m]
 _AXIS_NAMES = (f"X {1000.0 * _AXES:.0f} mm", "Y")  # the arm may hide a part of a longer Y

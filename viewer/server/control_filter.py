@@ -42,8 +42,10 @@ class ControlFilter:
     """Filters every message that acts.
 
     Args:
+        server: Whose messages are filtered.
         may_act: Whether a window, by its client id, may act now.
-        passed: Told which window pressed what was left open, by its id.
+        refused: Told which window was refused something, by its id.
+        passed: Told which window, by its id, pressed which widget that was left open.
     """
 
     def __init__(

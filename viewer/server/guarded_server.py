@@ -41,9 +41,9 @@ from .request_policy import RequestPolicy, harden
 _KNOCK_TIMEOUT = 10.0
 """How long the self-check waits for an answer [s]; generous, it comes within milliseconds."""
 
-
 DEFAULT_PORT = 8080
 """Where a page is when nobody chooses a port and nobody else has this one."""
+
 PORTS_TRIED = 20
 """How many ports are tried from there on, before it is an error."""
 

@@ -27,7 +27,6 @@ _LEAST_LENGTH = 40  # characters of a key that is no accident
 
 log = logging.getLogger(__name__)
 
-
 KeyOf = Callable[[int], str]
 """Makes the key of a page that is served on a port."""
 

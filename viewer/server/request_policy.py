@@ -35,7 +35,6 @@ _POLICY = (
 """What our page may load. ``connect-src`` is the point: viser's page takes the address of its
 server from a ``?websocket=`` parameter, and runs what that server tells it to."""
 
-
 _HTML = "text/html; charset=utf-8"
 
 _EXPIRED = """<!doctype html><html lang="en"><meta charset="utf-8">

@@ -29,7 +29,6 @@ from so101_motion.drivers.emulator.hardware import MAX_DUTY
 DT = 0.001
 """The servo's control period [s] (firmware: 1 kHz)."""
 
-
 LEAD = 200.0
 """How far the set-point of a turning servo runs ahead of it, at most [tick]. Chosen: with any gain
 that servos are delivered with that is full duty, and one that is held up does not wind up."""

@@ -1,4 +1,4 @@
-"""The bodies of an arm and of what it holds, for looking at two arms at once.
+"""The bodies of an arm and of what it holds, for keeping two arms apart.
 
 Hulls that contain the real parts (``bodies.py``), how far each moves with the joints, and where
 they are at a configuration.
@@ -33,7 +33,7 @@ class ArmBodies:
         passed: Names of things that the other arm may touch with its hand.
 
     Attributes:
-        passed: The same.
+        passed: As given.
         names: What messages call them.
         levers: How far from each joint's axis any point of each body can be, shape (n, 6), [m].
         handle: The compiled library's form of them; None without it.
@@ -65,7 +65,7 @@ class ArmBodies:
         return None if self._batch is None else self._batch.scene
 
     def without(self, left_out: frozenset[str]) -> ArmBodies:
-        """The same but for some bodies."""
+        """The same without some bodies, and with nothing that is passed on."""
         if left_out not in self._without:
             self._without[left_out] = ArmBodies(self._robot, self._attached, left_out)
         return self._without[left_out]

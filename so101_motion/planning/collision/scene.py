@@ -43,9 +43,8 @@ poses."""
 LARGEST = 100.0
 """Largest size and distance of anything [m]; more was meant as millimetres."""
 
-
 CUBES = 32_000
-"""So many cubes of a point cloud fit between its origin and any point: octrees are 16 deep."""
+"""Most cubes of a point cloud from its origin to any of its points: octrees are 16 levels deep."""
 
 
 class _Form:
@@ -182,9 +181,7 @@ Shape = Box | Sphere | Capsule | Mesh | PointCloud
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShapeFile(_Form):
-    """A mesh or a point cloud as an unread file; ``shape_files.read_shape`` reads it.
-
-    See ``shape_files.py``, which makes these and reads them.
+    """A mesh or a point cloud as an unread file; ``shape_files.py`` makes these and reads them.
 
     Attributes:
         kind: ``"ply"``, ``"stl"`` or ``"pcd"``.
@@ -252,7 +249,7 @@ class Attached:
 
 
 def as_seen_by(name: str, attached: tuple[Attached, ...]) -> tuple[Attached, ...]:
-    """What an arm holds, as the arm of that name has to know it: what others take is not for it."""
+    """What an arm holds, as the arm of that name sees it: only that arm may touch what it takes."""
     if all(each.passed_to in ("", name) for each in attached):
         return attached
     return tuple(
@@ -269,7 +266,7 @@ class StandingArm:
         T_base_arm: Where its base is.
         q: Its five joints and its jaw, shape (n, 6), n >= 1, [rad].
         attached: What it holds; what is passed to anybody is passed to the arm of this scene.
-        room: How far it must be stayed away from, beyond the scene's margin [m].
+        room: How far the arm of this scene must stay away from it, beyond the margin [m].
     """
 
     name: str

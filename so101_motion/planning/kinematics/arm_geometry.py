@@ -39,7 +39,6 @@ Joints = tuple[float, float, float, float, float]
 Point = tuple[float, float, float]
 """A point in the base frame [m]."""
 
-
 BRANCHES = {
     (side, elbow_up): f"{side}, elbow {'up' if elbow_up else 'down'}"
     for side in ("front", "back")

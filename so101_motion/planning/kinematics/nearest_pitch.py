@@ -22,7 +22,6 @@ then right to the square of it. Chosen."""
 
 _NOWHERE = (nan, nan, nan)
 
-
 PitchSample = tuple[float, float, float, Angles]
 """Half the derivative of the squared distance from the seed by the pitch [rad], that distance
 [rad^2], the pitch [rad], and lift, elbow and wrist [rad]. A plain tuple, because naming its parts

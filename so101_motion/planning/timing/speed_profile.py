@@ -62,7 +62,6 @@ _BETWEEN = 64
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-
 FurtherLimits = Callable[[PathPoints], LimitRows]
 """Limits at given points of a path, beside those of velocity and acceleration."""
 

@@ -28,7 +28,6 @@ images. Only the wanted columns of some thousand rows are held in memory."""
 
 _HOW = "needs pyarrow, which is not installed; try: pip install 'so101-motion[dataset]'"
 
-
 Table = Any  # pyarrow's, which has no types
 
 

@@ -24,7 +24,6 @@ a hand trembles by some tenths of a degree, and a wider one makes a swifter and 
 JAW_TOLERANCE = 0.02
 """The same for the jaw, share of its travel; chosen."""
 
-
 _SPACING = np.radians(0.5)  # of the places on a polyline that points are compared with [rad]
 
 

@@ -1,7 +1,7 @@
-"""Ask an atlas of the arm's reach: can it be there, and how well.
+"""Look up whether the arm reaches a point, and how well, in an atlas that a sweep has computed.
 
-Everything that was computed is loaded at once; a question is a look into a table, so it takes
-microseconds. The answer is that of the nearest point of the grid, at most 0.87 spacings away.
+The whole atlas is loaded at once, so looking up a point takes microseconds. The answer is that of
+the nearest point of the grid, at most 0.87 spacings away.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where a base may be screwed down, and what the cell looks like from there, other arms included.
+"""Where a base may be screwed down, and the scene of the cell, other arms included, from there.
 
 Bases lie on a lattice: x, y, z and the turn about the base's own z axis. A search begins with every
 eighth step of it (``COARSE``) and ends with single steps. The cell's frame is that of
@@ -48,8 +48,8 @@ class FixedArm:
         name: What messages call it.
         position: Where its base is in the cell, x, y, z [m].
         rpy: How it is turned [rad].
-        q: Its five joints and its jaw, [rad]; several configurations are all kept clear of, what it
-            does between them is not looked at.
+        q: Its five joints and its jaw [rad], in one or several configurations. Plans keep clear of
+            it in each of them, not of what it does between them.
     """
 
     name: str
@@ -98,7 +98,7 @@ class Region:
             if not (math.isfinite(low) and math.isfinite(high) and low <= high):
                 raise ConfigError(key, [low, high], "must be two numbers, the smaller one first")
         if self.mount not in MOUNTS:
-            raise ConfigError("mount", self.mount, f"must be {', '.join(MOUNTS[:-1])} or hanging")
+            raise ConfigError("mount", self.mount, f"must be {' or '.join(MOUNTS)}")
         for key, least, most in (("spacing", 0.004, 1.0), ("turn_step", 0.01, math.pi)):
             if not least <= getattr(self, key) <= most:
                 raise ConfigError(key, getattr(self, key), f"must be {least:g} to {most:.3g}")

@@ -50,7 +50,6 @@ JUMP = to_rad(15.0)
 """How far a joint may be from where it was expected [rad]. Nobody does that in 10 ms; it was put
 down elsewhere while nobody looked, or its calibration has changed. Chosen."""
 
-
 USUAL = 0.1
 """What is asked less often may be further from where it was expected [s]; chosen."""
 

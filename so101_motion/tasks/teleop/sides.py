@@ -34,7 +34,6 @@ from so101_motion.tasks.teleop.side_state import SideState
 
 _PLACE = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT))}
 
-
 JAW_APPROACH = 0.2
 """Share of the jaw's speed until it is near the leader's; chosen."""
 

@@ -80,10 +80,10 @@ class ArmResource(Configured, Arm):
     """The commands that are refused until the servos have been found; the others need none."""
 
     here: ClassVar[dict[str, ArmResource]] = {}
-    """The arms of this process by name, for whoever names one: a gripper, a motion service."""
+    """The arms of this process by name; a gripper or a motion service finds its arm here."""
 
     cell: ClassVar = MachineCell(here)
-    """In which they know each other's motions."""
+    """Where these arms know each other's motions, so that they keep apart."""
 
     def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
         super().__init__(name)

@@ -39,9 +39,9 @@ def motion_service(name: str | None, dependencies: Dependencies) -> MotionServic
 def sources(
     senses: SensesConfig, dependencies: Dependencies, logger: logging.Logger
 ) -> Sequence[Source]:
-    """What knows what is around, beside the machine's components; to be closed.
+    """What else tells what is around the arm: a store, a camera. The caller closes them.
 
-    One that is not there is a source all the same, which says so when a plan is made.
+    One that the machine does not have is a source all the same, which says so when a plan is made.
     """
     found: list[Source] = []
     if senses.store is not None:

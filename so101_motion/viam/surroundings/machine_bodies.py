@@ -76,14 +76,14 @@ class MachineBodies:
 
     Args:
         arm: The arm's short name.
-        left_out: Components that do not count; ``ALL`` for none that does.
+        left_out: Components that do not count; ``ALL`` if none counts.
         arms: The arms of this process by name, as they come and go.
         grippers: The names of the grippers of this process.
-        cell: In which arms of this process know each other's motions; None if in none.
+        cell: Where the arms of this process know each other's motions; None if they do not.
         patience: How long the machine may take to answer [s].
 
     Attributes:
-        without: Why nothing of the machine is known although nothing is wrong; empty if it is.
+        without: Why nothing of the machine is known although nothing is wrong; else empty.
     """
 
     def __init__(
