@@ -175,7 +175,8 @@ class GoalCompensation:
         self._is_told, self._is_led = qdd is not None, is_led
         # While what makes up for lag is being given up, a servo must not run on as the joint slows.
         self._qdd = qdd or self._changes(known, now)
-        ways, dt = None, now - self._t_point
+        dt = now - self._t_point
+        ways: Sequence[float | None] = (None,) * 5
         if known is not None and qdd is not None and not is_led:
             ways = self._reversals.foresee(known, qdd, dt if dt < _RECENT else SLACK)
         else:

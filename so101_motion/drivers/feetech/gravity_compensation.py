@@ -117,6 +117,10 @@ _STILL = 0.06
 _AT_REST = to_rad(4.0)
 """A joint faster than this is on its way [rad/s]; chosen, above the scatter of a resting one."""
 
+_UPRIGHT = (0, 4)
+"""Pan and roll bear no weight in any pose. Another joint that seems to bear none now goes through
+its play soon, or does already: its weight is not known that well."""
+
 _JAW = 5
 
 
@@ -200,7 +204,8 @@ class Trim:
             own = self._weight[i] - self.carried * self._per_kg[i]
             full = own + CARRIES * self._per_kg[i]
             low, high, unsure = min(own, full), max(own, full), UNSURE + 0.05 * abs(own)
-            if low > unsure or high < -unsure or max(-low, high) < WEIGHTLESS:
+            is_dragged = i in _UPRIGHT and max(-low, high) < WEIGHTLESS
+            if low > unsure or high < -unsure or is_dragged:
                 found.append(i)
         return found
 
@@ -220,7 +225,7 @@ class Trim:
         now: float,
         qd: Sequence[float] = (0.0,) * 5,
         ahead: float = 0.0,
-        ways: Sequence[float] | None = None,
+        ways: Sequence[float | None] = (None,) * 5,
     ) -> None:
         """The six joints are sent to ``goal`` [rad] at ``now`` [s].
 
@@ -230,15 +235,17 @@ class Trim:
             qd: How fast they are wanted there [rad/s].
             ahead: How much later a goal is felt than it is sent [s].
             ways: Which way and how fully friction is to be overcome, -1 to 1, where that is
-                foreseen; else it follows from the way that the joints have come.
+                foreseen; for None it follows from the way that the joint has come.
         """
         if goal == self._goal:
             return
         before = self._goal or goal
         for i in range(_JAW):
             step = goal[i] - before[i]
-            turned = _within(self._way[i] + step / ENGAGING, 1.0)
-            self._way[i] = turned if ways is None else ways[i]
+            foreseen = ways[i]
+            if foreseen is None:
+                foreseen = _within(self._way[i] + step / ENGAGING, 1.0)
+            self._way[i] = foreseen
             self._gives_way[i] = self._gives_way[i] and not step
         q = [at + v * ahead for at, v in zip(goal, qd, strict=False)]
         self._take_up(goal, [*q, goal[_JAW]], now)

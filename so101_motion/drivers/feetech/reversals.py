@@ -29,7 +29,7 @@ CROSSING = 0.06
 """In which time a motor is driven through the play [s]; chosen by trial."""
 
 STANDS = to_rad(1.0)
-"""A slower joint keeps its friction where it is [rad/s]: it may be coming to rest. Chosen."""
+"""Nothing is foreseen of a slower joint [rad/s]. Chosen."""
 
 PRESSED = 0.03
 """A smaller load does not surely keep the gears on its side [N m]; chosen by trial."""
@@ -56,22 +56,24 @@ class Reversals:
         """Nobody knows how the joints go on."""
         self.crossing = [0.0] * _N
 
-    def foresee(self, qd: Sequence[float], qdd: Sequence[float], dt: float) -> list[float]:
+    def foresee(self, qd: Sequence[float], qdd: Sequence[float], dt: float) -> list[float | None]:
         """Which way and how fully the friction of each joint is to be overcome now, -1 to 1.
+
+        None for one that hardly moves: it may be coming to rest, or creep on for long.
 
         Args:
             qd: How fast the joints are wanted [rad/s].
             qdd: How that changes from now on [rad/s^2].
             dt: How long after the last time [s].
         """
-        ways = []
+        ways: list[float | None] = []
         for i, (speed, change) in enumerate(zip(qd, qdd, strict=True)):
-            model, way = self._trim.models[i], self._trim.ways[i]
+            model, way = self._trim.models[i], None
             ahead = speed + (DELAY + model.kind.goal_delay + EARLY) * change
             weight, play = self._trim.weights[i], model.figures.play
             self.crossing[i] = 0.0
             if abs(ahead) > STANDS:
-                way = _near(math.copysign(1.0, ahead), way, 2.0 * dt / FLIP)
+                way = _near(math.copysign(1.0, ahead), self._trim.ways[i], 2.0 * dt / FLIP)
             if play and (abs(ahead) > STANDS or abs(weight) > PRESSED):
                 before = self._side[i]
                 wanted = math.copysign(1.0, weight if abs(weight) > PRESSED else ahead)

@@ -24,7 +24,10 @@ def turned(speeds, *, play=PLAY, weights=None):
         if weights is not None:
             trim.weights[0] = weights[k]
         change = (speeds[k + 6] - speed) / (6 * DT)
-        trim.ways = reversals.foresee([speed, 0.0, 0.0, 0.0, 0.0], [change, 0, 0, 0, 0], DT)
+        foreseen = reversals.foresee([speed, 0.0, 0.0, 0.0, 0.0], [change, 0, 0, 0, 0], DT)
+        trim.ways = [
+            was if way is None else way for was, way in zip(trim.ways, foreseen, strict=True)
+        ]
         ways.append(trim.ways[0])
         crossing.append(reversals.crossing[0])
     return np.array(ways), np.array(crossing)
@@ -69,3 +72,9 @@ def test_a_load_that_changes_sides_has_the_motor_bring_the_joint_back():
     speeds = np.full(120, 0.5)
     _, crossing = turned(-speeds, weights=np.linspace(-0.5, 0.5, 120))
     assert DT * crossing[20:].sum() == pytest.approx(PLAY)
+
+
+def test_of_a_joint_that_creeps_nothing_is_foreseen():
+    trim = SimpleNamespace(models=[ServoModel()] * 5, ways=[1.0] * 5, weights=[0.0] * 5)
+    slow = [-math.radians(0.5)] * 5
+    assert Reversals(trim).foresee(slow, [0.0] * 5, DT) == [None] * 5
