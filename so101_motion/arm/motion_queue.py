@@ -129,13 +129,9 @@ class MotionQueue:
         running.add_done_callback(motion.take_outcome)
         return motion
 
-    def interrupt(self, by: str) -> None:
-        """End the newest motion early; returns at once."""
-        self.current.interrupt(by)
-
     def close(self) -> None:
         """End the newest motion, and the threads."""
-        self.interrupt("shutdown")
+        self.current.interrupt("shutdown")
         self._threads.shutdown(wait=True)
 
     def _run(self, motion: Motion, previous: list[Motion], run: Run) -> None:

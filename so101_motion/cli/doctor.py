@@ -143,7 +143,7 @@ def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Fi
     from so101_motion.setup.port_selection import about
 
     try:
-        report = finding.find_patient(port)
+        report = finding.find_to_examine(port)
     except PortUnavailable as error:
         lost = adapters_without_port()
         return replace(seen, port=port, port_trouble=error.reason, lost_adapters=lost)

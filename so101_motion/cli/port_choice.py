@@ -39,7 +39,7 @@ def find_arm(port: str | None) -> PortReport:
     return _found(port, "arm", lambda report: report.has_arm)
 
 
-def find_patient(port: str | None) -> PortReport:
+def find_to_examine(port: str | None) -> PortReport:
     """The port to examine: the one with an arm, else the only servo adapter's.
 
     Raises:
@@ -74,15 +74,15 @@ def find_adapter(port: str | None) -> PortReport:
 
 
 def calibration_file(given: str | None, report: PortReport) -> Path:
-    """Where the calibration of what is on a port is saved: what is given, else see ``adapters``.
+    """The file given, else the one that ``port_selection`` chooses for what is on the port.
 
     Raises:
         CalibrationError: It cannot be a path, or this user has no home.
     """
     from so101_motion.calib.record import store
-    from so101_motion.setup import port_selection as adapters
+    from so101_motion.setup import port_selection
 
-    return store.resolve(given) if given is not None else adapters.calibration_file(report)
+    return store.resolve(given) if given is not None else port_selection.calibration_file(report)
 
 
 def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) -> PortReport:

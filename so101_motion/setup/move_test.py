@@ -184,7 +184,7 @@ class MoveTest:
         ended_by = run.end(motion.future.exception())
         report = MoveReport(
             arm=self._name,
-            joints=run.results(outline),
+            joints=run.results(),
             began_at=began_at.isoformat(timespec="seconds"),
             seconds=self._clock.now() - t_begin,
             ended_by=ended_by,
@@ -303,9 +303,9 @@ class _Run:
         self._trouble[self._joint] = str(error)
         return f"{self._joint} is in trouble" if self._joint else str(error)
 
-    def results(self, outline: Outline) -> tuple[JointAccuracy, ...]:
+    def results(self) -> tuple[JointAccuracy, ...]:
         """The measurements of each joint, base to jaw."""
-        asked = {swing.joint for swing in outline.swings} | set(self._trouble)
+        asked = {swing.joint for swing in self._outline.swings} | set(self._trouble)
         return tuple(
             self._result(joint) for joint in (*ARM_JOINTS, GRIPPER_JOINT) if joint in asked
         )

@@ -90,7 +90,7 @@ class Host:
         return ArmContext(rig=rig, **self._shared())
 
     def _shared(self) -> dict[str, Any]:
-        if self._tabs is None:  # empty, it would be an ugly thing to look at
+        if self._tabs is None:  # not made earlier: an empty group of tabs is ugly
             self._tabs = self.gui.add_tab_group()
             self.page_context().on_entry(self._front_name, self._turn_to)
             self._turn_to("")

@@ -11,8 +11,8 @@ OSQP through qpsolvers would be set up anew at each call, which takes ten times 
 number of rows, then only numbers change, and each solution starts from the one before. It is used
 through OSQP's own extension module: the class around it spends twice the time of a solution on
 reports that nobody reads. qpsolvers states the same program for the tests, which compare the two.
-OSQP stops near the solution, not at
-it: bounds are restored by clipping, and whether the result is safe is judged elsewhere.
+OSQP stops near the solution, not at it: bounds are restored by clipping, and whether the result is
+safe is judged elsewhere.
 
 Source: B. Stellato et al., OSQP: an operator splitting solver for quadratic programs, 2020.
 """
@@ -34,11 +34,13 @@ one that leads into an obstacle head-on is given up, one that leads along it at 
 
 _WEIGHTS = np.array([25.0, 25.0, 25.0, 0.05, 0.05, 0.05])
 """Of deviations of the tool [s^2/m^2], [s^2/rad^2]: about one for a full speed of each."""
+
 _OWN_WEIGHT = 0.05 * np.eye(5)
 """Of deviations of the joints [s^2/rad^2]."""
 
 _NO_BOUND = 1e30
 """What OSQP takes for infinite."""
+
 _ACCURACY = 1e-4
 _ITERATIONS = 150
 _CHECK_EVERY = 10

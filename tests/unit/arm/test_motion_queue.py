@@ -150,7 +150,7 @@ def test_a_stop_ends_what_is_still_being_prepared(motions, told) -> None:
 
     motion = motions.start(run)
     assert preparing.wait(5.0)
-    motions.interrupt("stop")
+    motions.current.interrupt("stop")
     go_on.set()
     with pytest.raises(Interrupted, match="stop"):
         motion.result(5.0)
@@ -176,7 +176,7 @@ def test_a_stop_waits_for_nobody_who_is_beginning_something(motions, told) -> No
     turning = threading.Thread(target=lambda: motions.take_over(begin))
     turning.start()
     assert beginning.wait(5.0)
-    stopping = threading.Thread(target=lambda: motions.interrupt("stop"))
+    stopping = threading.Thread(target=lambda: motions.current.interrupt("stop"))
     stopping.start()
     stopping.join(5.0)
     waited = stopping.is_alive()
@@ -192,7 +192,7 @@ def test_a_motion_ended_before_it_began_does_not_touch_the_arm(motions, told, ho
     first = under_way(motions, gate)
     second = motions.start(lambda motion: told.append("moves"))
     if how == "interrupted":
-        motions.interrupt("stop")
+        motions.current.interrupt("stop")
     else:
         running: Future[None] = Future()
         running.set_result(None)

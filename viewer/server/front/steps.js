@@ -1,5 +1,5 @@
-// Waypoints are put into another order by dragging their rows, with a finger by their numbers; the
-// chosen one is kept in sight.
+// Drag the rows of waypoints into another order (with a finger, by their numbers), and keep the
+// chosen row in sight.
 (() => {
   const link = window.so101;
   const FAR = 6;  // px until it is a drag, and no click
