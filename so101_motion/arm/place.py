@@ -15,9 +15,10 @@ import numpy as np
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
 from so101_motion.planning.among import crosses, crossing, delayed
-from so101_motion.planning.collision.apart import EARLY, Gained, led_apart
+from so101_motion.planning.collision.apart import EARLY
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import Course, OtherArm, stop_along
+from so101_motion.planning.collision.led_apart import Gained, led_apart
 from so101_motion.planning.collision.scene import Attached, as_seen_by
 
 if TYPE_CHECKING:

@@ -432,10 +432,8 @@ class ChannelPlayer:
             f" from its goal ({to_deg(limits.settle_position):.2g} deg allowed) and moves at"
             f" {to_deg(speed):.1f} deg/s. Check that nothing touches the arm and that its load is"
             " not too heavy, then move again",
-            joint=joint,
-            error=off,
-            recent=self._recent(),
-        )
+            joint=joint, error=off, recent=self._recent(),
+        )  # fmt: skip
 
     def _finish(self, motion: _Motion, unsettled: FollowingError | None) -> None:
         self._motion = None

@@ -11,7 +11,6 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import coal
@@ -42,14 +41,7 @@ PARTING, TENTH = 5e-4, 1e-4
 """Arms that are too near already may come so much nearer [m], because parts that slide along each
 other do; distances are known to the second. Chosen."""
 
-PUSHED = 0.7
-"""Arms that are nearer than this share of what they have gained were moved by others; chosen, a
-proof leaves three quarters of it."""
-
-_SAME = 1e-7
-"""Distances that differ by less are equal [m]; coal's rounding."""
-
-_PART, _UNKNOWN = 0.5, 2  # as in apart.c and native.h
+_PART, UNKNOWN = 0.5, 2  # as in apart.c and native.h
 
 _Found = tuple[float, float, int, int] | None
 """When, how near, and which bodies of either arm."""
@@ -205,103 +197,6 @@ def clearance_over_time(
     return found
 
 
-@dataclass(slots=True)
-class Gained:
-    """What an arm that is led has gained from another that is too near.
-
-    Attributes:
-        room: How far they keep apart from now on [m]; 0 for nothing.
-        lie: About how their bodies lie from each other, for the library: a hint, no more.
-    """
-
-    room: float = 0.0
-    lie: Array = field(default_factory=lambda: np.zeros(0))
-
-
-def led_apart(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
-    T_first_second: SE3,
-    *,
-    since: float,
-    gained: Gained,
-) -> Meeting | None:
-    """Where an arm that is led would come too near to another, both stopping along their courses.
-
-    Arms that are too near already may part: what they have gained they keep, and those that have
-    less, such as one that braked into that, may do nothing but part.
-
-    Args:
-        first: The led arm's bodies and its course.
-        second: Another's.
-        T_first_second: Where the second's base is in the first's.
-        since: From when on to look [s].
-        gained: What they have gained, of the same two arms in every cycle; is changed.
-
-    Returns:
-        Where they would meet; None if nowhere.
-    """
-    a, b = first[0], second[0]
-    if a.handle is not None and b.handle is not None and not a.passed | b.passed:
-        figures = since, STEP, GUARDED, GUARDED_EARLY, PUSHED, PARTING
-        size = 3 * len(a.objects) * len(b.objects)
-        if len(gained.lie) != size:
-            gained.lie = np.zeros(size)
-        more = np.concatenate(([gained.room], gained.lie))
-        found, out = _answer("so101_led_apart", first, second, T_first_second, figures, more)
-        if found != _UNKNOWN:
-            gained.room, gained.lie = float(out[4]), out[5:]
-            return _meeting(found, out, a, b)
-    pair = first, second, T_first_second
-    met = first_meeting(*pair, since=since, room=GUARDED, early=GUARDED_EARLY)
-    if met is None:
-        return None
-    nearest = nearness(*pair, at=since, room=GUARDED)
-    if nearest is None:
-        gained.room = 0.0
-        return met
-    kept = gained.room if nearest >= PUSHED * gained.room else 0.0
-    kept = max(kept, nearest - PARTING)
-    if only_part(*pair, since=since, room=GUARDED):
-        met = None
-    elif kept > 0.0:
-        met = first_meeting(*pair, since=since, room=kept, early=0.0)
-    if met is None:
-        gained.room = kept
-    return met
-
-
-def only_part(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
-    T_first_second: SE3,
-    *,
-    since: float,
-    room: float,
-) -> bool:
-    """Whether no two bodies come nearer than they are, or nearer than ``room`` [m].
-
-    Looked at by coal every ``STEP`` until both rest, at first twice as often. Never while something
-    is passed
-    from hand to hand.
-
-    Args:
-        first: An arm's bodies and its course.
-        second: Another's.
-        T_first_second: Where the second's base is in the first's.
-        since: From when on to look [s].
-        room: What is far enough [m].
-    """
-    if first[0].passed | second[0].passed:
-        return False
-    left = max(first[1].end, second[1].end) - since
-    soon, later = np.arange(0.0, 2.0 * STEP, 0.5 * STEP), np.arange(2.0 * STEP, left, STEP)
-    times = since + np.append(np.append(soon[soon < left], later), max(left, 0.0))
-    now, *after = gaps(first, second, T_first_second, times)
-    enough = np.minimum(now, room) - _SAME
-    return all(bool(np.all(each >= enough)) for each in after)
-
-
 def distances(
     a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, need: float, enough: float
 ) -> Array:
@@ -410,11 +305,11 @@ def _told(
     figures: tuple[float, ...],
 ) -> Meeting | None:
     """What the compiled library answers about two courses."""
-    found, out = _answer(question, first, second, T, figures)
-    return _meeting(found, out, first[0], second[0])
+    found, out = answer(question, first, second, T, figures)
+    return meeting(found, out, first[0], second[0])
 
 
-def _answer(
+def answer(
     question: str,
     first: tuple[ArmBodies, Course],
     second: tuple[ArmBodies, Course],
@@ -422,7 +317,7 @@ def _answer(
     figures: tuple[float, ...],
     more: Array | None = None,
 ) -> tuple[int, Array]:
-    """The library's verdict about two courses; when, how near, which bodies, and ``more``."""
+    """The library's verdict on two courses; when, how near, which bodies, and ``more``."""
     (a, one), (b, other) = first, second
     library, n, m = native().library, one.q.size, other.q.size
     assert library is not None
@@ -441,7 +336,8 @@ def _answer(
     return int(found), given[16 + n + m :]
 
 
-def _meeting(found: int, out: Array, a: ArmBodies, b: ArmBodies) -> Meeting | None:
+def meeting(found: int, out: Array, a: ArmBodies, b: ArmBodies) -> Meeting | None:
+    """What an answer of the library says; None if the arms do not meet."""
     met = _found(found, out)
     return None if met is None else Meeting(met[0], met[1], a.names[met[2]], b.names[met[3]])
 
@@ -471,7 +367,7 @@ def _meet(
 
 
 def _found(found: int, out: Array) -> _Found:
-    if found == _UNKNOWN:
+    if found == UNKNOWN:
         raise MemoryError("there is no memory to prove that two arms keep apart")
     return (float(out[0]), float(out[1]), int(out[2]), int(out[3])) if found else None
 

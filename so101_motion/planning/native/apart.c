@@ -339,7 +339,7 @@ static int pair_parts(const Arm *first, const Arm *at, int i, int j, double now,
     return found.length - radii < limit[0] ? TOUCHING : UNKNOWN;
 }
 
-/* Whether two arms only part, see only_part in apart.py: at every half a step in the beginning, then
+/* Whether two arms only part, see only_part in led_apart.py: at every half a step in the beginning, then
  * at every step; how near they are at first. */
 static int arms_part(const Course *both, const Scene *a, const Scene *b, const double *placement,
                      double since, double step, double room, Known *known, double *nearest) {
@@ -372,7 +372,7 @@ static int arms_part(const Course *both, const Scene *a, const Scene *b, const d
     }
 }
 
-/* Whether an arm that is led may stop along a course beside another's, see led_apart in apart.py. As
+/* Whether an arm that is led may stop along a course beside another's, see led_apart in led_apart.py. As
  * so101_courses_apart, but `told` is when, how near, which bodies; at 4 what they have gained, 0 for
  * nothing, where what they have gained now is left; then about how each two bodies lie, as in Known,
  * which is kept for the next time. UNKNOWN: the caller finds out. */

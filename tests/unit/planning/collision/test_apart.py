@@ -9,6 +9,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision import apart
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import STEP, Course, stopping
+from so101_motion.planning.collision.led_apart import Gained, led_apart
 from so101_motion.planning.collision.scene import Attached, Box
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
@@ -93,10 +94,10 @@ def test_an_arm_that_is_led_may_part_from_one_that_is_near_with_and_without_the_
         still = Course.resting(q_right, 0.0)
         found = []
         for bodies in (facing.bodies, by_coal):
-            gained = apart.Gained()
+            gained = Gained()
             pair = (bodies, led), (bodies, still)
-            met = apart.led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained)
-            again = apart.led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained)
+            met = led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained)
+            again = led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained)
             assert (met is None) == (again is None)
             assert gained.room == (0.0 if met else pytest.approx(far - apart.PARTING, abs=2e-4))
             found.append(met is None)
@@ -128,21 +129,21 @@ def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_c
         near = distance(bodies, *(each.at(k)[0] for each in course.values()))
         if 0.001 < near < far - 0.002:
             break
-    gained = apart.Gained(room=far - 1e-4)
+    gained = Gained(room=far - 1e-4)
     pair = (bodies, course["led"]), (bodies, course["other"])
-    assert apart.led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained) is not None
+    assert led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained) is not None
 
 
 def test_an_arm_that_is_led_and_pushed_towards_another_may_only_part():
     facing = Facing(8)
-    gained = apart.Gained(room=0.009)
+    gained = Gained(room=0.009)
     while True:
         q_left, q_right = facing.near(), facing.near()
         far = distance(facing.bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
         if 0.003 < far < 0.005:
             break
     still = [(facing.bodies, Course.resting(q, 0.0)) for q in (q_left, q_right)]
-    assert apart.led_apart(*still, T_LEFT_RIGHT, since=0.0, gained=gained) is None
+    assert led_apart(*still, T_LEFT_RIGHT, since=0.0, gained=gained) is None
     assert gained.room == pytest.approx(far - apart.PARTING, abs=2e-4)
 
 
