@@ -17,8 +17,9 @@ are in it: a joint that turns round slowly sticks for some hundredths of a secon
 
 ``--before COMMIT`` compares with the teleoperation of an older commit, all of its code but the
 emulator, which is today's: the same servos, leader and clock. The leader moves at up to 120 deg/s,
-then at up to 180, clear of the table, and today's follower has its guard first and then none. How
-hard a servo truly brakes is not judged there. It runs nothing else.
+then at up to 180, which its accelerations leave no way for, then pan and roll to and fro at 180;
+all clear of the table. Today's follower has its guard first and then none. How hard a servo truly
+brakes is not judged there. It runs nothing else.
 
 ``--minutes`` says how long the long run is, 30 by default. It takes a fifth of that, and runs
 beside the other parts on that clock; all together need two processors for eight minutes.
@@ -134,6 +135,29 @@ def following() -> Iterator[dict[str, Any]]:
     }
 
 
+def to_and_fro(seconds: float, seed: int) -> Array:
+    """Reaches of pan and roll at 180 deg/s and 350 deg/s^2, as long as they then must be.
+
+    Returns:
+        Angles, shape (n, 6), [deg], a row each ``PERIOD``; the other joints tremble only.
+    """
+    rng, far, duration = np.random.default_rng(seed), 152.0, 1.583
+    t = np.arange(0.0, seconds, PERIOD)
+    angles = np.zeros((len(t), 6))
+    angles[:, 5] = 20.0
+    for i in (0, 4):
+        now, here = 0.3, 0.0
+        while now < seconds:
+            goal = 0.5 * far if here <= 0.0 else -0.5 * far
+            takes = duration if here else duration * 0.5**0.5
+            u = np.clip((t - now) / takes, 0.0, 1.0)
+            step = (goal - here) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+            angles[:, i] += np.where(t >= now, step, 0.0)
+            here, now = goal, now + takes + rng.uniform(0.0, 0.6)
+    tremble = np.sin(2.0 * np.pi * rng.uniform(6.0, 10.0, 6) * t[:, None])
+    return angles + 0.08 * np.minimum(t, 1.0)[:, None] * tremble
+
+
 def compared(commit: str) -> Iterator[dict[str, Any]]:
     """Today's latency and tracking, and an older commit's with the same servos and leader."""
     here = Path(__file__).parents[1]
@@ -147,11 +171,12 @@ def compared(commit: str) -> Iterator[dict[str, Any]]:
                 shutil.rmtree(target)
             copy = shutil.copytree if part == "emulator" else shutil.copy
             copy(here / "so101_motion" / "drivers" / part, target)
-        for fastest in FASTEST:
+        for leads in (
+            *(partial(_bench.human_motion, fastest=each) for each in FASTEST),
+            to_and_fro,
+        ):
             ways = old / "ways.npy"
-            motions = [
-                _bench.human_motion(SECONDS + 1.5, seed, fastest=fastest) + RAISED for seed in SEEDS
-            ]
+            motions = [leads(SECONDS + 1.5, seed) + RAISED for seed in SEEDS]
             np.save(ways, motions)
             speed = float(np.abs(np.diff(motions, axis=1)).max()) / PERIOD
             for who, checkout, options in (
