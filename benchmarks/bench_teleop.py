@@ -37,7 +37,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -155,7 +155,8 @@ def to_and_fro(seconds: float, seed: int) -> Array:
             angles[:, i] += np.where(t >= now, step, 0.0)
             here, now = goal, now + takes + rng.uniform(0.0, 0.6)
     tremble = np.sin(2.0 * np.pi * rng.uniform(6.0, 10.0, 6) * t[:, None])
-    return angles + 0.08 * np.minimum(t, 1.0)[:, None] * tremble
+    trembling: Array = angles + 0.08 * np.minimum(t, 1.0)[:, None] * tremble
+    return trembling
 
 
 def compared(commit: str) -> Iterator[dict[str, Any]]:
@@ -171,10 +172,9 @@ def compared(commit: str) -> Iterator[dict[str, Any]]:
                 shutil.rmtree(target)
             copy = shutil.copytree if part == "emulator" else shutil.copy
             copy(here / "so101_motion" / "drivers" / part, target)
-        for leads in (
-            *(partial(_bench.human_motion, fastest=each) for each in FASTEST),
-            to_and_fro,
-        ):
+        person = [partial(_bench.human_motion, fastest=fastest) for fastest in FASTEST]
+        motions_of: list[Callable[[float, int], Array]] = [*person, to_and_fro]
+        for leads in motions_of:
             ways = old / "ways.npy"
             motions = [leads(SECONDS + 1.5, seed) + RAISED for seed in SEEDS]
             np.save(ways, motions)
