@@ -175,7 +175,7 @@ class HardwareBench:
 
     def under_way(self, motion, rig, seconds=0.3):
         """Let a motion get going."""
-        for _ in range(400):
+        for _ in range(10_000):
             if rig.arm.is_moving or motion.future.done():
                 break
             self.advance(0.0)

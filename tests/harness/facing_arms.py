@@ -36,10 +36,13 @@ class FacingArms:
 
     def pass_time(self, futures, until, look):
         """Let time pass until ``until()`` or all futures are done; ``look()`` after each step."""
-        for _ in range(4000):
+        moving = 0  # cycles; how many pass while a plan is made depends on how busy the machine is
+        while moving < 4000:
             if until() or all(future.done() for future in futures):
                 return
-            if not any(arm.is_moving for arm in self.arms.values()):
+            if any(arm.is_moving for arm in self.arms.values()):
+                moving += 1
+            else:
                 wait(futures, timeout=0.001)  # threads' turn
             self.clock.advance(0.01)
             look()

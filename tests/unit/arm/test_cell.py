@@ -66,9 +66,9 @@ class Pair:
         self.cell.add("left", self.rigs[0], SE3.identity())
         self.cell.add("right", self.rigs[1], T_LEFT_RIGHT)
 
-    def advance(self, seconds=0.01):
+    def advance(self, seconds=0.01, room=0.7 * GUARDED):
         self.clock.advance(seconds)
-        assert self.are_apart(0.7 * GUARDED)
+        assert self.are_apart(room)
 
     def are_apart(self, room):
         return self.facing.are_apart(self.left.state.q_ref, self.right.state.q_ref, room)
@@ -83,12 +83,12 @@ class Pair:
         found = nearness(*pair, T_LEFT_RIGHT, at=0.0, room=0.03)
         return 0.03 if found is None else found
 
-    def finish(self, *motions):
+    def finish(self, *motions, room=0.7 * GUARDED):
         moving = 0  # cycles; how many pass while a plan is made depends on how busy the machine is
         while moving < 3000:
             if all(each.future.done() for each in motions):
                 return
-            self.advance()
+            self.advance(room=room)
             moving += self.left.is_moving or self.right.is_moving
         raise AssertionError("it goes on and on")
 
@@ -268,11 +268,7 @@ def test_arms_that_are_too_near_already_may_part(pair_of):
     while not facing.are_apart(q_goal, q_right, 0.05):
         q_goal = facing.near()
     motion = pair.left.start_move(JointGoal(q=q_goal))
-    for _ in range(2000):
-        if motion.future.done():
-            break
-        pair.clock.advance(0.01)
-        assert pair.are_apart(0.002)
+    pair.finish(motion, room=0.002)
     motion.result()
 
 
