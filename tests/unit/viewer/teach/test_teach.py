@@ -109,6 +109,18 @@ def test_a_path_is_recorded_planned_replayed_and_kept(bench: Bench) -> None:
     teaching.load("wave")
 
 
+def test_a_recording_may_be_ended_the_moment_it_begins(bench: Bench) -> None:
+    teaching = bench.teaching
+    for _ in range(3):
+        teaching.record()
+        bench.taught(lambda: teaching.doing is Doing.RECORDING)
+        teaching.end_recording()
+        assert teaching.doing is Doing.NOTHING
+        assert teaching.path is not None
+        bench.taught(lambda: teaching.can_plan)
+    assert bench.rig.arm.state.mode is Mode.HOLDING
+
+
 def test_a_path_that_was_not_saved_survives_the_next(bench: Bench) -> None:
     teaching = bench.teaching
     bench.record()
