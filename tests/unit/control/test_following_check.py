@@ -31,7 +31,7 @@ def test_a_joint_that_meets_something_is_held_up_within_90_ms(speed):
     assert met < seen(way, np.where(np.arange(100) < met, way, way[met])) <= met + 9
 
 
-@pytest.mark.parametrize(("speed", "ticks"), [(10.0, 13), (-10.0, 13), (15.0, 9), (20.0, 7)])
+@pytest.mark.parametrize(("speed", "ticks"), [(10.0, 10), (-10.0, 10), (15.0, 8), (20.0, 7)])
 def test_one_that_followed_slowly_is_held_up_once_it_stands_longer_than_play_lets_it(speed, ticks):
     way = speed * DT * np.arange(150.0)
     met = 80
@@ -48,7 +48,7 @@ def test_one_whose_load_stays_on_one_side_is_held_up_sooner(speed, ticks):
 
 def test_one_whose_load_came_to_that_side_just_now_may_stand_for_its_play():
     way = 10.0 * DT * np.arange(200.0)
-    crossing = np.maximum(np.minimum(way, way[100]), way - 1.0)
+    crossing = np.maximum(np.minimum(way, way[100]), way - 0.75)
     assert seen(way, crossing, pressed_from=95) is None
     assert seen(way, crossing, pressed_from=0) is not None
 
@@ -59,10 +59,10 @@ def test_one_that_sticks_and_slips_by_little_is_not_held_up():
     assert seen(way, slips, pressed_from=0) is None
 
 
-@pytest.mark.parametrize("speed", [6.0, 10.0, 20.0])
-def test_one_whose_load_changes_sides_on_its_way_stands_for_its_play(speed):
+@pytest.mark.parametrize(("speed", "stray"), [(5.0, 0.6), (10.0, 0.75), (20.0, 0.9), (30.0, 1.0)])
+def test_one_whose_load_changes_sides_on_its_way_stands_for_its_play(speed, stray):
     way = speed * DT * np.arange(200.0)
-    crossing = np.maximum(np.minimum(way, way[100]), way - 1.0)
+    crossing = np.maximum(np.minimum(way, way[100]), way - stray)
     assert seen(way, crossing) is None
 
 

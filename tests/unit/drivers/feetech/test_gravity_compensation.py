@@ -38,11 +38,23 @@ def test_weight_and_the_friction_on_the_way_are_made_up_for_at_once():
     np.testing.assert_allclose(trim.offset, wanted)
 
 
-def test_a_load_is_on_one_side_if_no_mass_in_the_hand_could_change_that():
-    own, per_kg = (0.0, 0.5, -0.5, 0.04, 0.0, 0.0), (0.0, 2.0, 1.8, 0.1, 0.1, 0.0)
+def sided():
+    own, per_kg = (0.0, 0.5, -0.5, 0.06, 0.0, 0.0), (0.0, 2.0, 1.8, 0.1, 0.1, 0.0)
     trim = Trim(lambda _: np.array(own), lambda _: np.array(per_kg))
     start(trim, GOAL)
-    assert trim.pressed() == [0, 1, 3], "0.3 kg lift the third joint, and may turn the fifth"
+    return trim
+
+
+def test_a_load_is_on_one_side_if_no_mass_in_the_hand_could_change_that():
+    assert sided().pressed() == [0, 1, 3], "0.3 kg lift the third joint, and may turn the fifth"
+
+
+def test_a_joint_that_lifts_whatever_it_carries_stands_nowhere_in_its_play():
+    trim = sided()
+    trim.command((GOAL + 1.0).tolist(), 0.1)
+    assert trim.pressed() == [0, 1, 3, 4], "a mass would be lifted by the fifth, not lead it on"
+    trim.command((GOAL - 1.0).tolist(), 0.2)
+    assert trim.pressed() == [0, 1, 3]
 
 
 def test_a_trembling_command_turns_no_friction_over():
