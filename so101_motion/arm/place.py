@@ -17,8 +17,8 @@ from so101_motion.common.modes import Mode
 from so101_motion.planning.among import crosses, crossing, delayed
 from so101_motion.planning.collision.apart import EARLY
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
-from so101_motion.planning.collision.course import Course, OtherArm, stop_along
-from so101_motion.planning.collision.led_apart import Gained, led_apart
+from so101_motion.planning.collision.course import Course, NearArms, OtherArm, stop_along
+from so101_motion.planning.collision.led_apart import Beside, close, led_apart
 from so101_motion.planning.collision.scene import Attached, as_seen_by
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Place:
         self._expected: Trajectory | None = None  # that was proven together with others'
         self._course: Course | None = None
         self._planned: Course | None = None
-        self._gained: dict[str, Gained] = {}  # of arms that are too near, by name
+        self._beside: dict[str, Beside] = {}  # by name of the other arm
         bodies_of()  # made before the control loop needs it
 
     @property
@@ -131,7 +131,7 @@ class Place:
         """
         with self.cell.entry:
             with self.cell.lock:
-                self._gained.clear()  # a plan begins where the arm rests, and only leads away
+                self._beside.clear()  # a plan begins where the arm rests, and only leads away
             planned, expected, wait = self._planned, self._expected, 0.0
             self._expected = None
             if expected is not trajectory or planned is None or self._now() > planned.t + PROMPT:
@@ -169,6 +169,11 @@ class Place:
 
     # Every tick
 
+    def near(self) -> list[NearArms]:
+        """What was near of other arms when ``admits`` was asked last; see ``Neighbours``."""
+        known = ((other.name, self._beside.get(other.name)) for other in self._neighbours())
+        return [each.near(name) for name, each in known if each is not None and each.count]
+
     def admits(self, q: Array, dt: float) -> bool:
         """Whether the arm may go on so that it could stop along ``q``; see ``Neighbours``."""
         now = self._now()
@@ -181,10 +186,10 @@ class Place:
                     (bodies_of(as_seen_by(self.name, attached)), other.course_at(now)),
                     _T_from_to(self.T_cell_base, other.T_cell_base),
                     since=now,
-                    gained=self._gained.setdefault(other.name, Gained()),
+                    beside=self._beside.setdefault(other.name, Beside()),
                 )
                 if meeting is not None:
-                    self.against = f"the {meeting.first} close to {other.name}'s {meeting.second}"
+                    self.against = close(meeting.first, other.name, meeting.second)
                     return False
             self._course = course
         return True
@@ -229,7 +234,9 @@ class Place:
         return max(state.q_jaw, state.q_jaw_ref)
 
     def _stop(self, q: Array, dt: float, now: float) -> Course:
-        return Course(t=now, dt=dt, q=np.column_stack([q, np.full(len(q), self._q_jaw)]))
+        path = np.empty((len(q), 6))
+        path[:, :5], path[:, 5] = q, self._q_jaw
+        return Course(t=now, dt=dt, q=path)
 
     def _neighbours(self) -> list[Place]:
         if ALL in self._ignores:

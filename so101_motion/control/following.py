@@ -161,6 +161,7 @@ class Following(LedMotion):
         self._t = self._t_seen = self._t_nearest = 0.0
         self._nearest = math.inf
         self._held: tuple[str, ...] = ()
+        self._stopped_by = self._held  # while it held last
         self._t_gentle = self._t_held = -math.inf
         self._slowing: PlannedMotion | None = None
         self._k = 0  # of the next setpoint of what is slowing
@@ -372,14 +373,13 @@ class Following(LedMotion):
             qd = np.clip(qd, -_SLOWER * limits.velocity, _SLOWER * limits.velocity)
         if qdd is not None:
             qdd = np.clip(qdd, -limits.acceleration, limits.acceleration)
+        self._held = ()
         if self._guard is not None:
-            allowed = self._guard.within_reach(self.now.q, q)
+            others = () if self._neighbours is None else self._neighbours.near()
+            allowed = self._guard.within_reach(self.now.q, q, others)
             if allowed is not q:
-                q, qd = np.clip(allowed, self._least, self._most), np.zeros_like(qd)
-                qdd = None
+                q, qd, qdd = np.clip(allowed, self._least, self._most), np.zeros_like(qd), None
             self._held = tuple(map(self._guard.words, self._guard.against))
-        else:
-            self._held = ()
         arrival: online.Arrival = "each"
         if not qd.any() and (is_gentle or self._ends_there or self.is_approaching):
             # From rest close to things, joints that do not set off together come closer first.
@@ -430,13 +430,13 @@ class Following(LedMotion):
             return
         off = float(np.max(np.abs(aim.q - self.now.q)))
         if self._held:
-            self._t_held = self._t
+            self._t_held, self._stopped_by = self._t, self._held
         if off < self._nearest - NEARER or self._t - self._t_held > HELD_FOR:
             self._nearest, self._t_nearest = off, self._t
         elif self._t - self._t_nearest > SHORT_AFTER:
             raise MotionError(
                 f"the arm stopped {to_deg(off):.1f} deg short of where it was sent, with"
-                f" {' and '.join(self._held)}; send it elsewhere, or plan a move around it"
+                f" {' and '.join(self._stopped_by)}; send it elsewhere, or plan a move around it"
             )
 
     def _at_limits(self) -> list[str]:

@@ -96,7 +96,7 @@ def test_what_is_guarded_is_never_passed(q_start, goals, fence):
         def words(self, each):
             return str(each)
 
-        def within_reach(self, q, q_target):
+        def within_reach(self, q, q_target, others):
             return q_target
 
         def admits(self, way, *, ahead=False):

@@ -315,15 +315,14 @@ def answer(
     second: tuple[ArmBodies, Course],
     T: SE3,
     figures: tuple[float, ...],
-    more: Array | None = None,
+    *more: ctypes.c_void_p,
 ) -> tuple[int, Array]:
-    """The library's verdict on two courses; when, how near, which bodies, and ``more``."""
+    """The library's verdict on two courses; when, how near, which bodies."""
     (a, one), (b, other) = first, second
     library, n, m = native().library, one.q.size, other.q.size
     assert library is not None
     told = np.array([one.t, one.dt, other.t, other.dt, 0.0, 0.0, 0.0, 0.0])
-    parts = [placement(T), one.q.ravel(), other.q.ravel(), told, *(() if more is None else (more,))]
-    given = np.concatenate(parts)
+    given = np.concatenate((placement(T), one.q.ravel(), other.q.ravel(), told))
     at: int = given.ctypes.data  # asking for an address takes as long as some looks
     placed, qa, qb, times, others, out = (
         ctypes.c_void_p(at + given.itemsize * k)
@@ -331,7 +330,7 @@ def answer(
     )
     found = getattr(library, question)(
         a.handle, b.handle, placed, a.levers_pointer, b.levers_pointer,
-        times, n // 6, qa, others, m // 6, qb, *map(ctypes.c_double, figures), out,
+        times, n // 6, qa, others, m // 6, qb, *map(ctypes.c_double, figures), *more, out,
     )  # fmt: skip
     return int(found), given[16 + n + m :]
 

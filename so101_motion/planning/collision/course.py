@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,8 +117,28 @@ def stopping(course: Course, t: float) -> Course:
     return Course(t=t, dt=dt, q=q)
 
 
+class NearArms(NamedTuple):
+    """Bodies of an arm that are near those of another one, and how the joints bring them nearer.
+
+    Attributes:
+        rooms: How much nearer they may come, shape (n,), [m].
+        gradients: What each joint adds to that, shape (n, 5), [m/rad].
+        words: Which they are, by number, such as ``"the jaw close to left's wrist"``.
+    """
+
+    rooms: Array
+    gradients: Array
+    words: Callable[[int], str]
+
+
 class Neighbours(Protocol):
     """The other arms of a cell, as the control loop of one arm has to mind them."""
+
+    def near(self) -> Sequence[NearArms]:
+        """What was near of each other arm when ``admits`` was asked last.
+
+        It is a guess, for what to aim at: what may be done ``admits`` says.
+        """
 
     def admits(self, q: Array, dt: float) -> bool:
         """Whether the arm may go on so that it could stop along ``q``; if so, others go by that.

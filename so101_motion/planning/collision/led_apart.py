@@ -6,11 +6,13 @@ hand to hand, the same is done here with coal. ``apart.py`` has what holds for e
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import ctypes
+from functools import partial
+from operator import is_
 
 import numpy as np
 
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.apart import (
     GUARDED,
     GUARDED_EARLY,
@@ -24,27 +26,74 @@ from so101_motion.planning.collision.apart import (
     nearness,
 )
 from so101_motion.planning.collision.arm_bodies import ArmBodies
-from so101_motion.planning.collision.course import STEP, Course
+from so101_motion.planning.collision.batch_check import pointer
+from so101_motion.planning.collision.course import STEP, Course, NearArms
+from so101_motion.planning.native.library import native
 
 PUSHED = 0.7
 """Arms that are nearer than this share of what they have gained were moved by others; chosen, a
 proof leaves three quarters of it."""
 
+RANGE = 0.03
+"""From how near on, beyond ``GUARDED``, arms approach each other more slowly [m]; as guard.py's."""
+
+_ROW = 8  # numbers of a body that is near, as in nearest.c
+
 _SAME = 1e-7
 """Distances that differ by less are equal [m]; coal's rounding."""
 
 
-@dataclass(slots=True)
-class Gained:
-    """What an arm that is led has gained from another that is too near.
+class Beside:
+    """What is known of an arm that is led beside another one, from cycle to cycle.
 
     Attributes:
-        room: How far they keep apart from now on [m]; 0 for nothing.
-        lie: About how their bodies lie from each other, for the library: a hint, no more.
+        gained: How far they keep apart from now on, having been too near [m]; 0 for nothing.
     """
 
-    room: float = 0.0
-    lie: Array = field(default_factory=lambda: np.zeros(0))
+    def __init__(self) -> None:
+        self.gained = 0.0
+        self._of: tuple[ArmBodies, ArmBodies, SE3] | None = None
+        self._memory, self._address = np.zeros(0), ctypes.c_void_p()
+
+    @property
+    def count(self) -> int:
+        """How many bodies were near each other.
+
+        0 without the library, and while something is passed from hand to hand.
+        """
+        return 0 if self._of is None else int(self._memory[1])
+
+    def near(self, name: str) -> NearArms:
+        """What was near.
+
+        Args:
+            name: What messages call the other arm.
+        """
+        rows = self._memory[2 : 2 + _ROW * self.count].reshape(-1, _ROW)
+        return NearArms(rows[:, 0] - GUARDED, rows[:, 3:], partial(self._words, name))
+
+    def _words(self, name: str, k: int) -> str:
+        assert self._of is not None
+        (a, b, _), row = self._of, self._memory[2 + _ROW * k :]
+        return close(a.names[int(row[1])], name, b.names[int(row[2])])
+
+    def of(self, a: ArmBodies, b: ArmBodies, T: SE3) -> ctypes.c_void_p | None:
+        """Where the library keeps what it knows of two arms; None if it has nothing to say."""
+        if a.handle is None or b.handle is None or a.passed | b.passed:
+            self._of = None
+            return None
+        if self._of is None or not all(map(is_, self._of, (a, b, T))):
+            library = native().library
+            assert library is not None
+            self._of = a, b, T
+            self._memory = np.zeros(library.so101_beside_size() // 8)
+            self._address = pointer(self._memory)
+        self._memory[0] = self.gained
+        return self._address
+
+    def take(self) -> None:
+        """Take over what the library has found."""
+        self.gained = float(self._memory[0])
 
 
 def led_apart(
@@ -53,7 +102,7 @@ def led_apart(
     T_first_second: SE3,
     *,
     since: float,
-    gained: Gained,
+    beside: Beside,
 ) -> Meeting | None:
     """Where an arm that is led would come too near to another, both stopping along their courses.
 
@@ -65,21 +114,18 @@ def led_apart(
         second: Another's.
         T_first_second: Where the second's base is in the first's.
         since: From when on to look [s].
-        gained: What they have gained, of the same two arms in every cycle; is changed.
+        beside: Of the same two arms in every cycle; is changed.
 
     Returns:
         Where they would meet; None if nowhere.
     """
     a, b = first[0], second[0]
-    if a.handle is not None and b.handle is not None and not a.passed | b.passed:
-        figures = since, STEP, GUARDED, GUARDED_EARLY, PUSHED, PARTING
-        size = 3 * len(a.objects) * len(b.objects)
-        if len(gained.lie) != size:
-            gained.lie = np.zeros(size)
-        more = np.concatenate(([gained.room], gained.lie))
-        found, out = answer("so101_led_apart", first, second, T_first_second, figures, more)
+    memory = beside.of(a, b, T_first_second)
+    if memory is not None:
+        figures = since, STEP, GUARDED, GUARDED_EARLY, PUSHED, PARTING, GUARDED + RANGE
+        found, out = answer("so101_led_apart", first, second, T_first_second, figures, memory)
         if found != UNKNOWN:
-            gained.room, gained.lie = float(out[4]), out[5:]
+            beside.take()
             return meeting(found, out, a, b)
     pair = first, second, T_first_second
     met = first_meeting(*pair, since=since, room=GUARDED, early=GUARDED_EARLY)
@@ -87,16 +133,16 @@ def led_apart(
         return None
     nearest = nearness(*pair, at=since, room=GUARDED)
     if nearest is None:
-        gained.room = 0.0
+        beside.gained = 0.0
         return met
-    kept = gained.room if nearest >= PUSHED * gained.room else 0.0
+    kept = beside.gained if nearest >= PUSHED * beside.gained else 0.0
     kept = max(kept, nearest - PARTING)
     if only_part(*pair, since=since, room=GUARDED):
         met = None
     elif kept > 0.0:
         met = first_meeting(*pair, since=since, room=kept, early=0.0)
     if met is None:
-        gained.room = kept
+        beside.gained = kept
     return met
 
 
@@ -128,3 +174,8 @@ def only_part(
     now, *after = gaps(first, second, T_first_second, times)
     enough = np.minimum(now, room) - _SAME
     return all(bool(np.all(each >= enough)) for each in after)
+
+
+def close(own: str, name: str, others: str) -> str:
+    """Which bodies of two arms are close to each other, in words."""
+    return f"the {own} close to {name}'s {others}"

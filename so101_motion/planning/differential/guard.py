@@ -22,6 +22,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.batch_check import NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
 from so101_motion.planning.collision.collision import ClosePair, CollisionModel
+from so101_motion.planning.collision.course import NearArms
+from so101_motion.planning.differential.nearest_within import Bounds, nearest_within
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 RANGE = 0.05
@@ -52,18 +54,11 @@ lag behind: at most so much [m], and that share of the travel. Emulated, among h
 AHEAD_STEP = 0.002
 """That is rounded up to whole multiples of this [m]; chosen, small beside ``INEXACT``."""
 
-MOST = 8
-"""Of how many things near it ``within_reach`` takes account; chosen, the nearest matter."""
-
 PLACES = 4
 """At about how many places of a path it is seen whether bodies part; chosen, for they are short."""
 
 _CLOSER = 1e-6
 """What pairs that are too close already may come closer by in one path [m]: rounding."""
-
-_ROUNDS = 12  # of the search of ``within_reach``; it mostly takes one or two
-_ROUNDING = 1e-9
-_SINGULAR = 1e-15  # what is left of a row that others make up [m^2]
 
 
 class Guard:
@@ -104,7 +99,7 @@ class Guard:
         self._reach: list[float] = collision.reach.tolist()
         self._looked: Array | None = None
         self._rows, self._rooms, self._free = np.zeros((0, NEAR_ROW)), np.zeros(0), 0.0
-        self.against: tuple[ClosePair | TorqueReserve, ...] = ()
+        self.against: tuple[ClosePair | TorqueReserve | str, ...] = ()
 
     @property
     def margin(self) -> float:
@@ -125,7 +120,7 @@ class Guard:
         self._free = min([self._range - self._widest, *self._rooms.tolist()])
         return [] if self._load is None else self._load.heavy(q)
 
-    def within_reach(self, q: Array, q_target: Array) -> Array:
+    def within_reach(self, q: Array, q_target: Array, others: Sequence[NearArms] = ()) -> Array:
         """The place nearest to a target that there seems to be room for, shape (5,), [rad].
 
         ``q_target`` itself if nothing stands against it; ``q`` if no place is found.
@@ -133,26 +128,35 @@ class Guard:
         Args:
             q: Where the arm is, shape (5,), [rad].
             q_target: Where it shall be, shape (5,), [rad].
+            others: What is near of other arms.
         """
-        self.against, step = (), q_target - q
         heavy = self._see(q)
-        G, least = self._rows[:, -len(q) :], np.minimum(0.0, GAP - self._rooms)
-        if not heavy and (G @ step >= least).all():
-            return q_target
-        near = np.lexsort((self._rows[:, 1], self._rooms))[: MOST - len(heavy)]
-        G, least = G[near], least[near]
+        bounds = [Bounds(self._rows[:, -len(q) :], np.minimum(0.0, GAP - self._rooms), self._rooms)]
+        for each in others:
+            least = np.maximum(np.minimum(0.0, GAP - each.rooms), -each.rooms)
+            bounds.append(Bounds(each.gradients, least, each.rooms))
         if heavy:
-            G = np.vstack(([each.gradient for each in heavy], G))
-            left = [min(0.0, GAP - each.left) for each in heavy]
-            least = np.concatenate((left, least))
-            if (G @ step >= least).all():
-                return q_target
-        nearest, active = _nearest_within(step, G, least)
-        rows, n = self._rows, len(heavy)
-        self.against = tuple(
-            heavy[i] if i < n else self._collision.described(rows[near[i - n]]) for i in active
-        )
-        return q if nearest is None else q + nearest
+            G = np.array([each.gradient for each in heavy])
+            least = np.array([min(0.0, GAP - each.left) for each in heavy])
+            bounds.append(Bounds(G, least, np.full(len(heavy), -np.inf)))
+        nearest, active = nearest_within(q_target - q, bounds)
+        self.against = tuple(self._named(i, others, heavy) for i in active)
+        if nearest is None:
+            return q
+        return q + nearest if active else q_target
+
+    def _named(
+        self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]
+    ) -> ClosePair | TorqueReserve | str:
+        """What the bound ``k`` stands for, counted as in ``within_reach``."""
+        if k < len(self._rows):
+            return self._collision.described(self._rows[k])
+        k -= len(self._rows)
+        for each in others:
+            if k < len(each.rooms):
+                return each.words(k)
+            k -= len(each.rooms)
+        return heavy[k]
 
     def admits(self, path: Array, *, ahead: bool = False) -> bool:
         """Whether the straight lines through a path may be gone.
@@ -194,8 +198,10 @@ class Guard:
         lack[pairs] = np.maximum(margins[pairs] - self._rows[:, 1], 0.0)
         return lack
 
-    def words(self, each: ClosePair | TorqueReserve) -> str:
+    def words(self, each: ClosePair | TorqueReserve | str) -> str:
         """What has little left, such as ``"the jaw close to the floor"``."""
+        if isinstance(each, str):
+            return each
         if isinstance(each, TorqueReserve):
             return f"{each.joint} bearing all that it may"
         called = self._collision.scene.called
@@ -205,53 +211,3 @@ class Guard:
 def room_of(each: ClosePair | TorqueReserve) -> float:
     """How much nearer two bodies may come [m], or what a joint has left as a share."""
     return each.distance - each.margin if isinstance(each, ClosePair) else each.left
-
-
-def _nearest_within(step: Array, G: Array, least: Array) -> tuple[Array | None, Sequence[int]]:
-    """The vector nearest to ``step`` with ``G x >= least``, and which rows hold it.
-
-    The row that is broken most joins the active ones, and those that would pull leave them; with
-    the few rows of an arm that ends after one or two rounds. None if it does not end. With plain
-    numbers, for so few rows: they take a third of the time.
-
-    Args:
-        step: What is wanted, shape (5,).
-        G: Rows, shape (k, 5).
-        least: Their bounds, shape (k,), none above 0.
-    """
-    gram: list[list[float]] = (G @ G.T).tolist()
-    wanted: list[float] = (least - G @ step).tolist()  # what each row lacks, were nothing done
-    active, lack, x = list[int](), wanted, step
-    for _ in range(_ROUNDS):
-        worst = max(range(len(lack)), key=lack.__getitem__)
-        if lack[worst] <= _ROUNDING or worst in active:
-            return x, active
-        active.append(worst)
-        while True:
-            pulls = _solved([[*(gram[i][j] for j in active), wanted[i]] for i in active])
-            if pulls is None:
-                return None, active
-            weakest = min(range(len(pulls)), key=pulls.__getitem__)
-            if pulls[weakest] >= 0.0:
-                break
-            del active[weakest]
-        x = step + pulls @ G[active]
-        lack = (least - G @ x).tolist()
-    return None, active
-
-
-def _solved(rows: list[list[float]]) -> list[float] | None:
-    """The solution of a symmetric system, whose right side is the last column; None without one."""
-    n = len(rows)
-    for i, row in enumerate(rows):
-        if not row[i] > _SINGULAR:
-            return None
-        for below in rows[i + 1 :]:
-            share = below[i] / row[i]
-            for j in range(i, n + 1):
-                below[j] -= share * row[j]
-    found = [0.0] * n
-    for i in range(n - 1, -1, -1):
-        rest = sum(rows[i][j] * found[j] for j in range(i + 1, n))
-        found[i] = (rows[i][n] - rest) / rows[i][i]
-    return found

@@ -13,27 +13,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "native.h"
+#include "apart.h"
 
 #define PLACES 10      /* of a stop; as HARDEST, AT_LEAST in course.py, which says what they are */
 #define HARDEST 5.0
 #define AT_LEAST 0.1
 #define PART 0.5    /* of the margin: the least travel between two looks at a pair */
 #define SOON 0.5      /* of the time until a pair must be looked at; then it is, if others must */
-#define SAME 1e-7   /* distances that differ by less are equal [m]; as in apart.py */
-#define TENTH 1e-4  /* to which so101_gap knows distances [m] */
-#define BARELY 1e-6 /* bodies whose hulls are nearer than this may overlap [m] */
-#define CLOSE 0.05  /* balls that are further apart than this beyond the need will do [m] */
+#define CLOSE 0.01  /* so far apart beyond the need they need not be known to be [m]; chosen by trying */
 
-typedef struct {
-    const Scene *scene;
-    const double *q, *travel; /* configurations; what each body travels in each step at most [m], */
-    const double *bend;       /* and how far it leaves the straight line between */
-    Pose pose[JOINTS + 1];
-    double centre[MOST_BODIES][3];
-} Arm;
-
-static void look(Arm *arm, const double *placement, int n, double t) {
+void so101_look(Arm *arm, const double *placement, int n, double t) {
     const Scene *s = arm->scene;
     const int k = n > 1 && t > n - 2 ? n - 2 : (int)t;
     double q[JOINTS];
@@ -41,17 +30,7 @@ static void look(Arm *arm, const double *placement, int n, double t) {
         const double *at = arm->q + JOINTS * k + j;
         q[j] = n > 1 ? at[0] + (t - k) * (at[JOINTS] - at[0]) : at[0];
     }
-    so101_poses(s, q, arm->pose);
-    for (int j = 0; placement && j <= JOINTS; j++) {
-        const Pose own = arm->pose[j];
-        Pose *here = &arm->pose[j];
-        for (int r = 0; r < 3; r++) {
-            const double *R = placement + 3 * r;
-            for (int c = 0; c < 3; c++)
-                here->R[3 * r + c] = R[0] * own.R[c] + R[1] * own.R[3 + c] + R[2] * own.R[6 + c];
-            here->p[r] = placement[9 + r] + R[0] * own.p[0] + R[1] * own.p[1] + R[2] * own.p[2];
-        }
-    }
+    so101_poses(s, q, placement, arm->pose);
     for (int i = 0; i < s->bodies; i++) {
         const Body *b = &s->body[i];
         const Pose *pose = &arm->pose[b->joint];
@@ -71,7 +50,7 @@ static double balls(const Arm *a, int i, const Arm *b, int j) {
     return sqrt(square) - first->ball - second->ball - first->radius - second->radius - SLACK;
 }
 
-static double between(const Arm *a, int i, const Arm *b, int j, double need, double enough,
+double so101_between(const Arm *a, int i, const Arm *b, int j, double need, double enough,
                       double *v) {
     const double low = balls(a, i, b, j);
     if (low > enough) return low;
@@ -95,7 +74,7 @@ static double until(const Arm *a, int i, const Arm *b, int j, int n, double t, d
  * far they are from the straight line between, if that is asked for: an eighth of what the velocity
  * changes by, and the second derivative of a point by two joints is no longer than its way to the
  * axis of the later one. */
-static void travelled(const Scene *s, const double *levers, int n, const double *q, double *travel,
+void so101_travelled(const Scene *s, const double *levers, int n, const double *q, double *travel,
                       double *bend) {
     for (int k = 0; k < n - 1; k++)
         for (int i = 0; i < s->bodies; i++) {
@@ -123,14 +102,6 @@ static int step_is_clear(const Arm *a, int i, const Arm *b, int j, const Arm *ah
     return so101_gap_along(a->scene, a->pose, i, b->scene, b->pose, j, v) >= bound &&
            so101_gap_along(a->scene, ahead[0].pose, i, b->scene, ahead[1].pose, j, v) >= bound;
 }
-
-/* What is known of every two bodies; of `low` and `lie` nothing if they are 0. */
-typedef struct {
-    double due[MOST_BODIES][MOST_BODIES];    /* when they must be looked at, in steps */
-    double soon[MOST_BODIES][MOST_BODIES];   /* when they are if others must be */
-    double low[MOST_BODIES][MOST_BODIES];    /* how far apart they are at least in the beginning */
-    double lie[MOST_BODIES][MOST_BODIES][3]; /* about how the first lies from the second */
-} Known;
 
 /* All must be looked at but those that are so far from each other in the beginning that all of the
  * way is too short. */
@@ -165,8 +136,8 @@ static int apart(const Arm *arms, const double *placement, int n, double margin,
     begin(known, &first, &second, n, margin, skew);
     while (t <= n - 1) {
         double next = INFINITY;
-        look(&first, 0, n, t);
-        look(&second, placement, n, t);
+        so101_look(&first, 0, n, t);
+        so101_look(&second, placement, n, t);
         const int k = t > n - 2 ? (n > 1 ? n - 2 : 0) : (int)t;
         for (int i = 0; i < a->bodies; i++)
             for (int j = 0; j < b->bodies; j++) {
@@ -182,7 +153,7 @@ static int apart(const Arm *arms, const double *placement, int n, double margin,
                                             second.travel[k * b->bodies + j]);
                     const double enough = need + (n > 1 ? CLOSE : 0.0);
                     const double gap =
-                        between(&first, i, &second, j, need, enough, known->lie[i][j]);
+                        so101_between(&first, i, &second, j, need, enough, known->lie[i][j]);
                     if (!(gap >= need)) {
                         out[0] = t, out[1] = gap, out[2] = i, out[3] = j;
                         return TOUCHING;
@@ -194,8 +165,8 @@ static int apart(const Arm *arms, const double *placement, int n, double margin,
                     const int end = (int)t + 1;
                     if (*due < end && end < n) {
                         if (looked_ahead < end) {
-                            look(&ahead[0], 0, n, end);
-                            look(&ahead[1], placement, n, end);
+                            so101_look(&ahead[0], 0, n, end);
+                            so101_look(&ahead[1], placement, n, end);
                             looked_ahead = end;
                         }
                         if (step_is_clear(&first, i, &second, j, ahead, t, need, known->lie[i][j]))
@@ -210,14 +181,14 @@ static int apart(const Arm *arms, const double *placement, int n, double margin,
     return FREE;
 }
 
-static int known_apart(const Scene *a, const Scene *b, const double *placement,
+int so101_known_apart(const Scene *a, const Scene *b, const double *placement,
                        const double *levers_a, const double *levers_b, int n, const double *qa,
                        const double *qb, double margin, double skew, Known *known, double *out) {
     const int each = n * (a->bodies + b->bodies);
     double *travel = malloc(sizeof(double) * 2 * (size_t)each), *bend = travel + each;
     if (!travel) return UNKNOWN;
-    travelled(a, levers_a, n, qa, travel, bend);
-    travelled(b, levers_b, n, qb, travel + n * a->bodies, bend + n * a->bodies);
+    so101_travelled(a, levers_a, n, qa, travel, bend);
+    so101_travelled(b, levers_b, n, qb, travel + n * a->bodies, bend + n * a->bodies);
     const Arm arms[2] = {
         {.scene = a, .q = qa, .travel = travel, .bend = bend},
         {.scene = b, .q = qb, .travel = travel + n * a->bodies, .bend = bend + n * a->bodies}};
@@ -234,7 +205,7 @@ int so101_apart(const Scene *a, const Scene *b, const double *placement, const d
                 double skew, double *out) {
     Known known;
     memset(&known, 0, sizeof known);
-    return known_apart(a, b, placement, levers_a, levers_b, n, qa, qb, margin, skew, &known, out);
+    return so101_known_apart(a, b, placement, levers_a, levers_b, n, qa, qb, margin, skew, &known, out);
 }
 
 /* How far apart every body of `a` is from every body of `b` at each of `n` configurations, at least and
@@ -245,24 +216,17 @@ void so101_gaps(const Scene *a, const Scene *b, const double *placement, int n, 
     memset(lie, 0, sizeof lie);
     for (int k = 0; k < n; k++) {
         Arm first = {.scene = a, .q = qa + JOINTS * k}, second = {.scene = b, .q = qb + JOINTS * k};
-        look(&first, 0, 1, 0.0);
-        look(&second, placement, 1, 0.0);
+        so101_look(&first, 0, 1, 0.0);
+        so101_look(&second, placement, 1, 0.0);
         for (int i = 0; i < a->bodies; i++)
             for (int j = 0; j < b->bodies; j++)
                 *out++ = a->body[i].joint || b->body[j].joint
-                             ? between(&first, i, &second, j, need, enough, lie[i][j])
+                             ? so101_between(&first, i, &second, j, need, enough, lie[i][j])
                              : INFINITY;
     }
 }
 
-/* What an arm will do: `n` configurations from `t` on, `dt` apart; it rests before and after. */
-typedef struct {
-    double t, dt;
-    int n;
-    const double *q;
-} Course;
-
-static void course_at(const Course *c, double t, double *q) {
+void so101_course_at(const Course *c, double t, double *q) {
     const double place = fmin(fmax((t - c->t) / c->dt, 0.0), c->n - 1.0);
     const int k = place > c->n - 2 ? (c->n > 1 ? c->n - 2 : 0) : (int)place;
     const double *from = c->q + JOINTS * k, *to = c->n > 1 ? from + JOINTS : from;
@@ -272,22 +236,22 @@ static void course_at(const Course *c, double t, double *q) {
 /* The stop from `t` on along a course; returns how long it takes. */
 static double stop_of(const Course *c, double t, double places[PLACES][JOINTS]) {
     double next[JOINTS], speed = 0.0;
-    course_at(c, t, places[0]);
-    course_at(c, t + c->dt, next);
+    so101_course_at(c, t, places[0]);
+    so101_course_at(c, t + c->dt, next);
     for (int j = 0; t >= c->t && j < 5; j++) /* the jaw does not count */
         speed = fmax(speed, fabs(next[j] - places[0][j]) / c->dt);
     const double duration = speed / HARDEST + AT_LEAST;
     for (int i = 1; i < PLACES; i++) {
         const double passed = duration * i / (PLACES - 1);
         const double on = t >= c->t ? passed - passed * passed / (2.0 * duration) : 0.0;
-        course_at(c, t + on, places[i]);
+        so101_course_at(c, t + on, places[i]);
     }
     return duration;
 }
 
 /* Where two arms are every `step` seconds from `since` on, `n` configurations of each; 0 without
  * memory. */
-static double *sampled(const Course *both, double since, double step, int *n) {
+double *so101_sampled(const Course *both, double since, double step, int *n) {
     const double end =
         fmax(both[0].t + both[0].dt * (both[0].n - 1), both[1].t + both[1].dt * (both[1].n - 1)) -
         since;
@@ -295,7 +259,7 @@ static double *sampled(const Course *both, double since, double step, int *n) {
     double *q = malloc(sizeof(double) * 2 * (size_t)*n * JOINTS);
     for (int which = 0; q && which < 2; which++)
         for (int i = 0; i < *n; i++)
-            course_at(&both[which], since + step * i, q + JOINTS * (which * *n + i));
+            so101_course_at(&both[which], since + step * i, q + JOINTS * (which * *n + i));
     return q;
 }
 
@@ -307,108 +271,12 @@ int so101_courses_apart(const Scene *a, const Scene *b, const double *placement,
                         double since, double step, double margin, double skew, double *out) {
     const Course both[2] = {{a_course[0], a_course[1], na, qa}, {b_course[0], b_course[1], nb, qb}};
     int n;
-    double *q = sampled(both, since, step, &n);
+    double *q = so101_sampled(both, since, step, &n);
     if (!q) return UNKNOWN;
     const int found = so101_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n, margin,
                                   skew / step, out);
     free(q);
     if (found != FREE) out[0] = since + step * out[0];
-    return found;
-}
-
-/* Whether two bodies are as far apart at an instant as at the first, where that is `now` to a tenth,
- * or `room`. UNKNOWN where they touch, or where it is too close to say. `lie` as in Known; `limit` is
- * between what and what that is exactly, or 0 if nobody has looked. */
-static int pair_parts(const Arm *first, const Arm *at, int i, int j, double now, double room,
-                      double *limit, double *lie) {
-    const Scene *a = at[0].scene, *b = at[1].scene;
-    const double radii = a->body[i].radius + b->body[j].radius, rough = fmin(now + 2.0 * TENTH, room);
-    if (between(&at[0], i, &at[1], j, rough, rough, lie) >= rough) return FREE;
-    if (limit[1] == 0.0) {
-        const Closest found =
-            so101_closest_bodies(a, first[0].pose, i, b, first[1].pose, j, room + radii);
-        const double low = found.low - radii, high = found.length - radii;
-        if (!(found.length > BARELY)) return UNKNOWN;
-        limit[0] = fmin(low, room) - SAME;
-        limit[1] = (low > room ? room : fmin(high, room)) - SAME;
-    }
-    const Closest found =
-        so101_closest_bodies(a, at[0].pose, i, b, at[1].pose, j, limit[1] + radii);
-    if (found.low - radii >= limit[1]) return FREE;
-    if (!(found.length > BARELY)) return UNKNOWN;
-    return found.length - radii < limit[0] ? TOUCHING : UNKNOWN;
-}
-
-/* Whether two arms only part, see only_part in led_apart.py: at every half a step in the beginning, then
- * at every step; how near they are at first. */
-static int arms_part(const Course *both, const Scene *a, const Scene *b, const double *placement,
-                     double since, double step, double room, Known *known, double *nearest) {
-    double q[2][JOINTS], limit[MOST_BODIES][MOST_BODIES][2];
-    Arm first[2] = {{.scene = a, .q = q[0]}, {.scene = b, .q = q[1]}}, at[2];
-    const double lasts =
-        fmax(both[0].t + both[0].dt * (both[0].n - 1), both[1].t + both[1].dt * (both[1].n - 1)) - since;
-    *nearest = INFINITY;
-    memset(limit, 0, sizeof limit);
-    for (double t = 0.0;;) {
-        for (int which = 0; which < 2; which++) course_at(&both[which], since + t, q[which]);
-        memcpy(at, first, sizeof at);
-        look(&at[0], 0, 1, 0.0);
-        look(&at[1], placement, 1, 0.0);
-        for (int i = 0; i < a->bodies; i++)
-            for (int j = 0; j < b->bodies; j++) {
-                if (!a->body[i].joint && !b->body[j].joint) continue;
-                double *low = &known->low[i][j], *lie = known->lie[i][j];
-                if (t == 0.0) {
-                    *low = between(&at[0], i, &at[1], j, room, room, lie);
-                    *nearest = fmin(*nearest, *low);
-                    continue;
-                }
-                const int answer = pair_parts(first, at, i, j, *low, room, limit[i][j], lie);
-                if (answer != FREE) return answer;
-            }
-        if (t == 0.0) memcpy(first, at, sizeof at);
-        if (!(t < lasts)) return FREE;
-        t = fmin(t + (t < 1.9 * step ? 0.5 * step : step), lasts);
-    }
-}
-
-/* Whether an arm that is led may stop along a course beside another's, see led_apart in led_apart.py. As
- * so101_courses_apart, but `told` is when, how near, which bodies; at 4 what they have gained, 0 for
- * nothing, where what they have gained now is left; then about how each two bodies lie, as in Known,
- * which is kept for the next time. UNKNOWN: the caller finds out. */
-int so101_led_apart(const Scene *a, const Scene *b, const double *placement,
-                    const double *levers_a, const double *levers_b, const double *a_course, int na,
-                    const double *qa, const double *b_course, int nb, const double *qb, double since,
-                    double step, double margin, double skew, double pushed, double parting,
-                    double *told) {
-    const Course both[2] = {{a_course[0], a_course[1], na, qa}, {b_course[0], b_course[1], nb, qb}};
-    double *kept = told + 4, *lie = told + 5, nearest;
-    int n;
-    double *q = sampled(both, since, step, &n);
-    if (!q) return UNKNOWN;
-    Known known;
-    memset(known.low, 0, sizeof known.low);
-    for (int i = 0; i < a->bodies; i++)
-        memcpy(known.lie[i], lie + 3 * b->bodies * i, sizeof(double) * 3 * b->bodies);
-    int found = known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n, margin,
-                            skew / step, &known, told);
-    if (found == TOUCHING && told[0] > 0.0) {
-        *kept = 0.0; /* now they are far enough from each other */
-    } else if (found == TOUCHING) {
-        found = arms_part(both, a, b, placement, since, step, margin, &known, &nearest);
-        const double before = nearest < pushed * *kept ? 0.0 : *kept;
-        const double now = fmax(before, nearest - parting);
-        if (!(nearest < margin))
-            *kept = 0.0, found = TOUCHING;
-        else if (found == TOUCHING && now > 0.0)
-            found = known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n, now, 0.0,
-                                &known, told);
-        if (found == FREE) *kept = now;
-    }
-    free(q);
-    if (found != FREE) told[0] = since + step * told[0];
-    for (int i = 0; i < a->bodies; i++)
-        memcpy(lie + 3 * b->bodies * i, known.lie[i], sizeof(double) * 3 * b->bodies);
     return found;
 }
 
@@ -432,7 +300,7 @@ int so101_stops_apart(const Scene *a, const Scene *b, const double *placement,
         for (int which = 0; which < 2; which++) {
             memcpy(before[which][1], stop[which][0], sizeof stop[which][0]);
             if (k)
-                travelled(which ? b : a, which ? levers_b : levers_a, 2, before[which][0],
+                so101_travelled(which ? b : a, which ? levers_b : levers_a, 2, before[which][0],
                           moved[which], 0);
             memcpy(before[which][0], stop[which][0], sizeof stop[which][0]);
         }
@@ -444,9 +312,9 @@ int so101_stops_apart(const Scene *a, const Scene *b, const double *placement,
         for (int which = 0; which < 2; which++) {
             const Course way = {0.0, lasts[which] / (PLACES - 1), PLACES, stop[which][0]};
             for (int i = 0; i < n; i++)
-                course_at(&way, step * i, q + JOINTS * (which * n + i));
+                so101_course_at(&way, step * i, q + JOINTS * (which * n + i));
         }
-        const int found = known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n,
+        const int found = so101_known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n,
                                       margin, skew / step, &known, out);
         free(q);
         if (found != FREE) {

@@ -21,9 +21,10 @@ typedef struct {
     const double *p;
 } Hull;
 
-void so101_poses(const Scene *s, const double *q, Pose *pose) {
+void so101_poses(const Scene *s, const double *q, const double *placement, Pose *pose) {
     memset(pose, 0, sizeof *pose);
     pose->R[0] = pose->R[4] = pose->R[8] = 1.0;
+    if (placement) memcpy(pose, placement, sizeof *pose);
     for (int j = 0; j < JOINTS; j++) {
         const Pose *b = &pose[j];
         Pose *here = &pose[j + 1];
@@ -221,21 +222,22 @@ static void body_furthest(const Scene *s, const Body *b, const Pose *pose, const
         out[r] = pose->p[r] + dot(R + 3 * r, s->points + 3 * (b->first + i));
 }
 
-double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
-                 int body_b, double need, double enough, double *v) {
+/* As so101_gap; `point`, if that is given, is where the first is nearest to the second. */
+static double gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
+                  int body_b, double need, double enough, double *v, double *point) {
     const Body *first = &a->body[body_a], *second = &b->body[body_b];
     const Pose *pose_a = &at_a[first->joint], *pose_b = &at_b[second->joint];
     const double radii = first->radius + second->radius + ROUNDED;
-    double w[4][3], share[4], pa[3], pb[3], low = 0.0, last = INFINITY;
+    double w[4][3], pa[4][3], share[4] = {1.0}, pb[3], low = 0.0, last = INFINITY;
     if (!(dot(v, v) > 1e-18)) /* unknown, or they have touched */
         for (int c = 0; c < 3; c++) v[c] = pose_a->p[c] - pose_b->p[c];
     int n = 0;
     for (int round = 0; round < ROUNDS && n < 4; round++) {
         const double length = sqrt(dot(v, v)); /* from the second round on an upper bound */
         if (!(length > 1e-9) || !(length < last)) break;
-        body_furthest(a, first, pose_a, v, -1.0, pa);
+        body_furthest(a, first, pose_a, v, -1.0, pa[n]);
         body_furthest(b, second, pose_b, v, 1.0, pb);
-        for (int c = 0; c < 3; c++) w[n][c] = pa[c] - pb[c];
+        for (int c = 0; c < 3; c++) w[n][c] = pa[n][c] - pb[c];
         low = fmax(low, dot(v, w[n]) / length);
         if (low - radii > enough) break;
         if (n) {
@@ -243,9 +245,23 @@ double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, c
             if (!(length - low > known)) break;
             last = length;
         }
-        n = nearest(w, 0, n + 1, v, share);
+        n = nearest(w, point ? pa : 0, n + 1, v, share);
+    }
+    for (int c = 0; point && c < 3; c++) {
+        point[c] = 0.0;
+        for (int i = 0; i < n; i++) point[c] += share[i] * pa[i][c];
     }
     return low - radii;
+}
+
+double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
+                 int body_b, double need, double enough, double *v) {
+    return gap(a, at_a, body_a, b, at_b, body_b, need, enough, v, 0);
+}
+
+double so101_gap_at(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
+                    int body_b, double enough, double *v, double *point) {
+    return gap(a, at_a, body_a, b, at_b, body_b, enough, enough, v, point);
 }
 
 double so101_gap_along(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,

@@ -379,7 +379,7 @@ int NAME(const Scene *s, const double *q, int n, const double *margin, int stop,
             if (touching >> i & 1) result = TOUCHING;
             for (int k = 0; k < open.count && result != TOUCHING; k++) {
                 if (!(open.item[k].lanes >> i & 1)) continue;
-                if (!known) so101_poses(s, q + 6 * (begin + i), pose), known = 1;
+                if (!known) so101_poses(s, q + 6 * (begin + i), 0, pose), known = 1;
                 int one = settle(s, &open, k, i, pose, margin);
                 if (one != FREE) result = one;
             }

@@ -19,6 +19,8 @@
 #define MOST_POINTS 512 /* of one body */
 #define LANES 4         /* points that convex.c compares at once */
 #define NEAR_ROW 16     /* numbers that nearest.c says of a pair */
+#define NEAR_ARM_ROW 8  /* of a body and one of another arm */
+#define MOST_NEAR 24    /* of these are told */
 
 enum { FREE = 0, TOUCHING = 1, UNKNOWN = 2 };
 enum { LATE = 1, STOPPED = 2 };
@@ -139,7 +141,8 @@ int so101_team_is_apart(const Team *m, const double *q);
 int so101_team_is_free(const Team *m, const double *q);
 int so101_team_is_clear(const Team *m, const double *a, const double *b, int ends);
 
-void so101_poses(const Scene *s, const double *q, Pose *pose); /* JOINTS + 1 poses */
+/* JOINTS + 1 poses. `placement`: where the base is, rotation by rows, then place; 0 for the origin. */
+void so101_poses(const Scene *s, const double *q, const double *placement, Pose *pose);
 /* `v`: about how the second lies from the first, to begin with. */
 int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin, const double *v);
 int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, double margin,
@@ -151,6 +154,11 @@ int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin)
  * from the second, zero if nobody knows; keeps what was found, for the next time. */
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                  int body_b, double need, double enough, double *v);
+
+/* The same, exact to TENTH up to `enough`, and the point of the first that is nearest to the second,
+ * not widened by its radius; v is from the second to the first then. */
+double so101_gap_at(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
+                    int body_b, double enough, double *v, double *point);
 
 /* How far apart two bodies are at least along v, from the second to the first [m]; NaN for no v. */
 double so101_gap_along(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
@@ -167,6 +175,9 @@ Closest so101_closest_bodies(const Scene *a, const Pose *at_a, int body_a, const
                              const Pose *at_b, int body_b, double enough);
 Closest so101_closest_piece(const Scene *s, const Pose *pose, int body, int piece, double enough);
 void so101_lowest(const Scene *s, const Pose *pose, int body, double *at); /* its lowest point */
+int so101_near_arm(const Scene *a, const Pose *at_a, const Scene *b, const Pose *at_b,
+                   double low[MOST_BODIES][MOST_BODIES], double lie[MOST_BODIES][MOST_BODIES][3],
+                   double within, double row[MOST_NEAR][NEAR_ARM_ROW]);
 
 /* Checks n configurations. With `stop`, ends soon after the first that touches. Returns whether
  * one was found to touch. One for each width of vectors; so101_lanes is the widest usable. */

@@ -125,7 +125,7 @@ int so101_nearest(const Scene *s, const double *q, double within, int most, doub
     Look l = {.scene = s, .within = within};
     double centre[MOST_BODIES][3];
     int n = 0;
-    so101_poses(s, q, l.pose);
+    so101_poses(s, q, 0, l.pose);
     for (int i = 0; i < s->bodies; i++) centre_of(&l, i, centre[i]);
     for (int k = 0; k < s->pairs && n < most; k++) {
         const int i = s->pair[k].first, j = s->pair[k].second;
@@ -170,4 +170,30 @@ int so101_lacks_more(const Scene *s, const double *q, int n, const double *margi
             if (margin[(int)row[0]] - row[1] > may[(int)row[0]]) return 1;
     }
     return 0;
+}
+
+/* Writes a row of each body of an arm that is within `within` [m] of one of another arm's: distance, to a
+ * tenth of a millimetre, the two bodies, and how it grows with the arm's own five joints. Returns how
+ * many there are. Bodies that may overlap are left out. `low`: how far apart they are at least, which is
+ * made better; `lie`: about how the first lies from the second. */
+int so101_near_arm(const Scene *a, const Pose *at_a, const Scene *b, const Pose *at_b,
+                   double low[MOST_BODIES][MOST_BODIES], double lie[MOST_BODIES][MOST_BODIES][3],
+                   double within, double row[MOST_NEAR][NEAR_ARM_ROW]) {
+    Look own = {.scene = a};
+    int n = 0;
+    memcpy(own.pose, at_a, sizeof own.pose);
+    for (int i = 0; i < a->bodies; i++)
+        for (int j = 0; j < b->bodies && a->body[i].joint && n < MOST_NEAR; j++) {
+            if (low[i][j] > within) continue;
+            double point[3], *v = lie[i][j];
+            const double gap = so101_gap_at(a, at_a, i, b, at_b, j, within, v, point);
+            const double length = sqrt(dot(v, v));
+            low[i][j] = fmax(low[i][j], gap);
+            if (gap > within || !(length > TRUSTED)) continue;
+            const double away[3] = {v[0] / length, v[1] / length, v[2] / length};
+            row[n][0] = gap, row[n][1] = i, row[n][2] = j;
+            memset(row[n] + 3, 0, ARM_JOINTS * sizeof row[n][3]);
+            add_rates(&own, a->body[i].joint, point, away, 1.0, row[n++] + 3);
+        }
+    return n;
 }

@@ -277,12 +277,13 @@ def pair_led_up_close(pair_of, clock):
     """The left arm was led up to the right one, and braked into what must stay free."""
     starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [80.0, -60.0, 60.0, 40.0, 0.0]])
     pair = pair_of(Facing(0), *starts)
-    pair.following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
+    led = in_time(clock, partial(pair.left.open_unguarded_following, limits=FAST, gate=9.0))
     for _ in range(60):
-        pair.following.aim(np.radians([0.0, 10.0, 0.0, 0.0, 0.0]))
+        led.aim(np.radians([0.0, 10.0, 0.0, 0.0, 0.0]))
         pair.clock.advance(0.01)
-    assert any("right's" in each for each in pair.following.held_by)
+    assert any("right's" in each for each in led.held_by)
     assert 0.7 * GUARDED < pair.gap() < GUARDED
+    pair.following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
     return pair
 
 
@@ -316,6 +317,27 @@ def test_an_arm_that_was_led_up_to_another_is_led_away_and_no_nearer(pair_led_up
         assert pair.gap() > begin - 2.0 * PARTING
     assert pair.gap() > 2.0 * GUARDED
     assert following.held_by == ()
+
+
+def test_an_arm_that_is_led_into_another_slides_along_it(pair_of, clock):
+    starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [0.0, -60.0, 60.0, 40.0, 0.0]])
+    pair = pair_of(Facing(0), *starts)
+    following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
+    wanted, nearest = np.radians([50.0, -10.0, 30.0, 20.0, 40.0]), np.inf
+    for _ in range(300):  # pan is led into the right arm, the others need not stop for that
+        following.aim(wanted)
+        pair.clock.advance(0.01)
+        nearest = min(nearest, pair.gap())
+    assert GUARDED < nearest < 1.3 * GUARDED
+    assert any("right's" in each for each in following.held_by)
+    off = np.degrees(wanted - pair.left.state.q_ref)
+    assert off[0] > 40.0
+    assert np.abs(off[1:]).max() < 8.0
+    for _ in range(200):
+        following.aim(np.radians([-50.0, -30.0, 40.0, 30.0, 0.0]))
+        pair.clock.advance(0.01)
+    assert following.held_by == ()
+    assert pair.gap() > 2.0 * GUARDED
 
 
 def test_an_arm_that_left_the_cell_is_not_minded(pair_of):

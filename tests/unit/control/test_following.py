@@ -46,7 +46,7 @@ class Fence:
     def words(self, each):
         return str(each)
 
-    def within_reach(self, q, q_target):
+    def within_reach(self, q, q_target, others):
         return q_target
 
     def admits(self, way, *, ahead=False):

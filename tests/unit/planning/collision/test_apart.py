@@ -9,7 +9,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision import apart
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import STEP, Course, stopping
-from so101_motion.planning.collision.led_apart import Gained, led_apart
+from so101_motion.planning.collision.led_apart import RANGE, Beside, led_apart
 from so101_motion.planning.collision.scene import Attached, Box
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
@@ -94,12 +94,12 @@ def test_an_arm_that_is_led_may_part_from_one_that_is_near_with_and_without_the_
         still = Course.resting(q_right, 0.0)
         found = []
         for bodies in (facing.bodies, by_coal):
-            gained = Gained()
+            beside = Beside()
             pair = (bodies, led), (bodies, still)
-            met = led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained)
-            again = led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained)
+            met = led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+            again = led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
             assert (met is None) == (again is None)
-            assert gained.room == (0.0 if met else pytest.approx(far - apart.PARTING, abs=2e-4))
+            assert beside.gained == (0.0 if met else pytest.approx(far - apart.PARTING, abs=2e-4))
             found.append(met is None)
         assert found[0] == found[1]
         if found[0]:
@@ -129,22 +129,81 @@ def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_c
         near = distance(bodies, *(each.at(k)[0] for each in course.values()))
         if 0.001 < near < far - 0.002:
             break
-    gained = Gained(room=far - 1e-4)
+    beside = Beside()
+    beside.gained = far - 1e-4
     pair = (bodies, course["led"]), (bodies, course["other"])
-    assert led_apart(*pair, T_LEFT_RIGHT, since=0.0, gained=gained) is not None
+    assert led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside) is not None
 
 
 def test_an_arm_that_is_led_and_pushed_towards_another_may_only_part():
     facing = Facing(8)
-    gained = Gained(room=0.009)
+    beside = Beside()
+    beside.gained = 0.009
     while True:
         q_left, q_right = facing.near(), facing.near()
         far = distance(facing.bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
         if 0.003 < far < 0.005:
             break
     still = [(facing.bodies, Course.resting(q, 0.0)) for q in (q_left, q_right)]
-    assert led_apart(*still, T_LEFT_RIGHT, since=0.0, gained=gained) is None
-    assert gained.room == pytest.approx(far - apart.PARTING, abs=2e-4)
+    assert led_apart(*still, T_LEFT_RIGHT, since=0.0, beside=beside) is None
+    assert beside.gained == pytest.approx(far - apart.PARTING, abs=2e-4)
+
+
+def stop_from(q, qd):
+    """A stop from a velocity, within 0.3 s."""
+    passed = np.linspace(0.0, 0.3, 16)
+    path = q + np.outer(passed - passed**2 / 0.6, qd)
+    return Course(t=0.0, dt=0.02, q=np.column_stack([path, np.zeros(16)]))
+
+
+def test_what_is_known_from_the_cycle_before_changes_no_verdict():
+    facing, verdicts = Facing(12), []
+    for _ in range(12):
+        beside, known = Beside(), [facing.near(), facing.near()]
+        qd = facing.random.uniform(-1.0, 1.0, (2, 5))
+        for _ in range(60):
+            known = [q + 0.01 * v for q, v in zip(known, qd, strict=True)]
+            pair = [(facing.bodies, stop_from(q, v)) for q, v in zip(known, qd, strict=True)]
+            fresh = Beside()
+            fresh.gained = beside.gained
+            met = led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+            same = led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=fresh)
+            assert (met is None) == (same is None)
+            assert beside.gained == pytest.approx(fresh.gained, abs=2e-4)
+            verdicts.append(met is None)
+    assert 0.1 < np.mean(verdicts) < 0.9
+
+
+def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_nearer():
+    facing, by_coal, seen = Facing(13), without_library(), 0
+    steps = 1e-4 * np.vstack([np.zeros(5), np.eye(5)])
+    while seen < 30:
+        q_left, q_right = facing.near(), facing.near()
+        still = Course.resting(q_right, 0.0)
+        pair = (facing.bodies, Course.resting(q_left, 0.0)), (facing.bodies, still)
+        beside = Beside()
+        led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+        if not beside.count:
+            continue
+        near = beside.near("right")
+        moved = Course(t=0.0, dt=1.0, q=np.column_stack([q_left + steps, np.zeros(6)]))
+        paths = (facing.bodies, moved), (facing.bodies, still)
+        gaps = np.array([*apart.gaps(*paths, T_LEFT_RIGHT, np.arange(6.0))])
+        own, other = np.nonzero(gaps[0, :-1] < apart.GUARDED + RANGE)  # the base goes nowhere
+        if gaps[0].min() < 1e-3:
+            continue
+        assert len(near.rooms) == len(own)
+        for k, (i, j) in enumerate(zip(own, other, strict=True)):
+            names = facing.bodies.names[i], facing.bodies.names[j]
+            assert near.words(k) == f"the {names[0]} close to right's {names[1]}"
+            assert near.rooms[k] == pytest.approx(gaps[0, i, j] - apart.GUARDED, abs=2e-4)
+            rates = (gaps[1:, i, j] - gaps[0, i, j]) / 1e-4
+            assert near.gradients[k] == pytest.approx(rates, abs=0.02)
+        seen += 1
+    beside = Beside()
+    pair = (by_coal, Course.resting(q_left, 0.0)), (by_coal, still)
+    led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+    assert beside.count == 0
 
 
 def test_what_is_proven_keeps_its_room_at_every_instant():

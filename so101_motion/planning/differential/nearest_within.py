@@ -1,0 +1,109 @@
+"""The step nearest to a wanted one that keeps some linear bounds: ``x`` with ``G x >= least``.
+
+The bound that is broken most becomes active, and those that would pull leave again (an active set
+method in the dual, as Goldfarb and Idnani's, without its updates: there are few rows, and one or
+two rounds mostly end it). The compiled library does it (``native/within.c``); without it, it is
+done here in plain numbers, with the same result.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.native.library import native
+
+MOST = 8
+"""So many bounds at most count, those with the least room; chosen, and the same in C."""
+
+_ROUNDS = 12  # as in C
+_ROUNDING = 1e-9
+_SINGULAR = 1e-15  # what is left of a row that others make up [m^2]
+
+
+class Bounds(NamedTuple):
+    """Bounds of a step.
+
+    Attributes:
+        G: Their rows, shape (k, 5).
+        least: What each row times the step must be at least, shape (k,).
+        rooms: How little room each leaves, shape (k,): those with the least count.
+    """
+
+    G: Array
+    least: Array
+    rooms: Array
+
+
+def nearest_within(step: Array, bounds: Sequence[Bounds]) -> tuple[Array | None, Sequence[int]]:
+    """The step nearest to ``step``, shape (5,), and the bounds that hold it.
+
+    Args:
+        step: What is wanted, shape (5,).
+        bounds: What it has to keep; they are counted through.
+
+    Returns:
+        ``step`` itself if nothing stands against it. None if there is no such step, or none is
+        found in some rounds.
+    """
+    library = native().library
+    if library is None:
+        G, least, rooms = (np.concatenate(each) for each in zip(*bounds, strict=True))
+        near = np.argsort(rooms, kind="stable")[:MOST]
+        x, active = _nearest_within(step, G[near], least[near])
+        return x, [int(near[i]) for i in active]
+    parts = [part.ravel() for column in zip(*bounds, strict=True) for part in column]
+    given = np.concatenate((step, np.zeros(MOST), *parts))
+    n = (len(given) - 5 - MOST) // 7
+    found = library.so101_nearest_within(ctypes.c_void_p(given.ctypes.data), n)
+    if found == 0:
+        return step, ()
+    active = [int(each) for each in given[5 : 5 + abs(found)]]
+    return (given[:5] if found > 0 else None), active
+
+
+def _nearest_within(step: Array, G: Array, least: Array) -> tuple[Array | None, Sequence[int]]:
+    gram: list[list[float]] = (G @ G.T).tolist()
+    wanted: list[float] = (least - G @ step).tolist()  # what each row lacks, were nothing done
+    active, lack, x = list[int](), wanted, step
+    if not wanted:
+        return step, active
+    for _ in range(_ROUNDS):
+        worst = max(range(len(lack)), key=lack.__getitem__)
+        if lack[worst] <= _ROUNDING or worst in active:
+            return x, active
+        active.append(worst)
+        while True:
+            pulls = _solved([[*(gram[i][j] for j in active), wanted[i]] for i in active])
+            if pulls is None:
+                return None, active
+            weakest = min(range(len(pulls)), key=pulls.__getitem__)
+            if pulls[weakest] >= 0.0:
+                break
+            if len(active) == 1:  # there is no such step
+                return None, active
+            del active[weakest]
+        x = step + pulls @ G[active]
+        lack = (least - G @ x).tolist()
+    return None, active
+
+
+def _solved(rows: list[list[float]]) -> list[float] | None:
+    """The solution of a symmetric system, whose right side is the last column; None without one."""
+    n = len(rows)
+    for i, row in enumerate(rows):
+        if not row[i] > _SINGULAR:
+            return None
+        for below in rows[i + 1 :]:
+            share = below[i] / row[i]
+            for j in range(i, n + 1):
+                below[j] -= share * row[j]
+    found = [0.0] * n
+    for i in range(n - 1, -1, -1):
+        rest = sum(rows[i][j] * found[j] for j in range(i + 1, n))
+        found[i] = (rows[i][n] - rest) / rows[i][i]
+    return found
