@@ -161,7 +161,7 @@ class Following(LedMotion):
         self._t = self._t_seen = self._t_nearest = 0.0
         self._nearest = math.inf
         self._held: tuple[str, ...] = ()
-        self._stopped_by = self._held  # while it held last
+        self._stopped_by: tuple[str, ...] = ()  # while it held last
         self._t_gentle = self._t_held = -math.inf
         self._slowing: PlannedMotion | None = None
         self._k = 0  # of the next setpoint of what is slowing
