@@ -2,6 +2,7 @@
 
 from concurrent.futures import wait
 
+import coal
 import numpy as np
 
 from so101_motion.arm.cell import Cell
@@ -16,6 +17,20 @@ from so101_motion.rig.hardware_rig import open_simulated
 
 T_LEFT_RIGHT = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
 ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
+
+
+def distance(bodies, q_left, q_right, T=T_LEFT_RIGHT):
+    """coal's distance between two arms at configurations (6,) [m], without that of their bases."""
+    data = bodies.model.createData(), bodies.model.createData()
+    left = bodies.placed(q_left, SE3.identity(), data[0])
+    right = bodies.placed(q_right, T, data[1])
+    return min(
+        coal.distance(a.geometry, left[i], b.geometry, right[j], coal.DistanceRequest(),
+                      coal.DistanceResult())
+        for i, a in enumerate(bodies.objects)
+        for j, b in enumerate(bodies.objects)
+        if a.parentJoint or b.parentJoint
+    )  # fmt: skip
 
 
 class FacingArms:

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from harness.emulated_rig import MIDDLES_DEG
+from harness.facing_arms import distance
 from harness.lerobot_bench import (
     READY,
     BiSO101Motion,
@@ -15,6 +16,8 @@ from harness.lerobot_bench import (
 )
 
 from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, rot_z
+from so101_motion.planning.collision.arm_bodies import bodies_of
 
 START = (*np.radians(np.add(READY[:5], MIDDLES_DEG)), 0.5)
 
@@ -79,16 +82,17 @@ FACING = [
 
 
 @pytest.mark.parametrize("robot", [FACING], indirect=True)
-def test_with_a_cell_two_arms_that_are_sent_at_each_other_stop_short(robot, caplog):
+def test_with_a_cell_two_arms_that_are_sent_at_each_other_stay_apart(robot, caplog):
     robot, bench = robot
-    ahead = (0.0, 20.0, -20.0, 20.0, 0.0, 30.0)
-    for _ in range(60):
+    ahead, nearest = (0.0, 20.0, -20.0, 20.0, 0.0, 30.0), np.inf
+    bodies, T = bodies_of(), SE3(rot_z(np.pi), np.array([0.6, 0.0, 0.0]))
+    for _ in range(90):  # they meet, and slide along each other
         robot.send_action(both(ahead, ahead))
         bench.advance(1.0 / 30.0)
-    reaches = [
-        each.rig.arm.model.frame(each.rig.arm.state.q_ref).p[0] for each in (bench, bench.other)
-    ]
-    assert sum(reaches) < 0.60
+        left, right = (each.rig.arm.state for each in (bench, bench.other))
+        at = (np.append(each.q, each.q_jaw) for each in (left, right))
+        nearest = min(nearest, distance(bodies, *at, T))
+    assert 0.005 < nearest < 0.020
     assert "is held by" in caplog.text
 
 

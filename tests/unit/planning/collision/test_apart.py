@@ -1,9 +1,8 @@
 """Whether two arms that move at the same time stay apart; coal's word on single instants counts."""
 
-import coal
 import numpy as np
 import pytest
-from harness.facing_arms import T_LEFT_RIGHT, Facing
+from harness.facing_arms import T_LEFT_RIGHT, Facing, distance
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision import apart
@@ -17,20 +16,6 @@ from so101_motion.planning.timing.online import point_to_point
 
 FURTHER = SE3(T_LEFT_RIGHT.R, np.array([0.47, 0.0, 0.0]))
 CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
-
-
-def distance(bodies, q_left, q_right, T=T_LEFT_RIGHT):
-    """coal's distance between two arms, without that of their bases."""
-    data = bodies.model.createData(), bodies.model.createData()
-    left = bodies.placed(q_left, SE3.identity(), data[0])
-    right = bodies.placed(q_right, T, data[1])
-    return min(
-        coal.distance(a.geometry, left[i], b.geometry, right[j], coal.DistanceRequest(),
-                      coal.DistanceResult())
-        for i, a in enumerate(bodies.objects)
-        for j, b in enumerate(bodies.objects)
-        if a.parentJoint or b.parentJoint
-    )  # fmt: skip
 
 
 def random_courses(facing, t_right=0.0):
