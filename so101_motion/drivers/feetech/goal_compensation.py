@@ -19,7 +19,12 @@ from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.registers import Fault
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import Gravity, Trim
-from so101_motion.drivers.feetech.lag_compensation import DELAY, braking, stopping_distance
+from so101_motion.drivers.feetech.lag_compensation import (
+    DELAY,
+    braking,
+    cut_off,
+    stopping_distance,
+)
 from so101_motion.drivers.feetech.reversals import Reversals
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
@@ -250,6 +255,7 @@ class GoalCompensation:
             qd + 0.5 * qdd * later
         )
         ahead = stopping_distance(self._setpoint_qd[i], model.braking) + share * behind
+        ahead += self._maps[i].direction * cut_off(self._setpoint_qd[i])
         return min(max(ahead, -_MOST_AHEAD), _MOST_AHEAD) if self._is_led else ahead
 
     def _in_ticks(self, goals: Sequence[float], absent: Collection[int]) -> dict[int, Ticks]:

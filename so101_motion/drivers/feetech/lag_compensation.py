@@ -20,7 +20,7 @@ commanded. For teleoperation ``predictor.py`` says it.
 from __future__ import annotations
 
 from so101_motion.common.units import to_rad
-from so101_motion.drivers.bus.ticks import TOP_ACCELERATION_UNITS
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TOP_ACCELERATION_UNITS
 
 BRAKING = tuple(to_rad(each) for each in (624.0, 464.0, 627.0, 572.0, 572.0, 572.0))
 """How fast each servo's set-point slows down with register 85 as new [rad/s^2], whatever register
@@ -31,6 +31,15 @@ DELAY = 0.0065
 """From a setpoint to the servo's set-point that follows it, on average, and beyond its own delay
 [s]: half a period, and what the emulated servo loses in whole milliseconds. Chosen by trial."""
 
+CUT_OFF = 0.5
+"""How far below its way a travelling set-point is on average [tick]: firmware counts finer than in
+ticks, divides, and drops the rest. Read in a reconstruction of the factory firmware, whose division
+the emulator copies; at rest nothing is dropped, because goals are whole ticks."""
+
+CUT_OFF_SPEED = to_rad(10.0)
+"""A slower set-point is at its goal for a part of every period, and loses less [rad/s]. Chosen: at
+this speed it is a tick behind."""
+
 _FULL = to_rad(980.0)
 """The same with a register 85 that does not bind: what 100 units of register 41 stand for, by the
 slope they measured. With a larger register 85 nobody has measured; LeRobot leaves it at 254."""
@@ -39,6 +48,11 @@ slope they measured. With a larger register 85 nobody has measured; LeRobot leav
 def braking(i: int, top_units: int) -> float:
     """How fast joint ``i``'s servo slows down [rad/s^2] with ``top_units`` in register 85."""
     return min(BRAKING[i] * max(top_units / TOP_ACCELERATION_UNITS, 1.0), _FULL)
+
+
+def cut_off(qd: float) -> float:
+    """What the firmware drops of a set-point that travels at ``qd`` [rad/s], on average [rad]."""
+    return CUT_OFF * RAD_PER_TICK * min(abs(qd) / CUT_OFF_SPEED, 1.0)
 
 
 def stopping_distance(qd: float, acceleration: float) -> float:
