@@ -80,6 +80,11 @@ class ServoModel:
         """How long after its setpoint a joint is where it was sent [s], were nothing done."""
         return self.kind.goal_delay + self.kind.back_emf / self.volts * self.yielding
 
+    @property
+    def is_known(self) -> bool:
+        """Whether somebody has found out how it differs from its type."""
+        return self.figures != AS_SOLD
+
     def torque(self, distance: float) -> float:
         """Roughly what torque [N m] a further ``distance`` [rad] of the goal adds."""
         return distance / self.yielding * self.volts * self.kind.torque_per_volt
