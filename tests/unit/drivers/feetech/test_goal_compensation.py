@@ -1,9 +1,11 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from harness.emulated_joints import MAPS
 
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
 from so101_motion.drivers.goal_limiter import GoalLimiter
 
@@ -86,3 +88,24 @@ def test_one_that_is_led_at_speed_is_not_driven_further_ahead_when_more_is_known
 def test_one_that_was_driven_ahead_does_not_run_on_when_it_slows_and_nobody_says_so():
     known = ahead_deg(120.0, slows=True)
     assert ahead_deg(120.0, slows=True, told_until=0.855) < known + 0.2
+
+
+def test_what_the_firmware_drops_of_its_set_point_is_added_towards_higher_ticks():
+    limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
+    for direction in (1, -1):
+        servos = {i: replace(each, direction=direction) for i, each in enumerate(MAPS.values())}
+        beyond = 0.0
+        for way in (1.0, -1.0):
+            compensation = GoalCompensation(servos, lambda q: np.zeros(6), limiter, None, {})
+            q, qd = [0.0] * 6, [0.0] * 5
+            compensation.begin(q, q, 0.0, ())
+            for k in range(1, 101):
+                qdd = [0.0] * 5
+                qdd[LIFT] = way * (5.0 if k <= 20 else 0.0)
+                qd[LIFT] += 0.01 * qdd[LIFT]
+                q = [each + 0.01 * v for each, v in zip(q, [*qd, 0.0], strict=True)]
+                compensation.point(q, [*qd], 0.01 * k, lambda i: math.nan, (), qdd)
+                goal = compensation.goals(0.01 * k)[servos[LIFT].servo_id]
+                beyond += (servos[LIFT].to_rad(goal) - q[LIFT]) * (k > 30) / 140.0
+        # Ahead by the same both ways, but for what is dropped.
+        assert direction * beyond == pytest.approx(0.5 * RAD_PER_TICK, rel=0.2)

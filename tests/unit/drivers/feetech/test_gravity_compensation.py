@@ -9,7 +9,13 @@ from so101_motion.drivers.feetech.gravity_compensation import (
     Trim,
 )
 from so101_motion.drivers.feetech.servo_model import ServoModel, yielding
-from so101_motion.drivers.servo_types import START_DUTY, STS3215_7V4, STS3215_12V
+from so101_motion.drivers.servo_types import (
+    AS_SOLD,
+    START_DUTY,
+    STS3215_7V4,
+    STS3215_12V,
+    ServoFigures,
+)
 
 ALL = range(6)
 REST = [0.0] * 6
@@ -111,6 +117,26 @@ def test_while_the_command_moves_the_lag_is_not_learnt():
         trim.command((GOAL + 0.01 * k).tolist(), 0.01 * k)
         trim.measure((GOAL + 0.01 * k - 0.02).tolist(), REST, ALL, 0.01 * k)
     np.testing.assert_array_equal(trim.rest, 0.0)
+
+
+def carried(figures, *, off):
+    """What the hand seems to carry [kg] after 0.2 s of motion, two joints ``off`` [rad] behind."""
+    load = np.array([0.0, 2.0, 1.0, 0.0, 0.0, 0.0])
+    trim = Trim(lambda q: np.array([0.0, 0.5, 0.4, 0.0, 0.0, 0.0]), lambda q: load)
+    trim.models = [ServoModel(figures=figures) for _ in ALL]
+    start(trim, GOAL)
+    for k in range(20):
+        trim.command((GOAL + 0.01 * k).tolist(), 0.01 * k)
+        trim.measure((GOAL + 0.01 * k - off).tolist(), REST, ALL, 0.01 * k)
+    return trim.carried, np.abs(trim.rest).max()
+
+
+def test_servos_whose_figures_are_known_tell_a_load_faster_from_what_else_may_be_off():
+    off = np.array([0.0, 0.02, 0.01, 0.0, 0.0, 0.0])
+    mass, rest = carried(AS_SOLD, off=off)
+    mass_known, rest_known = carried(ServoFigures(torque=1.001), off=off)
+    assert mass_known > 1.5 * mass > 0.0
+    assert rest_known < rest
 
 
 def test_while_the_joint_moves_nothing_is_learnt_of_it():

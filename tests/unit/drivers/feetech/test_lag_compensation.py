@@ -4,7 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from so101_motion.drivers.feetech.lag_compensation import BRAKING, braking, stopping_distance
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TICKS_PER_RAD
+from so101_motion.drivers.emulator.motion import Profile
+from so101_motion.drivers.feetech.lag_compensation import (
+    BRAKING,
+    braking,
+    cut_off,
+    stopping_distance,
+)
 
 
 def test_a_joint_at_rest_is_sent_where_it_is():
@@ -31,3 +38,19 @@ def test_register_85_as_new_or_below_leaves_the_measured_figure(units):
 
 def test_a_raised_register_85_lets_servos_brake_harder_but_no_harder_than_the_cap():
     assert BRAKING[1] < braking(1, 120) < braking(1, 254) == math.radians(980.0)
+
+
+@pytest.mark.parametrize("speed", [-1.5, -0.5, 0.5, 1.5])
+def test_what_the_firmware_drops_of_a_set_point_on_its_way_is_known(speed):
+    profile = Profile(2048.0)
+    profile.speed = abs(speed) * TICKS_PER_RAD
+    profile.acceleration, profile.target = 1e6, 2048.0 + math.copysign(900.0, speed)
+    dropped = []
+    for _ in range(300):
+        profile.step()
+        dropped.append(profile.position - int(profile.position))
+    assert cut_off(speed) == pytest.approx(RAD_PER_TICK * sum(dropped) / 300.0, rel=0.05)
+
+
+def test_nothing_is_dropped_of_a_set_point_at_rest():
+    assert cut_off(0.0) == 0.0
