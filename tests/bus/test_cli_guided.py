@@ -85,6 +85,7 @@ def test_a_calibration_by_hand_is_saved_once_the_person_says_so(arm, tmp_path):
         assert not file.exists()
         person.presses("\n")
         person.sees("saved to")
+        person.sees("the arm is held")
         assert person.code() == 0
     ((joint, entry),) = store.read(file).calibration.items()
     assert joint == "elbow_flex"
@@ -92,7 +93,7 @@ def test_a_calibration_by_hand_is_saved_once_the_person_says_so(arm, tmp_path):
     ends = (entry.range_min + entry.homing_offset, entry.range_max + entry.homing_offset)
     assert ends == pytest.approx((shaft.lower, shaft.upper), abs=2)
     torque = [servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos]
-    assert torque == [1] * 6, "the arm is held"
+    assert torque == [1] * 6
 
 
 def test_ctrl_c_puts_everything_back_and_says_how_the_arm_is(arm, tmp_path):
