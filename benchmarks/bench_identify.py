@@ -208,6 +208,7 @@ def main() -> None:
             rows.append(
                 {
                     "what": f"{what}, predicted, share off; {' '.join(joints)}",
+                    "n": off.size,
                     "median": float(np.nanmedian(off)),
                     "p90": float(np.nanpercentile(off, 90.0)),
                     "worst": float(np.nanmax(off)),
@@ -228,6 +229,7 @@ def main() -> None:
         rows.append(
             {
                 "what": what,
+                "n": values.size,
                 "median": float(np.median(values)),
                 "p90": float(np.percentile(values, 90.0)),
                 "worst": float(np.max(values)),
