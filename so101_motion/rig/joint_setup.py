@@ -72,6 +72,7 @@ def find_joints(
     ids: Mapping[str, int],
     *,
     required: Collection[str],
+    expected: Collection[str] = (),
     timeout: float,
     file: Path | None,
     may_file_be_missing: bool = False,
@@ -84,6 +85,7 @@ def find_joints(
         bus: Where they are.
         ids: The servo of each joint that may be there.
         required: Joints that are set up even if their servos do not answer.
+        expected: Joints that are waited for as well, and left out if they do not answer.
         timeout: For how long to wait for those [s].
         file: The calibration file; None to ask the servos.
         may_file_be_missing: Whether the file need not exist yet, because a calibration will save
@@ -95,7 +97,7 @@ def find_joints(
     Raises:
         BusError: The port went away, or a servo could not be let go of.
     """
-    present = _find(bus, ids, required, timeout)
+    present = _find(bus, ids, {*required, *expected}, timeout)
     interrupted = _end_interrupted(bus, file)
     stored, notes = _read_file(file, may_file_be_missing)
     notes = interrupted + notes
@@ -147,15 +149,15 @@ def joint_map(
     )
 
 
-def _find(bus: Bus, ids: Mapping[str, int], required: Collection[str], timeout: float) -> list[str]:
-    """The joints whose servos answer; gives required ones ``timeout`` seconds to do so."""
+def _find(bus: Bus, ids: Mapping[str, int], wanted: Collection[str], timeout: float) -> list[str]:
+    """The joints whose servos answer; gives those ``wanted`` ``timeout`` seconds to do so."""
     pause = threading.Event()
     for attempt in range(1 + int(timeout / _TRY_PERIOD)):
         if attempt:
             pause.wait(_TRY_PERIOD)
         answering = bus.answering(ids.values())
         present = [joint for joint, servo_id in ids.items() if servo_id in answering]
-        if all(joint in present for joint in required):
+        if all(joint in present for joint in wanted):
             break
     return present
 

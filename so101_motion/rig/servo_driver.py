@@ -17,7 +17,7 @@ driven, and reading goes on as far as servos answer.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 
@@ -49,6 +49,7 @@ __all__ = ["ServoDriver", "ServoSettings"]
 
 _log = logging.getLogger(__name__)
 
+_PATIENCE = 1.0  # [s] for servos that were known before the bus was lent; chosen
 _LOOK_PERIOD = 0.1  # [s], how often the servos' figures change
 
 
@@ -243,18 +244,20 @@ class ServoDriver:
         """Set everything up anew after a lease, as the settings are by now.
 
         Args:
-            hold: Whether the joints are to be held next, even if no component asks for them.
+            hold: Whether the joints are to be held next, even if no component asks for them. Those
+                that were known are waited for then, and left out if they stay silent.
 
         Raises:
             BusError: A required servo cannot be reached or set up; it is tried again with each
                 ``read``.
         """
         self._is_lent = False
-        self.close()
-        now = self.settings
+        known, now = self.known, self.settings
         timeout = now.timeout or 0.0
+        self.close()
         if hold:
-            self._arm = self._build(now, now.required(), timeout)
+            found = self._finder.find_joints(now, now.required(), max(timeout, _PATIENCE), known)
+            self._arm = self._build(now, found)
         else:
             self._begin(now, timeout)
 
@@ -304,6 +307,11 @@ class ServoDriver:
     def is_driving(self) -> bool:
         """Whether the servos are ours to drive, and one of them drives its joint."""
         return self._arm is not None and self._arm.is_driving
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """The joints whose servos were found when the port was set up, or answered since."""
+        return tuple(j for j in JOINTS if j in self.setups or j in self.positions)
 
     @property
     def limp(self) -> tuple[str, ...]:
@@ -360,11 +368,11 @@ class ServoDriver:
 
     def _begin(self, settings: ServoSettings, timeout: float) -> None:
         """Drive the servos, or only monitor them if no component asks for any."""
-        required = settings.required()
-        if required:
-            self._arm = self._build(settings, required, timeout)
+        found = self._finder.find_joints(settings, settings.required(), timeout)
+        if settings.required():
+            self._arm = self._build(settings, found)
         else:
-            self._take(settings, self._finder.find_joints(settings, required, timeout))
+            self._take(settings, found)
             self._monitor = self._finder.monitor(settings)
 
     def _seen(self, monitor: BusMonitor) -> JointReading:
@@ -411,7 +419,7 @@ class ServoDriver:
         required = ARM_JOINTS if settings.servo_ids is not None else settings.required()
         try:
             self._finder.look(settings, required)
-            arm = self._build(settings, required, 0.0)
+            arm = self._build(settings, self._finder.find_joints(settings, required, 0.0))
         except BusError as error:
             readiness.end_try(error)
             readiness.require_found()
@@ -420,12 +428,8 @@ class ServoDriver:
             self.on_found()
         return arm
 
-    def _build(
-        self, settings: ServoSettings, required: Collection[str], timeout: float
-    ) -> FeetechArm:
-        found = self._finder.find_joints(settings, required, timeout)
-        compensates = settings.compensates is not False
-        arm = self._finder.arm(found, self._record, compensates=compensates)
+    def _build(self, settings: ServoSettings, found: JointSetups) -> FeetechArm:
+        arm = self._finder.arm(found, self._record, compensates=settings.compensates is not False)
         self._take(settings, found)
         return arm
 

@@ -68,7 +68,11 @@ class ServoFinder:
         self._tallies = ReplyCounters()
 
     def find_joints(
-        self, settings: ServoSettings, required: Collection[str], timeout: float
+        self,
+        settings: ServoSettings,
+        required: Collection[str],
+        timeout: float,
+        expected: Collection[str] = (),
     ) -> JointSetups:
         """Find the servos and their calibration, before a driver opens the port.
 
@@ -77,7 +81,7 @@ class ServoFinder:
         """
         bus = self._bus(self.open_port(), settings)
         try:
-            return ask(bus, settings, required, timeout)
+            return ask(bus, settings, required, timeout, expected)
         finally:
             bus.close()
 
@@ -159,13 +163,18 @@ class ServoFinder:
 
 
 def ask(
-    bus: Bus, settings: ServoSettings, required: Collection[str], timeout: float
+    bus: Bus,
+    settings: ServoSettings,
+    required: Collection[str],
+    timeout: float,
+    expected: Collection[str] = (),
 ) -> JointSetups:
     """Look who is there on ``bus`` and what is known of them; see ``find_joints``."""
     return find_joints(
         bus,
         settings.ids(),
         required=required,
+        expected=expected,
         timeout=timeout,
         file=settings.file,
         may_file_be_missing=settings.may_file_be_missing,

@@ -315,14 +315,20 @@ class Calibrator(BaseCalibrator):
 
     def _give_back(self, *, hold: bool, stored: Stored | None = None) -> StepResult:
         loan, self._loan = self._loan, None
-        trouble = None
+        trouble, known = None, self._rig.servos.known
         if loan is not None:
             try:
                 loan.give_back(hold=hold)
             except So101Error as error:
                 trouble = str(error)
         servos, mode = self._rig.servos, self._rig.arm.state.mode
-        if hold and trouble is None and servos.limp:
+        silent = [joint for joint in known if joint not in servos.setups]
+        if hold and trouble is None and silent:
+            trouble = (
+                f"{', '.join(silent)} does not answer, so nothing holds it: check its cable, then"
+                " let the arm hold"
+            )
+        elif hold and trouble is None and servos.limp:
             trouble = (
                 f"{', '.join(servos.limp)} stands outside the range that was recorded, and is limp:"
                 " move it inside by hand, then let the arm hold"

@@ -10,6 +10,7 @@ from so101_motion.calib.record import store
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
+from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.drivers.emulator.emulator import EmulatorOptions
 from so101_motion.rig.hardware_rig import open_hardware
@@ -123,3 +124,25 @@ def test_an_arm_that_nobody_asks_for_can_be_held_where_it_stands_and_moved(arm):
     before = arm.rig.arm.state.q
     arm.pass_time(0.5)
     assert arm.rig.arm.state.q == pytest.approx(before, abs=math.radians(3.0))  # it has weight
+
+
+def test_servos_that_miss_the_first_look_are_held_as_well(arm, monkeypatch):
+    really_answering, looks = Bus.answering, []
+
+    def answering(bus, servo_ids, **tries):
+        looks.append(really_answering(bus, servo_ids, **tries))
+        return [3] if len(looks) == 1 else looks[-1]
+
+    monkeypatch.setattr(Bus, "answering", answering)
+    ended = arm.calibrator.hold()
+    assert all(arm.driven)
+    assert ended.holds
+    assert ended.trouble is None
+
+
+def test_servos_that_have_fallen_silent_are_named_when_the_others_are_held(arm):
+    arm.emulator.world.disconnect("wrist_flex")
+    ended = arm.calibrator.hold()
+    assert arm.driven == [True, True, True, False, True, True]
+    assert ended.holds
+    assert "wrist_flex does not answer" in ended.trouble
