@@ -171,5 +171,6 @@ def _print_result(ended: StepResult, stored: Stored, sentences: list[str]) -> No
     if ended.trouble:
         echo(f"note: saved, but {ended.trouble}", err=True)
     if ended.holds:
-        echo("the arm is held where it stands; switch its power off to let go", err=True)
+        held = "the other joints are held" if ended.trouble else "the arm is held where it stands"
+        echo(f"{held}; switch its power off to let go", err=True)
     echo("next: so101 doctor, or so101 viam config", err=True)

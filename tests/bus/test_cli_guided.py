@@ -66,6 +66,18 @@ def until_recording(person):
     person.sees("Move every joint")
 
 
+def until_asked_to_save(person, arm):
+    until_recording(person)
+    person.presses("\n")
+    person.sees("elbow_flex: not moved yet")
+    for _ in range(10):  # once, unless a busy machine missed a joint at its stop
+        sweep(arm)
+        if person.will_see("it ends in", 5.0):
+            break
+    person.sees("it ends in")
+    person.sees("Save this?")
+
+
 # Calibrating
 
 
@@ -73,15 +85,7 @@ def test_a_calibration_by_hand_is_saved_once_the_person_says_so(arm, tmp_path):
     file = tmp_path / "mine.json"
     asked = ("calibrate", "--port", arm.port, "--file", str(file), "--joint", "elbow_flex")
     with Typist(*asked) as person:
-        until_recording(person)
-        person.presses("\n")
-        person.sees("elbow_flex: not moved yet")
-        for _ in range(10):  # once, unless a busy machine missed a joint at its stop
-            sweep(arm)
-            if person.will_see("it ends in", 5.0):
-                break
-        person.sees("it ends in")
-        person.sees("Save this?")
+        until_asked_to_save(person, arm)
         assert not file.exists()
         person.presses("\n")
         person.sees("saved to")
@@ -94,6 +98,19 @@ def test_a_calibration_by_hand_is_saved_once_the_person_says_so(arm, tmp_path):
     assert ends == pytest.approx((shaft.lower, shaft.upper), abs=2)
     torque = [servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos]
     assert torque == [1] * 6
+
+
+def test_a_servo_whose_cable_comes_out_before_it_is_held_is_named(arm, tmp_path):
+    asked = ("calibrate", "--port", arm.port, "--file", str(tmp_path / "mine.json"))
+    with Typist(*asked, "--joint", "elbow_flex") as person:
+        until_asked_to_save(person, arm)
+        arm.world.disconnect("wrist_flex")
+        person.presses("\n")
+        person.sees("wrist_flex does not answer")
+        person.sees("the other joints are held")
+        assert person.code() == 0
+    torque = [servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos]
+    assert torque == [1, 1, 1, 0, 1, 1]
 
 
 def test_ctrl_c_puts_everything_back_and_says_how_the_arm_is(arm, tmp_path):
