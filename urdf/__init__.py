@@ -1,15 +1,15 @@
 """The SO-101 as data: its URDF, its meshes, its collision hulls, and cheap readers for them.
 
 Nothing here computes kinematics or collisions, and nothing but numpy is imported. The ``make_*``
-scripts that wrote the data live in the same folder and need the development dependencies; where
-every figure comes from is told in README.md.
+scripts that wrote the data live in the same folder and need the development dependencies; README.md
+says where every figure comes from.
 """
 
 import json
 from pathlib import Path
 from typing import Final
 
-from .reading import Surface, TriangleMesh, read_glb, read_obj
+from .mesh_readers import Surface, TriangleMesh, read_glb, read_obj
 
 __all__ = [
     "ALLOWED_PAIRS_PATH",
@@ -45,14 +45,14 @@ PARTS: Final[dict[str, str]] = {
 """The name under which a link's meshes are stored, in order from the base outwards."""
 
 GROUND: Final = "ground"
-"""The name the table under the arm goes by in pairs."""
+"""The name of the table under the arm in pairs of links."""
 
 MARKERS: Final = ("axes", "leader_body", "leader_trigger")
 """Meshes that belong to no link: the tool marker and the leader's handle."""
 
 
 def load_visual(part: str) -> tuple[Surface, ...]:
-    """Read what a part looks like.
+    """Read the visual mesh of a part.
 
     Args:
         part: A value of ``PARTS`` or one of ``MARKERS``.

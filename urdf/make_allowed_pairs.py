@@ -1,9 +1,9 @@
-"""Find the pairs of links no check need look at: ``python -m urdf.make_allowed_pairs``.
+"""Find the pairs of links that never collide: ``python -m urdf.make_allowed_pairs``.
 
 Draws configurations uniformly inside the URDF's limits, the jaw's angle too, and counts for every
-pair of links how often their hulls meet, and how often the triangles we draw really do, which are
-inside. Run it after ``make_hulls`` and ``make_meshes`` or a change of limits; takes a minute or
-two. The result is ``allowed_pairs.json``.
+pair of links how often their hulls meet, and how often the drawn triangles inside them do. Run it
+after ``make_hulls`` and ``make_meshes`` or a change of limits; takes a minute or two. The result is
+``allowed_pairs.json``.
 """
 
 import itertools

@@ -1,16 +1,16 @@
-"""Measure the collision hulls on the official solids: ``python -m urdf.make_hulls FOLDER``.
+"""Fit the collision hulls to the official meshes: ``python -m urdf.make_hulls FOLDER``.
 
 ``FOLDER`` is ``Simulation/SO101`` of a checkout of TheRobotStudio/SO-ARM100 (Apache-2.0); nothing
-of it is copied into this project. What is kept of a link are some dozen corners of a convex hull
-that contains all its official parts, servos included, and stands out of *their* hull by as little
-as so many corners allow: half a millimetre. The official hulls have up to 4,000 corners, most of
-them on rounded edges; so the corners here are in places where the official parts have none.
+of it is copied into this project. For each link the script keeps some dozen corners of a convex
+hull that contains all its official parts, servos included, and stands out of *their* hull by as
+little as so many corners allow: half a millimetre. The official hulls have up to 4,000 corners,
+most of them on rounded edges; so the corners here are in places where the official parts have none.
 
 How. Begin with corners of the official hull, each time the one furthest outside of what those
 before span. Then move all of them together by small steps, a linear program each: every facet has
 to reach the official point that stands out of it most, and no corner may stand out of the official
-planes by more than is necessary. What may be lacking at the end is made up by swelling the
-hull about its middle, a few micrometres. Coordinates are whole micrometres.
+planes by more than is necessary. If the hull still misses a point at the end, it is enlarged about
+its middle by a few micrometres. Coordinates are whole micrometres.
 
 What is drawn is cut to these hulls: run ``make_meshes`` and ``make_allowed_pairs`` afterwards.
 """
@@ -43,10 +43,10 @@ CORNERS: Final = {
 """How many corners a hull may have. Chosen: with these each stands out by half a millimetre."""
 
 _STEPS: Final = 0.8 ** np.arange(18)
-"""How far a corner may move in each round, as a share of what lacks at the beginning. Chosen."""
+"""How far a corner may move in each round, as a share of the gap at the beginning. Chosen."""
 
 _LACK_COUNTS: Final = 3.0
-"""A micrometre that lacks is as bad as so many that stand out. Chosen."""
+"""Weight of a micrometre that is missing against one that stands out. Chosen."""
 
 _STL: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -151,7 +151,7 @@ def _step(corners: Points, points: Points, planes: Points, step: float) -> Point
 
 
 def _shares(triangle: Points, point: Points) -> list[Points]:
-    """Of which mixtures of its corners a triangle's place counts: its middle, and at a point."""
+    """Barycentric weights of the constrained places of a triangle: its middle, and a point."""
     middle = np.full(3, 1.0 / 3.0)
     there, *_ = np.linalg.lstsq(np.vstack([triangle.T, np.ones(3)]), np.append(point, 1.0))
     return [middle, there] if there.min() > -0.05 else [middle]
@@ -169,7 +169,7 @@ def _excess(corners: Points, planes: Points) -> float:
 
 
 def _swollen(corners: Points, points: Points) -> Points:
-    """The same corners, as far from their middle as it takes to contain points and rounding."""
+    """The corners, moved outwards until their hull contains the points despite rounding."""
     middle = corners.mean(axis=0)
     planes = ConvexHull(corners - middle).equations
     room = -planes[:, 3]

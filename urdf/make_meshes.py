@@ -36,7 +36,7 @@ def make(part: str, folder: Path) -> GlbSize:
         folder: Where ``<part>.glb`` is written.
 
     Returns:
-        What the file came to.
+        The size of the file.
     """
     solids = (LINKS | MARKERS)[part]()
     return write_glb(

@@ -85,7 +85,7 @@ class Preview(SearchingPage[RigLike]):
         servos: tuple[Part, ...] = ()
         if isinstance(rig, HardwareRig):
             servos = (IdentifyPart(context, rig, panel),)
-        ways = HoldButtons(
+        hold_buttons = HoldButtons(
             context,
             title=self._source.title,
             rigs={"": rig},
@@ -96,7 +96,7 @@ class Preview(SearchingPage[RigLike]):
             health,
             events,
             *servos,
-            ways,
+            hold_buttons,
             ArmEvents(context.rig, context.events.add),
         )
 

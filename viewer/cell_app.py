@@ -53,7 +53,7 @@ class CellPage(SearchingPage[CellRigs]):
         ]
         events = EventsPart(context, panel)
         panel.dock_below(part.panel)
-        ways = HoldButtons(context, title=title, rigs=rigs, guide=part.guide, fade=part.fade)
+        hold = HoldButtons(context, title=title, rigs=rigs, guide=part.guide, fade=part.fade)
         program = CellProgramPart(context, opened.cell, part.model.arms, part.nodes)
         with context.tabs.add_tab("Jog"):
             arms = host.gui.add_tab_group()
@@ -62,7 +62,7 @@ class CellPage(SearchingPage[CellRigs]):
             for name, rig in rigs.items()
         ]
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
-        host.add_parts(part, program, *health, events, ways, *logs, *jogs)
+        host.add_parts(part, program, *health, events, hold, *logs, *jogs)
 
     def _log(self, name: str, text: str, tone: Tone) -> None:
         said = texts.named(name, Sentence(text=text, tone=tone))

@@ -1,8 +1,8 @@
 """State and commands of the Move tab of several arms that share a space, without viser.
 
-Each arm has a ``ViewModel`` with its target and its part of the plan. What is common stands here:
-one plan for all arms, one place on its timeline, one motion. The plan is dropped for all as soon as
-one arm drops its part. One thread owns a ``CellModel``.
+Each arm has a ``ViewModel`` with its target and its part of the plan. A ``CellModel`` has what they
+share: one plan, one position on its timeline, one motion. As soon as one arm drops its part, the
+plan is dropped for all. One thread owns a ``CellModel``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .page.screen_state import Screen, Sentence
 from .view_model import ViewModel
 
 LOOKS = 80
-"""Instants at which the clearance between two arms is computed; chosen, a hundredth of a second."""
+"""Instants at which the clearance between two arms is computed; chosen: takes about 10 ms."""
 
 
 class Between(NamedTuple):
@@ -55,7 +55,7 @@ class CommonPlan:
 
     Attributes:
         plans: The part of each arm, by its name.
-        clearances: What is between every two arms.
+        clearances: The clearance of every two arms.
         name: What the page calls it.
     """
 
@@ -71,7 +71,7 @@ class CommonPlan:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CellScreen:
-    """What the Move tab shows of several arms; figures that are not told here are as in ``Screen``.
+    """What the Move tab shows of several arms; see ``Screen`` for one arm.
 
     Attributes:
         arms: What it shows of each arm, by its name.
@@ -104,10 +104,10 @@ class CellModel:
     """State and commands of the Move tab of several arms.
 
     Args:
-        cell: In which the arms keep apart.
+        cell: Keeps the arms apart.
         arms: Target and picture of each arm, by its name in the cell.
-        submit: Runs a slow call beside.
-        now: What time it is [s].
+        submit: Runs a slow call on another thread.
+        now: The time [s].
         welcome: What the tab says first.
     """
 
@@ -188,7 +188,7 @@ class CellModel:
         """Show what another part has done."""
         self._sentence = sentence
 
-    # What time brings
+    # Updates
 
     def refresh(self) -> bool:
         """Take in changes since the last call.
@@ -220,7 +220,7 @@ class CellModel:
             sweeps=all(each.sweeps for each in screens.values()),
         )
 
-    # How
+    # Helpers
 
     def _screens(self) -> dict[str, Screen]:
         return {name: arm.screen() for name, arm in self.arms.items()}
@@ -245,7 +245,7 @@ class CellModel:
         return not self._motions and all(each.can_execute for each in screens.values())
 
     def _words(self, screens: Mapping[str, Screen]) -> Sentence:
-        """What is wrong with one of the arms, or else what there is to say of all."""
+        """The sentence of an arm with a problem, or else the common one."""
         for name, each in screens.items():
             if texts.blocked(each.state) is not None:
                 return texts.named(name, each.sentence)

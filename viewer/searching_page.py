@@ -1,4 +1,4 @@
-"""A page that is there at once, and whose arms may come later."""
+"""A page that is served at once, and shows its arms when they are found."""
 
 from __future__ import annotations
 

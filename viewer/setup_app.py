@@ -21,7 +21,7 @@ from .setup.setup_target import FixedArm, Ports, fixed_machine
 from .setup.stop import SetupStop
 
 _SIGHT = Sight(middle=np.array([0.1, 0.0, 0.17]))
-"""Higher than where arms work, so that one that is stretched upwards is in the picture."""
+"""Higher than for other pages, so that an arm stretched upwards is in the picture."""
 
 
 class SetupApp(ServedPage):
@@ -66,8 +66,8 @@ def serve_setup(
         allow_remote: Whether ``host`` may be more than this machine's loopback.
         ports: Serial ports to look at instead of all there are.
         reply_timeout: How long a motor may take to answer beyond the time on the wire [s].
-        sensor: The calibration sensor of a machine whose motors are meant; closed by its owner.
-        progress_file: Where it is kept how far the setup is; the terminal's file by default.
+        sensor: The calibration sensor of the machine to set up; closed by its owner.
+        progress_file: Keeps the progress of the setup; the terminal's file by default.
         key_of: As for ``start_guarded``.
 
     Returns:
@@ -76,7 +76,7 @@ def serve_setup(
     Raises:
         CalibrationError: This user has no place for files.
         ConfigError: The host or port cannot be used.
-        GuardError: The server let a stranger in; it is stopped again.
+        GuardError: The server answered a request without the key; it is stopped again.
     """
     fixed = None if sensor is None else fixed_machine(sensor)
     kept = SetupProgress(progress_file or own_folder() / NAME, fixed.where if fixed else None)

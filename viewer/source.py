@@ -1,4 +1,4 @@
-"""Open the page's arm, or its arms, in the background, again and again until it is there.
+"""Open the page's arm or arms in the background, trying again until they are there.
 
 Once opened, an arm that disconnects is not opened again here: its rig reconnects by itself.
 """
@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 LOOK_AGAIN = 2.0
-"""How long until an arm that was not there is looked for again [s]; chosen: one is plugged in, and
-the page shows it before one has sat down."""
+"""How long until an arm that was not found is looked for again [s]; chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +34,7 @@ class Source:
     Attributes:
         title: Which arm it is, in words that can stand alone: ``"Arm on /dev/ttyACM0"``.
         open: Makes the rig; raises ``So101Error`` while that is not possible.
-        lasts: Whether the rig goes on when the page is closed; else the page closes it.
+        lasts: Whether the rig stays open when the page is closed; else the page closes it.
         scene_file: The file its surroundings are from, where the page saves them again.
         camera: A camera's device or address, or a machine's name of it; or None.
         atlas: What the arm reaches, to be shown, or None.
@@ -62,9 +61,9 @@ class CellSource:
 
     Attributes:
         title: Which arms they are, in words that can stand alone.
-        file: Where they stand and what is around them.
+        file: Where they stand and what surrounds them.
         open: Opens them; raises ``So101Error`` while that is not possible.
-        lasts: Whether they go on when the page is closed; else the page closes them.
+        lasts: Whether they stay open when the page is closed; else the page closes them.
     """
 
     title: str
@@ -88,8 +87,8 @@ class SourceOpener(Generic[T]):
 
     Args:
         open: Opens it; raises ``So101Error`` while that is not possible.
-        found: Told what was opened.
-        failed: Told why it could not be opened.
+        found: Called with what was opened.
+        failed: Called with why it could not be opened.
     """
 
     def __init__(

@@ -39,7 +39,7 @@ SAME_PICTURE = to_rad(0.005)
 """A joint that turned less than this is not drawn anew [rad]; chosen: 0.04 mm at full stretch."""
 
 HINT_POINTS = 25
-"""Points of the dashed line before there is a plan; chosen, it looks smooth."""
+"""Points of the dashed line before there is a plan; chosen: it looks smooth."""
 
 
 class ViewModel(TargetEditor):
@@ -47,10 +47,10 @@ class ViewModel(TargetEditor):
 
     Args:
         load_solver: Makes the inverse kinematics for the ghost, for some surroundings.
-        now: What time it is, for what runs by itself [s].
+        now: The time [s].
 
     Attributes:
-        drops: How often something has changed that plans depend on.
+        drops: How often a plan was dropped because something has changed.
         ran: The newest plan that was executed and how it was followed; None before.
     """
 
@@ -206,7 +206,7 @@ class ViewModel(TargetEditor):
         """Whether that plan can still be executed."""
         return self._plan_is_current
 
-    # What time brings
+    # Updates
 
     def refresh(self) -> bool:
         """Take in changes since the last call.
@@ -268,7 +268,7 @@ class ViewModel(TargetEditor):
             range=self._arm.range,
         )
 
-    # How
+    # Helpers
 
     def _aim(self, target: Target) -> None:
         self._target = target
@@ -307,7 +307,7 @@ class ViewModel(TargetEditor):
         return True
 
     def _track(self, name: str) -> bool:
-        """Measure the motion under way; a run is shared with the plan that it was of."""
+        """Measure the motion under way; keep the result with its plan."""
         tracker, plan = self._tracker, self._plan
         ended = tracker.take(self._state, name)
         is_own = ended and plan is not None and tracker.newest_name == plan.name
@@ -339,7 +339,7 @@ class ViewModel(TargetEditor):
         return True
 
     def _notice_departure(self) -> bool:
-        """Drop a plan whose start the arm has left, whoever moved it."""
+        """Drop a plan whose start the arm has left."""
         if self._plan is None or not self._plan_is_current or self._motion is not None:
             return False
         if _apart(self._plan.plan.q_start, self._state.q_ref) <= START_TOLERANCE:

@@ -99,7 +99,7 @@ def cable(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cable]:
 
 
 @pytest.fixture(scope="module")
-def beside(visit: Visit, cable: Cable) -> Guest:
+def in_background(visit: Visit, cable: Cable) -> Guest:
     """A window on the arm of the cable."""
     guest = visit(SMALL)
     guest.page.goto(cable.preview.url)

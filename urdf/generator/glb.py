@@ -1,4 +1,4 @@
-"""Writes binary glTF: one node, mesh and material per surface, positions and normals, no more."""
+"""Write binary glTF: one node, mesh and material per surface, with positions and normals only."""
 
 import json
 import struct
@@ -15,7 +15,7 @@ from .shading import shaded
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """How a surface looks.
+    """The look of a surface.
 
     Attributes:
         name: Name of the material and of its mesh in the file.
@@ -32,7 +32,7 @@ class Material:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GlbSize:
-    """What a file came to."""
+    """The size of a written file."""
 
     triangles: int
     size_bytes: int

@@ -1,4 +1,4 @@
-"""The seven links, laid out by us from the arm's measured figures.
+"""The seven links as solids, drawn by us from the arm's dimensions and cut to their hulls.
 
 The figures (extents, axes, gaps, where a servo sits) are those of TheRobotStudio's SO-101; the
 shapes between them are ours: plainer, with our own rounding. Each function gives the solids of
@@ -12,8 +12,8 @@ one link in that link's frame, keyed by material, in millimetres:
 A rule that shapes most of the parts: between the two prongs that hold a horn there are always
 36.4 mm, and a prong ends in a half disc of 12 mm round the axis.
 
-Corners that would stand out of the link's collision hull, and so out of the real part, are cut off:
-what collides is never less than what is seen.
+Corners that would stand out of the link's collision hull, and so out of the real part, are cut off,
+so the collision hull contains all that is drawn.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,8 @@ _DRAWN: Final[dict[str, Callable[[], Solids]]] = {
 }
 
 _INSIDE: Final = 0.001
-"""How far inside the hull what is drawn ends at least [mm]: files hold rounded numbers. Chosen."""
+"""Least distance of the drawn solid to the hull [mm], because files hold rounded numbers.
+Chosen."""
 
 
 def _cut(part: str) -> Solids:

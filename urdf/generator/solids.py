@@ -23,7 +23,7 @@ MIDDLE = GAP / 2
 HUB = 12.0  # radius of a prong's end
 
 Solids = dict[str, Manifold]
-"""Of one link, in its frame, by material."""
+"""The solids of one link, in its frame, by material."""
 
 
 def outline(corners: Sequence[Corner], *, radius: float = 0.0) -> CrossSection:

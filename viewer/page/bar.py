@@ -1,8 +1,8 @@
 """The content of the bar at the top of the page, which our own front end shows.
 
 It says what the arm does and what is wrong, and has the buttons that must always be in the same
-place: Stop and the ways home. The browser gets it as JSON in a piece of HTML that is not to be
-seen, and finds the buttons by the ids of invisible widgets (``server/front/bar.js``).
+place: Stop and those of ``hold_buttons.py``. The browser gets it as JSON in an invisible piece of
+HTML, and presses the buttons by the ids of invisible widgets (``server/front/bar.js``).
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from .screen_state import Sentence
 
 
 @dataclass(slots=True, kw_only=True)
-class Way:
-    """A button of the bar that is always there.
+class BarButton:
+    """A button of the bar.
 
     Attributes:
         label: What it says.
-        button: The invisible widget that hears of it.
+        button: The invisible widget that is pressed.
         can: Whether it may be pressed now.
         asks: What it asks before it does anything; None if it does not ask.
     """
@@ -40,7 +40,7 @@ class Bar:
     Attributes:
         state: What the arm does, in a word or two.
         title: Which arm it is.
-        ways: The ways home, in their order.
+        buttons: The buttons beside Stop, in their order.
         stop: The widget that Stop presses; None until there is something to stop.
         plan: The widget that the key P presses, or None.
         views: Labels and widgets of the buttons over the picture, which turn the camera.
@@ -48,7 +48,7 @@ class Bar:
 
     def __init__(self) -> None:
         self.state = self.title = ""
-        self.ways: tuple[Way, ...] = ()
+        self.buttons: tuple[BarButton, ...] = ()
         self.stop: viser.GuiButtonHandle | None = None
         self.plan: viser.GuiButtonHandle | None = None
         self.views: tuple[tuple[str, viser.GuiButtonHandle], ...] = ()
@@ -73,15 +73,20 @@ class Bar:
             plan=uuid_of(self.plan),
             alerts=alerts,
             views=[{"label": label, "press": uuid_of(button)} for label, button in self.views],
-            ways=[
-                {"label": way.label, "press": uuid_of(way.button), "can": way.can, "asks": way.asks}
-                for way in self.ways
+            buttons=[
+                {
+                    "label": each.label,
+                    "press": uuid_of(each.button),
+                    "can": each.can,
+                    "asks": each.asks,
+                }
+                for each in self.buttons
             ],
         )
 
 
 def board(name: str, **content: Any) -> str:
-    """A piece of HTML that is not to be seen and tells our front end something as JSON."""
+    """The content of an invisible piece of HTML that tells our front end something, as JSON."""
     return json.dumps({"so101": name, **content}, separators=(",", ":"))
 
 

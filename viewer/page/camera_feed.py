@@ -1,8 +1,8 @@
 """Fetch pictures of a camera: from its address, its device, or the machine that has it.
 
-At an address there are JPEG or PNG again and again, or a stream of JPEG. The thread
+An address sends a JPEG or PNG for each request, or a stream of JPEG. The thread
 ``so101-viewer-camera`` keeps the newest picture as the camera sent it; nothing is decoded here.
-After an error it says what went wrong, and tries again.
+After an error the thread keeps the reason in ``problem``, and tries again.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from so101_motion.common.errors import ConfigError, So101Error
 from . import video_device
 
 PERIOD = 0.2
-"""Least time between two pictures [s]; chosen: one sees what happens, and the network has room."""
+"""Least time between two pictures [s]; chosen: often enough to see what happens, and light on the
+network."""
 
 PATIENCE = 4.0
 """How long to wait for the camera [s]; chosen."""
@@ -86,7 +87,7 @@ class CameraFeed:
         camera: The address of a picture or of a stream, http or https; its device on this
             computer; or the machine's name of it.
         ask: Asks the machine for a picture of the camera of that name; None without a machine.
-        wanted: Whether anybody looks; nothing is fetched otherwise.
+        wanted: Whether anybody is watching; otherwise nothing is fetched.
 
     Attributes:
         picture: The newest one; None before the first.

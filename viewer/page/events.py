@@ -1,7 +1,7 @@
 """Log what happened, and report what an arm does.
 
-``ArmEvents`` compares each state of an arm with the one before, so events are logged whoever caused
-them: this page, another program on the same port, or a hand.
+``ArmEvents`` compares each state of an arm with the one before, so it logs events of any cause:
+this page, another program on the same port, or a hand.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Event:
     """One event in the log.
 
     Attributes:
-        at: When, by the clock on the wall here.
-        text: What, as a sentence without a full stop.
+        at: When, local time.
+        text: What happened, a sentence without a full stop.
         tone: How it is meant.
     """
 

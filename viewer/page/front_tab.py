@@ -1,4 +1,4 @@
-"""Which tab is in front: what the scene shows belongs to that one alone."""
+"""Which tab is in front, and what the scene shows because of it."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 
 PROGRAM = "Program"
-"""The name of the tab whose plan is not the Move tab's."""
+"""The tab that has a plan of its own, besides the Move tab."""
 
 
 class Drawn(Enum):
-    """What the scene shows of what the Move tab has."""
+    """What the scene shows of the Move tab."""
 
     PLAN = auto()
     """The plan: its path, and a ghost that goes along it."""
     TARGET = auto()
-    """A ghost at the target, which may be recorded; no path."""
+    """A ghost at the target, to be recorded as a step of a program; no path."""
     NOTHING = auto()
-    """No ghost, no path: those of a program are there."""
+    """No ghost, no path: the program's are shown instead."""
 
 
 @dataclass(slots=True)
@@ -25,8 +25,8 @@ class FrontTab:
     """The tab in front in the window in control. For the page's thread.
 
     Attributes:
-        name: What stands on it.
-        rehearses: Whether the Program tab has the ghost.
+        name: Its label.
+        rehearses: Whether the ghost belongs to the Program tab.
     """
 
     name: str = ""
@@ -41,16 +41,16 @@ class FrontTab:
     def note(
         self, rehearsal: object | None, t: float, targets: tuple[object, ...], *, runs: bool
     ) -> bool:
-        """Let rehearsal or targets have the ghost, whichever is newer.
+        """Give the ghost to the rehearsal or to the targets, whichever changed last.
 
         Args:
-            rehearsal: Of the Program tab; None without one.
+            rehearsal: The Program tab's; None without one.
             t: How far into it its ghost stands [s].
             targets: Those of the Move tab.
             runs: Whether the program is run.
 
         Returns:
-            Whether another one has it now.
+            Whether it changed hands.
         """
         if (rehearsal, t) != self._rehearsed:
             self._rehearsed, self._targets = (rehearsal, t), targets
@@ -60,12 +60,12 @@ class FrontTab:
 
     @property
     def is_program(self) -> bool:
-        """Whether it is the one of programs."""
+        """Whether the Program tab is in front."""
         return self.name == PROGRAM
 
     @property
     def drawn(self) -> Drawn:
-        """What the scene shows of what the Move tab has."""
+        """What the scene shows of the Move tab."""
         if not self.is_program:
             return Drawn.PLAN
         return Drawn.NOTHING if self.rehearses else Drawn.TARGET

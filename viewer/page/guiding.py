@@ -29,7 +29,7 @@ class Guiding:
 
     @property
     def is_on(self) -> bool:
-        """Whether the arm is guided by hand, whoever started that."""
+        """Whether the arm is guided by hand, started here or elsewhere."""
         return self._arm.state.mode is Mode.GUIDING
 
     @property

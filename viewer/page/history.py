@@ -1,4 +1,4 @@
-"""Go back and forth between the values that something had."""
+"""Undo and redo for a value."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ ONE_DRAG = 0.7
 
 
 class History(Generic[T]):
-    """The values that something had, and the present one.
+    """The past values of something, the present one, and those that were undone.
 
     Args:
         value: The first one.
-        now: What time it is [s]; values of one drag then count as one. Without it each counts.
+        now: The time [s]; the values of one drag then count as one. Without it each counts.
     """
 
     def __init__(self, value: T, now: Callable[[], float] | None = None) -> None:

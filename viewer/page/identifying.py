@@ -1,7 +1,7 @@
-"""Let the arm of the page find out what its servos are like, once a person has agreed.
+"""Identify the servos of the page's arm: plan, move once a person agrees, keep the figures.
 
-Planning moves nothing. The motions run on a thread of their own, and Stop ends them as it ends any
-other motion. What was found is kept beside the calibration and used at once.
+Planning moves nothing. The motions run on a thread of their own, and Stop ends them like any other
+motion. The figures are kept beside the calibration and used at once.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from so101_motion.setup.identify_report import IdentifyReport
 
 
 class Identifying:
-    """One identification after the other.
+    """Runs one identification after the other.
 
     Args:
         rig: The arm, on a port of this computer.
 
     Attributes:
         outline: What will move; None until it was planned, and once it has moved.
-        doing: What is under way, for people; empty if nothing is.
-        report: What was found last.
-        trouble: Why the last one came to nothing.
+        doing: What is under way, for people; empty when idle.
+        report: The last result.
+        trouble: Why the last one failed.
     """
 
     def __init__(self, rig: HardwareRig) -> None:

@@ -1,4 +1,4 @@
-"""The buttons of the Jog tab as HTML, which ``server/front/jog.js`` brings to life."""
+"""The buttons of the Jog tab as HTML; ``server/front/jog.js`` handles them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def jog_buttons(mode: str, speed: str, *, hand: str, is_on: bool) -> str:
     Args:
         mode: What is moved.
         speed: The step of the speed.
-        hand: The id of the widget that is told what is held.
+        hand: The id of the widget that receives what is held.
         is_on: Whether they can be used.
     """
     moved = _JOINT_ROWS if mode == JOINTS else () if mode == ARROWS else _TOOL_ROWS

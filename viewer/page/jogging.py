@@ -1,9 +1,9 @@
 """Jog the arm while somebody holds a button, a key or a gamepad's stick.
 
-The browser says again and again what is held (``server/front/jog.js``). What it has not said for
-``DEADMAN`` is held no longer: a key that was let go, a window that lost its focus or its network,
-a browser that hangs. The thread ``so101-viewer-jog`` leads the arm meanwhile, through the guarded
-motions of ``Arm.open_following`` and ``Arm.open_jog``. Stop and any other motion end it.
+The browser repeats what is held (``server/front/jog.js``). Without a repeat for ``DEADMAN`` it
+counts as let go: the window has lost its focus or its network, or the browser hangs. The thread
+``so101-viewer-jog`` leads the arm through the guarded motions of ``Arm.open_following`` and
+``Arm.open_jog``. Stop and any other motion end it.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from so101_motion.control.following import Following
 from so101_motion.rig.protocols import RigLike
 
 DEADMAN = 0.075
-"""How long something is held that the browser does not repeat [s]; chosen: three of its repeats,
+"""How long something counts as held without a repeat [s]; chosen: three of the browser's repeats,
 and with ``PERIOD`` less than a tenth of a second."""
 
 PERIOD = 0.02
 """How often the arm is led [s]; chosen: two control cycles."""
 
 _AHEAD = 0.15
-"""How long before the joints their target may be [s]; chosen: else it would run away from joints
+"""How far the target may be ahead of the joints [s]; chosen: else it would run away from joints
 that something holds back."""
 
 
@@ -53,7 +53,7 @@ SPEEDS = {
     "medium": JogSpeed(turning=to_rad(20.0), going=to_m(40.0)),
     "fast": JogSpeed(turning=to_rad(45.0), going=to_m(100.0)),
 }
-"""Chosen: slow for the last millimetre, fast for the way there."""
+"""Chosen: slow for the last millimetre, fast for long distances."""
 
 JOINTS, BASE, TOOL, ARROWS = "joints", "base", "tool", "arrows"
 MODES = (JOINTS, BASE, TOOL, ARROWS)
@@ -127,7 +127,7 @@ class _TargetLead:
                 self.motion.hold()
             self._is_held = False
             return
-        if not self._is_held:  # a drag begins: what was the target before is not gone to
+        if not self._is_held:  # a drag begins: do not go to the target from before it
             self._found, self._is_held = target, True
         if target is not None and target is not self._found:
             self._found = None
@@ -135,7 +135,7 @@ class _TargetLead:
 
 
 class Jogging:
-    """Moves an arm while somebody holds something. Off until it is started.
+    """Moves an arm while a control is held. Off until it is started.
 
     Args:
         rig: The arm and the jaw.
@@ -162,7 +162,7 @@ class Jogging:
 
     @property
     def is_ready(self) -> bool:
-        """Whether something that is held moves the arm now."""
+        """Whether a held control moves the arm now."""
         return self._motion is not None
 
     @property

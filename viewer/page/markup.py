@@ -1,7 +1,7 @@
 """Small pieces of HTML for what viser has no widget for.
 
-Only this module writes HTML. It escapes every text, because names and messages may come from
-configurations and devices.
+This module and ``jog_markup.py`` write all HTML of the page. They escape every text, because names
+and messages may come from configurations and devices.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ _TONES = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bar:
+class Gauge:
     """A value between its limits, in the unit that is shown.
 
     Attributes:
         name: What it is.
-        value: Where it stands.
+        value: The value.
         lower: Smallest possible value.
         upper: Largest possible value.
         unit: Written behind the value.
@@ -54,10 +54,10 @@ class Bar:
 
 
 _SHORT = 100
-"""Sentences of so many letters are seen whole; longer ones may have to be scrolled, by keys too."""
+"""Sentences up to this many letters fit; longer ones may have to be scrolled, by keys too."""
 
 NEAR_LIMIT = 0.03
-"""Share of the range at either end where a bar turns red; chosen: 6 degrees of the pan joint."""
+"""Share of the range at either end where a gauge turns red; chosen: 6 degrees of the pan joint."""
 
 
 def sentence(sentence: Sentence) -> str:
@@ -71,7 +71,7 @@ def sentence(sentence: Sentence) -> str:
 
 
 def headline(title: str, subtitle: str) -> str:
-    """A setup in large letters, and its step; while they are seen, a double click counts once."""
+    """A setup's title and step; while it is shown, a double click counts once."""
     return (
         '<div class="so101-once" style="padding:.4em .7em .2em">'
         f'<div style="font-size:1.15em;font-weight:700">{escape(title)}</div>'
@@ -83,8 +83,8 @@ def facts(rows: Iterable[tuple[str, ...]], *, lines: int = 0) -> str:
     """Names and values in columns; all rows are as long as the first.
 
     Args:
-        rows: What there is to say.
-        lines: For how many lines there is always room, so that what stands below stays there.
+        rows: The rows.
+        lines: Lines to reserve, so that what stands below does not move.
     """
     table = [*rows]
     columns = len(table[0]) - 1 if table else 1
@@ -108,7 +108,7 @@ def small(text: str) -> str:
 
 
 def caption(text: str, is_old: bool) -> str:
-    """What a plot shows; what is old is grey, with its plot."""
+    """The caption of a plot; an old one is grey, with its plot."""
     old = ' class="so101-old"' if is_old else ""
     return f'<div{old} style="padding:.2em .9em 0;font-size:.82em">{escape(text)}</div>'
 
@@ -224,7 +224,7 @@ def events(items: Iterable[Event]) -> str:
 
 
 class Span(NamedTuple):
-    """A piece of a line: its name, begin and end as shares of all, and how deep it is."""
+    """A piece of a timeline: its name, begin and end as shares of the whole, and how deep it is."""
 
     name: str
     begins: float
@@ -233,7 +233,7 @@ class Span(NamedTuple):
 
 
 class Timeline(NamedTuple):
-    """What comes one after the other, what of it is repeated, and how long it takes [s]."""
+    """The steps of a program in order, its loops, and its duration [s]."""
 
     parts: tuple[Span, ...]
     loops: tuple[Span, ...]
@@ -241,15 +241,15 @@ class Timeline(NamedTuple):
 
 
 MOST_PARTS = 120
-"""A line of more parts than this has none that could be read, so it is drawn empty; chosen."""
+"""With more steps than this no name could be read, so the line is drawn empty; chosen."""
 
 
 def timeline(line: Timeline | None, seek: str | None) -> str:
-    """A line of time; a finger or a mouse on it moves the preview.
+    """A timeline; a finger or a mouse on it moves the preview.
 
     Args:
         line: What is on it; None for an empty one.
-        seek: The id of the widget that is told the time [s].
+        seek: The id of the widget that receives the time [s].
     """
     if line is None:
         return '<div class="so101-timeline"></div>'
@@ -283,8 +283,8 @@ def steps(
         rows: Name, small print, and how many loops it is in.
         chosen: Index of the one that is edited, set in bold.
         active: Index of the one that is being done, marked.
-        press: The id of the widget that is told the number of the row that was pressed.
-        move: The id of the widget that is told which row was dragged where.
+        press: The id of the widget that receives the number of the row that was pressed.
+        move: The id of the widget that receives which row was dragged where.
     """
     lines = []
     for k, (name, rest, depth) in enumerate(rows):
@@ -298,27 +298,27 @@ def steps(
     return f'<div class="so101-steps" data-move="{escape(move or "")}">{"".join(lines)}</div>'
 
 
-def bars(items: Iterable[Bar]) -> str:
+def gauges(items: Iterable[Gauge]) -> str:
     """Values between their limits, one below the other."""
-    return f'<div style="padding:.3em .7em .5em">{"".join(map(_bar, items))}</div>'
+    return f'<div style="padding:.3em .7em .5em">{"".join(map(_gauge, items))}</div>'
 
 
-def _bar(bar: Bar) -> str:
-    near = bar.warns and min(bar.share, 1.0 - bar.share) < NEAR_LIMIT
+def _gauge(gauge: Gauge) -> str:
+    near = gauge.warns and min(gauge.share, 1.0 - gauge.share) < NEAR_LIMIT
     color = "#e03131" if near else "#f08c00"
-    ends = f"{bar.lower:.0f} to {bar.upper:.0f} {bar.unit}"
+    ends = f"{gauge.lower:.0f} to {gauge.upper:.0f} {gauge.unit}"
     limit = "position:absolute;top:.75em;font-size:.72em;line-height:1;color:var(--so101-dim)"
     return (
-        f'<div title="{escape(bar.name)}: {escape(ends)}" style="display:grid;'
+        f'<div title="{escape(gauge.name)}: {escape(ends)}" style="display:grid;'
         "grid-template-columns:7em 1fr 4.2em;gap:.6em;align-items:center;font-size:.82em;"
-        f'line-height:2.3"><span>{escape(bar.name)}</span>'
+        f'line-height:2.3"><span>{escape(gauge.name)}</span>'
         '<span style="height:.45em;border-radius:.25em;background:#8884;position:relative">'
-        f'<i style="position:absolute;left:calc({100.0 * bar.share:.1f}% - .2em);top:-.2em;'
+        f'<i style="position:absolute;left:calc({100.0 * gauge.share:.1f}% - .2em);top:-.2em;'
         f'width:.4em;height:.85em;border-radius:.2em;background:{color}"></i>'
-        f'<small style="{limit};left:0">{bar.lower:.0f}</small>'
-        f'<small style="{limit};right:0">{bar.upper:.0f}</small></span>'
+        f'<small style="{limit};left:0">{gauge.lower:.0f}</small>'
+        f'<small style="{limit};right:0">{gauge.upper:.0f}</small></span>'
         '<span style="text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap">'
-        f"{_no_minus_zero(bar.value)} {escape(bar.unit)}</span></div>"
+        f"{_no_minus_zero(gauge.value)} {escape(gauge.unit)}</span></div>"
     )
 
 

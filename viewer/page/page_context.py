@@ -1,7 +1,7 @@
-"""Give a part of the page its arm and its server, and turn its events into commands.
+"""Connect a part of the page to its server and its arm, and queue its events as commands.
 
 viser calls handlers from threads of its own. The handlers made here only queue a command, and the
-page's one thread runs it, so parts need no locks. Stop alone does not come this way. Only the
+page's one thread runs it, so parts need no locks. Only Stop bypasses the queue. Only the
 window in control reaches a handler; see ``control_filter.py``.
 """
 
@@ -57,7 +57,7 @@ class PageContext:
         """The interface that makes widgets."""
         return self.server.gui
 
-    def beside(self, call: Callable[[], T]) -> Future[T]:
+    def in_background(self, call: Callable[[], T]) -> Future[T]:
         """Run a slow ``call`` on a worker thread."""
         return self.workers.submit(call)
 

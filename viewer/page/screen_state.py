@@ -1,4 +1,4 @@
-"""Everything the page shows at one instant, as values."""
+"""Everything the Move tab shows at one instant, as values."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PathLine:
 
     Attributes:
         points: Shape (k, 3), [m], in the base frame.
-        planned: Whether it is a plan's, or only a hint at one.
+        planned: Whether it is a plan's, or only a preview before there is one.
     """
 
     points: Array
@@ -55,7 +55,7 @@ class PlanView:
         path: The line of the frame that the target is for.
         sweep: Configurations along the path, both ends left out, shape (k, 5), [rad].
         closest: The closest approach of two bodies anywhere on the path.
-        t_closest: When they do [s].
+        t_closest: When that is [s].
         scene: What was around the arm.
         q_jaw: Jaw angle [rad].
         name: What the page calls it, such as ``"Plan 3"``.

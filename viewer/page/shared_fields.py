@@ -1,4 +1,4 @@
-"""Widgets that both people and the page write."""
+"""Helpers for viser's widgets: values that both people and the page set, undo buttons, greying."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stops the arm: the button in the page's bar, and the keys Space and Escape."""
+"""Add the invisible button that the bar's Stop and the keys Space and Escape press."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import viser
 
 
 def add_stop(gui: viser.GuiApi, *stops: Callable[[], None]) -> viser.GuiButtonHandle:
-    """Add the invisible button that the bar and the keys press; see ``bar.py``.
+    """Add the button; see ``bar.py``.
 
     Args:
         gui: Where.

@@ -1,4 +1,4 @@
-"""Choose a target on the Move tab, go back to earlier ones, and solve it for how things are now."""
+"""The target of the Move tab, the commands that change it, and undo."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TargetEditor(ABC):
     Args:
         solver: Inverse kinematics for the ghost.
         state: The arm.
-        now: What time it is [s].
+        now: The time [s].
     """
 
     def __init__(self, solver: TargetSolver, state: JointState, now: Callable[[], float]) -> None:
@@ -160,7 +160,7 @@ class TargetEditor(ABC):
         """The target."""
         return self._target
 
-    # How
+    # Helpers
 
     def _nearest(self) -> Target | None:
         """The target where the ghost stands, if only the point asked for is out of reach."""

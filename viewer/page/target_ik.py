@@ -60,7 +60,7 @@ class Target:
 
     Attributes:
         goal: What to plan for.
-        frame: One of ``FRAMES``: what shall be at the target point.
+        frame: The frame that shall be at the target point, one of ``FRAMES``.
         p_base: The target point in the base frame, shape (3,), [m].
         q: Joint angles of the ghost, shape (5,), [rad]: at the target, or as near as it gets.
         problem: Why the target cannot be had, as a sentence; None when it can.
@@ -168,7 +168,7 @@ class TargetSolver:
 
         Args:
             p_base: The point in the base frame, shape (3,), [m].
-            frame: What shall be there.
+            frame: The frame that shall be there.
             q_seed: Where the arm is, shape (5,), [rad]; the ghost stays as near as it can.
             q_jaw: Jaw angle [rad].
             direction: Where the gripper shall point; None for anywhere.
@@ -219,7 +219,7 @@ class TargetSolver:
 
         Args:
             q: Joint angles, shape (5,), [rad].
-            frame: What the target point is of.
+            frame: The frame of the target point.
             q_jaw: Jaw angle [rad].
         """
         return Target(

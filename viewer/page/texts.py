@@ -78,7 +78,7 @@ def blocked(state: JointState) -> Sentence | None:
 
 
 def named(arm: str, sentence: Sentence) -> Sentence:
-    """The same, told of an arm; nothing is added for the name of an arm that is alone."""
+    """The sentence with the arm's name in front; unchanged if the name is empty."""
     return replace(sentence, text=f"{arm}: {sentence.text}") if arm else sentence
 
 
@@ -146,7 +146,7 @@ def plan_facts(view: PlanView) -> tuple[tuple[str, str], ...]:
 
 
 def plotted(view: PlanView, *, is_current: bool) -> str:
-    """The plots of a plan in words, also for whoever cannot see them."""
+    """The plots of a plan in words, for screen readers as well."""
     trajectory = view.plan.trajectory
     old = "" if is_current else "Old: "
     return (
@@ -156,13 +156,13 @@ def plotted(view: PlanView, *, is_current: bool) -> str:
 
 
 def common_plotted(name: str, duration: float, *, is_current: bool) -> str:
-    """A plan of several arms in words."""
+    """The plots of a plan of several arms in words."""
     old = "" if is_current else "Old: "
-    return f"{old}{name}, {duration:.2f} s; what is between the arms at each time."
+    return f"{old}{name}, {duration:.2f} s; clearance between the arms over time."
 
 
 def between(first: str, second: str, least: Meeting) -> tuple[str, str]:
-    """How near two arms come to each other: their names, and where and when."""
+    """How near two arms come to each other: their names; distance, bodies and time."""
     bodies = f"{least.first} to {least.second}"
     return f"{first} to {second}", f"{to_mm(least.distance):.0f} mm, {bodies}, at {least.t:.1f} s"
 

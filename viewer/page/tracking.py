@@ -18,8 +18,8 @@ from so101_motion.files.trajectory_export import Run
 _MOST = 6000
 """Snapshots that are kept [1]; three minutes of them. Chosen."""
 
-_FASTEST = 0.05
-"""Without a joint that was to be this fast there is no lag to tell [rad/s]; chosen."""
+_FAST_ENOUGH = 0.05
+"""The lag is computed only if some joint was to be faster than this [rad/s]; chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,7 +60,7 @@ class Tracking:
 
 
 class MotionTracker:
-    """Measures one motion after the other, whoever moves the arm.
+    """Measures one motion after the other, whatever moves the arm.
 
     Attributes:
         newest: The newest motion that has ended; None before.
@@ -116,6 +116,6 @@ class Tracker:
         error = q - np.array([state.q_ref for state in self._states])
         qd_ref = np.array([state.qd_ref for state in self._states])
         lag = None
-        if np.max(np.abs(qd_ref)) > _FASTEST:
+        if np.max(np.abs(qd_ref)) > _FAST_ENOUGH:
             lag = max(-float(np.sum(error * qd_ref) / np.sum(qd_ref**2)), 0.0)
         return Tracking(t=t - t[0], q=q, error=error, lag=lag)

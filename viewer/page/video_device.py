@@ -80,9 +80,9 @@ def pictures(path: str, patience: float, ioctl: Ioctl = fcntl.ioctl) -> Pictures
 
 
 def _stream(device: int, path: str, patience: float, ioctl: Ioctl) -> Pictures:
-    wish = bytearray(_FORMAT.pack(_CAPTURE, WIDTH, HEIGHT, _JPEG[0], *[0] * 9))
-    ioctl(device, _SET_FORMAT, wish)
-    if _FORMAT.unpack(wish)[3] not in _JPEG:
+    wanted = bytearray(_FORMAT.pack(_CAPTURE, WIDTH, HEIGHT, _JPEG[0], *[0] * 9))
+    ioctl(device, _SET_FORMAT, wanted)
+    if _FORMAT.unpack(wanted)[3] not in _JPEG:
         raise OSError(
             f"{path} has no JPEG pictures; have another program send them,"
             f" such as ustreamer --device {path} --port 8090"
@@ -94,8 +94,8 @@ def _stream(device: int, path: str, patience: float, ioctl: Ioctl) -> Pictures:
         for index in range(_REQUEST.unpack(request)[0]):
             buffer = _buffer(index)
             ioctl(device, _WHERE, buffer)
-            told = _BUFFER.unpack(buffer)
-            memory.append(mmap.mmap(device, told[_LENGTH], offset=told[_OFFSET]))
+            reply = _BUFFER.unpack(buffer)
+            memory.append(mmap.mmap(device, reply[_LENGTH], offset=reply[_OFFSET]))
             ioctl(device, _FILL, buffer)
         ioctl(device, _START, bytearray(_TYPE.pack(_CAPTURE)))
         while True:
@@ -103,10 +103,10 @@ def _stream(device: int, path: str, patience: float, ioctl: Ioctl) -> Pictures:
                 raise OSError(f"{path} sends no picture")
             buffer = _buffer(0)
             ioctl(device, _TAKE, buffer)
-            told = _BUFFER.unpack(buffer)
-            picture = memory[told[_INDEX]][: told[_USED]]
+            reply = _BUFFER.unpack(buffer)
+            picture = memory[reply[_INDEX]][: reply[_USED]]
             ioctl(device, _FILL, buffer)
-            if picture[:2] == b"\xff\xd8" and not told[_FLAGS] & _BROKEN:  # the first often is not
+            if picture[:2] == b"\xff\xd8" and not reply[_FLAGS] & _BROKEN:  # the first often is not
                 yield picture
     finally:  # the driver stops when the device is closed
         for each in memory:

@@ -1,4 +1,4 @@
-"""The panels around the scene: the arm with Stop, moving, poses, plots, health, sharing.
+"""The panels and tabs around the scene: joints, moving, jogging, poses, plots, health, sharing.
 
 May import ``page``, ``scene``, ``server``, ``view_model`` and the package.
 """

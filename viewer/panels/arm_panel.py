@@ -10,7 +10,7 @@ from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg
 
 from ..page import markup
-from ..page.markup import Bar
+from ..page.markup import Gauge
 
 _WIDTH = 290
 _KEYS = "Space or Esc stops, P plans."
@@ -39,16 +39,16 @@ class ArmPanel:
             state: The arm now, or its last known state.
             bounds: Smallest and largest angles, shapes (5,), [rad].
         """
-        self._joints.content = markup.bars(_bars(state, bounds))
+        self._joints.content = markup.gauges(_gauges(state, bounds))
 
 
-def _bars(state: JointState, bounds: tuple[Array, Array]) -> list[Bar]:
-    bars = [
-        Bar(name=joint, value=float(value), lower=float(lower), upper=float(upper), unit="°")
+def _gauges(state: JointState, bounds: tuple[Array, Array]) -> list[Gauge]:
+    gauges = [
+        Gauge(name=joint, value=float(value), lower=float(lower), upper=float(upper), unit="°")
         for joint, value, lower, upper in zip(
             ARM_JOINTS, to_deg(state.q), *(to_deg(end) for end in bounds), strict=True
         )
     ]
     opened = 100.0 * (state.q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED)
-    jaw = Bar(name="gripper", value=opened, lower=0.0, upper=100.0, unit="%", warns=False)
-    return [*bars, jaw]
+    jaw = Gauge(name="gripper", value=opened, lower=0.0, upper=100.0, unit="%", warns=False)
+    return [*gauges, jaw]

@@ -41,7 +41,7 @@ class CellPart(Part):
 
     Args:
         cell: The arms.
-        file: Where they stand and what is around them.
+        file: Where they stand and what surrounds them.
         stops: What Stop calls, each in a thread of its own.
 
     Attributes:
@@ -69,13 +69,13 @@ class CellPart(Part):
                     arm=rig.arm,
                     gripper=rig.gripper,
                     load_solver=TargetSolver.load,
-                    submit=context.beside,
+                    submit=context.in_background,
                     now=clock.now,
                     welcome="",
                 )
                 for name, rig in rigs.items()
             },
-            submit=context.beside,
+            submit=context.in_background,
             now=clock.now,
             welcome=f"{title}. Drag the arrows of each arm, then press Plan.",
         )
@@ -102,7 +102,7 @@ class CellPart(Part):
         self._plots_panel = plots_panel(context.gui)
         self._plots = CellPlots(context.gui, self._plots_panel, tuple(rigs))
         context.bar.stop, context.bar.plan = self.stop_button, self._plan.plan_button
-        self._guiding = [Guiding(rig.arm, clock, context.beside) for rig in rigs.values()]
+        self._guiding = [Guiding(rig.arm, clock, context.in_background) for rig in rigs.values()]
         self._shown: CommonPlan | None = None
         self._pictures = 0
         self._drawn = Drawn.PLAN
@@ -158,7 +158,7 @@ class CellPart(Part):
         self._stages[name].fade(faded)
 
     def mark(self, name: str, joints: Mapping[str, Tone]) -> None:
-        """Colour what these joints of an arm move, for each is in an alarm of that tone."""
+        """Colour the links that these joints of an arm move, each in the tone of its alarm."""
         self._stages[name].mark(joints)
 
     def refresh(self) -> bool:

@@ -195,7 +195,7 @@ def _dressed(player: str, film: Film) -> str:
 
 _LIGHT = "__VISER_EMBED_CONFIG__={darkMode:false}"
 _AS_WISHED = "__VISER_EMBED_CONFIG__={darkMode:matchMedia('(prefers-color-scheme: dark)').matches}"
-"""viser fixes the scheme when a film is made; ours is dark where the one who looks has it dark."""
+"""viser fixes the colour scheme when a film is made; ours follows the viewer's system setting."""
 
 _CARD_STYLE = """<style>
 #so101-card { position: fixed; left: 14px; top: 14px; z-index: 1; pointer-events: none;

@@ -22,7 +22,7 @@ _EVERY = 0.5
 """How often the figures are read anew [s]; nobody reads faster."""
 
 _LINES = 60
-"""Events on the page; a file has them all."""
+"""How many events the page shows; the saved file has all."""
 
 
 class HealthPart(Part):
@@ -30,7 +30,7 @@ class HealthPart(Part):
 
     Args:
         panel: Where the tab is added.
-        mark: Told which joints are in alarm, and how bad it is.
+        mark: Called with the joints in alarm, and how bad it is.
         name: What messages call the arm; empty if it is alone.
     """
 

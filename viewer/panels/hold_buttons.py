@@ -1,4 +1,4 @@
-"""The buttons Hold, Guide and Let go, and what the bar says of the arm and its connection.
+"""The buttons Hold, Guide by hand and Let go, and what the bar says about the arms.
 
 An arm that is disconnected keeps its last picture, in grey. When it is back nothing moves: it holds
 only after somebody presses Hold.
@@ -18,7 +18,7 @@ from so101_motion.rig.protocols import ArmConnection, RigLike
 from so101_motion.rig.rig import Rig
 
 from ..page import texts
-from ..page.bar import Bar, Way
+from ..page.bar import Bar, BarButton
 from ..page.page_context import PageContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
@@ -39,7 +39,7 @@ def waiting(bar: Bar, title: str, error: Exception | None = None) -> None:
 
 
 def notice(connection: ArmConnection, state: JointState, since: datetime) -> Sentence | None:
-    """What to know of the connection and of the arm's mode; None when all is well."""
+    """What is wrong with the connection or the arm's mode; None when all is well."""
     if connection.problem is not None:
         text = (
             f"Lost the {connection.to} at {since:%H:%M:%S}. {capital(connection.problem)} Showing"
@@ -64,7 +64,7 @@ class HoldButtons(Part):
         title: Which arms they are.
         rigs: The arms by name; the name of a single one is not shown.
         guide: Starts hand guiding for a limited time.
-        fade: Told which drawn arm shall be grey, or not.
+        fade: Shows an arm in grey, or in its own colours.
     """
 
     def __init__(
@@ -80,21 +80,21 @@ class HoldButtons(Part):
         self._lost_at: dict[str, datetime] = {}
         bar = self._bar = context.bar
         bar.title = title
-        self._hold = self._way("Hold", lambda: self._each("hold", hold))
-        self._guide = self._way("Guide by hand", guide)
-        self._let_go = self._way("Let go", lambda: self._each("let go", _release))
+        self._hold = self._button("Hold", lambda: self._each("hold", hold))
+        self._guide = self._button("Guide by hand", guide)
+        self._let_go = self._button("Let go", lambda: self._each("let go", _release))
         self._let_go.asks = "It will sink. Let go?" if len(rigs) == 1 else "All will sink. Let go?"
-        bar.ways = (self._hold, self._guide, self._let_go)
+        bar.buttons = (self._hold, self._guide, self._let_go)
 
-    def _way(self, label: str, command: Callable[[], None]) -> Way:
+    def _button(self, label: str, command: Callable[[], None]) -> BarButton:
         button = self._context.gui.add_button(label, visible=False)
         self._context.on_press(button, command)
-        return Way(label=label, button=button)
+        return BarButton(label=label, button=button)
 
     def refresh(self) -> bool:
         """Check whether the arms are connected and ready, and fill the bar."""
         modes: dict[str, Mode | None] = {}
-        told: dict[str, str] = {}
+        states: dict[str, str] = {}
         alerts: list[Sentence] = []
         for name, rig in self._rigs.items():
             connection, state = rig.connection, rig.arm.state
@@ -106,15 +106,15 @@ class HoldButtons(Part):
                 else:
                     del self._lost_at[name]
             modes[name] = None if lost else state.mode
-            told[name] = texts.mode(state, lost=lost)
+            states[name] = texts.mode(state, lost=lost)
             said = notice(connection, state, self._lost_at.get(name, datetime.now()))
             if said is not None:
                 alerts.append(texts.named(self._called(name), said))
-        one = len(set(told.values())) == 1
+        one = len(set(states.values())) == 1
         self._bar.state = (
-            next(iter(told.values()))
+            next(iter(states.values()))
             if one
-            else "; ".join(f"{name}: {words}" for name, words in told.items())
+            else "; ".join(f"{name}: {words}" for name, words in states.items())
         )
         self._bar.alert(_SOURCE, alerts)
         connected = [mode for mode in modes.values() if mode is not None]
@@ -129,15 +129,15 @@ class HoldButtons(Part):
     def _each(self, what: str, call: Callable[[RigLike], None]) -> None:
         for name, rig in self._rigs.items():
             arm = self._called(name)
-            self._beside(f"{what} {arm}".strip(), partial(call, rig))
+            self._in_background(f"{what} {arm}".strip(), partial(call, rig))
 
-    def _beside(self, what: str, call: Callable[[], None]) -> None:
+    def _in_background(self, what: str, call: Callable[[], None]) -> None:
         def ended(done: Future[Any]) -> None:
             error = done.exception()
             if error is not None:
                 self._context.events.add(f"Could not {what}: {error}", Tone.BAD)
 
-        self._context.beside(call).add_done_callback(ended)
+        self._context.in_background(call).add_done_callback(ended)
 
 
 def _release(rig: RigLike) -> None:

@@ -1,4 +1,4 @@
-"""The Servos tab: find out what this arm's servos are like, and weigh what it carries."""
+"""The Servos tab: identify this arm's servos, and weigh what it carries."""
 
 from __future__ import annotations
 

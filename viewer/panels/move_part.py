@@ -37,7 +37,7 @@ class MovePart(Part):
 
     Args:
         stops: What Stop calls, each in a thread of its own.
-        atlas: What the arm reaches, shaded while the target is dragged; else that is computed.
+        atlas: Is shaded while the target is dragged; without one the reach is computed.
 
     Attributes:
         stop_button: What the bar's Stop presses.
@@ -58,7 +58,7 @@ class MovePart(Part):
             arm=arm,
             gripper=context.rig.gripper,
             load_solver=TargetSolver.load,
-            submit=context.beside,
+            submit=context.in_background,
             now=context.rig.clock.now,
             welcome=f"{title}. Drag the arrows, then press Plan.",
         )
@@ -127,7 +127,7 @@ class MovePart(Part):
         self._stage.fade(faded)
 
     def mark(self, joints: Mapping[str, Tone]) -> None:
-        """Colour what these joints move, for each is in an alarm of that tone."""
+        """Colour the links that these joints move, each in the tone of its alarm."""
         self._stage.mark(joints)
 
     def refresh(self) -> bool:

@@ -1,4 +1,4 @@
-"""Widgets that plan, show a plan, and execute it: of one arm, or of several that move together."""
+"""Widgets that plan, preview and execute a motion of one arm or of several together."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PlanControls:
     """Adds widgets for plans where its methods are called.
 
     Attributes:
-        plan_button: What plans.
+        plan_button: The button Plan.
     """
 
     plan_button: viser.GuiButtonHandle
@@ -36,7 +36,7 @@ class PlanControls:
     def add_buttons(self) -> None:
         """Plan and Execute."""
         gui = self._context.gui
-        # The key P presses it, and none executes: what moves the arm is pressed after looking.
+        # The key P presses it; no key executes, so that people look at the plan first.
         self.plan_button = gui.add_button("Plan", icon=viser.Icon.ROUTE)
         self._context.on_press(self.plan_button, self._page.plan)
         self._execute = gui.add_button(
@@ -82,7 +82,7 @@ class PlanControls:
         )
 
     def set_duration(self, duration: float) -> None:
-        """Let the timeline be so long [s]."""
+        """Set the length of the timeline [s]."""
         self._preview.max = math.ceil(100.0 * duration) / 100.0
 
     def show(self, screen: Screen | CellScreen, plots: list[str]) -> None:

@@ -24,7 +24,8 @@ _PLOT_SIZE = (390, 305)  # between the panels of the narrowest window that has b
 _MARGIN = 12
 
 _LINES = 8
-"""Of the figures of two plans side by side: seven, and one for a clearance with long names."""
+"""Lines reserved for two plans side by side: seven figures, and one for a clearance with long
+names."""
 
 SELECTS, AIMS, MEASURES = "selects", "sets the target", "measures"
 CLICKS = (SELECTS, AIMS, MEASURES)
@@ -44,7 +45,7 @@ class PlanPanel:
     """The Move tab, and the panel with the plots of the newest plan.
 
     Args:
-        on_click: Told what clicks in the picture do, one of ``CLICKS``.
+        on_click: Called with what clicks in the picture do, one of ``CLICKS``.
 
     What is used for every motion comes first, so that Plan and Execute are seen on a phone without
     scrolling.
@@ -87,7 +88,7 @@ class PlanPanel:
 
     @property
     def plan_button(self) -> viser.GuiButtonHandle:
-        """What plans."""
+        """The button Plan."""
         return self._plan.plan_button
 
     def show(self, screen: Screen) -> None:

@@ -26,11 +26,11 @@ _GRAY = "#868e96"
 _HEIGHT = 150
 NO_PLAN = "No plan yet."
 _MOST_POINTS = 400
-"""More samples than the plot has pixels would be wasted on the wire."""
+"""Chosen: more samples than the plot has pixels would be wasted."""
 
 _LEAST_ERROR_DEG = 0.1
-"""The plot of the tracking error shows at least so much to either side [deg]; chosen: else a
-perfect motion would look like a storm."""
+"""The plot of the tracking error shows at least this much to either side [deg]; chosen: else the
+noise of a perfect motion would fill it."""
 
 
 class PlanPlots:
@@ -85,7 +85,7 @@ class PlanPlots:
         self._position.data = _columns(t, q, nearest_limit(q, bounds))
 
     def show_tracking(self, tracking: Tracking, name: str) -> None:
-        """Plot the tracking error of the motion that ``name`` tells, and show it in figures."""
+        """Plot the tracking error of the motion ``name``, and show it in figures."""
         keep = np.unique(np.linspace(0, len(tracking.t) - 1, _MOST_POINTS).astype(int))
         most = np.radians(_LEAST_ERROR_DEG)
         self._error.data = _columns(tracking.t[keep], tracking.error[keep], most, -most)

@@ -22,7 +22,7 @@ class PoseFolder:
             save = gui.add_button_group(
                 "Save", tuple(SOURCES), hint="Where the arm is, or where the ghost is"
             )
-            self._undo = UndoButtons(context, "Saved poses", poses.shelf)
+            self._undo = UndoButtons(context, "Saved poses", poses.saved_files)
         self._chosen = SharedField(self._list, poses.choose, context, shown=str)
         self._name = SharedField(self._text, poses.call, context, shown=str)
         context.on_choice(self._use, lambda name: COMMANDS[name](poses))

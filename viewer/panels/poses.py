@@ -10,8 +10,8 @@ from so101_motion.common.named_poses import NamedPose
 from so101_motion.files.saved_poses import SavedPoses
 
 from ..page import texts
+from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence
-from ..page.shelf import Shelf
 from ..view_model import ViewModel
 
 
@@ -19,18 +19,18 @@ class PoseList:
     """The user's own poses. For the page's thread.
 
     Args:
-        page: Has the arm and the target, and says what came of it.
+        page: Has the arm and the target, and shows the outcome.
 
     Attributes:
-        poses: As they were read last; the file is read again with every change.
-        shelf: Undoes what was done to their file.
-        chosen: Name of the one to be used, or None.
-        name: What the next one is called.
+        poses: The poses, read again with every change.
+        saved_files: Undoes changes of their file.
+        chosen: Name of the selected one, or None.
+        name: The name for the next one.
     """
 
     def __init__(self, book: SavedPoses, page: ViewModel) -> None:
         self._book, self._page = book, page
-        self.shelf = Shelf(lambda _name: book.file(), lambda: (), self._put_back)
+        self.saved_files = SavedFiles(lambda _name: book.file(), lambda: (), self._put_back)
         self.poses: tuple[NamedPose, ...] = ()
         self.chosen: str | None = None
         self.name = ""
@@ -64,14 +64,14 @@ class PoseList:
     def rename(self) -> None:
         """Rename the selected pose to the typed name."""
         chosen = self._chosen()
-        with self.shelf.changing(chosen):
+        with self.saved_files.changing(chosen):
             self._book.rename(chosen, self.name)
         self._changed(self.name.strip(), texts.renamed(chosen, self.name.strip()))
 
     def delete(self) -> None:
         """Delete the selected pose."""
         chosen = self._chosen()
-        with self.shelf.changing(chosen):
+        with self.saved_files.changing(chosen):
             self._book.delete(chosen)
         self._changed(None, texts.deleted(chosen))
 
@@ -79,7 +79,7 @@ class PoseList:
         self._changed(self.chosen, sentence)
 
     def _save(self, q: Array) -> None:
-        with self.shelf.changing(self.name):
+        with self.saved_files.changing(self.name):
             pose = self._book.save(self.name, q)
         self._changed(pose.name, texts.saved(pose.name))
 
@@ -107,4 +107,4 @@ SOURCES: dict[str, Callable[[PoseList], None]] = {
     "current pose": PoseList.save_arm,
     "target": PoseList.save_target,
 }
-"""What can be saved, likewise."""
+"""What can be saved as a pose, by the names on the buttons."""

@@ -47,7 +47,7 @@ class SharedMotion:
     Attributes:
         view: Its plan.
         run: How it was carried out, or None for the plan alone.
-        lerobot: How LeRobot counts for this arm.
+        lerobot: LeRobot's units for this arm.
         title: Which arm it is.
     """
 

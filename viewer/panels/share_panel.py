@@ -34,7 +34,7 @@ class SharePart(Part):
     """Offers motions for download.
 
     Args:
-        page: Knows the newest plan and how the newest motion was followed.
+        page: Has the newest plan and the newest run.
     """
 
     def __init__(self, context: ArmContext, page: ViewModel, *, title: str) -> None:
@@ -96,7 +96,7 @@ class SharePart(Part):
             _PendingFile(
                 client=client,
                 name=file_name(subject, kind, datetime.now()),
-                file=self._context.beside(lambda: content(subject, kind)),
+                file=self._context.in_background(lambda: content(subject, kind)),
             )
         )
 

@@ -25,7 +25,7 @@ from ..page.target_ik import FRAMES
 from ..view_model import ViewModel
 
 _FRAME_NAMES = {frame: frame.replace("_", " ") for frame in FRAMES}
-_ROUNDING = 1e-6  # 110 degrees came in as a float in radians
+_ROUNDING = 1e-6  # 110 degrees, converted to radians and back, is not exactly 110
 _NEAREST = "take the nearest"
 _HERE = "here"
 """Among the named poses: where the arm is now."""
@@ -64,7 +64,7 @@ class TargetControls:
         self._context.on_choice(poses, self._choose)
 
     def add_choices(self) -> None:
-        """What a target is for, which way the gripper points, and single joints."""
+        """The frame of the target, the gripper's direction, single joints, and undo."""
         gui = self._context.gui
         self._history = gui.add_button_group("Target", ("undo", "redo"))
         self._context.on_choice(

@@ -1,9 +1,9 @@
 """State and commands of the Program tab of several arms, without viser.
 
-A step says which arms go where, side by side. All of a program is planned before anything moves;
-the plan is dropped when the steps, an arm's place, its speed limits or its surroundings change.
-Nothing here waits: slow calls are futures that ``refresh`` collects. One thread owns a
-``CellProgramModel``.
+A step says where each arm goes; they go at the same time. All of a program is planned before
+anything moves; the plan is dropped when the steps, an arm's place, its speed limits or its
+surroundings change. Nothing here waits: slow calls are futures that ``refresh`` collects. One
+thread owns a ``CellProgramModel``.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from so101_motion.tasks.program.rehearsal import stands_at
 from ..page import texts
 from ..page.history import History
 from ..page.playback import Playback
+from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence
-from ..page.shelf import Shelf
 from ..view_model import ViewModel
 from . import program_texts as words
 from .cell_rehearsal_time import CellRehearsalTime
@@ -56,15 +56,15 @@ class CellProgramModel:
     """State and commands of the Program tab of several arms.
 
     Args:
-        cell: In which the arms keep apart.
+        cell: Keeps the arms apart.
         arms: Target and picture of each arm, by its name in the cell.
-        submit: Runs a slow call beside.
+        submit: Runs a slow call on another thread.
 
     Attributes:
         chosen: Index of the step that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
-        shelf: The user's programs.
-        timeline: The plan of all of it on a line of time, as long as it holds; else None.
+        saved_files: The user's programs.
+        timeline: The plan of the whole program over time, as long as it is valid; else None.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class CellProgramModel:
         self._edited = _Edited()
         self._history = History(self._edited)
         self.chosen: int | None = None
-        self.name, self.shelf = "", Shelf(_file_of, _listed, self._tell)
+        self.name, self.saved_files = "", SavedFiles(_file_of, _listed, self._tell)
         self.timeline: CellRehearsalTime | None = None
         self._playback = Playback()
         self._sentence = words.CELL_WELCOME
@@ -91,7 +91,7 @@ class CellProgramModel:
 
     @property
     def steps(self) -> Steps:
-        """In each a waypoint for each arm that has something to do, by its name."""
+        """The steps: in each a waypoint for every arm that moves, by its name."""
         return self._edited.steps
 
     @property
@@ -100,7 +100,7 @@ class CellProgramModel:
         return self._edited.rounds
 
     def record(self, names: Sequence[str]) -> None:
-        """Add a step in which these arms go to their targets, side by side."""
+        """Add a step in which these arms go to their targets at the same time."""
         number = len(self.steps) + 1
         self._edit((*self.steps, {name: self._at_target(name) for name in names}))
         self.chosen, self._sentence = number - 1, words.recorded_step(number)
@@ -179,7 +179,7 @@ class CellProgramModel:
     def save(self) -> None:
         """Save the program under its name; replaces one of that name."""
         program = self._program()
-        with self.shelf.changing(self.name) as file:
+        with self.saved_files.changing(self.name) as file:
             write_cell_program(program, file)
         self.name = file.stem
         self._sentence = words.saved(file)
@@ -193,7 +193,7 @@ class CellProgramModel:
 
     def delete(self, name: str) -> None:
         """Delete the file of the program ``name``; the edited program stays."""
-        with self.shelf.changing(name):
+        with self.saved_files.changing(name):
             files.delete(name, cell_folder())
         self._sentence = words.deleted(name)
 
@@ -293,12 +293,12 @@ class CellProgramModel:
         self._playback.advance(self._now())
         before = self._shown
         self._shown = (
-            self._edited, self.chosen, self.shelf.names, self.sentence, self.active, self.can_plan,
-            self.can_run, self.t, self.timeline,
+            self._edited, self.chosen, self.saved_files.names, self.sentence, self.active,
+            self.can_plan, self.can_run, self.t, self.timeline,
         )  # fmt: skip
         return self._shown != before
 
-    # How
+    # Helpers
 
     def _collect_plan(self) -> None:
         if self._planning is None or not self._planning.done():

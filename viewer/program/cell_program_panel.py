@@ -28,7 +28,7 @@ class CellProgramPart(Part):
     """The widgets of the Program tab of several arms.
 
     Args:
-        cell: In which the arms keep apart.
+        cell: Keeps the arms apart.
         arms: Target and picture of each arm, by its name in the cell.
         nodes: The node in the scene that stands where the arm's base does, by the same names.
     """
@@ -40,7 +40,7 @@ class CellProgramPart(Part):
         arms: Mapping[str, ViewModel],
         nodes: Mapping[str, str],
     ) -> None:
-        self.model = CellProgramModel(cell, arms, context.beside)
+        self.model = CellProgramModel(cell, arms, context.in_background)
         self._context = context.reporting(self.model.report)
         self._names, self._places = tuple(arms), cell.places
         self._arms = tuple(arms.values())

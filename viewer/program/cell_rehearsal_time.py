@@ -1,4 +1,4 @@
-"""A planned program of several arms on one line of time: motions, jaws and pauses."""
+"""A planned program of several arms over time: motions, jaws and pauses."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from ..cell_model import Between
 from .rehearsal_time import SHOWN_PAUSE
 
 _LOOKS = 15
-"""Instants of a motion at which the clearance is computed; chosen, two milliseconds."""
+"""Instants of a motion at which the clearance is computed; chosen: takes two milliseconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Span:
-    """A step on the line: when it begins, when all arms have arrived, and when it ends [s].
+    """A step over time: when it begins, when all arms have arrived, and when it ends [s].
 
-    Then jaws go to an angle [rad] in a time [s], by the name of their arm.
+    Once all arms have arrived, jaws go to an angle [rad] in a time [s], by the name of their arm.
     """
 
     index: int
@@ -55,7 +55,7 @@ class _Span:
 class CellRehearsalTime:
     """A first round of a planned program, and the first step of the next if there are more.
 
-    Jaws are taken to move at their own pace, which what they grip may change.
+    Jaws are assumed to close at full speed; an object in them ends that earlier.
 
     Args:
         rehearsal: What was planned.
@@ -63,8 +63,8 @@ class CellRehearsalTime:
 
     Attributes:
         rehearsal: What was planned.
-        clearances: What is between every two arms over all of it.
-        nearest: How near two arms come to each other in a step [m].
+        clearances: The clearance of every two arms over the whole program.
+        nearest: How near two arms come to each other in each step [m].
     """
 
     def __init__(self, rehearsal: CellRehearsal, places: Mapping[str, Place]) -> None:
@@ -143,6 +143,6 @@ class CellRehearsalTime:
 
 
 def _rows(stands: list[Stand]) -> Course:
-    """Where an arm is, one second apart, whenever that is."""
+    """The configurations of an arm, as if one second apart."""
     q: Array = np.array([np.append(each.q, each.q_jaw) for each in stands])
     return Course(t=0.0, dt=1.0, q=q)

@@ -13,8 +13,8 @@ from ..page import markup
 from ..page.bar import board, uuid_of
 from ..page.markup import Timeline
 from ..page.page_context import PageContext
+from ..page.saved_files import SavedFiles
 from ..page.shared_fields import SharedField, UndoButtons, grey, put
-from ..page.shelf import Shelf
 
 _RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
 _NONE = "none"
@@ -40,8 +40,8 @@ class FileKeeper(Protocol):
     """Saves and loads programs."""
 
     @property
-    def shelf(self) -> Shelf:
-        """Where they are kept."""
+    def saved_files(self) -> SavedFiles:
+        """Their files."""
 
     def call(self, name: str) -> None:
         """Set the name for saving."""
@@ -70,7 +70,7 @@ class Player(Protocol):
 
 
 class Timed(Protocol):
-    """What has a place on a line of time."""
+    """Something with a duration."""
 
     @property
     def duration(self) -> float:
@@ -84,8 +84,8 @@ class RowList:
     """The steps of a program in rows; a row is chosen by a press and moved by dragging it.
 
     Args:
-        choose: Told the index of the row that is pressed, also when it is the chosen one.
-        reorder: Told which row was dragged, and where to, as indices.
+        choose: Called with the index of the row that is pressed, also when it is the chosen one.
+        reorder: Called with the indices of the row that was dragged, and of its new place.
     """
 
     def __init__(
@@ -113,11 +113,11 @@ class RowList:
     def _pick(self, number: str) -> None:
         if number.isdigit():
             self._choose(int(number) - 1)
-        put(self._picked, "")  # so that the same row can be told again
+        put(self._picked, "")  # so that the same row can be pressed again
 
-    def _drag(self, told: str) -> None:
-        """Move a row: the browser tells a count, from where, and to where."""
-        places = [int(word) for word in told.split()[1:] if word.isdigit()]
+    def _drag(self, entry: str) -> None:
+        """Move a row: the browser sends a count, from where, and to where."""
+        places = [int(word) for word in entry.split()[1:] if word.isdigit()]
         if len(places) == 2:
             self._reorder(*places)
 
@@ -175,11 +175,11 @@ class WaypointFields:
 
 
 class RehearsalFields:
-    """A planned program on a line of time: where its ghosts stand, and what plays it.
+    """The timeline of a planned program: where its ghosts stand, and buttons that play it.
 
     Args:
-        player: Told where the ghosts shall stand, and how fast they go.
-        hint: What is said about the buttons.
+        player: Places and plays the ghosts.
+        hint: The help text of the buttons.
     """
 
     def __init__(self, context: PageContext, player: Player, *, hint: str) -> None:
@@ -242,8 +242,8 @@ class FileFields:
             write = gui.add_button_group("Program", ("save", "new"))
             self._saved = saved = gui.add_dropdown("Saved", (_NONE,))
             self._use = gui.add_button_group("Saved one", ("load", "delete"))
-            self._undo = UndoButtons(context, "Files", keeper.shelf)
-        self._shelf = keeper.shelf
+            self._undo = UndoButtons(context, "Files", keeper.saved_files)
+        self._shelf = keeper.saved_files
         writes = {"save": keeper.save, "new": keeper.clear}
         uses = {"load": keeper.load, "delete": keeper.delete}
         context.on_choice(write, lambda chosen: writes[chosen]())

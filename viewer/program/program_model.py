@@ -34,8 +34,8 @@ from so101_motion.tasks.program.rehearsal import stands_at
 from ..page.guiding import Guiding
 from ..page.history import History
 from ..page.playback import Playback
+from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence
-from ..page.shelf import Shelf
 from ..page.target_ik import Surroundings, TargetSolver
 from . import program_texts as words
 from .program_screen import ProgramScreen
@@ -55,7 +55,7 @@ class ProgramModel:
         q_arm: Where the arm is, as it can be gone to again, shape (5,), [rad].
 
     Attributes:
-        shelf: The user's programs.
+        saved_files: The user's programs.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class ProgramModel:
         self._playback = Playback()
         self._chosen: int | None = None
         self._name = ""
-        self.shelf = Shelf(files.file_of, files.names, self._tell)
+        self.saved_files = SavedFiles(files.file_of, files.names, self._tell)
         self._sentence = words.WELCOME
         self._rehearsing: Future[tuple[RehearsalTime, dict[int, float]]] | None = None
         self._timeline: RehearsalTime | None = None
@@ -117,7 +117,7 @@ class ProgramModel:
     def set_aperture(self, aperture: float | None) -> None:
         """Set the jaw's aperture at the selected waypoint, 0 to 1; None to leave it.
 
-        A waypoint with something to do for the jaw is stopped at.
+        The arm stops at a waypoint where the jaw moves.
         """
         passed = self._program.waypoints[self._chosen_index()].passes
         self._change(aperture=aperture, passes=passed and aperture is None)
@@ -208,7 +208,7 @@ class ProgramModel:
         """Save the program under its name; replaces one of that name."""
         if not self._program.waypoints:
             raise ConfigError("program", None, "record a waypoint first")
-        with self.shelf.changing(self._name) as file:
+        with self.saved_files.changing(self._name) as file:
             files.write(self._program, file)
         self._name = file.stem
         self._sentence = words.saved(file)
@@ -222,7 +222,7 @@ class ProgramModel:
 
     def delete(self, name: str) -> None:
         """Delete the file of the program ``name``; the edited program stays."""
-        with self.shelf.changing(name):
+        with self.saved_files.changing(name):
             files.delete(name)
         self._sentence = words.deleted(name)
 
@@ -280,7 +280,7 @@ class ProgramModel:
         """Show that a command failed."""
         self._sentence = words.ended(error)
 
-    # What time brings
+    # Updates
 
     def refresh(self) -> bool:
         """Take in changes since the last call; return whether there is anything new to show."""
@@ -297,7 +297,7 @@ class ProgramModel:
             run and run.where,
             self._timeline,
             self._program,
-            self.shelf.names,
+            self.saved_files.names,
         )
         before, self._shown = self._shown, seen
         pairs = zip(seen, before, strict=False)
@@ -322,7 +322,7 @@ class ProgramModel:
             t=self._playback.t,
         )
 
-    # How
+    # Helpers
 
     def _status(self) -> Sentence:
         if self._run is not None:
@@ -437,7 +437,7 @@ def next_letter(taken: Iterable[str]) -> str:
 
 
 def things_around(arm: Arm) -> tuple[object, ...]:
-    """What the plans of an arm depend on beside its place."""
+    """What an arm's plans depend on besides its position."""
     return (arm.scene, arm.range, arm.speed, arm.acceleration)
 
 

@@ -38,7 +38,7 @@ class ProgramPart(Part):
             arm=rig.arm,
             gripper=rig.gripper,
             clock=rig.clock,
-            submit=context.beside,
+            submit=context.in_background,
             q_arm=lambda: page.q_arm,
             q_target=lambda: page.target.q,
             set_target=page.set_target_joints,

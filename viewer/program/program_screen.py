@@ -19,7 +19,7 @@ class ProgramScreen:
         chosen: Index of the waypoint that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
         sentence: What to know or to do now.
-        timeline: The plan of all of it on a line of time, as long as it holds; else None.
+        timeline: The plan over time, as long as it is valid; else None.
         clearances: How near each step of that plan comes to anything [m], by index.
         run: What is being run; else None.
         guided: Whether the arm yields to a hand.

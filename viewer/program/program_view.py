@@ -38,7 +38,7 @@ class Ghost(NamedTuple):
 
 
 class GhostView:
-    """A see-through arm where a rehearsal is.
+    """A see-through arm that shows a rehearsal.
 
     Args:
         root: Name of its root node.
@@ -68,7 +68,7 @@ class ProgramView:
 
     Args:
         model: Kinematics; used by the thread that calls ``show`` alone.
-        on_pick: Given each dot and its waypoint's index, to be told when it is clicked.
+        on_pick: Called with each dot and its waypoint's index, to connect clicks.
     """
 
     def __init__(
@@ -87,12 +87,12 @@ class ProgramView:
     def show(
         self, program: Program, rehearsal: Rehearsal | None, ghost: Ghost | None, arm: JointState
     ) -> None:
-        """Draw program, plan and ghost, where it is not in the arm; sends only what differs."""
+        """Draw program, plan and ghost; sends only what differs."""
         self._ghost.show(self._model, ghost, arm)
         self._draw(program, rehearsal)
 
     def hide(self) -> None:
-        """Draw nothing, as of a program without waypoints."""
+        """Draw nothing."""
         self._ghost.hide()
         self._draw(_EMPTY, None)
 

@@ -1,4 +1,4 @@
-"""A planned program on one line of time: motions, jaw and pauses, one after the other."""
+"""A planned program over time: motions, jaw and pauses, one after the other."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from so101_motion.tasks.program.program import Visit
 from so101_motion.tasks.program.rehearsal import ProgramLeg
 
 SHOWN_PAUSE = 2.0
-"""Longer pauses are shown for this long [s]; chosen, nobody looks at one for an hour."""
+"""Longer pauses are shown for this long [s]; chosen."""
 
 _LOOKS = 15
 """Configurations of a step at which the clearance is computed; chosen, a few milliseconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stage:
+class Phase:
     """A piece of a rehearsal in which one thing happens.
 
     Attributes:
@@ -62,8 +62,8 @@ class Stage:
 class RehearsalTime:
     """A first round of a planned program, and the way back to the first stop if there are more.
 
-    Loops are shown twice: the second time stands for all later ones. The jaw is taken to move at
-    its own pace, which what it grips may change.
+    Loops are shown twice: the second time stands for all later ones. The jaw is assumed to move at
+    full speed; an object in it ends that earlier.
 
     Args:
         rehearsal: What was planned.
@@ -73,7 +73,7 @@ class RehearsalTime:
     def __init__(self, rehearsal: Rehearsal, angle_of: Callable[[float], float]) -> None:
         self.rehearsal = rehearsal
         self._angle_of = angle_of
-        self._stages: list[Stage] = []
+        self._phases: list[Phase] = []
         self._q, self._q_jaw = rehearsal.q_start, rehearsal.q_jaw_start
         for visit, leg, _ in rehearsal.visits:
             self._visit = visit
@@ -85,20 +85,20 @@ class RehearsalTime:
     @property
     def duration(self) -> float:
         """How long all of it takes [s], with pauses as they are shown."""
-        return self._stages[-1].ends if self._stages else 0.0
+        return self._phases[-1].ends if self._phases else 0.0
 
     def at(self, t: float) -> tuple[int, Array, float]:
         """The waypoint that is gone to, the arm (5,) and the jaw [rad] at a time [s]."""
-        if not self._stages:
+        if not self._phases:
             return 0, self._q, self._q_jaw
-        place = bisect_right([each.begins for each in self._stages], max(t, 0.0)) - 1
-        stage = self._stages[place]
-        return (stage.index, *stage.at(t))
+        place = bisect_right([each.begins for each in self._phases], max(t, 0.0)) - 1
+        phase = self._phases[place]
+        return (phase.index, *phase.at(t))
 
     def spans(self) -> tuple[tuple[Visit, int, float, float], ...]:
-        """The pieces of the time line: arrival, index of the waypoint, begin and end [s]."""
-        pieces = groupby(self._stages, lambda stage: (stage.visit, stage.index))
-        together = ([*stages] for _, stages in pieces)
+        """The pieces of the timeline: arrival, index of the waypoint, begin and end [s]."""
+        pieces = groupby(self._phases, lambda phase: (phase.visit, phase.index))
+        together = ([*phases] for _, phases in pieces)
         return tuple(
             (each[0].visit, each[0].index, each[0].begins, each[-1].ends) for each in together
         )
@@ -106,18 +106,18 @@ class RehearsalTime:
     def clearances(self, clearance: Callable[[Array, float], Clearance]) -> dict[int, float]:
         """How near the arm comes to anything on the way to each waypoint [m]."""
         nearest: dict[int, float] = {}
-        for stage in self._stages:
-            if stage.plan is not None:
-                looks = (stage.at(t) for t in np.linspace(stage.begins, stage.ends, _LOOKS))
+        for phase in self._phases:
+            if phase.plan is not None:
+                looks = (phase.at(t) for t in np.linspace(phase.begins, phase.ends, _LOOKS))
                 found = min(clearance(q, q_jaw).distance for q, q_jaw in looks)
-                nearest[stage.index] = min(found, nearest.get(stage.index, np.inf))
+                nearest[phase.index] = min(found, nearest.get(phase.index, np.inf))
         return nearest
 
     def _add(
         self, index: int, lasts: float, q_jaw: float, plan: Plan | None = None, begins: float = 0.0
     ) -> None:
         now = self.duration
-        stage = Stage(
+        phase = Phase(
             visit=self._visit,
             index=index,
             begins=now,
@@ -128,7 +128,7 @@ class RehearsalTime:
             plan_begins=begins,
         )
         if lasts > 0.0:
-            self._stages.append(stage)
+            self._phases.append(phase)
 
     def _add_leg(self, leg: ProgramLeg) -> None:
         if leg.plan is None:

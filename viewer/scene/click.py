@@ -8,12 +8,12 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.scene import Box, Capsule, Scene, Sphere
 
 _STEP, _FURTHEST = 0.002, 3.0
-"""A capsule is looked for in steps along the ray, and nothing is looked for further away [m];
-chosen: the arm reaches half a metre, the camera stands within two."""
+"""Step along the ray in the search for a capsule, and where the search ends [m]; chosen: the arm
+reaches half a metre, the camera stands within two."""
 
 
 def hit(scene: Scene, p_from: Array, along: Array) -> Array | None:
-    """Where a ray first meets a thing of ``scene``, shape (3,), [m]; None if it meets none.
+    """Where a ray first hits something of ``scene``, shape (3,), [m]; None if it hits nothing.
 
     Meshes and point clouds are passed through.
 

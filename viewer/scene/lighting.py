@@ -32,7 +32,7 @@ arm's workspace, which it looks at [m]. Chosen."""
 
 _FOLLOW = "Follow"
 _BEHIND_TOOL = np.array([0.25, -0.40, 0.22])
-"""Where the camera stands that goes along with the tool, seen from it [m]; chosen."""
+"""Where the camera that follows the tool stands, seen from the tool [m]; chosen."""
 
 _GROUND, _KEY_LIGHT = (160, 160, 160), (0.6, -1.0, 0.5)
 """Chosen by comparing pictures with those in viser's ``studio`` surroundings."""
@@ -40,7 +40,7 @@ _GROUND, _KEY_LIGHT = (160, 160, 160), (0.6, -1.0, 0.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sight:
-    """What the camera shall show.
+    """What the camera shows.
 
     Attributes:
         middle: What it looks at, shape (3,), [m].
@@ -52,7 +52,7 @@ class Sight:
 
     @classmethod
     def of_arms(cls, bases: Sequence[SE3]) -> Sight:
-        """All arms whose bases stand there."""
+        """Show all arms, whose bases stand there."""
         middles = np.array([T @ MIDDLE for T in bases])
         ends = np.array([T.p for T in bases])
         spread = float(np.linalg.norm(np.ptp(np.concatenate([middles, ends]), axis=0)))
@@ -60,7 +60,7 @@ class Sight:
         return cls(middle=middles.mean(axis=0), size=1.0 + max(spread - own, 0.0) / _WIDE)
 
     def at(self, p: Array) -> Array:
-        """A place that is given for one arm, seen from the middle, shape (3,), [m]."""
+        """Where the camera stands, shape (3,), [m], that stands at ``p`` for a single arm."""
         return self.middle + self.size * p
 
 
@@ -89,7 +89,7 @@ class Views:
 
     Args:
         sight: What they show.
-        follows: Whether the camera can go along with a tool, which ``moved`` tells of.
+        follows: Whether there is a button to follow the tool; then ``moved`` must be called.
 
     Attributes:
         buttons: Their labels and invisible widgets.
@@ -109,7 +109,7 @@ class Views:
         self.buttons = tuple(buttons)
 
     def moved(self, p_tool: Array) -> None:
-        """Take the cameras along with the tool, at ``p_tool``, shape (3,), [m]."""
+        """Move the cameras that follow the tool, which is at ``p_tool`` now, shape (3,), [m]."""
         before, self._p_tool = self._p_tool, p_tool
         if not self._following or before is None or np.allclose(before, p_tool, atol=1e-4):
             return

@@ -30,7 +30,7 @@ class Measuring:
         self._nodes: list[Any] = []
 
     def take(self, p: Array) -> str:
-        """Take a point, shape (3,), [m]; returns what there is to say."""
+        """Take a point, shape (3,), [m]; returns the distance, or what to click next."""
         if len(self._points) == 2:
             self.clear()
         self._points.append(p)
@@ -52,7 +52,7 @@ class Measuring:
         return f"{distance_text(a, b)}."
 
     def clear(self) -> None:
-        """Take the line away."""
+        """Remove the line."""
         for node in self._nodes:
             node.remove()
         self._nodes, self._points = [], []

@@ -15,10 +15,10 @@ _GHOSTS = 5
 """Configurations that show the swept motion; chosen: more of them hide the arm."""
 
 _LOOKS = 40
-"""Configurations at which the clearance is computed; chosen, a few milliseconds."""
+"""Configurations at which the clearance is computed; chosen: takes a few milliseconds."""
 
 _LINE = 60
-"""Points of the line of a frame other than the tool; chosen, it looks smooth."""
+"""Points of the path of a frame other than the tool; chosen: it looks smooth."""
 
 
 def plan_view(
@@ -34,8 +34,8 @@ def plan_view(
 
     Args:
         plan: The plan.
-        solver: Knows the arm and what is around it.
-        frame: Whose line is drawn.
+        solver: Computes clearances and points.
+        frame: The frame whose path is drawn.
         scene: What it was made for.
         q_jaw: Jaw angle then [rad].
         name: What the page calls it.

@@ -1,4 +1,4 @@
-"""Shade how far a frame of the gripper reaches at a height, while its target is dragged."""
+"""Shade what the gripper reaches at the height of the target, while the target is dragged."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from so101_motion.tasks.sweeps.atlas import Atlas
 from so101_motion.tasks.sweeps.atlas_view import Shown, voxels
 
 _SAMPLES = (40, 40, 24)
-"""Angles of lift, elbow and wrist that are tried; chosen, some hundredths of a second."""
+"""Angles of lift, elbow and wrist that are tried; chosen: takes some hundredths of a second."""
 
 _BAND, _CELL, _GAP = 0.012, 0.01, 0.04
-"""How near in height a sample must be, how finely rings are told apart, and the least hole between
-two of them [m]. Chosen: the edge of the shade is within 15 mm of the true one."""
+"""How near in height a sample must be, the least width of a ring, and the least gap between two of
+them [m]. Chosen: the edge of the shade is within 15 mm of the true one."""
 
 _COLOR, _OPACITY, _OF_ATLAS = (47, 158, 68), 0.22, 0.5
 _SECTORS = 72
@@ -28,7 +28,7 @@ _HALVES = np.array([(0, 1, 2), (0, 2, 3)])
 
 
 class Reach:
-    """How far a frame reaches, obstacles and the gripper's direction aside.
+    """How far a frame reaches, whatever the obstacles and the gripper's direction.
 
     Attributes:
         pan: The least and the largest angle about the base [rad].
@@ -72,8 +72,8 @@ class ReachView:
     Args:
         scene: Where it is shown.
         model: The arm.
-        atlas: What it reaches among what surrounds it, and how well: a frame that it is of is
-            shaded with the colours of the torque that is left.
+        atlas: For the atlas's own frame, its cells are shown instead, coloured by the torque
+            that is left.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class ReachView:
             )  # fmt: skip
 
     def hide(self) -> None:
-        """Take the shade away."""
+        """Remove the shade."""
         if self._node is not None:
             self._node.remove()
         self._node = self._shown = None

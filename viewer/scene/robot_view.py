@@ -27,14 +27,14 @@ MOVED_LINK = {
     "wrist_roll": "gripper_link",
     GRIPPER_JOINT: "moving_jaw_so101_v1_link",
 }
-"""What each joint's motor moves; that is lit when the joint is meant."""
+"""The link that each joint's motor moves; it is highlighted for the joint."""
 
 
 class RobotView:
     """One arm in the scene.
 
-    A link's meshes are sent when it is to be seen for the first time: widgets made meanwhile come
-    first in the browser, and an arm that nobody looks at costs nothing.
+    A link's meshes are sent when it is shown for the first time: widgets reach the browser first,
+    and an arm that is hidden costs nothing.
 
     Args:
         root: Name of its root node, e.g. ``"/live"``.

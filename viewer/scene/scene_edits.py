@@ -1,6 +1,6 @@
-"""Edit scenes: each function takes a scene and returns the next.
+"""Edit scenes: each function takes a scene and returns the changed one.
 
-References to a thing by name (``may_touch``) follow when it is renamed and go when it is removed.
+Renaming or removing a thing also updates references to it (``may_touch``).
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ NEW_SHAPES: dict[str, Shape] = {
     "sphere": Sphere(radius=0.03),
     "capsule": Capsule(radius=0.015, length=0.12),
 }
-"""What is added at a press, by its name; chosen: about what a hand takes."""
+"""Shapes that a button adds, by name; chosen: about the size of what a hand takes."""
 
 _DISTANCE, _APART = 0.26, 0.10
 _ASIDE = tuple(math.radians(a) for a in (-35, 35, -60, 60, -85, 85, -110, 110, -10, 10))
-"""Where a new thing goes: on an arc around the base [rad], beside where the arm mostly is."""
+"""Where a new thing goes: on an arc around the base [rad], aside of where the arm mostly is."""
 
 
 def things(scene: Scene) -> tuple[Thing, ...]:
@@ -70,7 +70,7 @@ def moved(thing: Thing, pose: SE3) -> Thing:
 
 
 def with_thing(scene: Scene, changed: Thing) -> Scene:
-    """``scene`` with ``changed``, which keeps its name and its kind, in place of what it was."""
+    """``scene`` with ``changed`` in place of the thing of the same name and kind."""
     name = changed.name
     if isinstance(changed, Obstacle):
         obstacles = (changed if each.name == name else each for each in scene.obstacles)
@@ -89,7 +89,7 @@ def resized(
     """A shape of the same kind with these dimensions [m]; meshes and clouds have none.
 
     Raises:
-        ConfigError: No such body can be.
+        ConfigError: The dimensions are impossible.
     """
     if isinstance(shape, Box) and size is not None:
         return Box(size=size)
@@ -107,8 +107,8 @@ def added(scene: Scene, shape: Shape, *, name: str, place: SE3 | None = None) ->
     """``scene`` with one more obstacle of this name, where there is room on the floor.
 
     Args:
-        scene: What is there.
-        shape: Of the new one.
+        scene: The scene.
+        shape: The shape of the new one.
         name: What it is called; a number follows.
         place: Where it is, seen from the base, if that is known.
     """

@@ -60,7 +60,7 @@ class SceneView:
     """Draws a scene and keeps the picture up to date.
 
     Args:
-        on_pick: Makes a node call something when it is clicked on, by the thing's name.
+        on_pick: Connects clicks on a node; called with the node and the thing's name.
     """
 
     def __init__(
@@ -79,8 +79,8 @@ class SceneView:
         """Draw ``scene``; sends only what differs.
 
         Args:
-            scene: What there is.
-            T_base_tool: Where what is held is carried.
+            scene: The scene.
+            T_base_tool: The tool, which carries held objects.
             chosen: Name of the thing to set off from the others.
         """
         self._show_floor(scene.floor_z)

@@ -33,7 +33,7 @@ class Stage:
 
     Args:
         model: Kinematics; used by the thread that calls ``show`` alone.
-        views: Told where the jaw's tip is; None if no camera goes along.
+        views: The cameras that can follow the jaw's tip; None without.
         root: The node that all nodes are under, placed where the arm's base stands; empty for an
             arm whose base is the origin.
         on_drag: Called with the new target point, shape (3,), [m].
@@ -129,12 +129,12 @@ class Stage:
         )
 
     def fade(self, faded: bool) -> None:
-        """Show the arm in grey because its place is not certain, or in its own colours."""
+        """Show the arm in grey because its position is not certain, or in its own colours."""
         self._is_faded = faded
         self._paint()
 
     def mark(self, joints: Mapping[str, Tone]) -> None:
-        """Colour what these joints move, by the tone of their alarm."""
+        """Colour the links that these joints move, by the tone of their alarm."""
         self._marks = dict(joints)
         self._paint()
 

@@ -1,8 +1,8 @@
 """Decide which of several browser windows is in control.
 
 The first window has control. Another may ask for it: the window in control hands it over or keeps
-it, and after ``PATIENCE`` without an answer it is handed over. Control that nobody has goes to
-whoever asks already, else to the next window that opens or presses something. Stop needs no
+it, and after ``PATIENCE`` without an answer it is handed over. When the window in control closes,
+the window that asks takes over, else the next one that opens or presses something. Stop needs no
 control. Any thread may call.
 """
 
@@ -33,9 +33,9 @@ class WindowStatus:
     """The state of a window.
 
     Attributes:
-        role: What it is.
-        other: The number of the window that matters to it: who has control, or who asks; else None.
-        seconds: How long the window in control may still think, rounded up; 0 if nobody asks.
+        role: Its role.
+        other: The number of the other window: the one in control, or the one that asks; else None.
+        seconds: How long the window in control may take to answer, rounded up; 0 if nobody asks.
     """
 
     role: Role
@@ -47,8 +47,8 @@ class WindowControl:
     """Knows the windows, the one in control, and the one that asks for it.
 
     Args:
-        now: What time it is [s].
-        tell: Told in a sentence what changed; called in order, from the thread that changed it.
+        now: The time [s].
+        tell: Called with a sentence for each change, from the thread that made it.
     """
 
     def __init__(self, now: Callable[[], float], tell: Callable[[str], None]) -> None:

@@ -2,9 +2,9 @@
 
 viser hands every message to a list of handlers, which change the widget for all browsers. The
 filter stands before them: a refused message changes nothing, and the window that sent it gets the
-true value back. What a window keeps to itself (view, tabs) and what is left open (Stop) passes.
-This uses viser's internals; its version is pinned and the tests press real buttons from a second
-window.
+true value back. Messages about the window's own view and tabs pass, and those for open widgets
+(Stop). This uses viser's internals; its version is pinned and the tests press real buttons from a
+second window.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _SCENE = (
     _messages.SceneNodeDragMessage,
     _messages.ScenePointerMessage,
 )
-"""All that a browser can do to what it shares with others."""
+"""All messages that change what the windows share."""
 
 
 class ControlFilter:
@@ -44,8 +44,8 @@ class ControlFilter:
     Args:
         server: Whose messages are filtered.
         may_act: Whether a window, by its client id, may act now.
-        refused: Told which window was refused something, by its id.
-        passed: Told which window, by its id, pressed which widget that was left open.
+        refused: Called with the id of a window whose message was refused.
+        passed: Called with the ids of a window and of the open widget that it pressed.
     """
 
     def __init__(

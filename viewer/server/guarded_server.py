@@ -42,10 +42,10 @@ _KNOCK_TIMEOUT = 10.0
 """How long the self-check waits for an answer [s]; generous, it comes within milliseconds."""
 
 DEFAULT_PORT = 8080
-"""Where a page is when nobody chooses a port and nobody else has this one."""
+"""The port of a page if none is chosen and this one is free."""
 
 PORTS_TRIED = 20
-"""How many ports are tried from there on, before it is an error."""
+"""How many ports are tried, counting up from that one."""
 
 
 class GuardError(So101Error):
@@ -238,7 +238,8 @@ def reached_at() -> str | None:
     """The address at which others reach this computer; None without a network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # an address of no one; chooses a way, sends nothing
+            # An address of nobody: this chooses an interface and sends nothing.
+            probe.connect(("192.0.2.1", 9))
         except OSError:
             return None
         address: str = probe.getsockname()[0]
@@ -266,4 +267,4 @@ def _quiet() -> Iterator[None]:
 
 _log = logging.getLogger(__name__)
 _log.addFilter(lambda record: record.getMessage() != "opening handshake failed")
-"""Broken requests of strangers are no event; everything else websockets reports is kept."""
+"""Broken requests of strangers are not logged; everything else that websockets reports is."""

@@ -1,7 +1,7 @@
 """Add our front end to the ``<head>`` of viser's page.
 
-It lies in ``front/``: the bar at the top with Stop and the ways home, colours and sizes, what
-happens to keys, and what is said when the connection is lost. Nothing is loaded from the network.
+It is in ``front/``: the bar at the top with Stop and other buttons, colours and sizes, keys, and
+the message for a lost connection. Nothing is loaded from the network.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from websockets.http11 import Response
 
 _FRONT = Path(__file__).with_name("front")
 _SCRIPTS = (
-    "link.js", "still.js", "bar.js", "jog.js", "names.js", "plot.js", "steps.js", "tabs.js",
+    "link.js", "double_click.js", "bar.js", "jog.js", "names.js", "plot.js", "steps.js", "tabs.js",
     "timeline.js",
 )  # fmt: skip
 
@@ -32,13 +32,13 @@ def add_head(reply: Response) -> None:
     if reply.status_code != 200 or "text/html" not in reply.headers.get("Content-Type", ""):
         return
     zipped = reply.headers.get("Content-Encoding") == "gzip"
-    reply.body = _dressed(bytes(reply.body), zipped)
+    reply.body = _with_front(bytes(reply.body), zipped)
     del reply.headers["Content-Length"]
     reply.headers["Content-Length"] = str(len(reply.body))
 
 
 @lru_cache(maxsize=2)  # one page, plain and compressed
-def _dressed(page: bytes, zipped: bool) -> bytes:
+def _with_front(page: bytes, zipped: bool) -> bytes:
     plain = gzip.decompress(page) if zipped else page
     begun = plain.replace(b"<head>", front(), 1)
     return gzip.compress(begun) if zipped else begun

@@ -1,7 +1,7 @@
 """Run the parts of a page on one thread.
 
-Forty times a second the thread ``so101-viewer`` runs the commands that browsers sent, lets each
-part look at the arm, and shows what changed. Slow calls run on a worker. Stop does not wait for
+Forty times a second the thread ``so101-viewer`` runs the commands that browsers sent, refreshes
+each part, and shows what changed. Slow calls run on a worker. Stop does not wait for
 this thread: viser's own thread drops every waiting command and stops the arm.
 """
 
@@ -46,12 +46,12 @@ class Host:
     """Runs parts on a server. Close it after use.
 
     Attributes:
-        gui: Where widgets are made.
+        gui: Makes widgets.
         windows: The browsers on the page.
-        events: What happened, for people.
+        events: The event log.
         bar: The bar at the top.
         front: The tab in front.
-        say: Told what a command raised; a part with a better place for it may take this over.
+        say: Called with what a command raised; a part that can show it better may replace this.
     """
 
     def __init__(self, server: GuardedServer) -> None:
@@ -106,7 +106,7 @@ class Host:
         }
 
     def _turn_to(self, name: str) -> None:
-        """Note which tab is in front, and tell the browsers that it is known."""
+        """Note which tab is in front, and confirm it to the browsers."""
         self.front.turn_to(name)
         self._front_html.content = board("front", tab=name, press=uuid_of(self._front_name))
 

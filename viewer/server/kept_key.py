@@ -1,7 +1,7 @@
 """Keep a page's key from one start of the program to the next.
 
 A browser that was left open finds its page again when the same command is started anew on the same
-port. The keys lie in the user's data folder, in a file that nobody else can read.
+port. The keys are in the user's data folder, in a file that nobody else can read.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ SCHEMA = "so101/page-keys/1"
 LIFETIME = 30 * 86_400.0
 """How long a key is used [s]; chosen: a month."""
 
-_MOST = 50  # keys that are kept; chosen, nobody has more arms
-_LEAST_LENGTH = 40  # characters of a key that is no accident
+_MOST = 50  # keys that are kept; chosen: nobody has more arms
+_LEAST_LENGTH = 40  # characters; shorter ones are not our keys
 
 log = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ KeyOf = Callable[[int], str]
 
 
 def new_key(_port: int = 0) -> str:
-    """A key that nobody has had before: 32 random bytes."""
+    """A new random key of 32 bytes."""
     return secrets.token_urlsafe(32)
 
 

@@ -1,6 +1,6 @@
 """Decide from the headers of a request who may talk to the page.
 
-Three attacks are meant: a page in the same browser opens a websocket to us (its ``Origin`` shows
+It stops three attacks: a page in the same browser opens a websocket to us (its ``Origin`` shows
 it); a page rebinds its own name to 127.0.0.1 (its ``Host`` shows it); another user or machine
 connects (it has no key). The key is 32 random bytes; see ``kept_key.py`` for how long it is valid.
 It reaches the browser once, in the printed link, and becomes a cookie that scripts cannot read and
@@ -32,8 +32,8 @@ _POLICY = (
     "worker-src blob:; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
     "connect-src {connect}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""What our page may load. ``connect-src`` is the point: viser's page takes the address of its
-server from a ``?websocket=`` parameter, and runs what that server tells it to."""
+"""What our page may load. ``connect-src`` matters most: viser's page takes the address of its
+server from a ``?websocket=`` parameter, and runs what that server sends."""
 
 _HTML = "text/html; charset=utf-8"
 

@@ -1,9 +1,9 @@
 """Keep track of the open browser windows and tell each whether it is in control.
 
-Each window has a line over the picture, with buttons to ask for control or to answer, while there
-is something to say; our front end shows it (``front/bar.js``). viser ignores a window until it has
-drawn its first picture, but its buttons, Stop among them, are there before; so a window counts from
-its connection on.
+When control is shared or asked for, each window has a line over the picture with buttons to ask or
+to answer; our front end shows it (``front/bar.js``). viser ignores a window until it has drawn its
+first picture, but its buttons, Stop among them, are there before; so here a window counts from its
+connection on.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Windows:
         self._filter.leave_open(*widgets)
 
     def leave_open_as_stop(self, *widgets: Any) -> None:
-        """The same for what stops the arm; logs who pressed it."""
+        """The same for buttons that stop the arm; logs which window pressed them."""
         self.leave_open(*widgets)
         self._stops.update(widget._impl.uuid for widget in widgets)
 
@@ -136,7 +136,7 @@ class Windows:
 
 
 async def _count(connection: WebsockClientConnection) -> None:
-    """Make viser count the window as connected: what reports that is its camera."""
+    """Make viser count the window as connected, which it does when the camera's pose arrives."""
     camera = _messages.ViewerCameraMessage(
         wxyz=(1.0, 0.0, 0.0, 0.0),
         position=(1.0, 1.0, 1.0),
@@ -147,7 +147,7 @@ async def _count(connection: WebsockClientConnection) -> None:
         image_width=1,
         look_at=(0.0, 0.0, 0.0),
         up_direction=(0.0, 0.0, 1.0),
-    )  # any will do, the window tells its own with each picture
+    )  # any pose will do: the window sends its own with each picture
     await connection._handle_incoming_message(ClientId(connection.client_id), camera)
 
 

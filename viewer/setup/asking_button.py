@@ -1,4 +1,4 @@
-"""A button that asks before it does anything: it acts when it is pressed twice."""
+"""A button that asks first and acts at the second press."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import viser
 from ..page.page_context import PageContext
 
 ASKED_FOR = 5.0
-"""How long it asks before it is as it was [s]; chosen."""
+"""How long the question stands [s]; chosen."""
 
 
 class AskingButton:
@@ -19,7 +19,7 @@ class AskingButton:
     Args:
         question: What it says after the first press.
         command: What it does then.
-        icon: In front of it.
+        icon: The icon in front of the label.
     """
 
     def __init__(

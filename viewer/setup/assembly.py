@@ -1,7 +1,7 @@
-"""The page on which the arm is screwed together: what to check at each joint, with a picture.
+"""The assembly page: what to check at each joint, with a picture.
 
-The picture is our own model of the arm. It swings the joint that is looked at, so one sees which
-part its motor moves; the real arm is left alone.
+The picture is our own model of the arm. It swings the chosen joint, to show which part its motor
+moves; the real arm does not move.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from . import cards
 from .page import StepPage
 from .setup_context import SetupContext
 
-_SWING, _TURN = to_rad(35.0), 3.0  # how far a joint swings to either side [rad], and how long [s]
+_SWING, _TURN = to_rad(35.0), 3.0  # swing of a joint to either side [rad], and its period [s]
 _PERIOD = 0.1  # between two pictures of it [s]
-_MOST_SHOWN = 8.0  # so long it swings, then it rests, and the page with it [s]
+_MOST_SHOWN = 8.0  # how long it swings [s]
 _Q_JAW = 0.6  # [rad]
 
 _BY_HAND = (
@@ -94,7 +94,7 @@ class AssemblyPage(StepPage):
         )
 
     def can_go_on(self) -> str | None:
-        """Nothing keeps anybody: no wire tells whether a screw is tight."""
+        """Always None: nothing measures whether a screw is tight."""
         return None
 
     def _as_it_was(self) -> str:

@@ -45,7 +45,7 @@ def travels(items: Iterable[TravelBar]) -> str:
 def _travel(item: TravelBar) -> str:
     colour = _COLOURS[item.tone]
     mark = ""
-    if item.is_done:  # what can be saved, but better not yet, is no tick
+    if item.is_done:  # no tick for a travel that can be saved but is short
         mark = f'<b style="color:{colour}">{"!" if item.tone == "warm" else "✓"}</b>'
     at = ""
     if item.at is not None:
@@ -88,7 +88,7 @@ def summary(lines: Iterable[SummaryLine]) -> str:
 
 
 def report(joints: Sequence[JointAccuracy]) -> str:
-    """The test results so far, joint by joint."""
+    """The results of the test so far, joint by joint."""
     rows = []
     for joint in joints:
         mark, tone = _VERDICTS[joint.verdict]
@@ -123,12 +123,12 @@ def result(found: MoveReport) -> str:
 
 def saved(title: str, path: str, lines: Iterable[str]) -> str:
     """Where something was saved, with notes."""
-    told = "".join(
+    notes = "".join(
         f'<div style="color:{DIM};margin-top:.3em">{escape(capital(line))}</div>' for line in lines
     )
     return (
         f'<div style="{_BOX}"><b style="color:{GOOD}">{escape(title)}</b>'
-        f'<div style="font-family:monospace;overflow-wrap:anywhere">{escape(path)}</div>{told}'
+        f'<div style="font-family:monospace;overflow-wrap:anywhere">{escape(path)}</div>{notes}'
         "</div>"
     )
 

@@ -1,4 +1,4 @@
-"""The page on which all six motors on one cable are verified.
+"""The page that verifies all six motors on one cable.
 
 The grid shows which motor is wrong, why, and what to do; the button verifies again.
 """
@@ -34,7 +34,7 @@ class ChainPage(StepPage):
         self._setup.context.on_press(self._verify, self._look)
 
     def enter(self) -> None:
-        """Verify at once, for that writes nothing; not if the chain is still to be made."""
+        """Verify at once, which writes nothing; not while the chain is still to be made."""
         self._shown = None
         target = self._setup.target
         one_by_one = target is not None and target.calibrator.motor_setup.view.next_joint is None

@@ -26,7 +26,7 @@ class SetupPreview:
 
     Args:
         serve: Serves a preview, as ``so101_viewer.serve`` does.
-        target: Whose arm. The port is shared, so the preview stays when the target is put away.
+        target: The arm. The port is shared, so the preview stays when the target is closed.
 
     Raises:
         So101Error: The arm cannot be held, or the page cannot be served.
@@ -100,9 +100,9 @@ class ConfigurePage(StepPage):
         about = "For a Viam machine: paste this into Configure, then JSON."
         self._snippet.content = markup.to_copy(about, self._text) if self._text else ""
         self._keep.visible = bool(self._text)
-        self._show_ways(target)
+        self._show_preview_link(target)
 
-    def _show_ways(self, target: SetupTarget) -> None:
+    def _show_preview_link(self, target: SetupTarget) -> None:
         if self._setup.preview is None:
             self._ways.content = cards.instruction(
                 "Move it now", "Press Finish, then open the tab Move."
@@ -125,9 +125,9 @@ class ConfigurePage(StepPage):
         if serve is not None and not self._url:
             self._do("opening the preview", partial(SetupPreview, serve), self._show_preview)
 
-    def _show_preview(self, outlook: SetupPreview) -> None:
-        self._setup.opened.callback(outlook.close)
-        self._url, self._is_shown = outlook.url, False
+    def _show_preview(self, preview: SetupPreview) -> None:
+        self._setup.opened.callback(preview.close)
+        self._url, self._is_shown = preview.url, False
 
     def _take(self, text: str) -> None:
         self._text, self._is_shown = text, False

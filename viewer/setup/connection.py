@@ -1,7 +1,7 @@
-"""The page on which the port is chosen, with the problems of each port.
+"""The page to choose the port, with the problems of each port.
 
-All ports are looked at again and again while the page is shown, so a cable that is plugged in, a
-supply that is switched on or a program that is ended shows by itself.
+While the page is shown, all ports are looked at again and again, so a cable that is plugged in, a
+supply that is switched on or a program that has ended shows by itself.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _BARE = (
     " arm, first do what is said above."
 )
 
-_MOST_PORTS = 6  # to choose from; chosen, nobody has more arms on one computer
+_MOST_PORTS = 6  # to choose from; chosen: nobody has more arms on one computer
 
 
 class PortWatch:
@@ -98,7 +98,7 @@ class PortChoice:
 
     @property
     def check(self) -> Check | None:
-        """The problems beyond those that the workflow knows of one port."""
+        """What is wrong with the choice itself; None if the chosen port alone decides."""
         if self.seen is None:
             return Check(name="connect", verdict="fail", sentence="looking at the ports")
         if self.chosen is None and len(self.seen.candidates) > 1:
@@ -185,7 +185,7 @@ class ConnectionPage(StepPage):
     def _as_it_was(self) -> str:
         return "nothing was changed"
 
-    # How
+    # Helpers
 
     def _of_several(self) -> Check | None:
         is_settled = self._setup.fixed is not None or self._setup.target is not None

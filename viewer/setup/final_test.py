@@ -1,8 +1,8 @@
 """The page of the final test: small slow motions, agreed to beforehand and measured.
 
-It says what will move how far, and moves nothing until a person has agreed. The test runs in its
-own thread, so Stop, Back and Abort work all the time; each ends it with the arm held. At the end a
-person is asked whether the arm moved as its picture did, which no encoder can tell.
+It says what will move and how far, and moves nothing until a person has agreed. The test runs in
+its own thread, so Stop, Back and Abort work all the time; each ends it with the arm held. At the
+end a person is asked whether the arm moved as its picture did, which no encoder can tell.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _LIMP = (
     "The joints are limp. Move the arm to a pose like the blue ghost's, clear of everything, then"
     " press Hold the joints."
 )
-_MENDED = "Once that is fixed, press Hold the joints. Keep a hand on the arm."
+_FIXED = "Once that is fixed, press Hold the joints. Keep a hand on the arm."
 _CLEAR = "Tick the box when nothing is in its way and no hand is near it."
 _SEEN = "Did the arm move as in the picture: the same joints, in the same directions?"
 _AS_SHOWN, _NOT_AS_SHOWN = "Yes", "No, it differs"
@@ -47,7 +47,7 @@ class FinalTest:
     """One test, from its outline to its report, on its own thread."""
 
     def __init__(self, target: SetupTarget) -> None:
-        assert target.rig is not None  # there is no trial without
+        assert target.rig is not None  # there is no test without one
         rig = target.rig
         self._test = MoveTest(
             arm=rig.arm, gripper=rig.gripper, clock=rig.clock, name=f"arm on {target.where}"
@@ -95,7 +95,7 @@ class FinalTestPage(StepPage):
 
     def __init__(self, setup: SetupContext) -> None:
         super().__init__(setup, TEST)
-        self._trial: FinalTest | None = None
+        self._test: FinalTest | None = None
         self._is_agreed = False
         self._shown: tuple[object, ...] = ()
 
@@ -125,7 +125,7 @@ class FinalTestPage(StepPage):
             "Save the report", icon=viser.Icon.DOWNLOAD, color="gray", visible=False
         )
         context = self._setup.context
-        context.on_press(self._hold, self._take_in_hand)
+        context.on_press(self._hold, self._hold_joints)
         context.on_press(self._start, self._move)
         context.on_press(self._stop, self._end)
         context.on_press(self._again, self._plan)
@@ -139,31 +139,31 @@ class FinalTestPage(StepPage):
         target = self._setup.target
         if target is None or target.rig is None:
             return
-        if self._setup.tested is None:  # what was tested before, if anything, is another state
-            self._trial = None
+        if self._setup.tested is None:  # the arm has changed since the last test, if any
+            self._test = None
             self._plan()
 
     def leave(self) -> None:
         """End a running test; the arm holds."""
-        if self._trial is not None:
-            self._trial.end()
+        if self._test is not None:
+            self._test.end()
 
     def refresh(self) -> bool:
         """Take in the state of arm and test."""
-        state, trial = self._state(), self._trial
-        found = None if trial is None else (trial.is_running, trial.progress, trial.report)
+        state, test = self._state(), self._test
+        found = None if test is None else (test.is_running, test.progress, test.report)
         seen = None if state is None else (state.mode, *np.round(state.q, 4), round(state.q_jaw, 3))
-        before, self._shown = self._shown, (seen, trial, found, self._is_agreed)
+        before, self._shown = self._shown, (seen, test, found, self._is_agreed)
         self._conclude()
         return self._release.refresh() or self._shown != before
 
     def show(self) -> None:
         """Show the planned motions, the running one, and the results."""
-        state, trial, busy = self._state(), self._trial, bool(self._setup.doing)
+        state, test, busy = self._state(), self._test, bool(self._setup.doing)
         holds = state is not None and state.mode in _STANDS
-        runs = trial is not None and trial.is_running
-        report = None if trial is None else trial.report
-        outline = None if trial is None else trial.outline
+        runs = test is not None and test.is_running
+        report = None if test is None else test.report
+        outline = None if test is None else test.outline
         if state is not None:
             self._setup.picture.move(state.q, state.q_jaw)
         self._todo.content = self._words(holds=holds)
@@ -177,7 +177,7 @@ class FinalTestPage(StepPage):
         self._agreed.show(self._is_agreed if can_begin else None)
         self._start.disabled = not self._is_agreed or busy
         self._stop.visible = self._bar.visible = runs
-        progress = None if trial is None else trial.progress
+        progress = None if test is None else test.progress
         put(self._bar, 0.0 if progress is None else round(100.0 * progress.share, 1))
         self._show_results(report, progress if runs else None)
 
@@ -200,25 +200,25 @@ class FinalTestPage(StepPage):
         self._again.disabled = bool(self._setup.doing)
 
     def _words(self, *, holds: bool) -> str:
-        target, trial = self._setup.target, self._trial
+        target, test = self._setup.target, self._test
         if target is None or target.rig is None:
             return cards.instruction(
                 TEST.title, "This arm cannot be moved from here. You may go on."
             )
         if not holds:
             return self._about_hold()
-        if trial is None or trial.outline is None:
+        if test is None or test.outline is None:
             return cards.instruction(TEST.title, TEST.instruction)
-        if trial.is_running:
-            joint = "" if trial.progress is None else trial.progress.joint
+        if test.is_running:
+            joint = "" if test.progress is None else test.progress.joint
             doing = f"moving {joint}; Space or Stop ends it" if joint else "it begins"
             return cards.instruction(TEST.title, "") + cards.going_on(doing)
-        if trial.report is not None:
+        if test.report is not None:
             return cards.instruction(TEST.title, "")
-        html = cards.instruction("This will move:", trial.outline.sentence)
-        html += cards.note(trial.outline.left_out)
-        if trial.trouble is not None:
-            html += cards.failed(str(trial.trouble))
+        html = cards.instruction("This will move:", test.outline.sentence)
+        html += cards.note(test.outline.left_out)
+        if test.trouble is not None:
+            html += cards.failed(str(test.trouble))
         return html + cards.note(_CLEAR)
 
     def _about_hold(self) -> str:
@@ -227,17 +227,17 @@ class FinalTestPage(StepPage):
         if state is None or state.mode is not Mode.FAULT:
             return cards.instruction(TEST.title, _LIMP)
         trouble = cards.failed(state.fault or "the arm has ended its motion by itself")
-        return cards.instruction(TEST.title, "") + trouble + cards.note(_MENDED)
+        return cards.instruction(TEST.title, "") + trouble + cards.note(_FIXED)
 
     def can_go_on(self) -> str | None:
-        """That the arm still moves; the test may be skipped or failed."""
-        is_running = self._trial is not None and self._trial.is_running
+        """A running test keeps from going on; a skipped or failed one does not."""
+        is_running = self._test is not None and self._test.is_running
         return "the test is running" if is_running else None
 
     def abort(self) -> str:
         """End the test; the arm holds where it is."""
-        if self._trial is not None:
-            self._trial.end()
+        if self._test is not None:
+            self._test.end()
         return super().abort()
 
     def _as_it_was(self) -> str:
@@ -252,19 +252,19 @@ class FinalTestPage(StepPage):
         target, state = self._setup.target, self._state()
         if target is None or state is None or state.mode not in _STANDS:
             return
-        trial = FinalTest(target)
-        self._setup.do("planning the test", trial.plan, self._take)
+        test = FinalTest(target)
+        self._setup.do("planning the test", test.plan, self._take)
 
-    def _take(self, trial: FinalTest) -> None:
-        self._trial = trial
+    def _take(self, test: FinalTest) -> None:
+        self._test = test
 
-    def _take_in_hand(self) -> None:
+    def _hold_joints(self) -> None:
         self._do(
             "holding the joints", lambda target: target.calibrator.hold(), lambda _: self._plan()
         )
 
     def _let_go(self) -> None:
-        target, self._trial = self._setup.target, None
+        target, self._test = self._setup.target, None
         if target is not None and target.rig is not None:
             arm = target.rig.arm
             self._setup.do("letting go of the joints", lambda: arm.set_torque(False))
@@ -273,33 +273,33 @@ class FinalTestPage(StepPage):
         self._is_agreed = is_clear
 
     def _move(self) -> None:
-        trial = self._trial
-        if trial is None or trial.report is not None or trial.is_running or self._setup.doing:
+        test = self._test
+        if test is None or test.report is not None or test.is_running or self._setup.doing:
             return
         if self._is_agreed:
             self._is_agreed, self._setup.tested = False, None
-            trial.start()
+            test.start()
 
     def _end(self) -> None:
-        if self._trial is not None:
-            self._trial.end()
+        if self._test is not None:
+            self._test.end()
 
     def _answer(self, name: str) -> None:
-        trial = self._trial
-        if trial is not None and trial.report is not None:
-            trial.report = replace(trial.report, as_shown=name == _AS_SHOWN)
+        test = self._test
+        if test is not None and test.report is not None:
+            test.report = replace(test.report, as_shown=name == _AS_SHOWN)
             self._setup.tested = None
 
     def _hand_over(self, client: viser.ClientHandle) -> None:
-        trial = self._trial
-        if trial is None or trial.report is None:
+        test = self._test
+        if test is None or test.report is None:
             return
-        name = f"so101-move-test-{trial.report.began_at[:19].replace(':', '')}.json"
+        name = f"so101-move-test-{test.report.began_at[:19].replace(':', '')}.json"
         client.send_file_download(
-            name, trial.report.file({"version": __version__}), save_immediately=True
+            name, test.report.file({"version": __version__}), save_immediately=True
         )
 
-    # How
+    # Helpers
 
     def _state(self) -> JointState | None:
         target = self._setup.target
@@ -307,7 +307,7 @@ class FinalTestPage(StepPage):
 
     def _conclude(self) -> None:
         """Pass the result to the other pages."""
-        report = None if self._trial is None else self._trial.report
+        report = None if self._test is None else self._test.report
         if report is not None and self._setup.tested is None:
             warned = any(joint.verdict == "warn" for joint in report.joints)
             self._setup.tested = Check(

@@ -86,7 +86,7 @@ class MachineCalibrator(BaseCalibrator):
         self._closing.set()
         self._thread.join()
 
-    # How
+    # Helpers
 
     def _watch(self) -> None:
         while not self._closing.wait(PERIOD):
@@ -102,7 +102,7 @@ class MachineCalibrator(BaseCalibrator):
     def _angles(self) -> dict[str, float]:
         try:
             answer = self._ask({"command": "get_current_positions"})
-        except So101Error:  # no servo answers, which the readings tell as well
+        except So101Error:  # no servo answers; the readings say so as well
             return {}
         return {joint: float(one["radians"]) for joint, one in answer["positions"].items()}
 

@@ -1,4 +1,4 @@
-"""The page on which one motor after the other gets its id.
+"""The page that gives one motor after the other its id.
 
 The page looks for the motor by itself, again and again. It writes only when somebody presses the
 button that says what will be written. Every failure names its cause and what to do.
@@ -35,8 +35,8 @@ PAUSE = 0.6
 """How long to wait between two looks at the cable [s]; chosen: a look alone takes up to two."""
 
 PATIENCE = 12.0
-"""When nobody has answered for so long, it is said what may be wrong [s]; chosen: time to unplug
-one motor and plug in another."""
+"""After this long without an answer the page says what may be wrong [s]; chosen: time to unplug one
+motor and plug in another."""
 
 _LOOKING = (
     "Watching the cable; nothing to press yet. The six motors of a follower's kit are alike: take"
@@ -58,7 +58,7 @@ class MotorCards:
     """The content of the motor cards, and which buttons are enabled.
 
     Args:
-        now: What time it is [s].
+        now: The time [s].
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
@@ -115,7 +115,7 @@ class MotorCards:
         if motor.joint != self.joint(view):
             return ("skipped" if motor.state == "skipped" else "waiting"), "", ""
         if motor.state == "found":
-            if self.owner(view):  # so it is while plugs change hands
+            if self.owner(view):  # the last motor is still plugged in
                 return "now", self.request(view, motor.joint), ""
             return ("trouble" if motor.fix else "found"), _found(motor), motor.fix
         if motor.state == "failed" and _NOBODY not in motor.sentence:
@@ -232,7 +232,7 @@ class MotorsPage(StepPage):
     def _as_it_was(self) -> str:
         return "nothing moved; motors that got their ids keep them, the others are unchanged"
 
-    # How
+    # Helpers
 
     @property
     def _view(self) -> SetupView:
@@ -272,7 +272,7 @@ class MotorsPage(StepPage):
         self.model.look_again()
 
     def _swap(self) -> None:
-        """Take the found motor for the joint asked for; that of its id is asked for again."""
+        """Use the found motor for this joint, and ask again for the one that had its id."""
         target, joint = self._setup.target, self.model.joint(self._view)
         owner = self.model.owner(self._view)
         if target is None or owner is None:

@@ -1,7 +1,7 @@
 """The base classes of a step's page.
 
 A page shows one step of ``so101_motion.setup.setup_steps`` and lets people do it. It never waits:
-what talks to motors runs beside it, and ``refresh`` sees what has come of it. All pages work for
+calls to motors run on a worker thread, and ``refresh`` takes in the result. All pages work for
 every browser at once and keep nothing in the browser, so a reload loses nothing.
 """
 
@@ -45,7 +45,7 @@ class StepPage(ABC):
     def enter(self) -> None:
         """Start the step, also when it is entered again: set up the picture, start looking."""
 
-    def leave(self) -> None:  # noqa: B027  # most have nothing to end
+    def leave(self) -> None:  # noqa: B027  # most pages have nothing to end
         """Leave the step; nothing of it may continue."""
 
     @abstractmethod
@@ -68,7 +68,7 @@ class StepPage(ABC):
     def abort(self) -> str:
         """Abort what was started, on a worker thread; return the result in words.
 
-        Whoever goes back from a calibration and aborts there has it put back as well.
+        Aborting on an earlier page restores the motors as well while a calibration is under way.
 
         Raises:
             So101Error: It cannot be ended now; the message says what to do.

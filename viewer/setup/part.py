@@ -1,8 +1,7 @@
 """The tab of the setup: choose a workflow, go through its steps, leave it safely.
 
-It is docked beside the arm and never covers Stop. One step's page is seen at a time. Next is
-pressed by people and allowed by the state of the arm alone. Abort is there at every step; it ends
-what the step has begun and says how it has left the arm.
+It shows the page of one step at a time. Next is enabled when the state of the arm allows it. Abort
+is there at every step; it ends what the step has begun and says how it has left the arm.
 """
 
 from __future__ import annotations
@@ -50,9 +49,9 @@ class SetupPart(Part):
     """The Setup tab.
 
     Args:
-        on_stage: Told whether the preview's own arm has the stage, while no setup is under way.
+        on_stage: Shows or hides the preview's own arm; hidden while a setup is under way.
         preview: Serves a preview of the finished arm; None where the page shows the arm already.
-        resumes: Whether an earlier setup goes on by itself, else it is offered.
+        resumes: Whether an earlier setup is resumed by itself; else a button offers it.
     """
 
     def __init__(
@@ -84,7 +83,7 @@ class SetupPart(Part):
             "configure": ConfigurePage(self.setup),
         }
         self._current: StepPage | None = None
-        self._left_behind = ""
+        self._outcome = ""
         self._is_stale = True
         with context.tabs.add_tab(TITLE, viser.Icon.TOOL):
             self._build(context.gui)
@@ -111,8 +110,8 @@ class SetupPart(Part):
             self._folders[name] = gui.add_folder(None, visible=False)
             with self._folders[name]:
                 page.build(gui)
-        self._ways = gui.add_folder(None)
-        with self._ways:
+        self._buttons = gui.add_folder(None)
+        with self._buttons:
             self._why_not = gui.add_html("")
             self._next = gui.add_button("Next", icon=viser.Icon.ARROW_RIGHT)
             self._back = gui.add_button("Back", icon=viser.Icon.ARROW_LEFT, color="gray")
@@ -126,9 +125,9 @@ class SetupPart(Part):
     # What the buttons do
 
     def _choose(self, workflow: Workflow) -> None:
-        self._left_behind = ""
+        self._outcome = ""
         if len(self.setup.progress.done) == len(SETUP_ORDER):
-            self.setup.progress.clear()  # that kit is done, this is another one
+            self.setup.progress.clear()  # that kit is done; this is another
         self.wizard.choose(workflow)
         self._turn_to_step()
 
@@ -146,7 +145,7 @@ class SetupPart(Part):
             self.wizard.go_on()
             self._turn_to_step()
             if done:
-                self._left_behind = _MOTORS_DONE if workflow is MOTORS_ONLY else "All done."
+                self._outcome = _MOTORS_DONE if workflow is MOTORS_ONLY else "All done."
                 self.setup.progress.clear()
 
     def _go_back(self) -> None:
@@ -164,7 +163,7 @@ class SetupPart(Part):
         def ended(sentence: str) -> None:
             self.wizard.end()
             self._turn_to_step()
-            self._left_behind = f"Aborted: {sentence}."
+            self._outcome = f"Aborted: {sentence}."
 
         self.setup.do("aborting", page.abort, ended)
 
@@ -172,12 +171,12 @@ class SetupPart(Part):
         if self._current is not None:
             self._current.leave()
         self._is_stale = True
-        self._next.disabled = True  # until it is known that one can go on
+        self._next.disabled = True  # until the step allows it
         step = self.wizard.step
         page = "" if step is None else CONNECT.name if self.setup.target is None else step.name
         for name, folder in self._folders.items():
             folder.visible = name == page
-        self._choice.visible, self._ways.visible = step is None, step is not None
+        self._choice.visible, self._buttons.visible = step is None, step is not None
         self._current = self._pages.get(page)
         self.setup.trouble = None
         self.setup.picture.take_stage(step is not None or self._is_alone)
@@ -221,7 +220,7 @@ class SetupPart(Part):
         """Update the tab and the picture."""
         wizard, step = self.wizard, self.wizard.step
         if wizard.workflow is None or step is None or self._current is None:
-            about = self._left_behind or "From a box of parts to a moving arm. What do you need?"
+            about = self._outcome or "From a box of parts to a moving arm. What do you need?"
             self._head.content = markup.headline("Set up an arm", about)
             earlier = wizard.interrupted
             self._resume.visible = earlier is not None

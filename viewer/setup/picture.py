@@ -1,4 +1,4 @@
-"""Draw the arm beside the steps: which motor is meant, where the joints are and should be.
+"""Draw the arm of the setup: which motor is meant, where the joints are and should be.
 
 It is a model of its own under ``/setup`` and replaces the preview's arm during a setup.
 """
@@ -21,7 +21,7 @@ _PALE: Color = (196, 202, 208)
 _GHOST: Color = (60, 130, 246)
 
 _Q_SHOWN = np.zeros(5)
-_Q_JAW_SHOWN = 0.6  # [rad], so that the jaw is seen to be a part of its own
+_Q_JAW_SHOWN = 0.6  # [rad], open, so that the jaw is seen as a part of its own
 
 
 class Picture:
@@ -32,7 +32,7 @@ class Picture:
         self._model = RobotModel.load()
         self._root = scene.add_frame("/setup", show_axes=False, visible=False)
         self._arm = RobotView(scene, "/setup/arm", color=_PALE)
-        self._arm.set_visible(False)  # it is sent when it takes the stage
+        self._arm.set_visible(False)  # its meshes are sent when it is first shown
         self._ghost = RobotView(scene, "/setup/ghost", color=_GHOST, opacity=0.35)
         self._ghost.show(())
         self.is_shown = False
@@ -54,7 +54,7 @@ class Picture:
         self.light(())
 
     def light(self, joints: Collection[str], color: Color = ORANGE) -> None:
-        """Highlight what these joints move, and nothing else."""
+        """Highlight the links that these joints move, and no others."""
         if (joints, color) != self._lit:
             self._lit = (joints, color)
             self._arm.paint(_PALE)

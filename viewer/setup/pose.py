@@ -1,6 +1,6 @@
-"""The page on which the joints go limp and the homing pose is taken.
+"""The page that lets the joints go limp and takes the homing pose.
 
-A ghost shows the pose, the arm beside it moves as the real one does. The person has both hands on
+A ghost shows the pose, and the drawn arm moves as the real one does. The person has both hands on
 the arm, so the pose is taken once the arm has been still for a moment after the button.
 """
 
@@ -38,12 +38,12 @@ _MATCH = (
 _TAKEN = "The pose is taken. Press Next."
 
 ALONE = 3.0
-"""How long the arm is held still for its pose to be taken without the button [s]; chosen: longer
-than a hand rests on the way."""
+"""How long the arm must be held still for its pose to be taken without the button [s]; chosen:
+longer than a hand rests in between."""
 
 MOVED = 114
 """How far a joint must have been moved before [tick], 10 deg; else an arm that just lies there
-would be taken for one that is held. Chosen."""
+would count as held. Chosen."""
 
 
 class PosePage(CalibrationPage):
@@ -210,7 +210,7 @@ def _ticks(target: SetupTarget) -> dict[str, int | None]:
 
 
 def _moved(before: dict[str, int | None], now: dict[str, int | None]) -> bool:
-    """Whether any joint is elsewhere; ticks count round and round."""
+    """Whether any joint has moved; ticks wrap at 4096."""
     pairs = [(before.get(joint), place) for joint, place in now.items()]
     turned = [(b - a + 2048) % 4096 - 2048 for a, b in pairs if a is not None and b is not None]
     return any(abs(each) > MOVED for each in turned)

@@ -1,4 +1,4 @@
-"""The page on which every joint is moved to both its stops.
+"""The page that records the travel of every joint to both its stops.
 
 Recording begins with the page, because it writes nothing. A bar for each joint turns green once
 it has moved far enough. After a pulled cable the recording goes on when the arm is back.
@@ -94,7 +94,7 @@ class RecordPage(CalibrationPage):
         now = self._now
         offered = summary.acceptable(now.joints) if now is not None and missing else ()
         if offered != self._accepted:
-            self._accepted = ()  # what was agreed to is not what is asked now
+            self._accepted = ()  # what was accepted is no longer what is offered
         self._limited.visible = bool(offered)
         self._limited.content = cards.note(
             f"Is something on the arm blocking {' and '.join(offered)}? Then accept it as it is."

@@ -1,4 +1,4 @@
-"""The page on which a calibration is reviewed, saved, and undone."""
+"""The page to review, save and undo a calibration."""
 
 from __future__ import annotations
 
@@ -151,10 +151,10 @@ def _outcome(ended: StepResult, *, is_first: bool = False) -> _Outcome:
 def _meanings(stored: Stored, *, is_first: bool) -> tuple[str, ...]:
     """Explain the zeros, guesses first; the last sentence is about all joints together.
 
-    That compares with other software, so whoever had no calibration before is not told.
+    That one compares with other software, so it is left out for a first calibration.
     """
     if not stored.zeros:
-        return ()  # a machine does not tell
+        return ()  # a machine does not report them
     explained = zero_report.explain_stored(stored)
     guessed = [meaning.sentence for meaning in explained[:-1] if meaning.by == "middle"]
     return (*guessed,) if is_first else (*guessed, explained[-1].sentence)

@@ -1,7 +1,7 @@
 """What all pages of the setup share: the arm, what is known of it, and one worker thread.
 
-A page never waits: what talks to motors runs in the worker (``SetupContext.do``), one thing at a
-time, and the page's own thread collects the result.
+A page never waits: calls to motors run on the worker (``SetupContext.do``), one at a time, and the
+page's own thread collects the result.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ class SetupContext:
 
     Attributes:
         context: The page; presses go through it.
-        fixed: The arm, where that is not to be chosen; None where it is.
+        fixed: The arm, if it is known already; None if a port is to be chosen.
         preview: Serves a preview of the arm; None where the page shows the arm already.
-        make: Makes the target, in a worker's thread; set by the step that knows where it is.
-        target: What is worked on; None until the connection is made.
-        seen: What was looked at: the port, and the motors of the finished chain.
-        before: The calibration that counted before the one under way, as far as it is known.
+        make: Makes the target, on the worker thread; set by the page of the connection.
+        target: The arm that is set up; None until the connection is made.
+        seen: What was found on the port, and about the motors of the finished chain.
+        before: The calibration before the one under way, as far as it is known.
         saved: Where this setup has saved a calibration; None before.
         tested: What the final test has found; None before.
-        opened: What was opened beside the setup, to be closed with it.
-        doing: What runs beside the page now, in words; empty when nothing does.
-        trouble: Why what ran last has failed; None if it has not.
+        opened: What else was opened, to be closed with the setup.
+        doing: What runs on the worker now, in words; empty when nothing does.
+        trouble: Why the last run failed; None if it did not.
     """
 
     context: PageContext
@@ -116,7 +116,7 @@ class SetupContext:
     def watch(self, look: Callable[[], object], then: Callable[[], None]) -> None:
         """Look at something on the worker thread, unless it is busy.
 
-        Nobody waits for it, and what it fails with is no trouble: it is looked at again.
+        Nobody waits for it, and errors are ignored: it is called again soon.
 
         Args:
             look: What looks.
@@ -155,7 +155,7 @@ class SetupContext:
         return True
 
     def work_on(self, target: SetupTarget) -> None:
-        """Set a new target; forgets what is known of another arm."""
+        """Set a new target; forgets the progress with another arm."""
         self.target = target
         self.progress.work_on(target.where)
         target.calibrator.motor_setup.recall(self.progress.done)

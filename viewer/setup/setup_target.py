@@ -24,8 +24,8 @@ class SetupTarget:
 
     Attributes:
         calibrator: Does the work; closed with the target.
-        rig: Moves the arm, for the final test; None where nothing can. Closed by its owner.
-        is_remote: Whether it is the arm of a machine, so that its cable is not ours to look at.
+        rig: Moves the arm, for the final test; None if it cannot be moved. Closed by its owner.
+        is_remote: Whether it is the arm of a machine, whose cable cannot be looked at from here.
     """
 
     where: str
@@ -52,7 +52,7 @@ class Ports:
     """The serial ports of this computer.
 
     Attributes:
-        named: Those to look at, whatever they are; if there are any, no other is looked at.
+        named: The ports to look at; if there are none, all.
         reply_timeout: How long a motor may take to answer beyond the time on the wire [s].
     """
 
@@ -73,7 +73,7 @@ class Ports:
         Raises:
             BusError: The port cannot be opened.
             CalibrationError: This user has no place for files.
-            ConfigError: Somebody uses the port with other settings, or the name cannot be used.
+            ConfigError: The port is used with other settings already, or the name cannot be used.
         """
         file = candidate.calibration_file(name)
         asked = ServoSettings(port=candidate.name, timeout=None, fallback_file=file)

@@ -1,6 +1,6 @@
 """Keep track of the workflow under way and its current step, without viser.
 
-Both are kept on disk at each step, so that the setup goes on there after a crash.
+Both are saved at each step, so that the setup can be resumed after a crash.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class StepRow:
     """A line in the list of steps.
 
     Attributes:
-        place: Whether it is behind us, done or not, on the page, or still to come.
+        place: Whether it is done, passed over, on the page, or still to come.
     """
 
     title: str
@@ -61,7 +61,7 @@ class StepWizard:
     def _place(self, k: int, step: SetupStep, known: SetupState) -> Place:
         if k >= self.place:
             return "now" if k == self.place else "left"
-        # Without the others one does not get on, so they were done, known or not any more.
+        # All other steps must be done before Next is enabled.
         verdict = step.check(known).verdict if step in (MOTORS, TEST) else "ok"
         is_left_out = verdict == "warn" or (step is TEST and verdict == "fail")
         return "passed over" if is_left_out else "done"
@@ -108,7 +108,7 @@ class StepWizard:
             self._keep()
 
     def end(self) -> None:
-        """End the workflow; keeps which motors have their ids until all do."""
+        """End the workflow; remembers which motors have their ids until all do."""
         self.workflow, self.place = None, 0
         self._progress.reach("", "")
 

@@ -1,4 +1,4 @@
-"""Stop and the torque in the bar, for a setup that is served without a preview."""
+"""Fill the bar of a setup page without a preview: Stop, and whether the joints are held."""
 
 from __future__ import annotations
 

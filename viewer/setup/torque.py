@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from .setup_target import SetupTarget
 
 SETTLED = 0.4
-"""For how long what is told must not have been seen before something else is told [s]; chosen. A
-look at the motors takes the port through other baud rates, and a busy computer loses answers; for
-that moment nothing is known of anybody's torque."""
+"""How long readings must differ from the text before it changes [s]; chosen. A search for motors
+takes the port through other baud rates, and a busy computer loses answers; for that moment the
+torque is unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,33 +44,32 @@ class TorqueWatch:
     """Keeps the text stable while readings are missing for a moment.
 
     Args:
-        now: What time it is [s].
+        now: The time [s].
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self.shown = torque(None)
         self._now = now
-        self._doubted: float | None = None  # since when what is told has not been seen
+        self._differs_since: float | None = None  # since when readings differ from the text
 
     def look(self, target: SetupTarget | None, *, is_blind: bool) -> bool:
         """Read the torque again; return whether the text changed.
 
-        What is known is told at once where nothing was, for one answer is proof and the next ones
-        may be lost.
+        The first known torque is shown at once: one answer is proof, and the next ones may be lost.
 
         Args:
-            target: What is worked on.
-            is_blind: Whether the motors are being looked for, so that nothing can be told.
+            target: The arm that is set up.
+            is_blind: Whether motors are being searched for, so that readings mean nothing.
         """
         seen = torque(target)
         is_new = target is not None and self.shown == torque(None)
         is_news = is_new or target is None or (self.shown.is_on is None and seen.is_on is not None)
         if seen == self.shown or (is_blind and not is_news):
-            self._doubted = None
+            self._differs_since = None
             return False
-        if self._doubted is None:
-            self._doubted = self._now()
-        if not is_news and self._now() - self._doubted < SETTLED:
+        if self._differs_since is None:
+            self._differs_since = self._now()
+        if not is_news and self._now() - self._differs_since < SETTLED:
             return False
-        self.shown, self._doubted = seen, None
+        self.shown, self._differs_since = seen, None
         return True

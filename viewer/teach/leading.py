@@ -1,7 +1,6 @@
-"""Let this arm follow a leader arm, with one button; without viser.
+"""Start and stop following a leader arm, without viser.
 
-The leader is an arm on another port of this computer, or the machine has a teleoperation service
-that knows its leader.
+The leader is an arm on another port of this computer, or that of a machine's teleoperation service.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ class Session(Protocol):
         """Let both hold."""
 
     def look(self) -> None:
-        """Find out how it is, for ``words``."""
+        """Read its state, for ``words``."""
 
     def close(self) -> None:
         """Stop, and close what was opened."""
@@ -57,7 +56,7 @@ class LocalSession:
 
     Args:
         follower: The arm of the page.
-        open_leader: Opens the other one, when it is started first.
+        open_leader: Opens the leader, at the first start.
     """
 
     def __init__(self, follower: Rig, open_leader: OpenLeader) -> None:
@@ -83,7 +82,7 @@ class LocalSession:
             self._teleop.stop()
 
     def look(self) -> None:
-        """See ``Session.look``; this process knows it already."""
+        """See ``Session.look``; nothing to read: the state is in this process."""
 
     def close(self) -> None:
         """See ``Session.close``."""
@@ -158,12 +157,12 @@ def _is_teleop(rig: MachineRig, name: str) -> bool:
 
 
 class Leading:
-    """One switch for a session. For the page's thread.
+    """A switch for a session. For the page's thread.
 
     Args:
-        session: What it switches.
-        submit: Runs a slow call beside the page.
-        now: What time it is [s].
+        session: The session.
+        submit: Runs a slow call on another thread.
+        now: The time [s].
     """
 
     def __init__(
@@ -196,7 +195,7 @@ class Leading:
             self._switching = self._submit(session.stop if self.is_on else session.start)
 
     def refresh(self) -> None:
-        """Take in whether it has started, and look how it is now and then."""
+        """Take in whether it has started, and read its state now and then."""
         if self._switching is not None and self._switching.done():
             switching, self._switching = self._switching, None
             error = switching.exception()
@@ -215,7 +214,7 @@ class Leading:
 
     def close(self) -> None:
         """End it."""
-        with contextlib.suppress(So101Error):  # who cannot be reached does not follow
+        with contextlib.suppress(So101Error):  # an arm that cannot be reached does not follow
             self._session.close()
 
 

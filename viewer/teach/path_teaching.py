@@ -1,4 +1,4 @@
-"""Record a path along which a hand leads the arm, and replay it; without viser.
+"""Record a path by hand and replay it, without viser.
 
 Nothing here waits: slow calls are futures that ``refresh`` collects. One thread owns a
 ``PathTeaching``.
@@ -26,8 +26,8 @@ from so101_motion.tasks.teleop.local_arms import jaw_of
 
 from ..page import texts
 from ..page.guiding import Guiding
+from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence, Tone
-from ..page.shelf import Shelf
 
 WELCOME = Sentence(text="Press Record a path: the arm goes soft, and you guide it by hand.")
 BEGINS = Sentence(text="The arm goes soft …", tone=Tone.WARM)
@@ -52,15 +52,15 @@ class PathTeaching:
 
     Args:
         rig: The arm and its gripper.
-        submit: Runs a slow call beside the page.
+        submit: Runs a slow call on another thread.
 
     Attributes:
-        path: As it was shown, or loaded; None before.
-        replay: Its plan, as long as it can be run; else None.
+        path: The path that was recorded or loaded; None before.
+        replay: Its plan, as long as it is valid; else None.
         doing: What is going on.
         sentence: What to know or to do now.
         name: What the path is called.
-        shelf: The saved ones.
+        saved_files: The saved paths.
     """
 
     def __init__(self, rig: Rig, submit: Callable[[Callable[[], Any]], Future[Any]]) -> None:
@@ -74,7 +74,7 @@ class PathTeaching:
         self.doing = Doing.NOTHING
         self.sentence = WELCOME
         self.name = ""
-        self.shelf = Shelf(_file_of, _listed, self._tell)
+        self.saved_files = SavedFiles(_file_of, _listed, self._tell)
         self._saved: tuple[Path, bytes] | None = None  # where the path is kept, and as what
         self._kept = ""  # what was said when a path was kept
 
@@ -143,7 +143,7 @@ class PathTeaching:
             raise ConfigError("path", None, "record a path first")
         if not self.name.strip():
             raise ConfigError("name", None, "type a name first")
-        with self.shelf.changing(self.name.strip()) as file:
+        with self.saved_files.changing(self.name.strip()) as file:
             files.write(self.path, file, replace=True)
         self.name, self._saved = file.stem, (file, file.read_bytes())
         self.sentence = texts.saved(file.stem)
@@ -159,7 +159,7 @@ class PathTeaching:
 
     def delete(self, name: str) -> None:
         """Delete a saved path; the one that is shown stays."""
-        with self.shelf.changing(name) as file:
+        with self.saved_files.changing(name) as file:
             files.delete(file)
         self.sentence = texts.deleted(name)
 
@@ -167,7 +167,7 @@ class PathTeaching:
         """Show that a command failed."""
         self.sentence = texts.ended(error)
 
-    # What time brings
+    # Updates
 
     def refresh(self) -> None:
         """Take in what has happened since the last call."""
@@ -190,7 +190,7 @@ class PathTeaching:
         """How many points have been recorded."""
         return 0 if self._recorder is None else self._recorder.points
 
-    # How
+    # Helpers
 
     def _watch_recording(self) -> None:
         rig, recorder = self._rig, self._recorder
@@ -209,12 +209,12 @@ class PathTeaching:
         self.sentence = Sentence(text=f"{said}{self._kept}", tone=tone)
 
     def _keep_unsaved(self) -> str:
-        """Save a path that is nowhere in the files; return what to say about it."""
+        """Save a path that is in no file; return the sentence about it."""
         if self.path is None or (self._saved is not None and _holds(*self._saved)):
             return ""
-        taken = set(self.shelf.names)
+        taken = set(self.saved_files.names)
         name = next(name for k in count(1) if (name := f"unsaved {k}") not in taken)
-        with self.shelf.changing(name) as file:
+        with self.saved_files.changing(name) as file:
             files.write(self.path, file)
         self._saved = (file, file.read_bytes())
         return f' The path before is saved as "{name}".'

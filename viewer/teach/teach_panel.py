@@ -32,9 +32,9 @@ class TeachPart(Part):
     def __init__(self, context: ArmContext, open_leader: OpenLeader | None) -> None:
         rig = context.rig
         self._scene = context.server.scene
-        self.teaching = PathTeaching(rig, context.beside) if isinstance(rig, Rig) else None
+        self.teaching = PathTeaching(rig, context.in_background) if isinstance(rig, Rig) else None
         session = session_for(rig, open_leader)
-        self.leading = None if session is None else Leading(session, context.beside)
+        self.leading = None if session is None else Leading(session, context.in_background)
         self._drawn: GuidedPath | None = None
         self._line: viser.LineSegmentsHandle | None = None
         self._shown: object = None
@@ -62,7 +62,7 @@ class TeachPart(Part):
             self._write = gui.add_button_group("Path", ("save",))
             self._saved = gui.add_dropdown("Saved", (_NONE,))
             self._use = gui.add_button_group("Saved one", ("load", "delete"))
-            self._undo = UndoButtons(context, "Files", teaching.shelf)
+            self._undo = UndoButtons(context, "Files", teaching.saved_files)
         context.on_choice(self._write, lambda _name: teaching.save())
         use = {"load": teaching.load, "delete": teaching.delete}
         context.on_choice(self._use, lambda what: use[what](self._saved.value))
@@ -83,16 +83,21 @@ class TeachPart(Part):
     def refresh(self) -> bool:
         """Take in what has happened; return whether anything is new."""
         teaching, leading, before = self.teaching, self.leading, self._shown
-        told: list[object] = []
+        state: list[object] = []
         if teaching is not None:
             teaching.refresh()
-            told += [teaching.sentence, teaching.doing, teaching.path, teaching.replay]
-            told += [teaching.can_plan, teaching.can_record, teaching.shelf.names, teaching.name]
+            state += [teaching.sentence, teaching.doing, teaching.path, teaching.replay]
+            state += [
+                teaching.can_plan,
+                teaching.can_record,
+                teaching.saved_files.names,
+                teaching.name,
+            ]
         if leading is not None:
             leading.refresh()
-            told += [leading.sentence, leading.is_on, leading.can_switch]
-        self._shown = told
-        return before is None or told != before
+            state += [leading.sentence, leading.is_on, leading.can_switch]
+        self._shown = state
+        return before is None or state != before
 
     def show(self) -> None:
         """Update the widgets."""
@@ -112,7 +117,7 @@ class TeachPart(Part):
         self._run.disabled = not teaching.can_run
         self._name.show(teaching.name)
         grey(self._write, teaching.path is None)
-        saved = teaching.shelf.names
+        saved = teaching.saved_files.names
         if self._saved.options != (saved or (_NONE,)):
             self._saved.options = saved or (_NONE,)
         grey(self._use, not saved)
@@ -122,7 +127,7 @@ class TeachPart(Part):
             self._draw(teaching.path)
 
     def _draw(self, path: GuidedPath | None) -> None:
-        """The way of the tool along the path."""
+        """Draw the tool's path."""
         if self._line is not None:
             self._line.remove()
             self._line = None

@@ -1,6 +1,6 @@
-"""An atlas of the arm's reach in the scene: coloured cubes; a click on one makes its pose the goal.
+"""The Atlas tab: coloured cubes where the arm reaches; a click on one makes its pose the goal.
 
-Only the cubes on the outside are sent. Nothing moves by a click: the goal's ghost goes there.
+Only the outer cubes are sent. A click moves nothing but the goal's ghost.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ..page.page_context import ArmContext
 from ..page.part import Part
 
 _ALL = "All"
-_SHARE = 0.8  # of the spacing: gaps let one look inside
+_SHARE = 0.8  # of the spacing: gaps show what is inside
 _CUBE = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _FACES = np.array(
     [
@@ -51,7 +51,7 @@ class AtlasPart(Part):
     ) -> None:
         self._atlas, self._set_goal = atlas, set_goal
         self._scene, self._context = context.server.scene, context
-        self._shown, self._is_new = Shown(axis="y"), True  # all of it would hide the arm
+        self._shown, self._is_new = Shown(axis="y"), True  # the whole atlas would hide the arm
         self._cubes: viser.BatchedMeshHandle | None = None
         self._seen: Voxels | None = None
         gui = context.gui

@@ -16,7 +16,7 @@ from so101_motion.planning.collision.scene import Mesh, PointCloud, Scene
 from so101_motion.planning.collision.shape_files import holds_faces, read_cloud, read_mesh, welded
 
 ENDINGS = (".json", ".stl", ".ply", ".pcd", ".xyz")
-"""Of the files that can be loaded."""
+"""Endings of the files that can be loaded."""
 
 MOST_TRIANGLES = 50_000
 """A mesh with more would make pages and plans slow; chosen: ten times a simplified part."""
@@ -25,22 +25,22 @@ MOST_CUBES = 50_000
 """The same for the cubes of a point cloud; chosen."""
 
 VOXEL = 0.01
-"""Edge of a cloud's cubes unless somebody says otherwise [m]; chosen, as for Viam's clouds."""
+"""Edge of a cloud's cubes by default [m]; chosen, as for Viam's clouds."""
 
 
 def read_dropped(name: str, content: bytes, *, voxel: float = VOXEL) -> Scene | Mesh | PointCloud:
-    """What a file holds.
+    """The content of a file.
 
     Meshes are in millimetres and are put around the middle of their bounding box. Point clouds are
     in metres and stay where they are, seen from the arm's base.
 
     Args:
-        name: What the file is called; its ending says what it is.
-        content: What is in it.
+        name: The file's name; its ending gives the kind.
+        content: Its bytes.
         voxel: Edge of the cubes of a cloud [m].
 
     Raises:
-        ConfigError: Nothing that can be used; the sentence begins with the file's name.
+        ConfigError: The file cannot be used; the message begins with its name.
     """
     kind = PurePath(name).suffix.lower()
     if kind not in ENDINGS:
@@ -61,14 +61,14 @@ def read_dropped(name: str, content: bytes, *, voxel: float = VOXEL) -> Scene | 
 
 
 def thinned(points: Array, voxel: float) -> PointCloud:
-    """A cloud with one point for each of its cubes, which is all that planning looks at.
+    """A cloud with one point for each of its cubes, which is all that planning uses.
 
     Args:
         points: Shape (n, 3), [m].
         voxel: Edge of the cubes [m].
 
     Raises:
-        ConfigError: There are too many cubes, or points that cannot be.
+        ConfigError: There are too many cubes, or impossible points.
     """
     points = full_cubes(PointCloud(points=points, resolution=voxel))
     if len(points) > MOST_CUBES:

@@ -1,8 +1,8 @@
 """State and edits of the World tab, without viser.
 
-Each edit makes a new ``Scene``; those before and after can be gone back and forth to. A drag counts
-as one edit. The scene for planning is updated when a drag ends and a few times a second during it
-(``due``), because each change makes planners start anew. One thread owns a ``WorldModel``; it
+Each edit makes a new ``Scene``, with undo and redo. A drag counts as one edit. The scene for
+planning is updated when a drag ends and a few times a second during it (``due``), because planners
+start anew after each change. One thread owns a ``WorldModel``; it
 moves no arm.
 """
 
@@ -39,7 +39,7 @@ from ..scene.scene_edits import Thing
 from .dropped_files import VOXEL, read_dropped, thinned
 
 DRAG_PERIOD = 0.2
-"""How often a scene that is being dragged is handed to whoever plans [s]; chosen."""
+"""How often the scene for planning is updated during a drag [s]; chosen."""
 
 INVITATION = Sentence(text="Add an object, or click one to change it.")
 
@@ -51,9 +51,9 @@ class WorldModel:
         file: Where ``save`` writes.
 
     Attributes:
-        scene: As it is now.
+        scene: The scene as edited.
         selected: Name of the thing that is being edited, or None.
-        sentence: What the last edit came to.
+        sentence: The outcome of the last edit.
         dragging: Whether somebody holds a thing by its handles.
         voxel: Edge of the cubes of a cloud that is loaded [m].
     """
@@ -151,7 +151,7 @@ class WorldModel:
     def drag(self, T_base_thing: SE3, T_base_tool: SE3) -> None:
         """Move the selected thing to ``T_base_thing`` during a drag."""
         if self.selected is None:
-            return  # it was taken away meanwhile
+            return  # it was removed meanwhile
         thing = scene_edits.thing_named(self.scene, self.selected)
         pose = T_base_tool.inverse @ T_base_thing if isinstance(thing, Attached) else T_base_thing
         if np.allclose(pose.matrix, scene_edits.pose_of(thing).matrix, rtol=0.0, atol=1e-6):
@@ -227,11 +227,11 @@ class WorldModel:
         """Load a scene file, or add what is in a file of a mesh or of points.
 
         Args:
-            name: What the file is called.
-            content: What is in it.
+            name: The file's name.
+            content: Its bytes.
 
         Raises:
-            ConfigError: It is nothing of that.
+            ConfigError: It is none of these.
         """
         found = read_dropped(name, content, voxel=self.voxel)
         if isinstance(found, Scene):
@@ -257,7 +257,7 @@ class WorldModel:
         self._given = scene
         self.select(self.selected)
 
-    # How
+    # Helpers
 
     def _name(self) -> str:
         if self.selected is None:
@@ -298,7 +298,7 @@ class OverlapCheck:
     def overlap(self, scene: Scene, q: Array, q_jaw: float) -> tuple[str, str] | None:
         """The two bodies that overlap most, by their names; None if none do.
 
-        The arm with itself or the floor is none of a scene's business, and what is held may stand
+        Overlaps of the arm with itself or with the floor are not counted, and held things may stand
         on the floor.
         """
         if scene is not self._collisions.scene:

@@ -45,14 +45,14 @@ from .world_model import OverlapCheck, WorldModel, in_each_other
 _GIZMO = "/world-handles"
 
 _MOVED = 1e-4
-"""A joint that turned less than this leaves everything where it is drawn [rad]; chosen."""
+"""Turns of a joint below this do not redraw what it carries [rad]; chosen."""
 
 _TURNED = 0.01
-"""A joint that turned less than this touches what it touched before [rad]; chosen: a real arm at
-rest flickers by a tick or two."""
+"""Turns of a joint below this do not repeat the overlap check [rad]; chosen: a real arm at rest
+flickers by a tick or two."""
 
 _LOOSE, _HELD = ("attach", "delete"), ("detach", "delete")
-"""What can be done to a thing; a keep-out zone says why it cannot be attached."""
+"""Buttons for a thing; a keep-out zone says why it cannot be attached."""
 
 _SAME = 1e-5
 
@@ -66,9 +66,9 @@ class WorldPart(Part):
     """Add, drag, resize, name, delete, attach, save and load things.
 
     Args:
-        context: Where it works; its arm's scene is the one that is edited.
-        file: Where Save writes; among the user's own files if not given.
-        on_handles: Told whether something has handles now, each time another thing is selected.
+        context: Its arm's scene is edited.
+        file: Where Save writes; the user's own scene file if not given.
+        on_handles: Called with whether a thing is selected, when that changes.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class WorldPart(Part):
         context.on_choice(
             self._edits, lambda name: world.undo() if name == "undo" else world.redo()
         )
-        self._add_thing(gui)  # what comes and goes stands below what is pressed
+        self._add_thing(gui)  # below the buttons, because these fields come and go
         gui.add_divider()
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),
@@ -162,7 +162,7 @@ class WorldPart(Part):
         self._context.on_choice(self._files, self._keep)
         self._context.on_asked(self._files, self._download)
         self._for_viam = gui.add_html("", visible=False)
-        self._told_viam: Scene | None = None
+        self._viam_scene: Scene | None = None
         bring = gui.add_upload_button(
             "Load",
             icon=viser.Icon.UPLOAD,
@@ -204,12 +204,12 @@ class WorldPart(Part):
             self._show_for_viam()
 
     def _show_for_viam(self) -> None:
-        """Show the scene as Viam says it, until it changes or the button is pressed again."""
+        """Show the scene as a Viam WorldState, until it changes or the button is pressed again."""
         world, rig = self.world, self._context.rig
-        if self._told_viam is world.scene:
-            self._told_viam = None
+        if self._viam_scene is world.scene:
+            self._viam_scene = None
             return
-        self._told_viam = world.scene
+        self._viam_scene = world.scene
         arm = rig.arm_name if isinstance(rig, MachineRig) else "arm"
         self._for_viam.content = markup.to_copy(_FOR_VIAM.format(arm=arm), world.for_viam(arm=arm))
 
@@ -253,7 +253,7 @@ class WorldPart(Part):
         return adopted or changed or (moved and bool(self.world.scene.attached))
 
     def _is_stale(self, state: JointState) -> bool:
-        """Whether the overlap check is to be repeated; not before all is at rest."""
+        """Whether to repeat the overlap check; not while anything moves."""
         if self.world.dragging or state.arm_moving:
             return False
         if self._checked is None or self._checked[0] is not self._known:
@@ -273,7 +273,7 @@ class WorldPart(Part):
         self._floor.show(floor_z is not None)
         self._floor_z = self._floor_z if floor_z is None else floor_z
         self._floor_z_mm.offer(None if floor_z is None else to_mm(floor_z))
-        self._for_viam.visible = self._told_viam is world.scene
+        self._for_viam.visible = self._viam_scene is world.scene
         self._tell_of_handles()
         self._show_thing(world.thing)
 

@@ -10,7 +10,7 @@ import pytest
 import so101_description as description
 from so101_description.make_allowed_pairs import FLOOR_Z, sample
 from so101_description.make_hulls import CORNERS, fitted_hull, official_triangles, to_obj
-from so101_description.reading import read_obj
+from so101_description.mesh_readers import read_obj
 
 LINKS = list(description.PARTS)
 SUPPORTS = Path(__file__).resolve().parents[2] / "data" / "official_supports.json"

@@ -7,7 +7,7 @@ import pytest
 import so101_description as description
 from so101_description.generator.glb import to_linear
 from so101_description.make_meshes import MATERIALS, make
-from so101_description.reading import read_glb, to_srgb
+from so101_description.mesh_readers import read_glb, to_srgb
 
 ALL = [*description.PARTS.values(), *description.MARKERS]
 

@@ -1,4 +1,4 @@
-// The bar at the top of every page: what the arm does, the ways home, Stop, and what is wrong.
+// The bar at the top of every page: what the arm does, its buttons, Stop, and what is wrong.
 (() => {
   const link = window.so101;
   const SURE = 700;  // ms until a question may be answered, so that a double click is no answer
@@ -40,7 +40,7 @@
     state.setAttribute('role', 'status');
     const mode = make('b', '', state);
     const title = make('small', '', state);
-    const ways = make('div', 'so101-ways', bar);
+    const buttons = make('div', 'so101-buttons', bar);
     const button = make('button', 'so101-stop', bar);
     button.textContent = 'STOP';
     button.title = 'Space or Escape does the same';
@@ -64,9 +64,9 @@
     button.addEventListener('pointerdown', () => { pressed = Date.now(); stop(); });
     button.addEventListener('click', () => { if (Date.now() - pressed > 400) stop(); });
 
-    // Ways home: always in their places, some after a question.
-    const way = ({ label, press, can, asks }, k) => {
-      const node = ways.children[k] ?? make('button', '', ways);
+    // Buttons beside Stop: always in their places; some ask first.
+    const showButton = ({ label, press, can, asks }, k) => {
+      const node = buttons.children[k] ?? make('button', '', buttons);
       node.disabled = !can || !link.connected;
       if (node.disabled || !asks) node.classList.remove('asks');
       if (!node.classList.contains('asks')) node.textContent = label;
@@ -100,7 +100,7 @@
       if (mode.textContent !== says) mode.textContent = says;
       if (title.textContent !== about) title.textContent = about;
       button.disabled = !link.connected || !board().stop;
-      (board().ways ?? []).forEach(way);
+      (board().buttons ?? []).forEach(showButton);
       root.classList.toggle('so101-empty', !board().so101);
       root.classList.toggle('so101-watching', mine.controls === false);
       if (changed('alerts', wrong)) {
@@ -165,7 +165,7 @@
     show();
   });
 
-  // Buttons in our own pieces of HTML: which widget they tell what.
+  // Buttons in our own pieces of HTML send a value to a widget.
   addEventListener('click', (event) => {
     const button = event.target.closest?.('[data-press]');
     if (button) link.send(button.dataset.press, button.dataset.value);

@@ -1,8 +1,8 @@
-// Says again and again what is held on the Jog tab, and at once when it is held no longer.
+// Send what is held on the Jog tab to the server, again and again, and at once when it is released.
 (() => {
   const link = window.so101;
   const AXES = 7;
-  const REPEAT = 25;  // ms; the server lets go after three that did not come
+  const REPEAT = 25;  // ms; the server lets go when three are missing
   const STILL = 0.15;  // of a gamepad's stick
   const held = new Map();  // pointers and keys: [axis, way]
   let dragging = false;
@@ -10,9 +10,9 @@
   let timer = 0;
   let hand = null;
   let astray = false;  // whether a stick is still pushed for another arm
-  let told = false;  // whether the server believes that something is held
+  let reported = false;  // whether the server believes that something is held
 
-  // The buttons that are to be seen and switched on: of several arms those of the tab in front.
+  // The buttons that are visible and switched on; with several arms, those of the tab in front.
   const tab = () => {
     if (!document.hasFocus() || document.hidden) return null;
     const on = [...document.querySelectorAll('.so101-jog[data-jog="on"]')];
@@ -42,7 +42,7 @@
 
   function say() {
     const buttons = tab();
-    if (told && buttons?.dataset.hand !== hand) {
+    if (reported && buttons?.dataset.hand !== hand) {
       held.clear();  // it was meant for the arm whose tab was in front
       [dragging, astray] = [false, true];
     }
@@ -51,10 +51,10 @@
     if (isHeld) {
       link.send(buttons.dataset.hand, `${++count} ${now.join(' ')}`);
       hand = buttons.dataset.hand;
-      told = true;
-    } else if (told) {
+      reported = true;
+    } else if (reported) {
       link.send(hand, `${++count}`);
-      told = false;
+      reported = false;
     }
     const goes = isHeld || (buttons && navigator.getGamepads?.().some(Boolean));
     if (goes && !timer) timer = setInterval(say, REPEAT);
@@ -83,13 +83,13 @@
   for (const end of ['pointerup', 'pointercancel', 'lostpointercapture']) {
     addEventListener(end, (event) => {
       dragging = false;
-      if (held.delete(event.pointerId) || told) say();
+      if (held.delete(event.pointerId) || reported) say();
     }, true);
   }
 
   addEventListener('keydown', (event) => {
     if (event.metaKey || event.ctrlKey || event.altKey || [' ', 'Escape'].includes(event.key)) {
-      return letGo();  // whoever holds a modifier may never be told that a key was let go
+      return letGo();  // with a modifier held, the release of a key may never be reported
     }
     if (event.repeat || ['INPUT', 'TEXTAREA', 'SELECT'].includes(event.target.tagName)) return;
     const key = event.key.toLowerCase();

@@ -1,8 +1,8 @@
-// What the server says to our own front end, and what that says back.
+// Connect our own front end with the server, over viser's connection.
 //
-// viser's connection lives in a worker. We listen to what the worker tells viser, and hand it
-// messages of our own, so Stop needs neither React nor a picture. The server speaks through pieces
-// of HTML that are not to be seen and hold JSON instead: the boards.
+// That connection lives in a worker. We read what the worker sends to viser, and hand it messages of our
+// own, so Stop needs neither React nor a picture. The server sends its side as JSON in invisible
+// pieces of HTML: the boards.
 (() => {
   const MARK = '{"so101":';
   const SILENT = 3500;  // ms; the server says something every second
@@ -50,7 +50,7 @@
     }
   };
 
-  // Twice in a row, for a busy browser hears late of what has come.
+  // Twice in a row, because a busy browser gets messages late.
   setInterval(() => {
     if (!link.connected) {
       // viser tries again only while its window has the focus.

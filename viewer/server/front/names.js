@@ -1,4 +1,4 @@
-// Names for what viser leaves nameless: people who cannot see the page are told these.
+// Give the widgets that viser leaves nameless a name for screen readers.
 (() => {
   const NAMELESS =
     '#root [role="slider"]:not([aria-label]), #root [role="slider"][aria-label=""], ' +

@@ -1,5 +1,5 @@
 // A line in the plots at the time that the preview's slider shows; a click in a plot moves both.
-// For those who cannot see it, a plot says what is drawn; its figures stand above it as text.
+// For screen readers, a plot says what is drawn; its figures stand above it as text.
 (() => {
   const link = window.so101;
   const charts = () => window.__viserTestpoints?.uplots ?? {};  // viser's own register of its plots

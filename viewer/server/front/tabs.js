@@ -1,11 +1,11 @@
-// The scene shows what belongs to the tab in front, so the window in control tells which one it is.
+// Tell the server which tab is in front in the window in control; the scene shows what belongs to it.
 (() => {
   const link = window.so101;
 
   function tell() {
     const { tab: known, press } = link.boards.front ?? {};
     const mine = link.boards.window;
-    if (!press || !mine || mine.text) return;  // whoever has no control looks at another's tab
+    if (!press || !mine || mine.text) return;  // a window without control shows another's tab
     const tabs = [...document.querySelectorAll('[role="tab"]')];
     const row = tabs.find((tab) => tab.textContent.trim() === 'Program')?.parentElement;
     const front = row && tabs.find(

@@ -1,4 +1,4 @@
-// The line of time of a rehearsed program: a mouse or a finger on it moves the ghost.
+// The timeline of a rehearsed program: a mouse or a finger on it moves the ghost.
 (() => {
   const link = window.so101;
   let line = null;  // the one that is held

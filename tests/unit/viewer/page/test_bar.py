@@ -4,7 +4,7 @@ import json
 from types import SimpleNamespace
 from typing import Any
 
-from so101_viewer.page.bar import Bar, Way
+from so101_viewer.page.bar import Bar, BarButton
 from so101_viewer.page.screen_state import Sentence, Tone
 
 
@@ -15,13 +15,13 @@ def widget(uuid: str) -> Any:
 def test_the_bar_names_its_buttons_by_their_widgets() -> None:
     bar = Bar()
     bar.state, bar.title, bar.stop = "Idle, holding", "Arm on X", widget("s")
-    bar.ways = (Way(label="Hold", button=widget("h"), can=True),)
+    bar.buttons = (BarButton(label="Hold", button=widget("h"), can=True),)
     told = json.loads(bar.text())
     assert told["so101"] == "bar"
     assert (told["state"], told["title"], told["stop"], told["plan"]) == (
         "Idle, holding", "Arm on X", "s", None,
     )  # fmt: skip
-    assert told["ways"] == [{"label": "Hold", "press": "h", "can": True, "asks": None}]
+    assert told["buttons"] == [{"label": "Hold", "press": "h", "can": True, "asks": None}]
 
 
 def test_what_is_wrong_stays_until_its_source_takes_it_back() -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 from so101_viewer.page import markup
-from so101_viewer.page.markup import Bar
+from so101_viewer.page.markup import Gauge
 from so101_viewer.page.screen_state import Sentence, Tone
 
 EVIL = '<img src=x onerror="move()">'
@@ -17,7 +17,7 @@ EVIL = '<img src=x onerror="move()">'
         markup.headline(EVIL, EVIL),
         markup.facts([(EVIL, EVIL)]),
         markup.to_copy(EVIL, EVIL),
-        markup.bars([Bar(name=EVIL, value=1.0, lower=0.0, upper=2.0, unit=EVIL)]),
+        markup.gauges([Gauge(name=EVIL, value=1.0, lower=0.0, upper=2.0, unit=EVIL)]),
     ],
 )
 def test_text_from_outside_never_becomes_markup(html: str) -> None:
@@ -25,26 +25,26 @@ def test_text_from_outside_never_becomes_markup(html: str) -> None:
     assert "&lt;img src=x onerror=&quot;move()&quot;&gt;" in html
 
 
-def bar(value: float) -> Bar:
-    return Bar(name="elbow_flex", value=value, lower=-100.0, upper=100.0, unit="°")
+def gauge(value: float) -> Gauge:
+    return Gauge(name="elbow_flex", value=value, lower=-100.0, upper=100.0, unit="°")
 
 
 def test_a_bar_stands_where_its_value_is_and_never_leaves_its_track() -> None:
-    assert bar(0.0).share == 0.5
-    assert bar(-100.0).share == 0.0
-    assert bar(250.0).share == 1.0
+    assert gauge(0.0).share == 0.5
+    assert gauge(-100.0).share == 0.0
+    assert gauge(250.0).share == 1.0
 
 
 def test_a_bar_turns_red_near_its_limits_only() -> None:
     red = "#e03131"
-    assert red not in markup.bars([bar(80.0)])
-    assert red in markup.bars([bar(97.0)])
-    assert red in markup.bars([bar(-99.0)])
-    assert red not in markup.bars([replace(bar(-99.0), warns=False)])
+    assert red not in markup.gauges([gauge(80.0)])
+    assert red in markup.gauges([gauge(97.0)])
+    assert red in markup.gauges([gauge(-99.0)])
+    assert red not in markup.gauges([replace(gauge(-99.0), warns=False)])
 
 
 def test_figures_have_one_digit_and_no_minus_zero() -> None:
-    html = markup.bars([bar(-0.0123), bar(12.3456)])
+    html = markup.gauges([gauge(-0.0123), gauge(12.3456)])
     assert ">0.0 °<" in html
     assert ">12.3 °<" in html
 

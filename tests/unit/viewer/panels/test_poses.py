@@ -38,56 +38,56 @@ def page() -> PretendedPage:
 
 
 @pytest.fixture
-def shelf(tmp_path: Path, page: PretendedPage) -> PoseList:
+def poses(tmp_path: Path, page: PretendedPage) -> PoseList:
     return PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
 
 
-def names(shelf: PoseList) -> list[str]:
-    return [pose.name for pose in shelf.poses]
+def names(poses: PoseList) -> list[str]:
+    return [pose.name for pose in poses.poses]
 
 
-def test_arm_and_target_can_be_saved_and_aimed_at(shelf: PoseList, page: PretendedPage) -> None:
-    shelf.call("mine")
-    shelf.save_arm()
-    shelf.call("ghost")
-    shelf.save_target()
-    assert names(shelf) == ["mine", "ghost"]
-    assert shelf.chosen == "ghost"
-    shelf.choose("mine")
-    shelf.use()
+def test_arm_and_target_can_be_saved_and_aimed_at(poses: PoseList, page: PretendedPage) -> None:
+    poses.call("mine")
+    poses.save_arm()
+    poses.call("ghost")
+    poses.save_target()
+    assert names(poses) == ["mine", "ghost"]
+    assert poses.chosen == "ghost"
+    poses.choose("mine")
+    poses.use()
     np.testing.assert_allclose(page.aimed[-1], 0.1, atol=1e-6)
-    shelf.choose("ghost")
-    shelf.use()
+    poses.choose("ghost")
+    poses.use()
     np.testing.assert_allclose(page.aimed[-1], 0.2, atol=1e-6)
 
 
-def test_a_pose_can_be_renamed_and_deleted(shelf: PoseList, page: PretendedPage) -> None:
-    shelf.call("mine")
-    shelf.save_arm()
-    shelf.call("<b>other</b>")
-    shelf.rename()
-    assert names(shelf) == ["<b>other</b>"]
-    assert shelf.chosen == "<b>other</b>"
-    shelf.delete()
-    assert names(shelf) == []
-    assert shelf.chosen is None
+def test_a_pose_can_be_renamed_and_deleted(poses: PoseList, page: PretendedPage) -> None:
+    poses.call("mine")
+    poses.save_arm()
+    poses.call("<b>other</b>")
+    poses.rename()
+    assert names(poses) == ["<b>other</b>"]
+    assert poses.chosen == "<b>other</b>"
+    poses.delete()
+    assert names(poses) == []
+    assert poses.chosen is None
     assert page.sentence[-1] == "Deleted <b>other</b>."
-    shelf.shelf.undo()
-    assert names(shelf) == ["<b>other</b>"]
-    assert shelf.chosen == "<b>other</b>"
-    shelf.shelf.undo()
-    assert names(shelf) == ["mine"]
-    shelf.call("mine")
-    shelf.save_target()  # in its place
-    shelf.shelf.undo()
-    shelf.use()
+    poses.saved_files.undo()
+    assert names(poses) == ["<b>other</b>"]
+    assert poses.chosen == "<b>other</b>"
+    poses.saved_files.undo()
+    assert names(poses) == ["mine"]
+    poses.call("mine")
+    poses.save_target()  # in its place
+    poses.saved_files.undo()
+    poses.use()
     np.testing.assert_allclose(page.aimed[-1], 0.1, atol=1e-6)
 
 
-def test_without_a_pose_there_is_nothing_to_use(shelf: PoseList) -> None:
-    shelf.choose("home")
-    assert shelf.chosen is None
-    for command in (shelf.use, shelf.rename, shelf.delete):
+def test_without_a_pose_there_is_nothing_to_use(poses: PoseList) -> None:
+    poses.choose("home")
+    assert poses.chosen is None
+    for command in (poses.use, poses.rename, poses.delete):
         with pytest.raises(ConfigError, match="save a pose first"):
             command()
 
@@ -96,6 +96,6 @@ def test_a_broken_file_is_told_and_the_page_opens_all_the_same(
     tmp_path: Path, page: PretendedPage
 ) -> None:
     (tmp_path / "poses.json").write_text("{")
-    shelf = PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
-    assert shelf.poses == ()
+    poses = PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
+    assert poses.poses == ()
     assert "is not JSON" in page.sentence[0]

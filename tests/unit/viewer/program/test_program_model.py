@@ -383,7 +383,7 @@ def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
         tab.model.save()
     tab.model.call("stack cubes")
     tab.model.save()
-    assert tab.model.shelf.names == ("stack cubes",)
+    assert tab.model.saved_files.names == ("stack cubes",)
     tab.model.clear()
     assert len(tab.model.screen().program) == 0
     tab.model.load("stack cubes")
@@ -391,9 +391,9 @@ def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
     assert tab.model.screen().program.rounds is None
     assert tab.said == "Loaded stack cubes, 2 waypoints. Press Plan program."
     tab.model.delete("stack cubes")
-    assert tab.model.shelf.names == ()
-    tab.model.shelf.undo()
-    assert tab.model.shelf.names == ("stack cubes",)
+    assert tab.model.saved_files.names == ()
+    tab.model.saved_files.undo()
+    assert tab.model.saved_files.names == ("stack cubes",)
     tab.model.load("stack cubes")
     assert tab.names == "AB"
 

@@ -100,12 +100,12 @@ def test_a_path_is_recorded_planned_replayed_and_kept(bench: Bench) -> None:
         teaching.save()
     teaching.call("wave")
     teaching.save()
-    assert teaching.shelf.names == ("wave",)
+    assert teaching.saved_files.names == ("wave",)
     teaching.load("wave")
     assert teaching.path is not path
     teaching.delete("wave")
-    assert teaching.shelf.names == ()
-    teaching.shelf.undo()
+    assert teaching.saved_files.names == ()
+    teaching.saved_files.undo()
     teaching.load("wave")
 
 
@@ -127,18 +127,18 @@ def test_a_path_that_was_not_saved_survives_the_next(bench: Bench) -> None:
     first = teaching.path
     bench.record()
     assert first is not None
-    assert teaching.shelf.names == ("unsaved 1",)
+    assert teaching.saved_files.names == ("unsaved 1",)
     assert teaching.sentence.text.endswith('The path before is saved as "unsaved 1".')
 
     teaching.load("unsaved 1")  # and the second is kept as well
-    assert teaching.shelf.names == ("unsaved 1", "unsaved 2")
+    assert teaching.saved_files.names == ("unsaved 1", "unsaved 2")
     assert teaching.path is not None
     np.testing.assert_allclose(teaching.path.q[-1], first.q[-1], atol=1e-5)
     teaching.load("unsaved 2")  # what was saved is not saved again
-    assert teaching.shelf.names == ("unsaved 1", "unsaved 2")
+    assert teaching.saved_files.names == ("unsaved 1", "unsaved 2")
     teaching.delete("unsaved 2")  # and what was deleted is
     bench.record()
-    assert teaching.shelf.names == ("unsaved 1", "unsaved 2")
+    assert teaching.saved_files.names == ("unsaved 1", "unsaved 2")
 
 
 def test_a_stop_ends_the_recording_and_what_was_shown_is_kept(bench: Bench) -> None:

@@ -1,6 +1,5 @@
-// A second click hits what the first one was meant for, or nothing: a page that changes between
-// the two must not bring another button under the pointer. In a setup, where each step has a Next in
-// the same place, it hits nothing at all.
+// Drop the second click of a double click if another button has come under the pointer meanwhile. In a
+// setup, where each step has a Next in the same place, always drop it.
 (() => {
   const SOON = 600;  // ms, as long as a slow double click takes
   const NEAR = 12;  // px
@@ -12,10 +11,10 @@
   addEventListener('click', (event) => {
     const button = event.target.closest?.('button');
     if (!event.isTrusted || event.detail === 0) return;  // a key, or a program
-    if (button?.closest('#so101-bar')) return;  // Stop never waits; the ways home ask by themselves
+    if (button?.closest('#so101-bar')) return;  // Stop never waits; the others ask first themselves
     const { clientX: x, clientY: y, timeStamp: t } = event;
     const soon = last && t - last.t < SOON && Math.hypot(x - last.x, y - last.y) < NEAR;
-    // One that has another name now is another.
+    // A button with another name is another button.
     if (button && soon && (name(button) !== last.name || steps())) {
       event.preventDefault();
       event.stopImmediatePropagation();

@@ -28,16 +28,16 @@ class _Change:
     after: bytes | None
 
 
-class Shelf:
+class SavedFiles:
     """The user's files of one kind. For the page's thread.
 
     Args:
-        file_of: The file of what has a name.
-        listed: The names of all that is there.
-        tell: Told what came of undo and redo.
+        file_of: The file for a name.
+        listed: The names of all files.
+        tell: Called with the outcome of undo and redo.
 
     Attributes:
-        names: As they were read last.
+        names: The names, as read last.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Shelf:
     ) -> None:
         self._file_of, self._listed, self._tell = file_of, listed, tell
         self._changes: list[_Change] = []
-        self._done = 0  # so many of them are not undone
+        self._done = 0  # how many of them are not undone
         self.names: tuple[str, ...] = ()
         self._look()
 
