@@ -1,11 +1,11 @@
-"""What every benchmark shares: one BLAS thread, honest clocks, one table, one JSON form.
+"""Shared by all benchmarks: one BLAS thread, two clocks, the table and the JSON file.
 
 Run a benchmark as a module from the top of the checkout: ``python -m benchmarks.bench_ik``.
 
 Two clocks. Short pure computations are timed with :func:`measure`, by the CPU time of the calling
-thread, because on a shared machine the wall clock measures the neighbours; what waits for other
-threads or processes is timed by the wall clock (``clock=time.perf_counter_ns``). Every row says
-which. JSON values are SI (seconds); only the printed table scales them.
+thread, because on a shared machine the wall clock measures other programs too; calls that wait for
+other threads or processes are timed by the wall clock (``clock=time.perf_counter_ns``). Every row
+says which. JSON values are SI (seconds); only the printed table scales them.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 RESULTS = Path(__file__).parent / "results"
-"""Where the committed results live."""
+"""The folder of the committed results."""
 
 _ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 _PACKAGES = ("numpy", "pin", "coal", "toppra", "ruckig", "viam-sdk", "so101-motion")
@@ -39,11 +40,19 @@ Row = Mapping[str, Any]
 Piece = TypeVar("Piece")
 
 
+def from_tests(module: str) -> Any:
+    """Import a module of the tests, such as ``"harness.emulated_rig"``."""
+    tests = str(Path(__file__).parents[1] / "tests")
+    if tests not in sys.path:
+        sys.path.insert(0, tests)
+    return import_module(module)
+
+
 def single_thread() -> None:
     """Start this process again with one BLAS thread, unless it already has just one.
 
-    The libraries read these variables when they are loaded, and by now they are; call this first
-    in ``main``.
+    The libraries read these variables when they are loaded, which has happened by now, so the
+    process is started anew; call this first in ``main``.
     """
     if any(os.environ.get(name) != value for name, value in _ONE_THREAD.items()):
         os.environ.update(_ONE_THREAD)
@@ -54,8 +63,8 @@ def single_thread() -> None:
 def machine() -> dict[str, Any]:
     """Processor, cores, memory [bytes], system, Python, and how fast it is at the moment.
 
-    ``loop`` is the time of a fixed loop in plain Python [s]. On a virtual machine it doubles and
-    halves with what the neighbours do, and every other figure with it.
+    ``loop`` is the time of a fixed loop in plain Python [s]. On a virtual machine it changes by a
+    factor of two with the load of other machines, and every other figure with it.
     """
     return {
         "cpu": _first_value("/proc/cpuinfo", "model name") or platform.processor() or "unknown",
@@ -92,12 +101,12 @@ def measure(
     *,
     clock: Callable[[], int] = time.thread_time_ns,
 ) -> tuple[list[Output], list[float]]:
-    """Call once for each input; what came back and how long each took [s].
+    """Call once for each input; return the results and how long each took [s].
 
-    Garbage collection stays on, but what lives already is kept out of it.
+    Garbage collection stays on, but existing objects are frozen out of it.
 
     Args:
-        call: What is timed.
+        call: The function to time.
         inputs: Its arguments, one for each call.
         clock: Nanoseconds: CPU time of this thread, or ``time.perf_counter_ns`` for wall time.
     """
@@ -128,15 +137,15 @@ def summary(times: ArrayLike) -> dict[str, float]:
 def in_pieces(
     name: str, pieces: Mapping[str, Callable[[], Piece]], since: str | None = None
 ) -> list[Piece]:
-    """What each piece of a long benchmark found; a run that was ended goes on where it was.
+    """Run the pieces of a long benchmark and return their results; an interrupted run is resumed.
 
-    Each result is kept in the system's temporary folder as it comes, as JSON, and used again by
-    the next run of the same commit; of a tree with changes nothing is used again.
+    Each result is saved as JSON in the system's temporary folder, and used again by the next run of
+    the same commit. With uncommitted changes nothing is used again.
 
     Args:
         name: The benchmark.
-        pieces: What to call, by a name that says which piece it is.
-        since: A commit since which they would find the same: what it found is used.
+        pieces: The functions to call, by the name of the piece.
+        since: An earlier commit whose results are still valid and may be used.
     """
     commit, known = since or _commit(), {}
     file = Path(tempfile.gettempdir()) / f"{name}-{commit}.jsonl"
@@ -185,9 +194,9 @@ def write(name: str, rows: Sequence[Row], *, peers: Sequence[str] = ()) -> Path:
 
 
 def update(name: str, rows: Sequence[Row], *, peers: Sequence[str] = ()) -> Path:
-    """Like ``write``, but rows of the file that are not measured now stay, in their order.
+    """Like ``write``, but keeps the rows of the file that are not measured now.
 
-    Each row says of which commit it is.
+    Each row says which commit it is from.
     """
     path = RESULTS / f"{name}.json"
     known: dict[str, Row] = {}

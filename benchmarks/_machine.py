@@ -1,8 +1,8 @@
-"""The machine under a measurement in real time: a witness of its standstills, and awake processors.
+"""Detect standstills of a virtual machine, keep its processors awake, and look at processes.
 
-A virtual machine stands still now and then, and a processor of it that sleeps is woken late: a
-thread of the highest priority that sleeps 1 ms was late by 1.9 ms at p99 and 17.7 ms at worst while
-the processors could sleep, 0.2 and 6.4 ms while a process without any priority kept each busy.
+A virtual machine stands still now and then, and its processors wake up late: a thread of the
+highest priority that sleeps 1 ms was late by 1.9 ms at p99 and 17.7 ms at worst while the
+processors could sleep, and by 0.2 and 6.4 ms while a process of idle priority kept each busy.
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 LOOK_PERIOD = 0.002
 LATE_WITNESS = 0.005
 WITNESS = 4
-"""The witness's real-time priority: before whatever is measured."""
+"""The witness's real-time priority: above everything that is measured."""
 
 
 @contextlib.contextmanager
 def witnessed() -> Iterator[list[tuple[float, float]]]:
-    """Have a witness on every processor; the list has its standstills after the block [s].
+    """Run a witness on every processor; after the block the list has their standstills [s].
 
-    A standstill of one processor is one of a whole Python program, if the thread that holds the
-    interpreter lock was on it.
+    A standstill of one processor stops a whole Python program if the thread with the interpreter
+    lock is on it.
     """
     standstills: list[tuple[float, float]] = []
     with _one_on_each("witness") as witnesses:
@@ -38,14 +39,14 @@ def witnessed() -> Iterator[list[tuple[float, float]]]:
 
 @contextlib.contextmanager
 def awake() -> Iterator[None]:
-    """Keep every processor busy with a process that gives way to all others."""
+    """Keep every processor busy with a process of idle priority."""
     with _one_on_each("busy"):
         yield
 
 
 @contextlib.contextmanager
 def _one_on_each(task: str) -> Iterator[list[subprocess.Popen[str]]]:
-    """Have one process on each processor that ends with the block."""
+    """Run one process on each processor until the block ends."""
     processes = [
         subprocess.Popen(
             [sys.executable, "-m", "benchmarks._machine", task, str(processor)],
@@ -66,8 +67,20 @@ def _one_on_each(task: str) -> Iterator[list[subprocess.Popen[str]]]:
                 pipe.close()
 
 
+def cpu_time(pid: int) -> float:
+    """Processor time of a process so far, without its ended children's [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def memory(pid: int) -> int:
+    """Resident memory of a process [bytes]."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
 def _witness() -> None:
-    """Keep time until standard input ends; then say when that was not possible."""
+    """Sleep and look at the clock until standard input ends; then print when it was late."""
     with contextlib.suppress(OSError):  # before the control loop, if that is allowed
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(WITNESS))
     standstills, here = [], time.monotonic()

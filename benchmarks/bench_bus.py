@@ -8,26 +8,25 @@ that of the thread that talks; what the kernel's pseudo-terminal does for us is 
 stack would do is not. The vendor's own group read is measured beside ours.
 
 The whole cycle is measured back to back, where it waits only for its answers, like the other rows,
-and at 100 Hz, where it sleeps in between. Asleep, a virtual machine gives its processors away, and
-the same instructions take several times as long when they come back. Two things show that this is
-all the difference: the same cycles with answers that are there at once, without any port, have it
-too; and it is gone when something else, of the lowest priority, keeps the processors awake.
+and at 100 Hz, where it sleeps in between. A virtual machine gives sleeping processors away, and the
+same instructions take several times as long when they come back. Two rows show that this explains
+the difference: the same cycles without a port, with answers at once, differ as much; and there is
+no difference while processes of idle priority keep the processors awake.
 """
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable
+from contextlib import nullcontext, suppress
 from typing import Any
 
 import numpy as np
 import scservo_sdk
 
 from benchmarks import _common
+from benchmarks._machine import awake
+from benchmarks.emulated_port import SUPPORT, emulated_port
 from so101_motion.common.clock import MonotonicClock
 from so101_motion.common.errors import NoReply
 from so101_motion.drivers.bus import registers as reg
@@ -42,16 +41,16 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 CYCLES = 1000
 PERIOD = 0.01
-LATENCY = 0.001
+WIRE = ("--latency", "0.001")
 IDS = tuple(range(1, 7))
 MAPS = {joint: JointMap(servo_id=servo_id) for servo_id, joint in zip(IDS, JOINTS, strict=True)}
 
 LEAST_BYTES = 26 + 14 + 6 * (2 + 9)
-"""Of a cycle on the wire: goals out, question out, six slots of two bytes, headers and a gap."""
+"""Bytes of a cycle: goals out, question out, six slots of two bytes, headers and a gap."""
 
 
 class CountingPort:
-    """A port that counts what passes."""
+    """A port that counts transactions and bytes."""
 
     def __init__(self, port: Port) -> None:
         self._port = port
@@ -89,7 +88,7 @@ class CountingPort:
 
 
 class ReadyPort:
-    """A port without a port: every question is answered at once, the second time from memory."""
+    """A stand-in for a port that answers every question at once, the second time from memory."""
 
     name, baud = "no port", 1_000_000
 
@@ -100,7 +99,7 @@ class ReadyPort:
         self.remembers = False
 
     def write(self, data: bytes) -> None:
-        """Have the answer ready."""
+        """Prepare the answer."""
         known = self._known.get(data) if self.remembers else None
         if known is None:
             if self.remembers and data[4] == scservo_sdk.INST_SYNC_WRITE:
@@ -120,40 +119,7 @@ class ReadyPort:
         self._answer = b""
 
     def close(self) -> None:
-        """Nothing to let go of."""
-
-
-@contextmanager
-def processors_awake() -> Iterator[None]:
-    """Programs of the lowest priority that never sleep, one a processor."""
-    command = ["nice", "-n", "19", sys.executable, "-c", "while True: pass"]
-    programs = [subprocess.Popen(command) for _ in range(os.cpu_count() or 1)]
-    try:
-        yield
-    finally:
-        for program in programs:
-            program.kill()
-            program.wait()
-
-
-@contextmanager
-def emulated_arm(*options: str) -> Iterator[str]:
-    """Six servos in a process of their own; the port's name."""
-    command = ["so101_motion.cli", "emulate", "--realtime", "--latency", str(LATENCY), *options]
-    program = f"import sys; sys.argv = {command!r}; from so101_motion.cli import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        yield next(word for word in line.split() if word.startswith("/dev/"))
-    finally:
-        process.terminate()
-        process.wait()
+        """Do nothing."""
 
 
 def timed(step: Callable[[int], object], *, period: float) -> tuple[list[float], list[float]]:
@@ -172,7 +138,7 @@ def timed(step: Callable[[int], object], *, period: float) -> tuple[list[float],
 
 def cycles(*options: str, period: float = PERIOD) -> tuple[list[float], list[float], CountingPort]:
     """Control cycles of an arm that waves a little."""
-    with emulated_arm(*options) as name:
+    with emulated_port(*WIRE, *options, hand=SUPPORT) as name:
         port = CountingPort(SerialPort(name))
         arm = holding_arm(port)
         port.transactions = port.wire_bytes = 0
@@ -193,7 +159,7 @@ def portless_cycles(*, period: float) -> list[float]:
 
 
 def holding_arm(port: Port) -> FeetechArm:
-    """An arm that is held, some time after it was set up."""
+    """An arm with its torque on, some time after it was opened."""
     arm = FeetechArm(
         lambda: port,
         MonotonicClock(),
@@ -212,11 +178,14 @@ def holding_arm(port: Port) -> FeetechArm:
 
 def waving(arm: FeetechArm) -> Callable[[int], None]:
     """A control cycle: the next setpoint and where the joints are."""
+    reading, begin = arm.read(), time.monotonic()
 
-    def cycle(k: int) -> None:
-        t = 0.02 * k
-        arm.write(np.full(5, 0.2 * np.sin(t)), 0.0, np.full(5, 0.4 * np.cos(t)))
-        with suppress(NoReply):  # told once when a servo dies; the others go on
+    def cycle(_: int) -> None:
+        t = time.monotonic() - begin  # so that no cycle asks for more than a servo can
+        arm.write(
+            reading.q + 0.05 * np.sin(2.0 * t), reading.q_jaw, np.full(5, 0.1 * np.cos(2.0 * t))
+        )
+        with suppress(NoReply):  # raised once when a servo dies; the others go on
             arm.read()
 
     return cycle
@@ -224,7 +193,7 @@ def waving(arm: FeetechArm) -> Callable[[int], None]:
 
 def vendors_read() -> tuple[list[float], list[float]]:
     """The vendor's group read of the same six positions, with its own port handler."""
-    with emulated_arm() as name:
+    with emulated_port(*WIRE) as name:
         handler = scservo_sdk.PortHandler(name)
         handler.openPort()
         row = reg.PRESENT_POSITION
@@ -240,7 +209,7 @@ def vendors_read() -> tuple[list[float], list[float]]:
 
 def bare_cycle(*, with_goals: bool) -> tuple[list[float], list[float]]:
     """Our sync read of the same, after a sync write of six goals or alone; no conversions."""
-    with emulated_arm() as name:
+    with emulated_port(*WIRE) as name:
         bus = Bus(SerialPort(name))
         goal, position = reg.GOAL_POSITION, reg.PRESENT_POSITION
         goals = dict.fromkeys(IDS, goal.encode(2048))
@@ -269,7 +238,7 @@ def main() -> None:
     for rhythm, period, company in (
         ("back to back", 0.0, nullcontext()),
         ("at 100 Hz", PERIOD, nullcontext()),
-        ("at 100 Hz, processors kept awake", PERIOD, processors_awake()),
+        ("at 100 Hz, processors kept awake", PERIOD, awake()),
     ):
         with company:
             cpu, wall, port = cycles(period=period)

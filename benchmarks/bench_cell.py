@@ -1,16 +1,16 @@
-"""Two arms that face each other at 350 mm, planned for together.
+"""Plan two arms that face each other at 350 mm together, and one arm among 30 components.
 
 Tasks are drawn so that the tools begin and end where both arms reach, and so that arms that moved
-in straight joint lines at the same pace would meet halfway. What is measured: how many tasks are
-solved, how long planning and proof take, and how much sooner both are there than one after the
-other. How they are led into each other ``bench_led.py`` measures.
+in straight joint lines at the same pace would meet halfway. The benchmark measures how many tasks
+are solved, how long planning and proof take, and how much sooner both arrive than one after the
+other. ``bench_led.py`` measures arms that are led into each other.
 
 Contact is judged by other means than planning (``solids.py``): polytopes around the official
 solids, looked at by coal at single instants, every 5 ms of a plan.
 
-Last, what 30 components of a machine that stand around cost the plans of one arm: each motion is
-planned without and with them, in turn, and of either the quickest of several times counts. They are
-not in the way, so what is compared is the looking.
+Last, how much longer plans of one arm take with 30 components of a machine around it: each motion
+is planned without and with them, in turn, and the fastest of several runs of each counts. They are
+never in the way, so only the cost of checking is compared.
 
     python -m benchmarks.bench_cell --tasks 500
 """
@@ -100,7 +100,7 @@ def plans(count: int, seed: int) -> list[dict[str, object]]:
         ]
 
     def one_by_one(members: list[TeamMember]) -> float | None:
-        """How long it takes if one waits until the other has arrived; None if that cannot be."""
+        """How long it takes one after the other [s]; None if that is impossible."""
         best = None
         for first, second in (members, members[::-1]):
             try:
@@ -173,14 +173,14 @@ def plans(count: int, seed: int) -> list[dict[str, object]]:
 
 
 def components(count: int, seed: int) -> list[dict[str, object]]:
-    """What 30 components that stand around cost the plans of one arm."""
+    """How much longer plans of one arm take with 30 components around it."""
     caps = MotionLimits.uniform(velocity=np.pi / 2, acceleration=6.0, jerk=60.0)
     tasks = Tasks(seed)
     planner, random = Planner(tasks.model), np.random.default_rng(seed)
     planner.warm_up()
 
     def around(q: Array) -> Scene:
-        """30 boxes as a machine has them, none of them on the way of a motion."""
+        """30 boxes around the arm, none in the way of a motion."""
         boxes: list[Obstacle] = []
         while len(boxes) < COMPONENTS:
             azimuth, away = random.uniform(-np.pi, np.pi), random.uniform(0.15, 1.0)

@@ -1,9 +1,9 @@
-"""Joints that meet something: how soon they are stopped, and that nothing else stops them.
+"""How soon a joint that hits a wall is stopped, and that motions without contact are not.
 
 First one joint of an emulated arm after the other meets a wall, at different speeds, with nothing
 and with 0.2 kg in the hand: from the contact, as the emulator knows it, until the first setpoint
-that leads the joint on no more. Then arms whose servos differ (spread 0.2), with 0
-to 0.2 kg in the hand that nobody has told them of, move through random waypoints at 10 to 180
+that no longer moves the joint on. Then arms whose servos differ (spread 0.2), with an unannounced
+load of 0 to 0.2 kg in the hand, move through random waypoints at 10 to 180
 deg/s, an hour on the pretended clock in all: none of those motions may end as a contact does.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
@@ -12,10 +12,8 @@ The servos are emulated: fitted on recordings of one real servo, see ``docs/emul
 from __future__ import annotations
 
 import argparse
-import importlib
 import itertools
 import math
-import sys
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -35,26 +33,25 @@ HELD_KG = (0.0, 0.2)
 LOADS_KG = (0.0, 0.1, 0.2)
 PACES = ((10.0, 100.0), (20.0, 100.0), (50.0, 100.0), (90.0, 300.0), (180.0, 500.0))
 TOUCH = math.radians(0.05)
-"""So near to the wall a joint touches it: one that its weight leads there leans on it [rad]."""
+"""A joint this near to the wall counts as touching it [rad]."""
 
 GOALS = (50.0, -40.0, -70.0, -60.0, 90.0)
 """Where each joint is sent from zero and back, clear of the table [deg]."""
 
 PRESSES = 500
-"""Of a motor that presses: more than half of its drive [1/1000]; chosen."""
+"""A motor with more drive than this presses: half of its drive [1/1000]; chosen."""
 
 FELT, SHORT, UNFELT = "felt", "stopped before it", "not felt"
-"""What may become of a joint that is sent into a wall."""
+"""The outcomes for a joint that is sent into a wall."""
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_following: Any = importlib.import_module("harness.path_following")
-_harness: Any = importlib.import_module("harness.emulated_rig")
-_referee: Any = importlib.import_module("referee")
+_following: Any = _common.from_tests("harness.path_following")
+_harness: Any = _common.from_tests("harness.emulated_rig")
+_referee: Any = _common.from_tests("referee")
 
 
 Contact = tuple[str, str, str, float, float]
-"""A joint, which way it went, what became of it, for how long it was led on after it had met the
-wall, and for how long after that its motor still pressed [s]; 0 where there was no contact."""
+"""A joint, its direction, the outcome, how long it was moved on after it had met the wall, and how
+long after that its motor still pressed [s]; 0 without contact."""
 
 
 def contacts(seed: int, speed: float, held_kg: float) -> list[Contact]:

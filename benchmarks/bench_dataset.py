@@ -1,7 +1,7 @@
-"""An hour of a LeRobot data set: how long checking and converting take, and how much memory.
+"""Time and memory to check and to convert an hour of a LeRobot data set.
 
-Each is a process of its own, with all that it imports; counted is the processor time of all its
-threads, because on a shared machine the wall clock measures the neighbours. The data set is made
+Each run is a process of its own, imports included; the processor time of all its threads counts,
+because on a shared machine the wall clock measures other programs too. The data set is made
 up: 120 episodes of 30 s, actions and states of all six joints, one with a jump and one in which the
 arm goes into the table; no videos, which are only copied.
 """
@@ -9,7 +9,6 @@ arm goes into the table; no videos, which are only copied.
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import os
 import subprocess
@@ -22,8 +21,7 @@ import numpy as np
 
 from benchmarks import _common
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_data: Any = importlib.import_module("harness.lerobot_data")
+_data: Any = _common.from_tests("harness.lerobot_data")
 
 EPISODES, SECONDS = 120, 30.0
 

@@ -1,19 +1,16 @@
-"""How well the arm stays on a planned way: random ways through four waypoints, physics on.
+"""How well the emulated arm follows planned paths: random paths through four waypoints.
 
 Planner, executor, driver and bus are the real ones, the servos are emulated, with the arm's weight,
 friction and play. One clock drives all, so the machine's speed does not matter and a run can be
-repeated to the last bit, as long as the emulator is not kept waiting for longer than an answer is
-waited for, here two seconds.
+repeated to the last bit, as long as the emulator answers within two seconds.
 
-Angles are the joints' true ones. A joint's distance from its way is taken after one lag for the
-whole arm and the whole motion has been taken out; the lag is what fits best.
+Angles are the joints' true ones. A joint's distance from its path is measured after
+the lag of the whole motion, one figure for all joints that fits best, has been removed.
 """
 
 from __future__ import annotations
 
-import importlib
 import math
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -27,10 +24,9 @@ SPEEDS = ((50, 100), (90, 300), (120, 500), (180, 500))
 
 PLANS = 50
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_following: Any = importlib.import_module("harness.path_following")
-_harness: Any = importlib.import_module("harness.emulated_rig")
-_referee: Any = importlib.import_module("referee")
+_following: Any = _common.from_tests("harness.path_following")
+_harness: Any = _common.from_tests("harness.emulated_rig")
+_referee: Any = _common.from_tests("referee")
 
 
 def followed(speed: float, acceleration: float) -> list[Any]:

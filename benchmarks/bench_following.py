@@ -1,7 +1,7 @@
-"""The guarded follower of targets: what it survives, what it costs, how soon a target is taken up.
+"""The guarded follower of targets: hostile targets, processor time, and latency.
 
 *Hostile targets.* Ten thousand of every kind (60 deg jumps, what is no number, out of range, into
-the table, into the arm itself, two places in turn, ceasing in motion) for an emulated arm on
+the table, into the arm itself, two places in turn, ending in motion) for an emulated arm on
 pretended time, with the real driver under the referee: contacts as commanded and as the joints
 truly are, objections, and whether it ends.
 
@@ -19,8 +19,6 @@ prints what the guard costs and writes nothing.
 from __future__ import annotations
 
 import argparse
-import importlib
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -42,10 +40,9 @@ from so101_motion.planning.timing.torque import Load, Strength
 from so101_motion.rig.rig import HARD_STOP, TICK
 from so101_motion.tasks.teleop.pilot import Pace
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_targets: Any = importlib.import_module("campaign.targets")
-_referee: Any = importlib.import_module("referee")
-_bench: Any = importlib.import_module("harness.emulated_pair")
+_targets: Any = _common.from_tests("campaign.targets")
+_referee: Any = _common.from_tests("referee")
+_bench: Any = _common.from_tests("harness.emulated_pair")
 
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
 

@@ -1,6 +1,6 @@
-"""Giving up a plan: from when nobody wants it any more until its process is free again.
+"""How long after a plan is cancelled its planning process is free again.
 
-The real planning process plans, and is told at a random moment of each plan that it is not wanted.
+The real planning process plans, and each plan is cancelled at a random moment.
 What it was doing then is different for each row: searching and shortening (moves around a table and
 into a shelf, and one to a goal that cannot be reached), following lines, timing and verifying (150
 waypoints), and taking in a scene of a million points. Likewise how long closing takes with eight

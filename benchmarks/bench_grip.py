@@ -1,4 +1,4 @@
-"""Ten minutes of holding foam, wood, or nothing: how steady the grip is, and how warm it gets.
+"""Hold foam, wood, or nothing for ten minutes: how steady the grip is, and how warm it gets.
 
 A jaw of an emulated arm whose servos differ (spread 0.2) closes in a room of 30 degC and holds for
 ten minutes on the pretended clock. The torque is what the thing presses back with, by the emulator;
@@ -13,8 +13,6 @@ stiffness of foam and wood was chosen, too: no thing was measured.
 from __future__ import annotations
 
 import argparse
-import importlib
-import sys
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -29,15 +27,14 @@ from so101_motion.drivers.feetech.servo_judgement import HOT_C, WARM_C
 
 ROOM_C = 30.0
 WIDTH = 0.03
-"""Of what is held [m]."""
+"""Width of the object [m]."""
 
 SECONDS = 600.0
 THINGS = {"nothing": 0.0, "foam": 5.0, "wood": 600.0}
 """What is held, and how stiff it is [N m/rad at the jaw]; chosen."""
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_harness: Any = importlib.import_module("harness.emulated_rig")
-_referee: Any = importlib.import_module("referee")
+_harness: Any = _common.from_tests("harness.emulated_rig")
+_referee: Any = _common.from_tests("referee")
 
 
 def held(seed: int, stiffness: float) -> tuple[list[float], float, float, bool]:

@@ -1,10 +1,10 @@
-"""Arms that find out what their servos are like, held against what they are.
+"""Compare what emulated arms identify about their servos with the true figures.
 
 Each emulated arm has servos of its own (spread 0.2). It is identified with an empty hand, then with
 a load that it is to weigh. What the figures predict is compared with the truth: how far a joint
-droops under 1 N m, at which torque a limp joint breaks away, how far behind its setpoint a joint
-is, and play. Then random paths at 90 deg/s are followed without the figures, with them, and with
-the true ones, carrying the load, of which the driver is told nothing. The referee watches caps and
+droops under 1 N m, at which torque a limp joint breaks away, how far a joint is behind its
+setpoint, and play. Then random paths at 90 deg/s are followed without the figures, with them, and
+with the true ones, with the load, which the driver does not know. The referee watches caps and
 every command.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
@@ -13,9 +13,7 @@ The servos are emulated: fitted on recordings of one real servo, see ``docs/emul
 from __future__ import annotations
 
 import argparse
-import importlib
 import math
-import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
@@ -41,10 +39,9 @@ from so101_motion.setup.identify_report import IdentifyReport
 
 LOADS_KG = (0.1, 0.15, 0.2, 0.3)
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_following: Any = importlib.import_module("harness.path_following")
-_harness: Any = importlib.import_module("harness.emulated_rig")
-_referee: Any = importlib.import_module("referee")
+_following: Any = _common.from_tests("harness.path_following")
+_harness: Any = _common.from_tests("harness.emulated_rig")
+_referee: Any = _common.from_tests("referee")
 
 
 def identified(bench: Any, file: Path, *, is_empty: bool) -> tuple[IdentifyReport, float]:

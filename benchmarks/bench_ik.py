@@ -1,10 +1,10 @@
 """Inverse kinematics: how often it finds a solution, and how long a solve takes.
 
 Targets are the poses of 10,000 random configurations inside the limits, so every one can be
-reached; the seed is always the home posture, all joints at zero. Success is judged here, by forward
-kinematics alone: within 0.1 mm, inside the limits, and within 1 degree of the approach (or of the
-whole rotation) where it counts. A solve is what callers pay: the public call with its checks of the
-goal, judgement by the model and the making of the solution.
+reached; the seed is always the home configuration, all joints at zero. Success is judged here, by
+forward kinematics alone: within 0.1 mm, inside the limits, and within 1 degree of the approach (or
+of the whole rotation) where it counts. What is timed is the public call, with its checks of the
+goal and of the solution.
 
 The points out of reach are random ones that were refused. Peers are on the same targets in the same
 run: pin-pink, its differential inverse kinematics repeated until it is within 0.1 mm, at most 200

@@ -1,11 +1,11 @@
-"""How soon the arm obeys a key on the Jog tab, and how soon it slows when that is let go.
+"""How soon the arm moves after a key is pressed on the Jog tab, and slows after it is released.
 
 A window without a browser sends what the browser's script sends: every 25 ms what is held, and at
-once when it is let go. The servos are emulated behind a serial port, in real time and in a process
-of their own; page and arm run in this process, as in ``so101 view --port``. From the message that
-leaves the window to the first setpoint that moves (a key), to the first one with less than 70 % of
-the speed after a release, and likewise after the last message of a window whose network is gone.
-It takes 1.5 s for each of ``--n``: two and a half minutes as it stands.
+once when it is released. The servos are emulated behind a serial port, in real time and in a
+process of their own; page and arm run in this process, as in ``so101 view --port``. From the
+message that leaves the window to the first setpoint that moves (a key), to the first one with less
+than 70 % of the speed after a release, and likewise after the last message of a window whose
+network is gone. It takes 1.5 s for each of ``--n``: two and a half minutes as it stands.
 """
 
 from __future__ import annotations

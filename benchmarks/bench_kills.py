@@ -1,9 +1,9 @@
-"""Sweeps that are killed: with -9, at random instants, a part of them drawn at random.
+"""Kill sweeps (kill -9) at random instants; the atlas must come out the same.
 
 An atlas is made by two workers, or by a Dask cluster, and killed again and again until it is
-complete; then the next one begins. What is killed is the process that runs the sweep, a worker, or
-Dask's scheduler. After each death the same command is given again where it ended. At the end of
-each atlas its SHA-256 must be that of one that nobody disturbed, and no worker may be left over.
+complete; then the next one begins. Each kill hits the process that runs the sweep, a worker, or
+Dask's scheduler. When the sweep has ended, the same command is given again. The SHA-256 of each
+atlas must be that of an undisturbed one, and no worker may be left over.
 
 ``python -m benchmarks.bench_kills --kills 50 --seed 0``; another seed is another row.
 """
@@ -22,9 +22,9 @@ import time
 from collections import Counter
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any
 
 from benchmarks import _common
+from benchmarks.bench_sweep import cluster
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.sweeps import ReachSweep, run_sweep, scene_text
 
@@ -33,7 +33,7 @@ SOON, EARLY = 0.2, 3.0
 """The latest instant of a kill after a number of shards, and after the start of a run [s]."""
 
 LEFT = 20.0
-"""So long an orphan may take to end [s]; generous, for a loaded machine."""
+"""How long an orphan may take to end [s]; generous, for a loaded machine."""
 
 
 class Attack:
@@ -78,7 +78,7 @@ class Attack:
     def _on_dask(self, out: Path) -> str:
         while True:
             with ExitStack() as stack:
-                address, scheduler, workers = _cluster(stack, out)
+                address, scheduler, workers = stack.enter_context(cluster())
                 process = _sweep(out, "--dask", address)
                 stack.callback(process.kill)
                 victim = self._random.choice(("Dask scheduler", "Dask worker", "running process"))
@@ -122,36 +122,6 @@ def _sweep(out: Path, *by: str) -> subprocess.Popen[str]:
 def _ended(process: subprocess.Popen[str]) -> str:
     said = process.communicate()[0]
     return str(json.loads(said)["sha256"]) if process.returncode == 0 else "failed"
-
-
-def _cluster(
-    stack: ExitStack, out: Path
-) -> tuple[str, subprocess.Popen[bytes], list[subprocess.Popen[bytes]]]:
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-    file = folder / "scheduler.json"
-
-    def started(*arguments: str) -> subprocess.Popen[bytes]:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "dask", *arguments, "--scheduler-file", str(file)],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        stack.callback(process.wait)
-        stack.callback(process.kill)
-        return process
-
-    scheduler = started("scheduler", "--no-dashboard", "--host", "127.0.0.1", "--port", "0")
-    while not file.exists() or not file.read_text():
-        time.sleep(0.1)
-    own = ("--no-dashboard", "--no-nanny", "--nthreads", "1", "--local-directory", str(folder))
-    workers = [started("worker", *own) for _ in range(2)]
-    address = json.loads(file.read_text())["address"]
-    from distributed import Client
-
-    connect: Any = Client
-    with connect(address, set_as_default=False) as client:
-        client.wait_for_workers(2)
-    return address, scheduler, workers
 
 
 def _children(pid: int) -> list[int]:

@@ -1,8 +1,8 @@
-"""Two leaders drive two guarded arms, which face each other at 350 mm, into each other.
+"""Lead two guarded arms that face each other at 350 mm into each other.
 
-They draw random motions that two guarded followings take up, in one cell. Contact is judged by
+Two leaders move at random, and two guarded followings in one cell follow them. Contact is judged by
 other means than the guard (``solids.py``), at every tick: polytopes around the official solids, and
-how near hulls and drawn triangles come, for the polytopes are a few millimetres too large.
+how near hulls and drawn triangles come, because the polytopes are a few millimetres too large.
 
 What the guard costs: processor time of both arms' setpoints in a tick, less the median of that of
 followings that are led alike with nothing to keep them off anything.

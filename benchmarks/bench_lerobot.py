@@ -1,4 +1,4 @@
-"""LeRobot's robot on the emulated arm: how soon an action is sent, how well one is replayed.
+"""The LeRobot plugin on the emulated arm: latency of actions, and replay of a recording.
 
     python -m benchmarks.bench_lerobot
     python -m benchmarks.bench_lerobot --two-arms 10
@@ -12,7 +12,7 @@ The plugin has caps of 180 deg/s and 500 deg/s^2, which the recording keeps.
 ``--two-arms MINUTES`` runs nothing but teleoperation of two followers by two leaders at 60 Hz, in
 real time, by the calls and the sleep of LeRobot's own loop: four emulators in processes of their
 own, with the time of the wire, and all else in one process. It wants a machine with nothing else to
-do. What the log warned of after the first approach is counted, and told.
+do. Warnings in the log after the first approach are counted and listed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ import importlib.metadata
 import json
 import logging
 import resource
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -33,18 +32,18 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.bench_teleop import emulator
+from benchmarks import _common
+from benchmarks.emulated_port import emulated_port
 from so101_motion.common.geometry import Array
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.port.serial_port import SerialPort
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-_pair: Any = importlib.import_module("harness.emulated_pair")
-_rig: Any = importlib.import_module("harness.emulated_rig")
-_lerobot: Any = importlib.import_module("harness.lerobot_bench")
-_referee: Any = importlib.import_module("referee")
+_pair: Any = _common.from_tests("harness.emulated_pair")
+_rig: Any = _common.from_tests("harness.emulated_rig")
+_lerobot: Any = _common.from_tests("harness.lerobot_bench")
+_referee: Any = _common.from_tests("referee")
 
 MIDDLES_DEG: Array = np.array(_rig.MIDDLES_DEG)
 FPS, SECONDS, DT = 30, 20.0, 0.01
@@ -210,9 +209,9 @@ def two_arms(folder: Path, minutes: float) -> dict[str, Any]:
     with ExitStack() as stack:
         ports = {}
         for seed, name in enumerate(("left", "right", "left_leader", "right_leader")):
-            (folder / name).mkdir()
-            script = leading_hand(seconds + 60.0, seed) if seed >= 2 else None
-            ports[name] = stack.enter_context(emulator(folder / name, script))
+            script = leading_hand(seconds + 60.0, seed) if seed >= 2 else ""
+            port = emulated_port("--latency", "0.001", hand=script)
+            ports[name] = stack.enter_context(port)
         arms = (_lerobot.SO101MotionArmConfig(port=ports[side]) for side in SIDES)
         config = _lerobot.BiSO101MotionConfig(*arms, id="two", calibration_dir=folder)
         robot = _lerobot.BiSO101Motion(config)

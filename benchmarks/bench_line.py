@@ -1,10 +1,10 @@
-"""Lines and paths of the tool: how many that exist are found, how exactly, how quickly.
+"""Straight lines and paths of the tool: share found of those that exist, accuracy, time.
 
 Whether a line exists is decided by exhaustion: a flood fill over points a millimetre apart, all
 pitches a degree apart, both sides and both ways to bend, in which the arm may also stop and change
-its configuration with the tool held still. It forgives more than a planner may (it only looks
-whether neighbouring configurations are near and free, not whether a motion between them is), so it
-errs on the side of lines that do not exist. It is asked about the lines that were refused.
+its configuration with the tool held still. It is more lenient than a planner (it only checks that
+neighbouring configurations are near and free, not the motion between them), so it may count lines
+that do not exist. It is asked only about the lines that were refused.
 
 Run: ``python -m benchmarks.bench_line``.
 """

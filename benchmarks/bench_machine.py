@@ -1,4 +1,4 @@
-"""Plans of an arm alone, and with 30 components of its machine around it.
+"""Compare plans of an arm alone with plans among 30 components of its machine.
 
 The real module process, with a stand-in for viam-server as its parent; every plan is asked for with
 ``preview`` of the motion service, from the same place, so each is compared with itself. Of the
@@ -10,11 +10,8 @@ some rounds, because the machine is shared.
 from __future__ import annotations
 
 import asyncio
-import importlib
 import json
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,9 +26,8 @@ PLANS = 60
 ROUNDS = 5
 SEED = 5
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_parent: Any = importlib.import_module("harness.fake_parent")
-_machine: Any = importlib.import_module("harness.fake_machine")
+_parent: Any = _common.from_tests("harness.fake_parent")
+_machine: Any = _common.from_tests("harness.fake_machine")
 
 
 def components() -> tuple[list[Any], list[Any]]:

@@ -1,9 +1,9 @@
-"""Many plans at once: how much more a second two planning processes make than one.
+"""How many plans a second two planning processes make, compared with one.
 
 The problems of ``plan_problems.py``, each four times with another seed, from requests to verified
 motions, through ``PlanningWorker.plan_many``. By the wall clock, so nothing else should be running;
-the time that children and this process, which packs and unpacks, spend on processors tells how far
-a machine with more of them could go.
+the processor time of the children and of this process, which packs and unpacks, shows how far a
+machine with more processors could go.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from __future__ import annotations
 import resource
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks import _common
+from benchmarks._machine import cpu_time
 from benchmarks.plan_problems import SCENES, problems
 from so101_motion.arm.planning_worker import PlanningWorker
 from so101_motion.planning.goals import JointGoal
@@ -41,22 +41,16 @@ def requests(model: RobotModel, name: str) -> list[PlanRequest]:
 
 def attempt(worker: PlanningWorker, asked: Sequence[PlanRequest]) -> dict[str, float]:
     """Plan all; seconds by the wall clock, of the children and of this process."""
-    before, own = sum(map(_spent, worker.pids)), time.process_time()
+    before, own = sum(map(cpu_time, worker.pids)), time.process_time()
     begin = time.perf_counter()
     outcomes = list(worker.plan_many(asked))
     wall = time.perf_counter() - begin
     return {
         "wall": wall,
-        "children": sum(map(_spent, worker.pids)) - before,
+        "children": sum(map(cpu_time, worker.pids)) - before,
         "own": time.process_time() - own,
         "made": sum(isinstance(each, Plan) for each in outcomes),
     }
-
-
-def _spent(pid: int) -> float:
-    """What a process has used of processors [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return sum(map(int, fields[11:13])) / 100.0
 
 
 def main() -> None:

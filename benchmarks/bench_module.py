@@ -1,4 +1,4 @@
-"""The module as viam-server meets it: the real process, a real socket, a client over gRPC.
+"""Start, latency and memory of the real module process, and 200 moves, over gRPC.
 
 Measured: process start to Ready, and to the first setpoint of a first move; MoveToPosition request
 to first setpoint on a warm module in real time; 200 MoveToPosition to random reachable points with
@@ -11,9 +11,6 @@ one such question: they are a little too long, never too short.
 from __future__ import annotations
 
 import asyncio
-import importlib
-import os
-import sys
 import time
 from collections.abc import Awaitable
 from pathlib import Path
@@ -23,6 +20,7 @@ import numpy as np
 from viam.components.arm import Pose
 
 from benchmarks import _common
+from benchmarks._machine import memory
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_mm
 from so101_motion.planning.collision.collision import CollisionModel
@@ -33,8 +31,7 @@ LATENCIES = 50
 MOVES = 200
 SEED = 2
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_parent: Any = importlib.import_module("harness.fake_parent")
+_parent: Any = _common.from_tests("harness.fake_parent")
 
 
 def reachable_points(n: int) -> Array:
@@ -98,17 +95,17 @@ async def latencies(points: Array) -> list[dict[str, Any]]:
             await first_setpoint(arm, arm.move_to_position(pose_at(point)))
             for point in points[: LATENCIES + 1]
         ]
-        memory = memory_of(module.process.pid)
+        used = memory_of(module.process.pid)
     row = {"what": "request to first setpoint", **_common.summary(times[1:]), "bar": "25 ms"}
-    return [row, *memory]
+    return [row, *used]
 
 
 def memory_of(pid: int) -> list[dict[str, Any]]:
     """Resident memory of the service, and of it with its planning process; what is loaded."""
     threads = Path(f"/proc/{pid}/task").iterdir()
     children = [child for thread in threads for child in (thread / "children").read_text().split()]
-    service = resident(pid)
-    together = service + sum(resident(int(child)) for child in children)
+    service = memory(pid)
+    together = service + sum(memory(int(child)) for child in children)
     maps = Path(f"/proc/{pid}/maps").read_text()
     heavy = [name for name in ("toppra", "matplotlib", "scipy") if f"/{name}/" in maps]
     return [
@@ -116,12 +113,6 @@ def memory_of(pid: int) -> list[dict[str, Any]]:
         {"what": "memory, with planner [MB]", "value": together / 1e6, "bar": "300 MB"},
         {"what": "heavy libraries in the service", "value": ", ".join(heavy) or "none"},
     ]
-
-
-def resident(pid: int) -> int:
-    """Resident memory of a process [bytes]."""
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 async def moves(points: Array) -> list[dict[str, Any]]:

@@ -1,16 +1,15 @@
-"""What the page costs: until it can be read, at rest, and while the arm moves.
+"""Load time of the page, its processor time at rest, and its update rate while the arm moves.
 
 The page runs in a process of its own, as ``so101 view --sim`` starts it. Beside it runs an empty
-page of the same viser, behind the same door, with nothing but the same words on it: what any page
-of viser's costs, and the least that ours can. Each in turn is opened in a fresh window whose cache
-is empty. A window counts as loaded when the words that tell the arm's state have been painted; the
-browser itself says when (element timing), counted from the navigation. It draws without a GPU, on
+page of the same viser, behind the same guard, with only the same words on it: the least that ours
+could take. Each in turn is opened in a fresh window whose cache
+is empty. A window counts as loaded when the arm's state has been painted; the browser reports when
+(element timing), counted from the navigation. It draws without a GPU, on
 the processors that the page and the benchmark share, so the ratio says more than the seconds.
 
-Then one window is left open and nobody does anything: what the process takes is the idle page. Last
-comes a window without a browser, the websocket alone. It notes what it is sent until viser says
-that this was all, takes control, chooses a pose, plans, executes, and counts how often it is told
-where the arm is.
+Then one window is left open and nobody does anything, which measures the idle page. Last comes a
+window without a browser, the websocket alone. It counts what it is sent until viser says that this
+was all, takes control, chooses a pose, plans, executes, and counts updates of the arm's place.
 
 Run by hand, ``--empty`` is the other page and not for people.
 """

@@ -1,9 +1,9 @@
-"""Placement: the best base that a search finds, beside the best of a hundred times as much work.
+"""Compare the best base that the placement search finds with the best of 100 times as much work.
 
-The long way knows no bounds: it draws bases of the same fine lattice at random and plans from each,
-until it has used a hundred times the search's processor time: 45 minutes of one core for all three
-tasks. A run with ``--seconds`` ends earlier, the next one goes on, and the rows say how far it
-came; ``--only "pick and place"`` looks at one task, so that two cores have something to do.
+The comparison draws bases of the same fine lattice at random and plans from each, until it has used
+a hundred times the search's processor time: 45 minutes of one core for all three tasks. A run with
+``--seconds`` ends earlier, the next one resumes it, and the rows say how far it came; ``--only
+"pick and place"`` looks at one task, so that two cores have something to do.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def drawn(random: np.random.Generator) -> tuple[Cell, ...]:
     return tuple((x, y, z, turn) for x, y, z, turn in cells)
 
 
-class LongWay:
-    """Looks at random bases for a task, batch by batch; what it knows is kept in a file.
+class RandomSearch:
+    """Plans from random bases for a task, batch by batch; the state is kept in a file.
 
     Args:
         name: The task.
@@ -92,7 +92,7 @@ class LongWay:
 
     @property
     def is_over(self) -> bool:
-        """Whether it has taken a hundred times as long as the search."""
+        """Whether it has used a hundred times the search's processor time."""
         return bool(self.known["spent"] >= TIMES * self.known["search"])
 
     def batch(self) -> None:
@@ -146,11 +146,11 @@ def main() -> None:
     wanted = parser.parse_args()
     _common.single_thread()
     KEPT.mkdir(exist_ok=True)
-    ways = [LongWay(name, KEPT) for name in wanted.only or TASKS]
-    while time.process_time() < wanted.seconds and not all(way.is_over for way in ways):
+    searches = [RandomSearch(name, KEPT) for name in wanted.only or TASKS]
+    while time.process_time() < wanted.seconds and not all(each.is_over for each in searches):
         # The one that is furthest from its end goes on, so that all are useful at any time.
-        min(ways, key=lambda way: way.known["spent"] / way.known["search"]).batch()
-    _common.update("bench_place", [way.row() for way in ways])
+        min(searches, key=lambda each: each.known["spent"] / each.known["search"]).batch()
+    _common.update("bench_place", [each.row() for each in searches])
 
 
 if __name__ == "__main__":

@@ -1,15 +1,16 @@
-"""Planning around obstacles: success, time, length of the path, and whether it is free indeed.
+"""Planning around obstacles: success, time, length of the path, and whether it is truly free.
 
 Eight sets of 100 problems (``plan_problems.py``). Two figures for each:
 
-- *search*: from two postures to a path that is free, shortened and proven, without any timing; the
+- *search*: from two configurations to a path that is free, shortened and proven, without any
+timing; the
   same for OMPL and roboplan (``plan_peers.py``) where they are installed, problem by problem in
   turn, so that all see the same machine. What sets them up is not counted.
 - *motion*: from the request to a timed trajectory whose every sample has been verified; and how
   long its stages take.
 
-Every path and every trajectory is looked at again, every 0.005 rad, with the arm as it is drawn
-(``drawn.py``): "touching" counts those that are not free. Peers look at postures 0.05 rad apart
+Every path and every trajectory is checked again, every 0.005 rad, with the arm as it is drawn
+(``drawn.py``): "touching" counts those that are not free. Peers check configurations 0.05 rad apart
 and, but for OMPL with our check, keep no margin.
 
 Further the cost of single checks, and how often they are wrong about what is drawn; and that of
@@ -46,7 +47,8 @@ STEP = 0.005
 """How far apart the postures are that are looked at again [rad]."""
 
 BATCH, EDGE = 16_384, 0.3
-"""So many configurations are checked at once; on edges that turn each joint by at most so much."""
+"""How many configurations are checked at once, and how far an edge turns each joint at most
+[rad]."""
 
 BUDGET = 10.0
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)

@@ -1,4 +1,4 @@
-"""Timing paths: how fast, how close to the optimum, how well within limits; and stopping.
+"""Timing of paths: computing time, closeness to the optimum, limits; and stopping.
 
 100 random joint paths of 10 to 50 waypoints, 0.1 to 0.4 rad apart, under 3 rad/s, 10 rad/s^2 and
 500 rad/s^3. Velocity, acceleration and jerk are the first three differences of positions sampled

@@ -1,9 +1,9 @@
-"""Leading the tool: what a step costs, how straight a jog is, and how close it comes to things.
+"""Cartesian jogging: time of a step, straightness, and distance kept from obstacles.
 
-Twists, poses and points are held for 0.4 s each from random free postures, alone over the table and
-between three boxes, at 100 Hz. Every step counts; "constrained" are those in which something stood
-against the wish, so that the quadratic program was solved. Distances of all bodies near each other
-are part of every step. The closest approach is measured afterwards at every step.
+Twists, poses and points are held for 0.4 s each from random free configurations, alone over the
+table and between three boxes, at 100 Hz. Every step counts; in the "constrained" ones a limit or an
+obstacle was active, so that the quadratic program was solved. Distances of all bodies near each
+other are part of every step. The closest approach is measured afterwards at every step.
 
 The quadratic program alone is compared with the same program through qpsolvers, which sets OSQP up
 anew at each call.

@@ -1,19 +1,19 @@
-"""How soon an arm slows down after Stop has reached the module, whatever else is asked of it.
+"""How soon an arm slows down after Stop has reached the module, while other clients load it.
 
 The real module process, with an arm of emulated servos on a serial port (their own process, the
 wire's time at 1 Mbaud, an adapter with 1 ms latency). Again and again the arm is sent to the other
 side, and stopped at full speed. Two moments are noted on the same clock. *Arrival*: the last frame
 of the Stop request has been handed to the kernel, on a connection of its own. *Slower*: the first
 setpoint whose commanded velocity is below that of the cruise has been handed to the port; a
-wrapper in the module's process notes every write. What lies between them is the figure, in seconds
-and in control cycles.
+wrapper in the module's process notes every write. The time between them counts, in seconds and in
+control cycles.
 
 Meanwhile another process attacks the module: ``stop_attacks``.
 
-Every row has its own module process. The processors are kept awake, as in a computer that has more
-to do: of a virtual machine they are woken late. A witness on each processor keeps time before
-everybody else: when it is late, that processor stood still, and with it the module if the thread
-that holds the interpreter lock was there. Stops meanwhile are in the figures, and told apart.
+Every row has its own module process. The processors are kept awake, because those of a virtual
+machine wake up late. A witness on each processor runs at the highest priority: when it is late,
+that processor stood still, and with it the module if the thread with the interpreter lock was
+there. Stops meanwhile are in the figures, and counted apart.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
-import importlib
 import json
 import os
 import sys
@@ -51,12 +50,12 @@ LIFTED_DEG = (-45.0, 45.0, 60.0, 0.0)
 MOTION_MODEL = "devrel:so101:motion"
 
 SERVOS = 3
-"""The emulated servos' real-time priority; the module's are 1 and 2."""
+"""Real-time priority of the emulated servos; the module's are 1 and 2."""
 
 P99_CYCLES = 2.0
 MAX_CYCLES = 10.0
 
-_port: Any = importlib.import_module("harness.emulated_port")  # beside the parent
+_port: Any = _common.from_tests("harness.emulated_port")  # beside the parent
 _RECORD = "SO101_BENCH_RECORD"
 
 
@@ -89,9 +88,6 @@ def module() -> None:
         Path(os.environ[_RECORD]).write_text(json.dumps(written))
 
 
-# The attacks
-
-
 # The attacker
 
 
@@ -119,7 +115,7 @@ async def attacked(name: str, target: Target) -> AsyncIterator[None]:
             await process.wait()
 
 
-# The one who stops
+# The client that stops
 
 
 class Stopper:
@@ -162,7 +158,7 @@ def _ends_a_request(data: bytes) -> bool:
 
 
 def _like_hardware(pid: int) -> None:
-    """Let a process of emulated servos go before all others: real servos wait for no processor."""
+    """Give the process of the emulated servos priority: real servos wait for no processor."""
     with contextlib.suppress(PermissionError):
         for thread in os.listdir(f"/proc/{pid}/task"):
             os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(SERVOS))

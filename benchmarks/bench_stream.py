@@ -1,34 +1,31 @@
-"""The control loop of a real module process for a minute, while everybody wants something of it.
+"""Timing of a real module's control loop for a minute, while it plans and answers a client.
 
 Four processes, as on a robot: the module with its arm on a serial port; the emulated servos behind
 that port, with the time of the wire at 1 Mbaud and an adapter that holds replies back for 1 ms; the
-planning process, which never gets a rest; and a client that asks for the joints and the status 50
+planning process, which never pauses; and a client that asks for the joints and the status 50
 times a second over gRPC while the arm follows one path through many waypoints.
 
-The setpoints are timed where they leave: a wrapper in the module's process notes the moment of each
-``write``. A setpoint is late by what it lies behind a grid of ten milliseconds that starts with the
-earliest one. Lost cycles are those the executor itself reports.
+A wrapper in the module's process notes the moment of each ``write``. Lateness is counted against a
+grid of ten milliseconds that starts with the earliest setpoint. Lost cycles are those the executor
+itself reports.
 
-A fifth process only keeps time, before everybody else: the witness. When it is late, the machine
+A fifth process, the witness, only keeps time, at the highest priority. When it is late, the machine
 as a whole has stood still (a virtual one does, now and then), and no program could have been on
-time. Cycles lost then are told apart.
+time. Cycles lost then are counted apart.
 
-``--module`` is a process of it and not for people.
+``--module`` starts the module's process; it is not for people.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import importlib
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -37,7 +34,8 @@ import numpy as np
 from viam.components.arm import JointPositions
 
 from benchmarks import _common
-from benchmarks._machine import witnessed
+from benchmarks._machine import cpu_time, witnessed
+from benchmarks.emulated_port import SUPPORT, emulated_port
 from so101_motion.common.geometry import Array
 from so101_motion.planning.goals import JointGoal
 
@@ -50,8 +48,7 @@ SEED = 4
 
 _RECORD = "SO101_BENCH_RECORD"
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_parent: Any = importlib.import_module("harness.fake_parent")
+_parent: Any = _common.from_tests("harness.fake_parent")
 
 
 # The module's process
@@ -120,35 +117,11 @@ def excused(writes: Array, stops: list[tuple[float, float]]) -> int:
 # The parent
 
 
-@contextlib.contextmanager
-def emulated_arm(folder: Path) -> Iterator[str]:
-    """Six servos in a process of their own, held up until they hold; the port's name."""
-    hand = folder / "hand"
-    heavy = ("shoulder_lift", "elbow_flex", "wrist_flex")
-    hand.write_text("".join(f"0 {joint} start\n4 {joint} release\n" for joint in heavy))
-    command = ["so101_motion.cli", "emulate", "--realtime", "--latency", str(LATENCY)]
-    command += ["--hand", str(hand)]
-    program = f"import sys; sys.argv = {command!r}; from so101_motion.cli import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        yield next(word for word in line.split() if word.startswith("/dev/"))
-    finally:
-        process.terminate()
-        process.wait()
-
-
 async def session(record: Path) -> dict[str, Any]:
     """Move and poll for a minute; what the client saw."""
     command = (sys.executable, "-m", "benchmarks.bench_stream", "--module")
     os.environ[_RECORD] = str(record)
-    with emulated_arm(record.parent) as port:
+    with emulated_port("--latency", str(LATENCY), hand=SUPPORT) as port:
         async with _parent.running_module(command=command) as (running, _, _):
             arm = await running.add(_parent.ARM, _parent.HARDWARE_ARM, {"port": port}, "arm")
             await asyncio.sleep(5.0)  # the weight is taken up
@@ -157,7 +130,7 @@ async def session(record: Path) -> dict[str, Any]:
             move = asyncio.ensure_future(arm.move_through_joint_positions(way))
             answers = await polled(arm, move)
             status = await arm.get_status()
-            usage = cpu_seconds(running.process.pid)
+            usage = cpu_time(running.process.pid)
     return {"answers": answers, "late_ticks": int(status["late_ticks"]), "cpu": usage}
 
 
@@ -182,12 +155,6 @@ async def polled(arm: Any, move: asyncio.Future[None]) -> list[float]:
     await asyncio.wait([move])
     move.exception()
     return answers
-
-
-def cpu_seconds(pid: int) -> float:
-    """Processor time of a process so far, its ended children not counted [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def lateness(writes: Array) -> Array:

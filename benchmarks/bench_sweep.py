@@ -1,9 +1,9 @@
-"""Sweeps: how fast an atlas is made and asked, and how many verified plans a core makes.
+"""How fast an atlas is computed and queried, and how many verified plans a core makes.
 
-Rates by processor time of one process, which neighbours on the machine do not change much. What two
-workers gain by the wall clock, for which nothing else should be running, is the piece ``wall``: two
-minutes. ``python -m benchmarks.bench_sweep PIECE ...`` measures only some pieces, and leaves the
-other rows of the result as they are; ``large`` goes on where it was interrupted.
+Rates are by processor time of one process, which other programs hardly change. The piece ``wall``
+measures what two workers gain by the wall clock, in two minutes; nothing else should be running
+then. ``python -m benchmarks.bench_sweep PIECE ...`` measures only some pieces, and leaves the other
+rows of the result as they are; an interrupted ``large`` is resumed.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
+from benchmarks._machine import cpu_time, memory
 from benchmarks.plan_problems import SCENES
 from so101_motion.tasks.sweeps import (
     Atlas,
@@ -45,8 +46,6 @@ REPEATS = 5
 QUESTIONS = 20_000
 KEPT = Path(tempfile.gettempdir()) / "so101-bench-sweep"
 """Where the large atlas grows."""
-
-_TICK = os.sysconf("SC_CLK_TCK")
 
 
 def rate(sweep: Sweep) -> float:
@@ -150,10 +149,14 @@ def dask() -> Iterator[_common.Row]:
         tempfile.TemporaryDirectory() as folder,
         dask_executor(address) as (executor, ahead),
     ):
-        pids = {"scheduler": [scheduler], "workers": workers, "running process": [os.getpid()]}
-        before = {name: sum(map(_spent_by, of)) for name, of in pids.items()}
+        pids = {
+            "scheduler": [scheduler.pid],
+            "workers": [each.pid for each in workers],
+            "running process": [os.getpid()],
+        }
+        before = {name: sum(map(cpu_time, of)) for name, of in pids.items()}
         run_sweep(WALL, Path(folder) / "out", executor=executor, ahead=ahead)
-        spent = {name: sum(map(_spent_by, of)) - before[name] for name, of in pids.items()}
+        spent = {name: sum(map(cpu_time, of)) - before[name] for name, of in pids.items()}
     whole = sum(spent.values())
     before_pool = sum(map(_processor_time, _WHO))
     wall(WALL, workers=2)
@@ -215,8 +218,8 @@ def two_at_the_wall() -> Iterator[_common.Row]:
 
 
 @contextmanager
-def cluster() -> Iterator[tuple[str, int, list[int]]]:
-    """A Dask scheduler and two workers of one thread; its address, and their process numbers."""
+def cluster() -> Iterator[tuple[str, subprocess.Popen[bytes], list[subprocess.Popen[bytes]]]]:
+    """A Dask scheduler and two workers of one thread; its address, and their processes."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         file = folder / "scheduler.json"
@@ -235,7 +238,7 @@ def cluster() -> Iterator[tuple[str, int, list[int]]]:
         connect: Any = Client
         with connect(address, set_as_default=False) as client:
             client.wait_for_workers(2)
-        yield address, scheduler.pid, [each.pid for each in workers]
+        yield address, scheduler, workers
 
 
 @contextmanager
@@ -248,17 +251,6 @@ def _running(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
     finally:
         process.kill()
         process.wait()
-
-
-def _spent_by(pid: int) -> float:
-    """Processor time of a process [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / _TICK
-
-
-def _memory(pid: int) -> int:
-    """What a process has in memory [bytes]."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def large() -> Iterator[_common.Row]:
@@ -277,9 +269,9 @@ def large() -> Iterator[_common.Row]:
         looked += 1
         if looked % 100 == 0 or progress.done == progress.shards:
             children = Path(f"/proc/{own}/task/{own}/children").read_text().split()
-            most = max((_memory(int(pid)) for pid in children), default=0)
-            known["memory"].append([progress.done, _memory(own), most])
-            running = sum(_spent_by(int(pid)) for pid in children)
+            most = max((memory(int(pid)) for pid in children), default=0)
+            known["memory"].append([progress.done, memory(own), most])
+            running = sum(cpu_time(int(pid)) for pid in children)
             known["spent"] = begun_with + sum(map(_processor_time, _WHO)) - before + running
             known["wall"] = begun_after + time.perf_counter() - at_start
             notes.write_text(json.dumps(known))
@@ -303,7 +295,7 @@ def large() -> Iterator[_common.Row]:
         "files [bytes]": sum(each.stat().st_size for each in (KEPT / "atlas/shards").iterdir()),
         "sha256": result.sha256,
         "to read it [s]": time.process_time() - begin,
-        "read, in memory [bytes]": _memory(own),
+        "read, in memory [bytes]": memory(own),
     }
     yield {"what": "question to an atlas of 3 mm", **answers(whole)}
     shutil.rmtree(KEPT)

@@ -1,4 +1,4 @@
-"""Teleoperation: how far the follower is behind, how near it stays, and what it survives.
+"""Teleoperation: latency, tracking error, lost connections, and half an hour with lost replies.
 
 Two emulated arms with weight, friction and play; rigs, drivers, bus and session are the real ones.
 Most of it runs on one clock that drives all, so the machine's speed does not matter; angles are the
@@ -6,7 +6,7 @@ joints' true ones there. The last part runs in real time, each emulator in a pro
 the time of the wire at 1 Mbaud and an adapter that holds replies back for 1 ms; angles are what the
 servos report, stamped when each cycle began.
 
-The motion is a person's, as one imagines it: reaches of minimum jerk, 30 to 120 deg/s and 150 to
+The motion imitates a person's: reaches of minimum jerk, 30 to 120 deg/s and 150 to
 350 deg/s^2, all joints at their own times, with pauses and 0.08 deg of tremor at 6 to 10 Hz.
 
 *Latency* is a shift in time. Over all: the one shift of all joints that leaves the least between
@@ -29,9 +29,8 @@ from __future__ import annotations
 
 import argparse
 import gc
-import importlib
 import json
-import resource
+import os
 import shutil
 import subprocess
 import sys
@@ -48,6 +47,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
+from benchmarks._machine import memory
+from benchmarks.emulated_port import SUPPORT, emulated_port
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
 from so101_motion.control.following import Following
@@ -69,9 +70,8 @@ RAISED = np.array([0.0, -25.0, -20.0, 0.0, 0.0, 0.0])
 would not go along. Nothing is nearer than 50 mm then."""
 PERIOD = 0.01
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_bench: Any = importlib.import_module("harness.emulated_pair")
-_referee: Any = importlib.import_module("referee")
+_bench: Any = _common.from_tests("harness.emulated_pair")
+_referee: Any = _common.from_tests("referee")
 
 
 # On one clock
@@ -278,14 +278,14 @@ def lasting(minutes: float) -> dict[str, Any]:
         bench.advance(0.5)
         for arm in (bench.leader, bench.follower):
             arm.emulator.bus.faults.loss = 0.01
-        steps, memory, lost, begin = [], [], 0, time.monotonic()
+        steps, used, lost, begin = [], [], 0, time.monotonic()
         for minute in range(round(minutes)):
             bench.goals.clear()
             bench.leader.lead(_bench.human_motion(60.0, 100 + minute))
             bench.advance(60.0)
             q = np.degrees(np.array(bench.goals)[:, 1:6])
             steps.append(float(np.abs(np.diff(q, axis=0)).max()))
-            memory.append(_resident())
+            used.append(memory(os.getpid()) / 1e6)
             lost = sum(joint.lost for joint in bench.follower.rig.servos.health)
             phase, passed = bench.teleop.status.phase.value, time.monotonic() - begin
             print(f"minute {minute + 1}: {phase}, after {passed:.0f} s", flush=True)
@@ -299,17 +299,12 @@ def lasting(minutes: float) -> dict[str, Any]:
         "replies lost by the follower": lost,
         "largest step [deg]": max(steps),
         "cap [deg]": 180.0 * PERIOD,
-        "memory after 2 min [MB]": memory[min(1, len(memory) - 1)],
-        "memory at the end [MB]": memory[-1],
+        "memory after 2 min [MB]": used[min(1, len(used) - 1)],
+        "memory at the end [MB]": used[-1],
         "rows recorded": recorder.rows,
         "rows lost": recorder.lost,
         "processor time [s]": time.process_time(),
     }
-
-
-def _resident() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
 
 
 # In real time
@@ -319,11 +314,10 @@ def live(seconds: float) -> dict[str, Any]:
     """The same with processes, wires and the wall clock; the angles are what the servos say."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        ports = []
-        for side in ("leader", "follower"):
-            (folder / side).mkdir()
-            hand = _script(seconds + 14.0) if side == "leader" else _support()
-            ports.append(stack.enter_context(emulator(folder / side, hand)))
+        ports = [
+            stack.enter_context(emulated_port("--latency", "0.001", hand=hand))
+            for hand in (_script(seconds + 14.0), SUPPORT)
+        ]
         leader, follower = (
             stack.enter_context(open_hardware(ServoSettings(port=port, servo_ids=(1, 2, 3, 4, 5))))
             for port in ports
@@ -368,28 +362,6 @@ def _note(tape: list[Any], state: JointState) -> None:
     tape.append((state.t, *state.q))
 
 
-@contextmanager
-def emulator(folder: Path, hand: str | None) -> Iterator[str]:
-    """Six servos in a process of their own, and a hand at their joints if any; the port's name."""
-    command = ["so101", "emulate", "--realtime", "--latency", "0.001"]
-    if hand is not None:
-        (folder / "hand").write_text(hand)
-        command += ["--hand", str(folder / "hand")]
-    program = f"import sys; sys.argv = {command!r}; from so101_motion.cli import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        yield process.stdout.readline().strip()
-    finally:
-        process.terminate()
-        process.wait()
-
-
 def _script(seconds: float) -> str:
     """A hand that leads all joints from 8 s on; until then it holds them."""
     angles = _bench.human_motion(seconds, SEEDS[0])
@@ -398,11 +370,6 @@ def _script(seconds: float) -> str:
         lines.append(f"0 {joint} start")
         lines += [f"{8.0 + 0.01 * k:.2f} {joint} {q:.4f}" for k, q in enumerate(column)]
     return "\n".join(lines) + "\n"
-
-
-def _support() -> str:
-    heavy = ("shoulder_lift", "elbow_flex", "wrist_flex")
-    return "".join(f"0 {joint} start\n4 {joint} release\n" for joint in heavy)
 
 
 BARS = {

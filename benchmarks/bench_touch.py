@@ -1,11 +1,10 @@
-"""Where the other arm stands, from touches of the tips: emulated arms led by emulated hands.
+"""Accuracy of ``so101 cell calibrate`` on emulated arms that emulated hands lead to touches.
 
 Two emulated arms whose servos differ (spread 0.2: friction, play, torque, dead time, zero) stand
 somewhere beside each other. Each has been calibrated from stop to stop, up to half a degree wrong
-at every stop. Then what ``so101 cell calibrate`` does is done: both arms yield, hands lead them
-until the tips of the fixed jaws touch, as near as hands do it, and go on to the next place. The
-hands are springs of limited pull, and look at where the tips really are. Whether anything but the
-tips would touch is not looked at.
+at every stop. Then the command runs: both arms yield, hands lead them until the tips of the fixed
+jaws touch, as near as hands do it, and go on to the next place. The hands are springs of limited
+pull that see where the tips really are. Contacts of other parts are not checked.
 
 Drawn are the arrangements, the arms, the errors of their calibration and the places of the touches.
 What was found is held against where the base really stands, and where it takes the tip at the
@@ -17,9 +16,7 @@ touches. The servos are emulated: fitted on recordings of one real servo.
 from __future__ import annotations
 
 import argparse
-import importlib
 import math
-import sys
 import tempfile
 import threading
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -45,19 +42,18 @@ from so101_motion.setup.base_fit import TIP, measure_bases
 
 SPREAD_OF_SERVOS = 0.2
 MISSED = math.radians(0.5)
-"""So much of the travel is missed at each stop at most when an arm is calibrated [rad]; chosen."""
+"""How much of the travel a calibration misses at each stop at most [rad]; chosen."""
 
 BY_HAND = 0.0015
-"""Hands are content when the tips are so near to each other [m]; chosen."""
+"""Hands stop correcting when the tips are this near to each other [m]; chosen."""
 
 TRIES = 8
-"""So often at most hands correct a touch."""
+"""How often hands correct a touch at most."""
 
 TICKS_PER_RAD = 4096.0 / math.tau
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_rig: Any = importlib.import_module("harness.emulated_rig")
-_referee: Any = importlib.import_module("referee")
+_rig: Any = _common.from_tests("harness.emulated_rig")
+_referee: Any = _common.from_tests("referee")
 
 
 def calibrated(joints: list[Any], file: Path, random: np.random.Generator) -> Path:

@@ -1,10 +1,10 @@
-"""Following and resting of emulated arms that differ, with a load that the driver does not know.
+"""How well emulated arms that differ, with an unknown load, follow their setpoints and rest.
 
 Every arm has servos of its own (spread 0.2: friction, play, torque, dead time, zero), holds 0 to
 0.3 kg and moves through random waypoints. Rig, driver and bus are the real ones, on one clock that
-drives all. Angles are the joints' true ones; nothing is taken out of them, no lag either. Beside it
-is the same with goals that are the setpoints themselves, nothing made up for. Each arm is a piece:
-a run that was ended goes on where it was.
+drives all. Angles are the joints' true ones, lag included. The same is measured without
+compensation, where the goals are the setpoints themselves. Each arm is a piece: an interrupted run
+is resumed.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
 """
@@ -12,9 +12,7 @@ The servos are emulated: fitted on recordings of one real servo, see ``docs/emul
 from __future__ import annotations
 
 import argparse
-import importlib
 import math
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,10 +37,9 @@ BAR = {
     "tool point, p95 [mm]": 4.0, "tool point, worst [mm]": 6.0,
 }  # fmt: skip
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_following: Any = importlib.import_module("harness.path_following")
-_harness: Any = importlib.import_module("harness.emulated_rig")
-_referee: Any = importlib.import_module("referee")
+_following: Any = _common.from_tests("harness.path_following")
+_harness: Any = _common.from_tests("harness.emulated_rig")
+_referee: Any = _common.from_tests("referee")
 
 
 @contextmanager

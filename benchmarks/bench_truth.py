@@ -1,8 +1,8 @@
-"""How far the emulated servo is from a real one: ``python -m benchmarks.bench_truth PATH``.
+"""Compare the emulated servo with a real one: ``python -m benchmarks.bench_truth PATH``.
 
-PATH is recordings as ``benchmarks.servo_model.load`` takes them; none of them is part of this
-project. Each recording is simulated whole, open loop, from its first measured position at rest,
-with the parameters of the emulator's ``STS3215_12V`` and none of its own. ``--emulator`` drives the
+PATH has recordings for ``benchmarks.servo_model.load``; none of them is part of this project. Each
+recording is simulated whole, open loop, from its first measured position at rest, with the
+parameters of the emulator's ``STS3215_12V``. ``--emulator`` drives the
 emulated servo itself, through its registers, instead of the vectorised model; ``--datasheet`` does
 the same with the servo that the datasheet describes.
 

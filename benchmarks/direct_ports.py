@@ -1,4 +1,4 @@
-"""Emulated arms whose port answers at once, for benchmarks in pretended time.
+"""Emulated ports that answer at once, for benchmarks in pretended time.
 
 The bytes are those of a pseudo-terminal, and so is what the servos do; but no other thread has to
 get the processor before an answer comes. That takes a fifth of the processor time, and a machine
@@ -7,21 +7,18 @@ where others compute gives the same figures.
 
 from __future__ import annotations
 
-import importlib
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 from unittest import mock
 
+from benchmarks import _common
 from so101_motion.common import clock
 from so101_motion.drivers.emulator.bus import Bus
 from so101_motion.drivers.emulator.emulator import Emulator
 from so101_motion.drivers.port import serial_port
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-_direct: Any = importlib.import_module("harness.direct_port")
+_direct: Any = _common.from_tests("harness.direct_port")
 
 
 class _StillClock:

@@ -1,4 +1,4 @@
-"""A second opinion on contact: the arm as it is drawn, triangle by triangle, without any margin.
+"""Check contact independently of the planner: with the drawn triangles, without any margin.
 
 It shares neither hulls, nor pairs, nor margins with ``planning/collision/collision.py``. All links
 are held against each other except those that hinge on each other, all but base and shoulder against

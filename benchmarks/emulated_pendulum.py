@@ -1,7 +1,7 @@
 """The emulated servo on the recordings' pendulum, driven through its registers.
 
-What ``servo_model`` computes for all recordings at once, this computes with the emulator itself:
-ticks, whole duties, control periods, protections.
+It computes the same as ``servo_model``, but with the emulator itself: ticks, whole duties, control
+periods, protections.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Fits the servo model on recordings of a real STS3215: ``python -m benchmarks.fit_servo PATH``.
+"""Fit the servo model to recordings of a real STS3215: ``python -m benchmarks.fit_servo PATH``.
 
 PATH is an ``.npz`` file or a folder of them; ``servo_model.load`` says what is in one. The fit
 minimises the mean absolute error over all samples by Gauss-Newton with weights 1 / |error|

@@ -1,4 +1,4 @@
-"""The scenes and the problems that planners are measured on, made anew from seeds.
+"""Scenes and problems for the planning benchmarks, made from seeds.
 
 Eight sets of 100 pairs of free configurations:
 
@@ -15,8 +15,8 @@ Eight sets of 100 pairs of free configurations:
 
 In the last four the straight joint line is blocked in all problems.
 
-Postures are free with a millimetre more than the margin that is planned with, so that no planner
-fails over the last bit of an end.
+Ends keep a millimetre more than the planning margin, so that no planner fails over rounding at an
+end.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A vectorised model of one STS3215 on a pendulum, and recordings to hold it against.
+"""A vectorised model of one STS3215 on a pendulum, and recordings to compare it with.
 
 The servo turns an arm with a point mass at its end. The model is open loop: it sees when which goal
 was sent, the P gain, whether torque was on, mass, length and supply voltage, and starts at rest at

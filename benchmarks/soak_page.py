@@ -1,7 +1,7 @@
-"""The page for ten minutes with three browser windows that never rest.
+"""Run the page for ten minutes with three busy browser windows, and watch its resources.
 
 The page runs in a process of its own, as ``so101 view --sim`` starts it. First nobody does anything
-for a while: what the process then costs is the idle page, with its three windows. Then one window,
+for a while, which measures the idle page with its three windows. Then one window,
 which has control, chooses a pose, plans and executes, again and again; the others look on, and one
 of them is closed and opened anew every so often. A fourth listener without a browser, the websocket
 alone, counts what the page sends while the arm moves: browsers without a GPU draw less than that.
@@ -37,13 +37,12 @@ from viser import _messages
 from websockets.asyncio.client import connect
 
 from benchmarks import _common
+from benchmarks._machine import cpu_time, memory
 
 SECONDS = 600.0
 IDLE_SHARE, REOPEN_EVERY = 0.05, 8
 """How much of the time nothing is done; after how many moves an onlooker is closed and opened."""
 
-_TICKS = os.sysconf("SC_CLK_TCK")
-_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 _VIEW = (
     *(sys.executable, "-m", "so101_motion.cli", "view"),
     *("--sim", "--no-browser", "--web-port", "0"),
@@ -71,15 +70,12 @@ class Process:
     @property
     def cpu(self) -> float:
         """Processor time so far, without its children's [s]."""
-        with open(f"/proc/{self.popen.pid}/stat") as file:
-            fields = file.read().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / _TICKS
+        return cpu_time(self.popen.pid)
 
     @property
     def memory(self) -> int:
         """What it has in memory [bytes]."""
-        with open(f"/proc/{self.popen.pid}/statm") as file:
-            return int(file.read().split()[1]) * _PAGE_BYTES
+        return memory(self.popen.pid)
 
     @property
     def threads(self) -> int:
@@ -255,19 +251,19 @@ def soak_for(seconds: float, *, windows: int = 3) -> Soak:
     with running_page() as process, sync_playwright() as playwright:
         found = next(filter(None, map(shutil.which, BROWSERS)), None)
         browser = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        seats = Windows(browser, process.url, soak)
+        opened = Windows(browser, process.url, soak)
         for _ in range(windows):
-            seats.open()
+            opened.open()
         begin, cpu = time.monotonic(), process.cpu
-        seats.pages[0].wait_for_timeout(1000.0 * max(IDLE_SHARE * seconds, 5.0))
+        opened.pages[0].wait_for_timeout(1000.0 * max(IDLE_SHARE * seconds, 5.0))
         soak.idle_cpu = (process.cpu - cpu) / (time.monotonic() - begin)
         with Listener(process.url) as listener:
             while time.monotonic() - begin < seconds:
                 pose = ("ready", "home")[soak.moves % 2]
-                soak.rates.append(move_once(seats.pages[0], pose, listener))
+                soak.rates.append(move_once(opened.pages[0], pose, listener))
                 soak.moves += 1
                 if soak.moves % REOPEN_EVERY == 0:
-                    seats.reopen_last()
+                    opened.reopen_last()
                 soak.memory.append(process.memory)
                 soak.threads.append(process.threads)
                 soak.files.append(process.files)

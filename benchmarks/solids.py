@@ -1,4 +1,4 @@
-"""What two arms look like to a benchmark that judges how near they are.
+"""Shapes by which benchmarks judge how near two arms are: polytopes, hulls and triangles.
 
 *Polytopes* around the official solids, from measured supports in 400 directions: on edges they
 stand out by some millimetres. *Hulls*, one a link, which contain the official parts and stand out
@@ -34,7 +34,7 @@ Shapes = Mapping[str, Any]
 
 
 def polytopes() -> Shapes:
-    """Around the official solids."""
+    """Polytopes around the official solids."""
     known = json.loads(SUPPORTS.read_text())
     k = np.arange(known["count"])
     z = 1.0 - 2.0 * (k + 0.5) / known["count"]
@@ -51,7 +51,7 @@ def polytopes() -> Shapes:
 
 
 def hulls() -> Shapes:
-    """That contain the official parts."""
+    """Hulls that contain the official parts."""
     parts = so101_description.PARTS
     return {
         link: convex_hull(so101_description.load_hull(part).vertices)
@@ -60,7 +60,7 @@ def hulls() -> Shapes:
 
 
 def triangles() -> Shapes:
-    """As the links are drawn."""
+    """The links as they are drawn."""
     found = {}
     for link, part in so101_description.PARTS.items():
         meshes = [each.mesh for each in so101_description.load_visual(part)]

@@ -1,7 +1,7 @@
-"""What a module is attacked with while ``bench_stop`` stops its arm, by a process of its own.
+"""Load the module from another process while ``bench_stop`` stops its arm.
 
-``ATTACKS`` is the table: a coroutine that goes on until it is cancelled; add a line for another
-one. Large messages are made once and sent as they are.
+``ATTACKS`` is the table of loads: coroutines that go on until they are cancelled. Large messages
+are made once and sent again and again.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from viam.proto.service.motion import MoveRequest
 from viam.services.motion import MotionClient
 
 ARM, PLANNER = "other", "other planner"
-"""What the large worlds are sent to: another arm of the same module, for a move ends an older one
-of its own arm."""
+"""The arm that the large worlds are sent to: another one of the same module, because a move ends an
+older one of its own arm."""
 
 SEED = 7
 
@@ -277,7 +277,7 @@ ATTACKS: Mapping[str, Callable[[Target], Awaitable[None]]] = {
 
 
 def attack(name: str, socket: str, pid: str) -> None:
-    """Be the attacker until terminated; a refusal of the module is none of its business."""
+    """Be the attacker until terminated; refusals by the module are ignored."""
 
     async def go_on() -> None:
         me = asyncio.current_task()
