@@ -1,8 +1,8 @@
 """Read and check settings that arrive as JSON values by name.
 
-An unknown name is answered with the nearest known one, a wrong value with what was given and what
-is allowed. Numbers arrive as floats, because that is how Viam carries them. An empty string and a
-null count as not given, as they did for the published module.
+An error for an unknown name suggests the nearest known one; an error for a wrong value says what
+was given and what is allowed. Numbers arrive as floats, because that is how Viam carries them. An
+empty string and a null count as not given, as they did for the published module.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SERVO_VOLTAGES = (7.4, 12.0)
 """Rated voltages of the servos the arm is sold with [V], the default first."""
 
 HEAVIEST = 5.0
-"""Largest payload that is accepted [kg]; more was meant as grams."""
+"""Largest payload that is accepted [kg]; a larger number was probably meant as grams."""
 
 _TO_SI: Mapping[str, Callable[[float], float]] = {
     "mm": to_m, "deg": to_rad, "deg/s": to_rad, "deg/s^2": to_rad,
@@ -44,7 +44,7 @@ class Attribute:
             ``"choice"`` or ``"objects"``; ``"own"`` is read by code of its own.
         unit: Of a number as users write it.
         range: The smallest and the largest number.
-        default: What holds when it is not given, in ``unit``.
+        default: The value used when it is not given, in ``unit``.
         zero_is_none: Whether 0 counts as not given, as in the published module.
         count: Most entries of a list of numbers.
         options: What a choice may be, the default first.
@@ -114,7 +114,7 @@ class Attributes:
         return self._values.get(key) not in (None, "")
 
     def raw(self, key: str) -> object:
-        """What was given under ``key``, not checked; None without it."""
+        """The unchecked value given under ``key``, or None."""
         return self._values.get(key)
 
     @property
@@ -123,7 +123,9 @@ class Attributes:
         return tuple(key for key, each in self._table.items() if each.idle and self.given(key))
 
     def value(self, key: str) -> Any:
-        """An attribute as its row says, in SI units; None or empty for no value and no default.
+        """The value of an attribute, checked as its row says, in SI units.
+
+        None or empty if it was not given and has no default.
 
         Raises:
             ConfigError: It cannot be used.
@@ -191,6 +193,19 @@ class Attributes:
             for i, entry in enumerate(value)
         )
 
+    def triple(self, key: str, most: float) -> tuple[float, float, float]:
+        """Three numbers from ``-most`` to ``most``; zeros when not given.
+
+        Raises:
+            ConfigError: It is no list of three numbers, or one is outside.
+        """
+        if not self.given(key):
+            return (0.0, 0.0, 0.0)
+        numbers = self.numbers(key, count=3, lower=-most, upper=most)
+        if len(numbers) != 3:
+            raise ConfigError(key, list(numbers), "must be three numbers")
+        return numbers
+
     def angles(self, key: str, joints: Sequence[str]) -> dict[str, float]:
         """Joint angles in degrees, from an object by joint or a list of all, base to wrist.
 
@@ -223,7 +238,7 @@ class Attributes:
         return tuple(value)
 
     def flag(self, key: str, default: bool) -> bool:
-        """True or false, and nothing that merely looks like it.
+        """A boolean; a number or a string such as "true" is refused.
 
         Raises:
             ConfigError: It is something else.
@@ -249,7 +264,7 @@ class Attributes:
         return value
 
     def names(self, key: str) -> tuple[str, ...]:
-        """A list of names, known or not; empty when not given.
+        """A list of any names; empty when not given.
 
         Raises:
             ConfigError: It is something else.
@@ -296,15 +311,16 @@ def _is_finite(value: float) -> bool:
 
 
 _LONGEST_WORD = 64
-"""Words longer than this are like none that is known [characters]. Comparing takes the square of
-the length: two seconds for 100,000 characters. Chosen; the longest known word has 40."""
+"""Longer words are not compared with known ones [characters]. The time to compare grows with the
+square of the length: two seconds for 100,000 characters. Chosen; the longest known word has 40."""
 
 _MOST_WORDS = 250
-"""Among more known words than this, none is looked for and not all are named. Chosen."""
+"""If more words than this are known, no nearest one is searched, and only so many are listed.
+Chosen."""
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
-    """Suggest the known word that was probably meant, and list all known words."""
+    """Text that suggests the known word that was probably meant, and lists all known words."""
     names = tuple(known)
     if not names:
         return "none is known here"
@@ -317,7 +333,7 @@ def suggest(word: str, known: Iterable[str]) -> str:
 
 
 def _likeness(word: str, name: str) -> float:
-    """How near two words are, 0 to 1; "speed" is near "speed_degs_per_sec" by its first part."""
+    """Similarity of two words, 0 to 1; "speed" is like "speed_degs_per_sec" by its first part."""
 
     def ratio(other: str) -> float:
         return difflib.SequenceMatcher(None, word.lower(), other).ratio()
@@ -336,10 +352,10 @@ def _range(lower: float, upper: float, unit: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadConfig:
-    """What an arm always carries, and the voltage its servos are rated for.
+    """The load that an arm always carries, and the rated voltage of its servos.
 
     Attributes:
-        mass: Of what the gripper carries [kg].
+        mass: Mass of the load in the gripper [kg].
         com: Its centre of mass in the tool frame, x, y, z [m]; None for the jaw's tip.
         servo_voltage: The servos' rated voltage, one of ``SERVO_VOLTAGES`` [V].
     """

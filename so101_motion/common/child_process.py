@@ -35,9 +35,9 @@ import importlib, sys
 sys.path.append(sys.argv.pop(1))
 importlib.import_module(sys.argv.pop(1)).main()
 """
-"""What a child runs. Where this package lies comes last, in case it is the current folder."""
+"""What a child runs. The folder of this package is searched last, in case it is the current one."""
 
-_UNWANTED = "the computation was cancelled"
+_CANCELLED = "the computation was cancelled"
 
 
 def spawn(
@@ -47,7 +47,7 @@ def spawn(
     stdin: int = subprocess.DEVNULL,
     stdout: int | None = None,
 ) -> subprocess.Popen[bytes]:
-    """Start ``main`` of a module in a child that ignores Ctrl-C; other arguments as of ``Popen``.
+    """Start ``main`` of a module in a child that ignores Ctrl-C; other arguments as for ``Popen``.
 
     Raises:
         OSError: It cannot be started.
@@ -56,7 +56,7 @@ def spawn(
     environment["PYTHONPATH"] = os.pathsep.join(_search_path())
     environment["OPENBLAS_NUM_THREADS"] = "1"  # the matrices are 6x5: threads only cost memory
     ours = str(Path(__file__).resolve().parents[2])
-    with _deaf():
+    with _signals_blocked():
         return subprocess.Popen(
             [sys.executable, "-P", "-c", _START, ours, module, *arguments],
             stdin=stdin, stdout=stdout, env=environment, pass_fds=tuple(pass_fds),
@@ -64,15 +64,15 @@ def spawn(
 
 
 class OwnProcess:
-    """Carries out one call in a process of its own."""
+    """Runs one call in a child process."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._child: subprocess.Popen[bytes] | None = None
-        self._is_unwanted = False
+        self._is_cancelled = False
 
     def call(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """What ``function`` of a module returns there; it and its arguments are pickled.
+        """Run ``function`` in the child and return its result; it and its arguments are pickled.
 
         Raises:
             WorkerError: The process could not be started, or ended without an answer.
@@ -80,8 +80,8 @@ class OwnProcess:
         """
         try:
             with self._lock:
-                if self._is_unwanted:
-                    raise WorkerError(_UNWANTED)
+                if self._is_cancelled:
+                    raise WorkerError(_CANCELLED)
                 self._child = child = spawn(__name__, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         except OSError as error:
             raise WorkerError(f"no process could be started to compute in: {error}") from error
@@ -91,8 +91,8 @@ class OwnProcess:
             except BaseException:  # Ctrl-C, too
                 child.kill()
                 raise
-        if self._is_unwanted:
-            raise WorkerError(_UNWANTED)
+        if self._is_cancelled:
+            raise WorkerError(_CANCELLED)
         if child.returncode:
             raise WorkerError(f"the process that computed ended with code {child.returncode}")
         found: T
@@ -102,15 +102,15 @@ class OwnProcess:
         return found
 
     def kill(self) -> None:
-        """Compute no more; whoever waits gets ``WorkerError``. From any thread."""
+        """Kill the child, or keep it from starting; ``call`` raises ``WorkerError``. Any thread."""
         with self._lock:
-            self._is_unwanted = True
+            self._is_cancelled = True
             if self._child is not None:
                 self._child.kill()
 
 
 def main() -> None:
-    """In the child: carry out the call that comes in, send back what it returned or raised."""
+    """In the child: read one call, run it, and send back what it returned or raised."""
     restore_normal_priority()
     answers = os.dup(1)
     os.dup2(2, 1)  # what a library prints is for the log
@@ -134,11 +134,11 @@ def _search_path() -> list[str]:
 
 
 @contextlib.contextmanager
-def _deaf() -> Iterator[None]:
+def _signals_blocked() -> Iterator[None]:
     """Block signals such as Ctrl-C, so that a child started in this block ignores them.
 
-    A terminal sends them to parent and child alike, a service manager may; what this thread blocks,
-    the child inherits. Its parent decides when it ends.
+    A terminal sends them to parent and child alike, and a service manager may do so too. A child
+    inherits the signals its parent's thread blocks, so only the parent decides when it ends.
     """
     signals = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)

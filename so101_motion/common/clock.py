@@ -2,7 +2,7 @@
 
 Time is a parameter: everything that waits is given a ``Clock``. ``MonotonicClock`` is real time.
 ``ManualClock`` stands still until ``advance`` is called, so a ten-second move takes milliseconds in
-a test. It also implements ``simulate_time: false``.
+a test. An arm with ``simulate_time: false`` runs on it, too.
 
 How ``ManualClock`` stays exact with real threads: a thread that keeps time by it says so
 (``attend``), and from then on is either *busy* or *waiting* for a moment. ``advance`` moves the
@@ -24,7 +24,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol
 
 _EPSILON = 1e-9
-"""Moments closer together than this are the same [s]: rounding of ``t0 + k * dt``, no more."""
+"""Times closer together than this count as equal [s]: the rounding of ``t0 + k * dt``."""
 
 _PATIENCE = 60.0
 """How long ``ManualClock`` waits for a busy thread on the wall clock before it complains [s]."""
@@ -71,7 +71,7 @@ class MonotonicClock:
 
 
 class _Wait:
-    """A thread waits for the moment ``until`` or for ``wake``."""
+    """What a waiting thread waits for: the time ``until`` [s] or the event ``wake``."""
 
     __slots__ = ("until", "wake")
 
@@ -190,12 +190,12 @@ LONGEST_SKIP = 2
 
 
 class Metronome:
-    """Ticks at ``t0 + k * dt``, each at most once.
+    """Says when each tick of a loop is due: tick ``k`` at ``t0 + k * dt``, each at most once.
 
-    A tick that could only come more than half a period late is counted and left out: two ticks
-    then never come closer together than half a period, and the next one is on time again. After a
-    longer pause leaving out would become a jump, so then ``t0`` moves instead and tick ``k`` comes
-    next, whatever the time: everything behind it happens later, nothing happens faster.
+    A tick that would come more than half a period late is counted and left out: two ticks are then
+    never closer together than half a period, and the next one is on time again. After a longer
+    pause, leaving out ticks would become a jump; ``t0`` moves instead, so that tick ``k`` comes
+    next. Everything then happens later, and nothing happens faster.
 
     Args:
         dt: The period [s].
@@ -203,7 +203,7 @@ class Metronome:
     Attributes:
         k: The tick that is due next.
         late: How many periods have passed without their tick so far.
-        missed: How many of them just before tick ``k``.
+        missed: How many ticks were left out just before tick ``k``.
     """
 
     def __init__(self, dt: float) -> None:
@@ -212,7 +212,7 @@ class Metronome:
         self._t0 = 0.0
 
     def restart(self, now: float) -> None:
-        """Tick 0 is due ``now`` [s]."""
+        """Start over, with tick 0 due ``now`` [s]."""
         self._t0, self.k, self.missed = now, 0, 0
 
     @property
@@ -221,7 +221,7 @@ class Metronome:
         return self._t0 + self.k * self.dt
 
     def is_due(self, now: float) -> bool:
-        """Whether tick ``k`` may come ``now`` [s], after making up for what is too late."""
+        """Whether tick ``k`` is due ``now`` [s]; leaves out ticks that are too late first."""
         lateness = now - self.deadline
         if lateness > 0.5 * self.dt:
             passed = math.ceil(lateness / self.dt - 0.5)
@@ -234,6 +234,6 @@ class Metronome:
         return now >= self.deadline - _EPSILON
 
     def advance(self) -> None:
-        """Tick ``k`` has come; on to the next."""
+        """Go on to the next tick."""
         self.k += 1
         self.missed = 0

@@ -15,11 +15,11 @@ class Compliance:
     made by moving the goals. The resistance is chosen: 0.2 N m at 12 V.
 
     Attributes:
-        dead_band: How far a joint is pushed before the place that it holds comes along [rad].
-        p_gain: How stiff it is within the dead band, in the servos' unit: a quarter of a thousandth
-            of full drive for each tick. Above the servo's own it has no more effect.
-        resistance: Share of full drive, beyond what carries its weight, that a joint puts up
-            against the hand at most.
+        dead_band: How far a hand pushes a joint before the angle it holds follows [rad].
+        p_gain: Stiffness within the dead band, in the servos' unit: a quarter of a thousandth of
+            full drive per tick. A gain above the servo's own has no further effect.
+        resistance: Largest drive with which a joint resists the hand, beyond what carries its
+            weight, as a share of full drive.
     """
 
     dead_band: float = to_rad(0.5)

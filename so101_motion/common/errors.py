@@ -25,7 +25,7 @@ LONGEST_QUOTE = 80
 
 
 def clipped(text: str, most: int) -> str:
-    """``text`` with at most ``most`` characters: the middle is left out, the advice stays."""
+    """``text`` cut to ``most`` characters in the middle, so that the advice at its end stays."""
     if len(text) <= most:
         return text
     tail = most // 4
@@ -33,12 +33,12 @@ def clipped(text: str, most: int) -> str:
 
 
 def quoted(value: object) -> str:
-    """``value`` as a message quotes it; only the beginning of a large value is read."""
+    """``value`` as text for a message; only the beginning of a large value is read."""
     return clipped(_QUOTES.repr(value), LONGEST_QUOTE)
 
 
 class _Quotes(reprlib.Repr):
-    """``repr`` that leaves out what would not be shown anyway."""
+    """A ``repr`` that stops after as much of a value as a message shows."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -75,10 +75,10 @@ def _rebuild(cls: type[So101Error], message: str, fields: dict[str, Any]) -> So1
 
 
 class So101Error(Exception):
-    """The base class: something went wrong that the user can do something about.
+    """Base class of errors that a user can do something about.
 
     Args:
-        message: What is said of it; the middle of a very long one is left out.
+        message: The message; the middle of a very long one is left out.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -192,7 +192,7 @@ class NoPath(PlanningError):
 
     Attributes:
         where: ``"start"`` or ``"goal"`` if that is shut in, else ``"path"``.
-        blockers: What is in the way, by name, what is met most often first.
+        blockers: Names of the bodies in the way, the most frequent first.
     """
 
     def __init__(
@@ -220,10 +220,10 @@ class PortUnavailable(BusError):
 
 
 class NotReady(BusError):
-    """The servos of a component have not been found since it was configured; they are looked for.
+    """The servos of a component have not answered since it was configured; it goes on trying.
 
     Attributes:
-        reason: Who does not answer, since when, and what to check.
+        reason: Which servos do not answer, since when, and what to check.
     """
 
     def __init__(self, reason: str) -> None:
@@ -232,7 +232,7 @@ class NotReady(BusError):
 
 
 class NoReply(BusError, TimeoutError):
-    """A servo did not reply to any of several tries.
+    """A servo did not reply, although it was asked several times.
 
     Attributes:
         servo_id: Which servo, by its id on the bus.
@@ -274,7 +274,7 @@ class MotionError(So101Error):
 
 
 SUPERSEDED = "a newer motion"
-"""What ends a motion that has to make way for another; every other end on purpose is a stop."""
+"""``Interrupted.by`` of a motion that a newer one replaced; any other value is a stop."""
 
 
 class CommandRefused(MotionError):
@@ -378,11 +378,11 @@ class MachineUnavailable(So101Error):
 
 
 class SurroundingsUnknown(PlanningError):
-    """What is around the arm cannot be found out, so nothing is planned.
+    """The obstacles around the arm cannot be read from the machine, so nothing is planned.
 
     Attributes:
         reason: What is wrong.
-        component: The component of the machine that it is about; empty if it is all of it.
+        component: Which component of the machine it is about; empty for the whole machine.
         remedy: What to do about it.
     """
 
@@ -390,7 +390,7 @@ class SurroundingsUnknown(PlanningError):
         self.reason, self.component = reason, component
         left_out = quoted(component or "*").replace("'", '"')
         self.remedy = remedy or (
-            f'put that right, or leave it out: "ignore_components": [{left_out}] of the arm'
+            f'mend that, or leave it out with "ignore_components": [{left_out}] of the arm'
         )
         super().__init__(f"{reason}; {self.remedy}")
 

@@ -139,9 +139,9 @@ def rot_z(angle: float) -> Array:
 
 
 def frame_along(z: ArrayLike) -> Array:
-    """A rotation whose z axis points along ``z``, shape (3,), any length; x is level if it can be.
+    """A rotation whose z axis points along ``z``, shape (3,), any length; its x axis is level.
 
-    For a goal of which only the direction of approach counts.
+    For a goal of which only the direction of approach counts. Straight up or down, x stays x.
     """
     axis = np.asarray(z, dtype=np.float64)
     axis = axis / np.linalg.norm(axis)

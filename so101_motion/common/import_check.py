@@ -1,8 +1,8 @@
 """Import every package that is needed, and explain which one is missing.
 
 The installation ends with ``python -m so101_motion.common.import_check``. ``run.sh`` and the
-command line say the same sentence when a library goes missing later. The wheels bring all the
-libraries they need but a few, which a minimal system lacks.
+command line give the same explanation when a library goes missing later. Python wheels bring most
+of the libraries they need; a minimal system lacks a few of the others.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ NEEDED_BY_EXTRA = {
         "qpsolvers",
     ),
 }
-"""What the extras of the installation add to that."""
+"""What each extra of the installation adds to that."""
 
 DEBIAN_PACKAGES = {
     "libatomic.so.1": "libatomic1",

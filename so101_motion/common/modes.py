@@ -4,9 +4,9 @@ The executor asks ``can(mode, event)`` or takes ``after(mode, event)`` and does 
 table does not allow. Two channels move (the arm and the jaw), but torque and faults belong to the
 whole bus, so there is one mode.
 
-Two modes are for hands. LIMP has no torque at all: the arm sinks under its weight. GUIDING keeps it
-up and lets it yield to whoever pushes it; the jaw holds on, and may be opened and closed.
-In CALIBRATING the bus is lent, and the borrower may do anything with the servos.
+In two modes a hand can move the arm. In LIMP there is no torque: the arm sinks under its weight. In
+GUIDING the arm carries its weight and yields to a hand that pushes it; the jaw holds, and can be
+opened and closed. In CALIBRATING the bus is lent, and the borrower may do anything with the servos.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Event(Enum):
     STOP = "a stop is asked for"
     REST = "all motion has ended"
     RELEASE = "torque goes off"
-    HOLD = "torque comes on, goal seeded"
+    HOLD = "torque comes on where the joints are"
     GUIDE = "the arm yields to a hand"
     CALIBRATE = "a calibration takes the bus"
     DONE = "the calibration gives it back"
@@ -65,11 +65,11 @@ TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
     (Mode.MOVING, Event.STOP): Mode.STOPPING,
     (Mode.MOVING, Event.REST): Mode.HOLDING,
     (Mode.MOVING, Event.FAIL): Mode.FAULT,
-    (Mode.STOPPING, Event.MOVE): Mode.MOVING,  # the other channel sets off meanwhile
+    (Mode.STOPPING, Event.MOVE): Mode.MOVING,  # the other channel starts a motion meanwhile
     (Mode.STOPPING, Event.STOP): Mode.STOPPING,
     (Mode.STOPPING, Event.REST): Mode.HOLDING,
     (Mode.STOPPING, Event.FAIL): Mode.FAULT,
-    (Mode.CALIBRATING, Event.STOP): Mode.CALIBRATING,  # nothing moves of ours
+    (Mode.CALIBRATING, Event.STOP): Mode.CALIBRATING,  # no motion of ours to stop
     (Mode.CALIBRATING, Event.DONE): Mode.LIMP,
     (Mode.FAULT, Event.STOP): Mode.FAULT,
     (Mode.FAULT, Event.CALIBRATE): Mode.CALIBRATING,

@@ -35,5 +35,5 @@ POSES = (
     _pose("ready", 0, -45, 45, 60, 0),
     _pose("rest", 0, -92, 78, 60, 0),
 )
-"""Chosen: all joints at zero; over the table, looking down; folded, with 18 mm left between the
-forearm and the shoulder. A test holds them clear of collisions."""
+"""Chosen. Home: all joints at zero. Ready: over the table, looking down. Rest: folded, with 18 mm
+between the forearm and the shoulder. A test proves them free of collisions."""

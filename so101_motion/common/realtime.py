@@ -8,13 +8,13 @@ What makes a control loop of a hundred ticks a second late, and what helps:
 * other threads of this program hold the interpreter lock, for up to 5 ms at a time by default;
 * a thread that holds that lock loses its processor to another program, and the loop waits until it
   gets it back, whatever priority the loop has: 10 ms at a time beside two busy programs, 650 ms
-  were seen beside a browser that draws. So every thread of such a program gets a real-time
-  priority, the least, and where that is not allowed a larger share of the processor;
-* the garbage collector looks at everything that was ever imported, 60,000 objects, once in a while,
+  were seen beside a browser that draws. So every thread of such a program gets the lowest real-time
+  priority, and where that is not allowed a larger share of the processor;
+* the garbage collector scans everything that was ever imported, 60,000 objects, once in a while,
   and holds that lock for 10 to 20 ms (``reduce_jitter`` is for these three).
 
-Measured with a client that asks 50 times a second and a planner that never rests, two processors
-shared with strangers: p99 3.5 ms late without, 1.3 ms with all of it.
+Measured with a client that asks 50 times a second and a planner that never rests, on two processors
+that other programs use too: p99 3.5 ms late without all this, 1.3 ms with it.
 """
 
 from __future__ import annotations
@@ -30,26 +30,27 @@ _log = logging.getLogger(__name__)
 _LEAST = 1  # of the real-time priorities: before all ordinary programs, behind the kernel's threads
 _LOOP = 2  # a control loop goes before the other threads of its own program
 _TURN = 0.0005
-"""For how long a thread may keep the interpreter lock while another wants it [s]. Chosen: a
-twentieth of a tick; much less would cost more in turns taken than it gains."""
+"""How long a thread may keep the interpreter lock while another wants it [s]. Chosen: a twentieth
+of a tick; with much less, switching between threads costs more than it gains."""
 
 LOOK_FOR_SIGNALS = 0.5
-"""For how long the main thread waits in one go [s]. Chosen. Python handles a signal between two
-instructions; one that comes just before a thread blocks is handled when that ends."""
+"""Longest single wait of the main thread [s]. Chosen. Python handles a signal between two
+instructions; one that comes just before a thread blocks is handled only when that wait ends."""
 
-_SHARED = 2
-"""With fewer processors than this a program that computes without end, at a real-time priority,
-would keep all others from theirs."""
+_FEWEST_PROCESSORS = 2
+"""With fewer processors, a program that computes without end at a real-time priority would keep all
+other programs from running."""
 
 _NICENESS = -11
-"""What an ordinary program is to this one as 12 is to 1, in processor time, if both want all of it.
-As sound servers have it."""
+"""Gives this program 12 times the processor time of an ordinary one, if both want all of it. Sound
+servers use the same value."""
 
 
 def use_realtime_priority() -> bool:
     """Give the calling thread a real-time priority; return whether that was allowed.
 
-    Only for a thread that sleeps most of the time: nothing ordinary gets its processor meanwhile.
+    Only for a thread that sleeps most of the time: no ordinary program gets its processor while it
+    runs.
     """
     try:
         # What this thread may start is to be ordinary again.
@@ -64,10 +65,10 @@ def use_realtime_priority() -> bool:
 def reduce_jitter() -> None:
     """Configure this process so that no thread delays another for long.
 
-    Turns get shorter, this thread and those it starts get their processor before ordinary programs
-    (if that is allowed), and what was imported is not looked at any more. For a program that has
-    imported what it needs and is about to begin its work. A computer with a single processor is
-    shared: there such a program only gets the larger part.
+    Threads switch more often, this thread and those it starts go before ordinary programs (if that
+    is allowed), and the garbage collector ignores what was imported. For a program that has
+    imported what it needs and is about to begin its work. On a computer with a single processor,
+    the program only gets a larger share of it.
     """
     sys.setswitchinterval(_TURN)
     if not _go_first():
@@ -85,12 +86,12 @@ def restore_normal_priority() -> None:
 
 
 def _go_first() -> bool:
-    """Give this thread, and those it starts, the least real-time priority; whether that worked.
+    """Give this thread, and those it starts, the lowest real-time priority; whether that worked.
 
-    Whoever has chosen a niceness has chosen who goes first; that stays.
+    A niceness that the user has chosen stays as it is.
     """
     try:
-        if (os.cpu_count() or 1) < _SHARED or os.getpriority(os.PRIO_PROCESS, 0) != 0:
+        if (os.cpu_count() or 1) < _FEWEST_PROCESSORS or os.getpriority(os.PRIO_PROCESS, 0) != 0:
             return False
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_LEAST))
     except (AttributeError, OSError) as error:  # not on this system, or not for us

@@ -27,15 +27,16 @@ class JointReading:
         qd: Arm joint velocities, shape (5,), [rad/s].
         q_jaw: Jaw angle [rad].
         qd_jaw: Jaw velocity [rad/s].
-        alarms: What is wrong with a joint, by name, and what to do about it; a motion of that joint
-            is ended. Empty when all is well.
-        out_of_range: Joints outside their limits, which get no goal, and the angle [rad] each is
-            taken to, slowly, when it is moved; by name. Empty when all are inside.
-        unanswered: Joints that did not answer this time, or nothing that can be true, by name;
+        alarms: What is wrong with a joint and what to do about it, by joint name. An alarm ends the
+            motion of its joint.
+        out_of_range: Joints outside their limits, by name, with the angle [rad] at which each comes
+            back inside. Such a joint gets no goal; when it is moved, it first comes in slowly.
+        unanswered: Names of the joints that did not answer this time, or with an impossible value;
             their angles are the last known.
-        unconfirmed: Joints whose angle comes from one answer that no other bears out yet, by name.
-        pressed: Joints whose load keeps their gears on one side of their play, whatever the hand
-            carries, by name; they do not stand still while their motor goes through it.
+        unconfirmed: Names of the joints whose angle comes from a single reply that no second one
+            has confirmed yet.
+        pressed: Names of the joints whose load keeps their gears on one side of their play,
+            whatever the gripper carries; they move as soon as their motor does.
     """
 
     q: Array
@@ -55,20 +56,20 @@ class JointReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointState:
-    """The arm at one instant: measured, and as commanded.
+    """State of the arm at one instant, measured and commanded.
 
     Attributes:
         t: Time on the rig's clock [s].
         mode: What the arm is doing.
         reading: Measured angles and velocities.
-        q_ref: Where the trajectory wants the arm joints now, shape (5,), [rad].
-        qd_ref: With what velocity, shape (5,), [rad/s].
-        q_jaw_ref: Where the jaw is wanted now [rad].
+        q_ref: Joint angles of the trajectory now, shape (5,), [rad].
+        qd_ref: Joint velocities of the trajectory now, shape (5,), [rad/s].
+        q_jaw_ref: Jaw angle of its trajectory now [rad].
         arm_moving: Whether an arm motion is under way (until settled).
         jaw_moving: Whether a jaw motion is under way (until settled).
         late_ticks: How many setpoints came more than half a period late since the start.
         fault: Why the arm is in FAULT, else None.
-        lent_to: Whom the bus is lent to while the arm is CALIBRATING, else None.
+        lent_to: What the bus is lent for while the arm is CALIBRATING, else None.
     """
 
     t: float
@@ -104,5 +105,5 @@ class JointState:
 
 
 def lent_out(purpose: str) -> str:
-    """Why nothing can be moved while the bus is lent for ``purpose``."""
+    """The message that nothing can be moved while the bus is lent for ``purpose``."""
     return f"the servos are in use for {purpose}; finish or abort that first"

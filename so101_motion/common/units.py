@@ -1,7 +1,7 @@
 """Convert millimetres and degrees to SI units and back, at the edges only.
 
-Everything inside is metres, radians and seconds. The places that talk to people or to Viam
-convert once, at the door, with these functions; they take floats and arrays alike.
+Everything inside is in metres, radians and seconds. The code that talks to people or to Viam
+converts once, with these functions; they take floats and arrays alike.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Report every command that a driver sends, for tests and recordings.
 
-A driver calls ``on_command`` on its own thread each time goals go out. What it hands over is the
-command ``q_cmd`` as it was sent, before droop and lag are made up for, and the goals in ticks as
-they were sent, after that. Caps bind the first; the second is what the wire carries.
+A driver calls ``on_command`` on its own thread each time goals go out. The record holds the command
+``q_cmd`` before gravity and lag compensation, and the goals in ticks after it. The caps on speed
+and acceleration apply to the command; the goals are what the wire carries.
 
     sent = []
     rig.servos.on_command = sent.append
@@ -20,13 +20,13 @@ class SentCommand:
 
     Attributes:
         t: When, on the driver's clock [s].
-        q_cmd: Where the five arm joints were sent [rad].
-        q_jaw_cmd: Where the jaw was sent [rad].
-        goals: What the servos were sent [tick], by servo id; a servo that is missing got no goal.
-            Empty for an arm without servos.
+        q_cmd: Commanded angles of the five arm joints [rad].
+        q_jaw_cmd: Commanded angle of the jaw [rad].
+        goals: The servos' goals [tick], by servo id; a servo that is missing got no goal. Empty for
+            an arm without servos.
         is_guided: Whether a hand guides the arm. Its goals then follow the hand, and ``q_cmd`` is
-            only what was commanded before.
-        is_seed: Whether the goals were written to be there when torque comes on.
+            the last command before that.
+        is_seed: Whether the goals were written before torque comes on, as its first goals.
     """
 
     t: float

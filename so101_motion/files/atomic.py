@@ -1,8 +1,8 @@
 """Write files in one step, with one writer at a time.
 
-A reader sees what was there before or what is there now, never half of it, whenever the computer
-or the process stops. Writers that first read (to keep what others wrote) take the folder's lock;
-it belongs to the process that holds it and is free again when that dies.
+A reader sees the old content or the new one, never half of it, even if the computer or the process
+stops in between. A writer that reads first, to keep what others wrote, takes the folder's lock. The
+lock is released when the process that holds it dies.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ else:
     import fcntl
 
 LONGEST_WAIT = 10.0
-"""For how long to wait for another writer [s]; writing takes milliseconds. Chosen."""
+"""How long to wait for another writer [s]; writing takes milliseconds. Chosen."""
 
 _ABANDONED = 60.0
-"""A file beside another that is older than this was left by a writer that was killed [s]. Chosen;
-writing takes milliseconds."""
+"""A temporary file older than this was left by a writer that was killed [s]. Chosen; writing takes
+milliseconds."""
 
 
 def write(path: Path, data: bytes) -> None:
     """Write ``data`` to ``path`` in one step, and flush it to the disk.
 
-    What a link points to is written, with the permissions it has. What is no file, such as
-    ``/dev/stdout``, is written to as it is.
+    A link is followed, and the permissions of an existing file stay. A device such as
+    ``/dev/stdout`` is written to directly.
 
     Raises:
-        OSError: It cannot be written; it is as it was.
+        OSError: It cannot be written; the old content stays.
     """
     with replacing(path) as file:
         file.write(data)
@@ -50,7 +50,7 @@ def write(path: Path, data: bytes) -> None:
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """Open a file that takes the place of ``path`` when the block ends, unless it raises.
 
-    For what is too large for ``write``, whose words hold here, too.
+    For data that is too large for ``write``; links and devices are treated as there.
     """
     path = Path(os.path.realpath(path))
     mode = path.stat().st_mode if path.exists() else None
@@ -109,7 +109,7 @@ def locked(folder: Path) -> Iterator[None]:
 
     Raises:
         OSError: The folder cannot be opened.
-        TimeoutError: Somebody else holds the lock for too long.
+        TimeoutError: Another program holds the lock for too long.
     """
     if sys.platform == "win32":
         opened = os.open(folder / ".so101.lock", os.O_RDWR | os.O_CREAT)

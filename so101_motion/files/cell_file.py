@@ -1,4 +1,4 @@
-"""Read and write ``cell.json``: which arms share a space, where their bases stand, what is around.
+"""Read and write ``cell.json``: arms that share a space, their bases and the obstacles around them.
 
 Millimetres and degrees, with the unit in every name, in the frame of the cell::
 
@@ -14,7 +14,8 @@ Millimetres and degrees, with the unit in every name, in the frame of the cell::
     }
 
 ``port`` may be left out for arms that are only simulated; the scene may be left out, too. Its
-obstacles stand in the cell's frame. What an arm holds, in its tool frame, is an entry of the arm::
+obstacles stand in the cell's frame. The objects an arm holds are listed in its entry, in its tool
+frame::
 
     {"name": "left", "attached": [
       {"name": "stick", "box_mm": [20, 20, 140], "position_mm": [0, 0, 140], "mass_kg": 0.05}
@@ -32,14 +33,14 @@ import numpy as np
 
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from so101_motion.files import atomic
 from so101_motion.files.scene_file import attached_from, attached_to, scene_from, scene_to
 from so101_motion.planning.collision.scene import LARGEST, Attached, Scene
 
 UPRIGHT = 1e-6
-"""How far a base may lean for the floor to be the same height all over [rad]; rounding."""
+"""Largest lean of a base that still counts as upright [rad]; rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,11 +48,11 @@ class CellArm:
     """One arm of a cell.
 
     Attributes:
-        name: What messages call it.
-        T_cell_base: Where its base stands.
+        name: Its name in messages.
+        T_cell_base: Pose of its base in the cell.
         port: Its serial port; empty for one that is only simulated.
-        calibration_id: What LeRobot calls it; empty to use what the servos remember.
-        attached: What it holds.
+        calibration_id: Its id in LeRobot; empty to use the calibration stored in the servos.
+        attached: The objects it holds.
     """
 
     name: str
@@ -63,18 +64,18 @@ class CellArm:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CellFile:
-    """What a cell file says.
+    """The content of a cell file.
 
     Attributes:
         arms: The arms, at least one.
-        scene: What stands around them, in the cell's frame.
+        scene: The obstacles around them, in the cell's frame.
     """
 
     arms: tuple[CellArm, ...]
     scene: Scene
 
     def scene_of(self, arm: CellArm) -> Scene:
-        """The scene in the base frame of an arm, with what it holds.
+        """The scene in the base frame of an arm, with the objects it holds.
 
         Raises:
             ConfigError: There is a floor, and the arm does not stand upright on it.
@@ -92,7 +93,7 @@ class CellFile:
         return replace(self.scene, obstacles=obstacles, floor_z=floor_z, attached=arm.attached)
 
     def with_bases(self, bases: Mapping[str, SE3]) -> CellFile:
-        """The same with some arms elsewhere, by their names."""
+        """A copy with other base poses ``T_cell_base`` for some arms, by name."""
         arms = (
             replace(each, T_cell_base=bases.get(each.name, each.T_cell_base)) for each in self.arms
         )
@@ -100,8 +101,8 @@ class CellFile:
 
 
 APART = 0.35
-"""How far the bases of neighbours in a circle are apart [m]; chosen: they reach each other's tools
-and do not meet folded."""
+"""Distance between the bases of neighbours in a circle [m]; chosen: they reach each other's tools
+and do not touch when folded."""
 
 
 def arms_in_a_circle(count: int) -> CellFile:
@@ -165,8 +166,8 @@ def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
     name = given.text("name", "")
     if not name:
         raise ConfigError("name", name, "each arm needs a name, for messages to call it by")
-    position_mm = _triple(given, "position_mm", to_mm(LARGEST))
-    T = SE3.from_rpy(to_rad(_triple(given, "rpy_deg", 360.0)), to_m(position_mm))
+    position_mm = np.array(given.triple("position_mm", to_mm(LARGEST)))
+    T = SE3.from_rpy(to_rad(np.array(given.triple("rpy_deg", 360.0))), to_m(position_mm))
     return CellArm(
         name=name,
         T_cell_base=T,
@@ -176,19 +177,10 @@ def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
     )
 
 
-def _triple(given: Attributes, key: str, most: float) -> Array:
-    if not given.given(key):
-        return np.zeros(3)
-    numbers = given.numbers(key, count=3, lower=-most, upper=most)
-    if len(numbers) != 3:
-        raise ConfigError(key, list(numbers), "must be three numbers")
-    return np.array(numbers)
-
-
 def _refuse_twice(key: str, values: Sequence[str]) -> None:
     for value in values:
         if values.count(value) > 1:
-            raise ConfigError(key, value, "is there twice; each arm needs its own")
+            raise ConfigError(key, value, "is used twice; each arm needs its own")
 
 
 def _entry(arm: CellArm) -> dict[str, object]:

@@ -1,12 +1,12 @@
 """Save the joint states of the last second before a failure to a file.
 
-A motion that fails tells in one sentence why; how it came about is in the states of the second
-before, one for each cycle. They go into a folder of the user's own files, the newest ``KEPT``:
+The error of a failed motion says in one sentence why. The states of the second before, one for each
+cycle, show how it came about. They are written to a folder of the user's; the newest ``KEPT`` stay:
 
-    ~/.local/share/so101_motion/failures/20260511T101112Z-1-FollowingError.json
+    ~/.local/share/so101_motion/failures/20260511T101112Z-0001-FollowingError.json
 
-The port's thread only chooses the name and says it in the error. Turning states into text and
-writing them takes milliseconds, which that thread does not have; another one does it.
+The port's thread only chooses the name and adds it to the error. Another thread writes the file:
+that takes milliseconds, which the port's thread does not have.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 SCHEMA = "so101/failure/1"
 
 KEPT = 20
-"""How many failures are kept; one has about 60 kB at 100 Hz. Chosen."""
+"""How many records are kept; one has about 60 kB at 100 Hz. Chosen."""
 
 _numbers = itertools.count(1)
 
@@ -56,10 +56,10 @@ class FailureRecorder:
     """Saves the states before each failure. Used by the I/O thread, except ``latest``.
 
     Args:
-        source: Whose failures, such as the name of the port.
+        source: Where the failures happen, such as the name of the port.
 
     Attributes:
-        latest: The newest record; None as long as nothing failed.
+        latest: The newest record; None before the first failure.
     """
 
     def __init__(self, source: str) -> None:

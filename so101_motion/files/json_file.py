@@ -1,9 +1,8 @@
-"""Read small JSON files, and notice repeated names, excessive size and depth.
+"""Read the JSON files of a calibration strictly: no huge or deep ones, no devices.
 
-What the standard parser lets through is not let through here: a name given twice (the first would
-be lost without a word), files of any size or depth, things that only look like files. Numbers that
-are none (``NaN``, ``Infinity``) do come through, as what they are: whoever reads the field knows
-its name and says so.
+The standard parser also drops the first of two values with the same name; ``Object`` remembers such
+names, so that the reader of the file can refuse them. ``NaN`` and ``Infinity`` are parsed; the
+reader of the field refuses them, because it can name the field.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from pathlib import Path
 from so101_motion.common.errors import CalibrationError, quoted
 
 LARGEST = 65_536
-"""Largest file that is read [byte]; a calibration has about a thousand. Chosen."""
+"""Largest file that is read [byte]; a calibration has about 1000 bytes. Chosen."""
 
 
 class Object(dict[str, object]):
@@ -29,7 +28,7 @@ class Object(dict[str, object]):
 
     @classmethod
     def of_pairs(cls, pairs: list[tuple[str, object]]) -> Object:
-        """The object that these names and values make, in the order of the file."""
+        """Make the object from names and values in the order of the file."""
         made = cls(pairs)
         if len(made) < len(pairs):
             names = [name for name, _ in pairs]
@@ -88,8 +87,3 @@ def parse(data: bytes, name: str) -> object:
             None, f"{name} is not JSON: {error}", "restore it, or calibrate the arm again"
         ) from error
     return content
-
-
-def shown(value: object) -> str:
-    """``value`` as text for a message: one short, printable line."""
-    return quoted(value)

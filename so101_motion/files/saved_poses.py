@@ -22,14 +22,14 @@ from so101_motion.files import user_storage
 SCHEMA = "so101/poses/1"
 
 MOST = 200
-"""How many poses somebody may have. Chosen; a list of more is of no use to anybody."""
+"""How many poses a user may save. Chosen; a longer list is of no use."""
 
 
 class SavedPoses:
-    """The named poses.
+    """Finds, saves, renames and deletes named poses.
 
     Args:
-        path: The file of the user's own; the one in the user's data directory if not given.
+        path: The file of the user's own poses; by default the one in the user's data directory.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -106,7 +106,7 @@ class SavedPoses:
         self._change(remove)
 
     def file(self) -> Path:
-        """Where the user's own are kept."""
+        """The file of the user's own poses."""
         return self._path or user_storage.folder() / "poses.json"
 
     def _change(self, change: Callable[[list[NamedPose]], list[NamedPose]]) -> None:

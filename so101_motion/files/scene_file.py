@@ -20,8 +20,8 @@ Millimetres and degrees, with the unit in every name, in the arm's base frame::
       ]
     }
 
-What is attached lies in the tool frame. An unknown name is refused with the nearest known one, and
-a message names the entry it is about.
+Attached objects stand in the tool frame. An error for an unknown name suggests the nearest known
+one, and every error names its entry.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def read_scene(path: Path) -> Scene:
     try:
         size = path.stat().st_size
         if size > LARGEST_FILE:
-            reason = f"has {size} bytes, {LARGEST_FILE} are read"
+            reason = f"has {size} bytes, more than the {LARGEST_FILE} that are read"
             raise ConfigError("scene", str(path), reason)
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -111,7 +111,7 @@ def scene_from(content: object, *, folder: Path | None = Path()) -> Scene:
 
     Args:
         content: As ``json`` reads it.
-        folder: What mesh files are named from; None to read none.
+        folder: The folder of its mesh files; None to refuse mesh files.
 
     Raises:
         ConfigError: Something in it is not valid.
@@ -152,7 +152,7 @@ def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obst
 
     Args:
         value: The entries as ``json`` reads them.
-        folder: What mesh files are named from; None to read none.
+        folder: The folder of their mesh files; None to refuse mesh files.
 
     Raises:
         ConfigError: An entry is not valid.
@@ -161,16 +161,16 @@ def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obst
 
 
 def attached_from(value: object, *, folder: Path | None = Path()) -> tuple[Attached, ...]:
-    """Make what a gripper holds from a parsed JSON list; arguments as for ``obstacles_from``.
+    """Make the objects a gripper holds from a parsed JSON list, like ``obstacles_from``.
 
     Raises:
-        ConfigError: An entry cannot be meant.
+        ConfigError: An entry is not valid.
     """
     return tuple(_attached(entry, folder) for entry in _entries("attached", value))
 
 
 def attached_to(attached: Iterable[Attached]) -> list[dict[str, object]]:
-    """Turn what a gripper holds into JSON values; ``attached_from`` reads them back."""
+    """Turn the objects a gripper holds into JSON values; ``attached_from`` reads them back."""
     return [
         {
             **_thing(each.name, read_shape(each.shape), each.T_tool_object),
@@ -207,7 +207,7 @@ Entry = Mapping[str, Any]
 
 
 def _entries(key: str, value: object) -> Iterator[Entry]:
-    """The entries of a list, one by one; an error names the entry's place."""
+    """Check that each entry of a list is an object; an error names its index."""
     if not isinstance(value, (list, tuple)):
         raise ConfigError(key, value, "must be a list of objects")
     for i, entry in enumerate(value):
@@ -257,18 +257,9 @@ def _attached(entry: Entry, folder: Path | None) -> Attached:
 
 
 def _pose(given: Attributes) -> SE3:
-    position_mm = _triple(given, "position_mm", _LARGEST_MM)
-    rpy_deg = _triple(given, "rpy_deg", 360.0)
+    position_mm = np.array(given.triple("position_mm", _LARGEST_MM))
+    rpy_deg = np.array(given.triple("rpy_deg", 360.0))
     return SE3.from_rpy(to_rad(rpy_deg), to_m(position_mm))
-
-
-def _triple(given: Attributes, key: str, most: float) -> Array:
-    if not given.given(key):
-        return np.zeros(3)
-    numbers = given.numbers(key, count=3, lower=-most, upper=most)
-    if len(numbers) != 3:
-        raise ConfigError(key, list(numbers), "must be three numbers")
-    return np.array(numbers)
 
 
 def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
@@ -279,7 +270,7 @@ def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
         )
     form = forms[0]
     if form == "box_mm":
-        edges_mm = _triple(given, form, _LARGEST_MM)
+        edges_mm = np.array(given.triple(form, _LARGEST_MM))
         if not np.all(edges_mm > 0.0):
             raise ConfigError(form, edges_mm.tolist(), "must be three lengths of more than 0 mm")
         return Box(size=to_m(edges_mm))
@@ -291,12 +282,14 @@ def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
             raise ConfigError(
                 "capsule_length_mm",
                 to_mm(length),
-                f"is from tip to tip, so at least twice its radius, {to_mm(2.0 * radius):g} mm",
+                f"is from tip to tip, at least twice its radius, {to_mm(2.0 * radius):g} mm",
             )
         return Capsule(radius=radius, length=length)
     if form == "mesh_file":
         if folder is None:
-            raise ConfigError(form, entry[form], "names a file, and none can be read from here")
+            raise ConfigError(
+                form, entry[form], "names a file, which cannot be read here; give vertices_mm"
+            )
         return _mesh(folder / given.text(form, ""))
     if form == "points_mm":
         resolution = _length(given, "resolution_mm") if given.given("resolution_mm") else 0.01
@@ -327,7 +320,7 @@ def _table(key: str, value: object) -> Array:
 
 
 def _mesh(path: Path) -> Mesh:
-    """A mesh file, in millimetres as printers have it."""
+    """Read a mesh file in millimetres, as 3D printers use it."""
     kind = path.suffix.lower()[1:]
     try:
         if kind in ("ply", "stl"):

@@ -1,10 +1,10 @@
 """Export trajectories: CSV and JSON for programs, MCAP for Foxglove, Rerun and PlotJuggler.
 
-CSV and JSON are in degrees, as people read them, with the unit in every name, or under LeRobot's
-names and in its units (``LeRobot``). MCAP holds ROS 2 messages and thus radians:
-``sensor_msgs/msg/JointState`` on ``/joint_commands``, and on ``/joint_states`` what was measured.
+CSV and JSON are in degrees with the unit in every name, or have LeRobot's names and units
+(``LeRobot``). MCAP holds ROS 2 messages in radians: ``sensor_msgs/msg/JointState`` with the
+commanded angles on ``/joint_commands`` and the measured ones on ``/joint_states``.
 
-A motion that was carried out (``Run``) is written as wanted and as measured, side by side.
+A motion that was carried out (``Run``) is written with commanded and measured angles side by side.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ uint32 nanosec
 """The definition of ``sensor_msgs/msg/JointState``, as MCAP files carry it."""
 
 STRING = "string data\n"
-"""Likewise of ``std_msgs/msg/String``."""
+"""The definition of ``std_msgs/msg/String``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,9 +52,9 @@ class Run:
     """A motion as it was carried out.
 
     Attributes:
-        t: When, since it began, shape (m,), [s].
-        q_ref: Where the joints were wanted, shape (m, 5), [rad].
-        q: Where they were, shape (m, 5), [rad].
+        t: Times since it began, shape (m,), [s].
+        q_ref: Commanded joint angles, shape (m, 5), [rad].
+        q: Measured joint angles, shape (m, 5), [rad].
     """
 
     t: Array
@@ -71,8 +71,8 @@ class Run:
 class LeRobot:
     """LeRobot's units: degrees from the middle of a joint's travel, per cent for the jaw.
 
-    The columns have LeRobot's names, ``shoulder_pan.pos`` and so on. Of a run they are an
-    ``action`` and an ``observation.state``, as in its data sets.
+    The columns have LeRobot's names, ``shoulder_pan.pos`` and so on. A run has an ``action`` and an
+    ``observation.state``, as in LeRobot's data sets.
 
     Attributes:
         middles: The model's angles in the middles of the joints' travels, shape (5,), [rad].
@@ -95,12 +95,12 @@ def export(motion: Trajectory | Run, path: Path, *, lerobot: LeRobot | None = No
 
     Args:
         motion: As planned, or as it was carried out.
-        path: Ends with ``.csv``, ``.json`` or ``.mcap``; what was there is replaced.
-        lerobot: To write CSV or JSON as LeRobot has it; None for our own names.
+        path: Ends with ``.csv``, ``.json`` or ``.mcap``; an existing file is replaced.
+        lerobot: LeRobot's names and units for CSV or JSON; None for our own.
 
     Raises:
-        ConfigError: There is no such format, the file cannot be written, or MCAP needs a package
-            that is not installed.
+        ConfigError: There is no such format, the file cannot be written, or the package for MCAP is
+            not installed.
     """
     content = encoded(motion, path.name, lerobot=lerobot)
     try:
@@ -110,7 +110,7 @@ def export(motion: Trajectory | Run, path: Path, *, lerobot: LeRobot | None = No
 
 
 def encoded(motion: Trajectory | Run, name: str, *, lerobot: LeRobot | None = None) -> bytes:
-    """The bytes that ``export`` would write to a file called ``name``; else like it."""
+    """The bytes that ``export`` would write to a file called ``name``; raises the same errors."""
     check_name(name, lerobot=lerobot is not None)
     suffix, rows = Path(name).suffix.lower(), _rows(motion)
     return _FORMATS[suffix](rows, name) if lerobot is None else _LEROBOT[suffix](rows, lerobot)
@@ -142,12 +142,12 @@ class _Rows:
 
     Attributes:
         t: [s].
-        values: Joint values by what is behind a joint's name in CSV and by their name in JSON,
-            each (m, 5); positions first; in degrees.
+        values: Joint values, each (m, 5), in degrees, positions first; by the suffix of a joint's
+            column in CSV and by the name in JSON.
         q: Wanted positions, (m, 5), [rad].
         qd: Wanted velocities, (m, 5), [rad/s]; None where they are not known.
         q_measured: Measured positions, (m, 5), [rad], or None.
-        head: What JSON says before the rows.
+        head: Fields that JSON has before the rows.
     """
 
     t: Array
@@ -282,7 +282,7 @@ def mcap_writer(path: Path) -> Any:
         from mcap_ros2.writer import Writer
     except ImportError as error:
         raise ConfigError(
-            "out", str(path), "MCAP needs a package more; try: pip install 'so101-motion[mcap]'"
+            "out", str(path), "MCAP needs another package; try: pip install 'so101-motion[mcap]'"
         ) from error
     return Writer
 

@@ -1,4 +1,4 @@
-"""Find the folder in which programs keep their data for this user."""
+"""Find the folder in which programs keep this user's data."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Read and write the user's own small JSON files: poses, programs, guided paths.
 
-They lie in the data directory of the user the program runs as, begin with a ``"schema"`` that says
-what they are and in which version, and are there whole or not at all, whenever the computer stops.
-What is in them is for people too: degrees, percent, seconds, with the unit in every name.
+They are in the data directory of the user who runs the program and begin with a ``"schema"`` that
+says what they are and in which version. They are written in one step, so a crash never leaves half
+a file. People can read them: degrees, percent, seconds, with the unit in every name.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ LARGEST = 1_000_000
 """Largest file that is read [byte]; the longest program has a tenth of that. Chosen."""
 
 LONGEST_NAME = 40
-"""Most characters of a name that somebody gives something; chosen, it fits on a button's line."""
+"""Most characters of a name that a user gives; chosen, it fits on a button."""
 
 _WIDEST_DEG = 360.0
-"""Joint angles beyond this are none, whatever the arm [deg]."""
+"""Larger joint angles in a file are refused [deg]."""
 
 
 def folder() -> Path:
@@ -45,7 +45,7 @@ def folder() -> Path:
 
 
 def remove_old_leftovers() -> None:
-    """Remove temporary files that killed writers of the user's files left."""
+    """Remove old temporary files that killed writers left among the user's files."""
     with suppress(ConfigError):  # no home, nothing to remove
         home = folder()
         for each in (home, *(inner for inner in home.glob("*") if inner.is_dir())):
@@ -56,8 +56,8 @@ def checked_name(name: object, *, what: str) -> str:
     """Check a name and strip the blanks around it.
 
     Args:
-        name: What somebody typed, or what a file says.
-        what: What is being named, such as ``"pose"``.
+        name: The name as typed or as read from a file.
+        what: What it names, such as ``"pose"``.
 
     Raises:
         ConfigError: Empty, too long, or not printable.
@@ -120,10 +120,10 @@ def read(path: Path, *, schema: str, largest: int = LARGEST) -> Mapping[str, obj
 def write(
     path: Path, content: Mapping[str, object], *, schema: str, indent: int | None = 1
 ) -> None:
-    """Write ``content`` to the file at ``path``; makes its folder if need be.
+    """Write ``content`` to the file at ``path``; makes its folder if needed.
 
     Raises:
-        ConfigError: It cannot be written; it is as it was.
+        ConfigError: It cannot be written; the old content stays.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

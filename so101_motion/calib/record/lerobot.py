@@ -24,13 +24,12 @@ from pathlib import Path
 from so101_motion.calib.record import record
 from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
 from so101_motion.calib.record.zero import ROLL_UPRIGHT, STOPS, Zero, by_pose
-from so101_motion.common.errors import CalibrationError, ConfigError
+from so101_motion.common.errors import CalibrationError, ConfigError, quoted
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
 from so101_motion.files import atomic
-from so101_motion.files.json_file import shown
 
 FIELDS = record.FIELDS[:5]
 """What LeRobot says of a joint; it refuses a file that says more."""
@@ -196,7 +195,7 @@ def _rows(content: Mapping[str, object]) -> dict[str, dict[str, int]]:
         if modes[place] != mode:
             raise CalibrationError(
                 str(joint),
-                f"calib_mode must be {mode}, not {shown(modes[place])}",
+                f"calib_mode must be {mode}, not {quoted(modes[place])}",
                 "check the path",
             )
         if joint in rows:
@@ -219,7 +218,7 @@ def _list(
         or (kind is int and any(abs(entry) > 1_000_000 for entry in value))
     ):
         raise CalibrationError(
-            None, f"{name} must be a list of {what}, not {shown(value)}", "check the path"
+            None, f"{name} must be a list of {what}, not {quoted(value)}", "check the path"
         )
     if count is not None and len(value) != count:
         raise CalibrationError(

@@ -18,10 +18,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from so101_motion.common.errors import CalibrationError
+from so101_motion.common.errors import CalibrationError, quoted
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
-from so101_motion.files.json_file import Object, shown
+from so101_motion.files.json_file import Object
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 """Along the cable, base to jaw."""
@@ -141,7 +141,7 @@ def parse(content: object) -> dict[str, JointCalibration]:
     if not isinstance(content, Mapping):
         raise CalibrationError(
             None,
-            f"a calibration is an object with an entry for each joint, not {shown(content)}",
+            f"a calibration is an object with an entry for each joint, not {quoted(content)}",
             "check the path",
         )
     for name in _repeated(content):
@@ -170,7 +170,7 @@ def check(calibration: Calibration) -> None:
 
 def _joint(joint: str, entry: object) -> JointCalibration:
     if not isinstance(entry, Mapping):
-        raise CalibrationError(joint, f"must be an object, not {shown(entry)}", _AGAIN)
+        raise CalibrationError(joint, f"must be an object, not {quoted(entry)}", _AGAIN)
     for name in _repeated(entry):
         if name in FIELDS:
             raise CalibrationError(joint, f"{name} is given twice, so one is wrong", _AGAIN)
@@ -189,9 +189,9 @@ def _joint(joint: str, entry: object) -> JointCalibration:
 
 def _whole(joint: str, name: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value % 1 != 0:
-        raise CalibrationError(joint, f"{name} must be a whole number, not {shown(value)}", _AGAIN)
+        raise CalibrationError(joint, f"{name} must be a whole number, not {quoted(value)}", _AGAIN)
     if abs(value) > 1e6:
-        raise CalibrationError(joint, f"{name} is {shown(value)}, beyond all reason", _AGAIN)
+        raise CalibrationError(joint, f"{name} is {quoted(value)}, beyond all reason", _AGAIN)
     return int(value)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from so101_motion.calib.record import versions as history
-from so101_motion.common.errors import CalibrationError
+from so101_motion.common.errors import CalibrationError, quoted
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.drivers.servo_types import ServoFigures
@@ -219,7 +219,7 @@ def _number(
     ):
         raise CalibrationError(
             joint,
-            f'"{name}" in {file} must be {lower:g} to {upper:g}, not {json_file.shown(value)}',
+            f'"{name}" in {file} must be {lower:g} to {upper:g}, not {quoted(value)}',
             _AGAIN,
         )
     return float(value)

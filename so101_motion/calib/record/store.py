@@ -33,7 +33,7 @@ from so101_motion.calib.record import versions as history
 from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
 from so101_motion.calib.record.versions import Version, versions, zero_path
 from so101_motion.calib.record.zero import Zero
-from so101_motion.common.errors import CalibrationError
+from so101_motion.common.errors import CalibrationError, quoted
 from so101_motion.files import atomic, json_file
 
 __all__ = ["Stored", "Version", "earlier", "load", "read", "resolve", "restore", "save", "versions"]
@@ -71,7 +71,7 @@ def resolve(path: str) -> Path:
         return (Path(os.environ.get("VIAM_MODULE_DATA") or ".") / given).resolve()
     except (RuntimeError, ValueError, OSError) as error:
         raise CalibrationError(
-            None, f"{json_file.shown(path)} cannot be a path: {error}", "give another"
+            None, f"{quoted(path)} cannot be a path: {error}", "give another"
         ) from error
 
 

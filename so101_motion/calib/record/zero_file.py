@@ -16,7 +16,7 @@ from pathlib import Path
 
 from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
 from so101_motion.calib.record.zero import Zero
-from so101_motion.common.errors import CalibrationError
+from so101_motion.common.errors import CalibrationError, quoted
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files import json_file
 
@@ -90,7 +90,7 @@ def _checked(joint: str, entry: Mapping[str, object]) -> Zero:
     by, middle_deg = entry.get("by"), entry.get("middle_deg")
     if by not in _WAYS:
         raise CalibrationError(
-            joint, f'"by" is {" or ".join(_WAYS)}, not {json_file.shown(by)}', "calibrate again"
+            joint, f'"by" is {" or ".join(_WAYS)}, not {quoted(by)}', "calibrate again"
         )
     if (
         isinstance(middle_deg, bool)
@@ -99,7 +99,7 @@ def _checked(joint: str, entry: Mapping[str, object]) -> Zero:
     ):
         raise CalibrationError(
             joint,
-            f'"middle_deg" must be from -180 to 180, not {json_file.shown(middle_deg)}',
+            f'"middle_deg" must be from -180 to 180, not {quoted(middle_deg)}',
             "calibrate again",
         )
     return Zero(by=str(by), angle=to_rad(float(middle_deg)))

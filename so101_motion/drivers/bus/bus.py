@@ -1,22 +1,22 @@
 """The transactions on the servo bus, with retries and counters.
 
 How it works. The vendor's SDK builds the packets and runs the transactions with a single servo,
-over a port handler of ours (``sdk.py``). What a control cycle sends and hears is done by ourselves
-(``protocol.py``): the SDK takes its time over a sync write, and in a sync read it gives up at the
-first silent servo and then hands out zeros for the rest.
+over a port handler of ours (``sdk.py``). The two transactions of a control cycle are our own
+(``protocol.py``): the SDK is slow at a sync write, and in a sync read it gives up at the first
+silent servo and returns zeros for the rest.
 
-Four rules keep a wrong value from ever being believed:
+Four rules keep a wrong value from being believed:
 
-* Input is discarded before every question and after every answer that was not right.
-* An answer that broke off, and whose end is the beginning of the next, is none (``protocol.py``).
+* Input is discarded before every question and after every wrong answer.
+* An answer that broke off, and ends with the beginning of the next, is refused (``protocol.py``).
 * An answer must come from the right servo and have the right length. The length is the only mark
   a question leaves on its answer, so it is varied while an old answer may still be on its way
   (``stale_replies.py``).
-* What is written to one servo is read back. The acknowledgement alone proves little: it may be a
+* A value written to one servo is read back. The acknowledgement alone proves little: it may be a
   late one, or be lost although the servo obeyed.
 
-Sync writes are not acknowledged by anybody; they are for setpoints, of which the next one comes
-soon. The status byte of an answer is kept as telemetry and never turns a reading into an error.
+No servo acknowledges a sync write; they are for setpoints, and the next one comes soon. The status
+byte of an answer is kept as telemetry and never turns a reading into an error.
 
 Only this file retries. Everything is counted per servo, and ``counters`` can be read at any time.
 """
@@ -53,22 +53,22 @@ transaction in 40,000 fails."""
 
 REPLY_TIMEOUT = 0.007
 """How long to wait beyond the time the wire takes [s]. A USB adapter needs 1 to 2 ms; chosen to
-leave room for a busy machine and so that a cycle in which nobody answers still fits into 10 ms."""
+leave room for a busy machine, and so that a cycle without any answer still fits into 10 ms."""
 
 _SHARE = 0.7
-"""How much of a control period may be spent waiting. Chosen: the rest is for what is computed."""
+"""Share of a control period that may be spent waiting. Chosen: the rest is for computing."""
 
 _PERSISTENCE = (1, 1, 4, 24)
-"""How many times as long each try of a question waits. A lost answer is soon asked for again, and a
-computer that was busy elsewhere for 0.2 s makes no servo silent. Chosen: such pauses were seen of a
-kernel that hands over what a port has received when it finds the time."""
+"""Factors of the timeout for the tries of one question. The first tries are short, so a lost answer
+is soon asked for again; the last is long, so a computer that was busy for 0.2 s makes no servo
+silent. Chosen: kernels were seen to hand over received bytes that late."""
 
 _LONGEST = 0.2
-"""But no longer than this [s]."""
+"""Longest timeout of one try [s]."""
 
 _REST = 0.003
 """How long to wait for the others once the first answers to a sync read have come, beyond the time
-the wire takes [s]: an adapter hands over every millisecond or two what it has. Chosen."""
+the wire takes [s]: an adapter hands over its bytes every millisecond or two. Chosen."""
 
 _GAP = 3  # byte times between two answers to a sync read (FW)
 _PING_SLOT = packet_size(0) + _GAP
@@ -80,7 +80,7 @@ class PingAnswers:
 
     Attributes:
         ids: The servos whose answers were valid, in order.
-        garbled: Whether there was more than that: servos that share an id, or noise.
+        garbled: Whether other bytes came too: from servos that share an id, or noise.
     """
 
     ids: tuple[int, ...]
@@ -98,9 +98,9 @@ class Bus:
     Args:
         port: The open port; the bus's own from now on.
         names: What the servos are called in messages, by id.
-        counters: Counters to go on with, by id; for a bus that comes back on a new port.
-        reply_timeout: How long to wait for an answer beyond the time on the wire [s]. The answers
-            of many servos to one question get no more than that with the wire, if it leaves room.
+        counters: Counters to continue, by id; for a bus that comes back on a new port.
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s]. For a sync
+            read it includes the time on the wire, where that is short enough.
 
     Attributes:
         port: As given.
@@ -121,10 +121,10 @@ class Bus:
         self._reply_timeout = reply_timeout
         self._sdk = scservo_sdk.PacketHandler(0)
         self._handler = WaitingHandler(port, reply_timeout)
-        self._stragglers = StaleReplies()
+        self._stale_replies = StaleReplies()
 
     def label(self, servo_id: int) -> str:
-        """The name of a servo in a message."""
+        """A servo's id and name, for messages."""
         name = self._names.get(servo_id)
         return f"servo {servo_id}" + (f" ({name})" if name else "")
 
@@ -138,8 +138,8 @@ class Bus:
         """Ping a servo; return its status byte.
 
         Raises:
-            NoReply: It is not.
-            CorruptReply: Something is, but cannot be understood.
+            NoReply: The servo is silent.
+            CorruptReply: No answer was sound.
         """
         return Fault(self._ask(servo_id, scservo_sdk.INST_PING, (), 0, "a ping").faults)
 
@@ -162,11 +162,11 @@ class Bus:
         """
         for tried in range(1 + RETRIES):
             now = time.monotonic()
-            begin, length = self._stragglers.span((servo_id,), start, count, now)
+            begin, length = self._stale_replies.span((servo_id,), start, count, now)
             answer = self._once(servo_id, scservo_sdk.INST_READ, (begin, length), length, tried)
             if isinstance(answer, Answer):
                 return answer.data[start - begin : start - begin + count]
-            self._stragglers.missed(servo_id, length, time.monotonic())
+            self._stale_replies.missed(servo_id, length, time.monotonic())
             self.counters[servo_id].retries += 1
         raise self._failure(servo_id, answer, what)
 
@@ -192,7 +192,7 @@ class Bus:
         faults = Fault(self.counters[servo_id].faults)
         reports = f" and reports {', '.join(faults.names)}" if faults.names else ""
         raise ServoFault(
-            f"{self.label(servo_id)} was told {register.name} = {value} but holds {held}{reports};"
+            f"{self.label(servo_id)} was sent {register.name} = {value} but holds {held}{reports};"
             " let it cool and free its joint, or switch its power off and on, then try again",
             servo_id=servo_id,
             flags=faults,
@@ -248,7 +248,7 @@ class Bus:
     def post(self, servo_id: int, register: Register, value: int) -> None:
         """Write a register without reading it back.
 
-        For the id and the baud rate: the servo answers elsewhere from then on.
+        For the id and the baud rate: from then on the servo answers under the new one.
         """
         params = (register.address, *register.encode(value))
         self._once(servo_id, scservo_sdk.INST_WRITE, params, 0)
@@ -256,7 +256,7 @@ class Bus:
     # All servos
 
     def scan(self) -> list[int]:
-        """Ids of all servos that hear a broadcast ping at this baud rate, in order."""
+        """Ids of all servos that answer a broadcast ping at this baud rate, in order."""
         return list(self.ping_all().ids)
 
     def ping_all(self) -> PingAnswers:
@@ -288,19 +288,19 @@ class Bus:
     ) -> dict[int, Answer]:
         """Read ``count`` bytes from ``start`` of many servos, in one transaction.
 
-        Servos answer in the order they are listed, each in a time slot of its own. So once the
-        last one has answered, nobody else will, and nobody is waited for.
+        Servos answer in the order they are listed, each in its own time slot. Once the last one has
+        answered, no other will, so waiting ends.
 
         Args:
-            servo_ids: Whom to ask.
+            servo_ids: The servos to ask.
             start: The first address.
             count: How many bytes.
-            tries: How often to ask those who do not answer, 1 to 4; the later tries wait longer. A
-                control loop has no time for more than one, and asks again in its next cycle.
-            given_up: Of those, who is asked only once: servos known to be silent.
+            tries: How often to ask servos that do not answer, 1 to 4; later tries wait longer. A
+                control loop has time for one only, and asks again in its next cycle.
+            given_up: Servos known to be silent; they are asked only once.
 
         Returns:
-            What came, by id; a servo that did not answer is missing.
+            The answers by id; a servo that did not answer is missing.
         """
         found: dict[int, Answer] = {}
         # The silent ones first, so that the last one is there to be waited for.
@@ -311,7 +311,7 @@ class Bus:
             if attempt:
                 for servo_id in asked:
                     self.counters[servo_id].retries += 1
-            begin, length = self._stragglers.span(
+            begin, length = self._stale_replies.span(
                 asked, start, count, time.monotonic(), again=True, most=self._longest(len(asked))
             )
             skip = start - begin
@@ -329,7 +329,7 @@ class Bus:
         return found
 
     def sync_write(self, start: int, data: Mapping[int, bytes]) -> None:
-        """Write as many bytes from ``start`` to each servo of ``data``; nobody acknowledges."""
+        """Write each servo's bytes in ``data`` from address ``start``; without acknowledgement."""
         self.port.write(sync_write_packet(start, data))
 
     # How
@@ -352,7 +352,7 @@ class Bus:
         count: int,
         tried: int = 0,
     ) -> Answer | bytes:
-        """One question to one servo: the answer, or the bytes that were none."""
+        """Ask one servo once; return its answer, or the bytes that were no valid answer."""
         handler, counter = self._handler, self.counters[servo_id]
         handler.is_using = False  # the SDK forgets to after an exception
         packet = [0, 0, servo_id, len(params) + 2, instruction, *params, 0]
@@ -369,24 +369,24 @@ class Bus:
                 handler.clearPort()
                 counter.missed(garbled=True)
                 return bytes(raw)
-            # Anything else that is well-formed is a straggler: look on.
+            # Any other well-formed packet is a stale reply: read on.
             if raw[2] == servo_id and raw[3] == count + 2 and len(raw) == packet_size(count):
                 counter.heard(raw[4])
                 return Answer(bytes(raw[5:-1]), raw[4])
 
     def _reply_timeout_for(self, tried: int) -> float:
-        """How long to wait for an answer that was asked for ``tried`` times before [s]."""
+        """How long to wait for an answer after ``tried`` earlier tries [s]."""
         return min(self._reply_timeout * _PERSISTENCE[tried], max(self._reply_timeout, _LONGEST))
 
     def _longest(self, servos: int) -> int:
-        """How many bytes so many servos can send within the reply timeout of a control cycle."""
-        # Without any, answers are there at once, as from a port in a test.
+        """How many bytes each of ``servos`` can send within the timeout of a control cycle."""
+        # A port in a test has a timeout of 0, because its answers are there at once.
         reply_timeout = self._reply_timeout or REPLY_TIMEOUT
         room = (reply_timeout - min(_REST, 0.5 * reply_timeout)) * self.port.baud / 10.0
         return int((room - 8) / servos) - 1 - packet_size(0) - _GAP
 
     def _answers(self, asked: list[int], count: int, tried: int) -> dict[int, Answer]:
-        """The answers to a question that was just sent to many, ``count`` bytes each."""
+        """Wait for the answers of ``asked`` to a sync read of ``count`` bytes."""
         answers, reply_timeout = Answers(asked, count), self._reply_timeout_for(tried)
         wire = 10.0 * (8 + len(asked) * (1 + packet_size(count) + _GAP)) / self.port.baud
         rest = min(_REST, 0.5 * reply_timeout)
@@ -410,7 +410,7 @@ class Bus:
         now = time.monotonic()
         for servo_id in asked:
             if servo_id not in answers.found:
-                self._stragglers.missed(servo_id, count, now)
+                self._stale_replies.missed(servo_id, count, now)
                 self.counters[servo_id].missed(garbled=garbled)
 
     def _failure(self, servo_id: int, answer: Answer | bytes, what: str) -> NoReply | CorruptReply:

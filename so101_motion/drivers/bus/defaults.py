@@ -4,7 +4,7 @@ BAUDRATE = 1_000_000
 """Bits per second of the servos as new; the published module's default."""
 
 TIMEOUT = 1.0
-"""For how long servos that do not answer are asked at the start [s]; the published default."""
+"""How long silent servos are asked again at the start [s]; the published module's default."""
 
 SERVO_IDS = (1, 2, 3, 4, 5)
 """The arm's servos, base to wrist."""

@@ -2,19 +2,19 @@
 
 A status packet is ``FF FF id length flags data... checksum``, where ``length`` is the number of
 data bytes plus 2 and the checksum is the inverted sum of everything between header and itself.
-It names the servo but neither the question nor the register. So whoever asks must know what to
-expect, and takes only that: ``Answers`` looks for packets from given servos with a given number of
-data bytes, and skips everything else a byte at a time: noise, broken packets, packets of other
-lengths. A broken packet can therefore cost its own servo's answer and nobody else's.
+It names the servo but neither the question nor the register. ``Answers`` therefore looks for
+packets from given servos with a given number of data bytes, and skips everything else a byte at a
+time: noise, broken packets, packets of other lengths. A broken packet can cost its own servo's
+answer and no other.
 
-The checksum alone does not tell a packet that broke off. If the next one follows at once, the FF FF
-of its header stands where the last bytes are missing, and for one in 256 values it adds up. So a
-packet with the beginning of another one inside is none (``is_cut_short``), and an answer whose
-checksum FF turns out to be the first byte of the next header is taken back: a byte is missing in
-it, nobody knows which.
+The checksum alone does not reveal a packet that broke off. If the next packet follows at once, the
+FF FF of its header stands in the place of the missing bytes, and for one value in 256 the checksum
+is right. So a packet that contains the beginning of another is refused (``is_cut_short``), and an
+answer whose checksum FF turns out to be the first byte of the next header is taken back, because
+one of its bytes is missing.
 
-``sync_write_packet`` is the one packet that the vendor's SDK does not build for us: a hundred times
-a second, byte by byte, it took more time than all the rest of sending. A test compares the two.
+``sync_write_packet`` builds the only packet that we do not leave to the vendor's SDK: byte by byte,
+a hundred times a second, the SDK took longer than all the rest of sending. A test compares both.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def is_cut_short(packet: bytes, servo_ids: Container[int]) -> bool:
 
     Args:
         packet: A status packet whose checksum is right.
-        servo_ids: Whose packets may have followed.
+        servo_ids: The servos whose packets may have followed.
     """
     at = packet.find(_HEADER, 2)
     while at >= 0:
@@ -76,7 +76,7 @@ class Answer(NamedTuple):  # six are made in every cycle, and this is the fastes
 
     Attributes:
         data: The bytes it was asked for.
-        faults: Its status byte, see ``Fault``; the data is valid whatever it says.
+        faults: Its status byte, see ``Fault``; the data is valid even if a bit is set.
     """
 
     data: bytes
@@ -87,12 +87,12 @@ class Answers:
     """Collects the answers to one question from received bytes, in chunks of any size.
 
     Args:
-        servo_ids: Whose answers are awaited.
-        count: How many data bytes each has.
+        servo_ids: The servos whose answers are expected.
+        count: How many data bytes each answer has.
 
     Attributes:
-        found: The answers so far, by servo id. Of two from one servo the later one counts.
-        skipped: How many bytes were no part of an awaited answer.
+        found: The answers so far, by servo id; a second one from a servo replaces the first.
+        skipped: How many bytes belonged to no expected answer.
     """
 
     def __init__(self, servo_ids: Collection[int], count: int) -> None:
@@ -100,7 +100,7 @@ class Answers:
         self.skipped = 0
         self._awaited, self._count, self._size = servo_ids, count, packet_size(count)
         self._buffer = bytearray()
-        # Whose checksum is the first byte of the buffer, an FF that may begin the next header.
+        # The servo whose answer ends with the buffer's first byte, an FF: checksum or next header.
         self._doubtful: int | None = None
 
     @property
@@ -114,7 +114,7 @@ class Answers:
         return bytes(self._buffer if self._doubtful is None else self._buffer[1:])
 
     def feed(self, data: bytes) -> None:
-        """Take in what has arrived."""
+        """Parse received bytes; they may be cut anywhere."""
         buffer, size = self._buffer, self._size
         buffer += data
         begin = 0
@@ -122,7 +122,7 @@ class Answers:
             if self._doubtful is not None:
                 follows = bytes(buffer[begin + 1 : begin + 3])
                 if follows in (b"", b"\xff"):
-                    break  # what comes next tells
+                    break  # the next byte decides
                 begin += self._decide(self._doubtful, follows)
             start = buffer.find(_HEADER, begin)
             if start < 0:  # the last byte may be the first half of a header
@@ -143,7 +143,7 @@ class Answers:
         del buffer[:begin]
 
     def _decide(self, servo_id: int, follows: bytes) -> int:
-        """Keep or take back an answer that ends in FF; how many bytes its checksum was."""
+        """Keep or take back an answer that ends in FF; return how many bytes of it are consumed."""
         self._doubtful = None
         if follows[:1] == b"\xff" and follows != b"\xff\xff":
             del self.found[servo_id]
@@ -152,7 +152,7 @@ class Answers:
         return 1
 
     def _take(self, packet: bytes) -> bool:
-        """Take in a packet, if it is an awaited answer."""
+        """Keep a packet if it is an expected answer; return whether it is."""
         servo_id = packet[2]
         if servo_id not in self._awaited or packet[3] != self._count + 2:
             return False

@@ -1,7 +1,7 @@
 """The register table of the STS3215 servo, as the driver uses it.
 
-How it works. A ``Register`` is one row: where it lies, how many bytes, where its sign is, what one
-count means, and who says so. Everything else follows from the row. Words are little-endian.
+How it works. A ``Register`` is one row: its address, its bytes, its sign bit, the meaning of one
+count, and the source. Everything else follows from the row. Words are little-endian.
 Signed registers are sign-magnitude: one bit is the sign, the bits below it are the size; the three
 positions of that bit (10, 11, 15) are a property of the row, not of the servo.
 
@@ -50,10 +50,10 @@ class Memory(Enum):
 
 
 class Fault(IntFlag):
-    """The status byte that every reply carries, and register 65.
+    """Bits of the status byte that every reply carries, and of register 65.
 
-    A set bit says something about the servo and nothing about the reply: the reading that came
-    with it is valid, the write it acknowledges was done.
+    A set bit is about the servo, not about the reply: the reading in it is valid, and the write it
+    acknowledges was done.
     """
 
     NONE = 0
@@ -100,8 +100,8 @@ class Register:
     def decode(self, data: bytes) -> int:
         """The number in ``data``, which holds ``size`` bytes.
 
-        Bits above the sign continue the size: firmware 3.10 stores homing offsets beyond 2047
-        that way, and nothing else sets them (FW).
+        Bits above the sign continue the magnitude: firmware 3.10 stores homing offsets beyond 2047
+        like this, and nothing else sets them (FW).
         """
         if len(data) != self.size:
             raise ValueError(f"{self.name} has {self.size} bytes, not {len(data)}")

@@ -1,7 +1,7 @@
 """Count each servo's good, lost and corrupt replies from the start of the program.
 
-``Bus`` counts; whoever opens bus after bus on one port hands the ``ReplyCounters`` on, so that
-neither an unplugged cable nor a new set-up makes it forget. Any thread may read them.
+``Bus`` counts. Code that reopens the bus passes the same ``ReplyCounters`` to the new one, so that
+the counts survive an unplugged cable and a new set-up. Any thread may read them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Run the vendor's SDK on our serial port.
 
-``feetech-servo-sdk`` builds packets and runs transactions over a port handler. Its own spins on the
-processor for as long as it waits, and never discards stale input, so that a late answer is taken
-for the answer to the next question. ``WaitingHandler`` takes its place, under the names the SDK
-calls it by; the rest of the SDK does not notice.
+``feetech-servo-sdk`` builds packets and runs transactions over a port handler. Its own handler
+spins on the processor while it waits, and never discards stale input, so it takes a late answer for
+the answer to the next question. ``WaitingHandler`` replaces it and has the same methods.
 """
 
 from __future__ import annotations
@@ -20,11 +19,11 @@ class Port(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the port."""
 
     @property
     def baud(self) -> int:
-        """Bits per second."""
+        """Baud rate [bit/s]."""
 
     def write(self, data: bytes) -> None:
         """Send ``data``."""
@@ -40,7 +39,7 @@ class Port(Protocol):
 
 
 class WaitingHandler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types
-    """Our port as the SDK's port handler: waits instead of spinning, discards stale input.
+    """The SDK's port handler on our port: waits instead of spinning, and discards stale input.
 
     Attributes:
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
@@ -97,7 +96,7 @@ class _Recorder(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships
 
 @lru_cache(maxsize=64)
 def sync_read_packet(servo_ids: tuple[int, ...], start: int, count: int) -> bytes:
-    """The sync read packet as the SDK builds it; cached, for each cycle sends the same few."""
+    """The sync read packet that the SDK builds; cached, because each cycle sends the same few."""
     recorder = _Recorder("")
     scservo_sdk.PacketHandler(0).syncReadTx(recorder, start, count, servo_ids, len(servo_ids))
     return recorder.packet

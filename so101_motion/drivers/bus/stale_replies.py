@@ -1,12 +1,11 @@
 """Tell the reply to a question from late replies to earlier questions.
 
-An answer names its servo, but neither the question nor the register. All that a question leaves on
-it is its length: a servo can be asked for more bytes than are needed, and the answer has exactly as
-many as were asked for. So as long as an answer is overdue, the next question to that servo uses
-another length, and the straggler is skipped when it comes. Some adapters also deliver an answer
-twice; so when a question means something else than the one before, copies of the last answers are
-reckoned with as well. (A control cycle asks for the same over and over. There a copy would merely
-be old.)
+A reply names its servo, but neither the question nor the register. Only its length depends on the
+question: a servo can be asked for more bytes than are needed, and the reply has exactly as many.
+So while a reply is overdue, the next question to that servo uses another length, and the stale
+reply is skipped when it comes. Some adapters also deliver a reply twice. So when a question differs
+from the one before, copies of the last replies are expected as well. (A control cycle repeats the
+same question; a copy of its reply would merely be old.)
 """
 
 from __future__ import annotations
@@ -18,12 +17,11 @@ from collections.abc import Collection
 from so101_motion.drivers.bus.registers import END
 
 OVERDUE = 0.25
-"""For how long an answer that did not come is still reckoned with [s]; chosen, far above what any
-adapter holds back."""
+"""How long a missing reply may still come [s]; chosen, far longer than any adapter holds bytes."""
 
-_COPIES = 4  # of how many answers a copy is reckoned with
+_COPIES = 4  # the last replies that may come a second time
 _CHOICE = 40  # lengths to choose from; chosen: as many questions as a control loop asks in 0.2 s
-_FEWEST = 8  # and so many always, however little time there is; chosen
+_FEWEST = 8  # lengths to choose from even if time is short; chosen
 
 
 class StaleReplies:
@@ -48,19 +46,19 @@ class StaleReplies:
     ) -> tuple[int, int]:
         """Choose address and length of a question so that stale replies differ in length.
 
-        If all lengths are taken, it is the one whose straggler is due soonest; that many stragglers
-        need a stream of questions that nobody waits for.
+        If stale replies of every length may come, the length is chosen whose stale reply is due
+        soonest. That takes many questions in a row without waiting for replies.
 
         Args:
-            servo_ids: Whom.
+            servo_ids: The servos to ask.
             start: The first address that is needed.
-            count: How many bytes are.
+            count: How many bytes are needed.
             now: The time [s].
-            again: Whether an older answer to the same question would do no harm.
-            most: More bytes than this would take too long; at least eight lengths are tried.
+            again: Whether an older reply to the same question would do no harm.
+            most: Longest reply there is time for [byte]; at least eight lengths are tried.
 
         Returns:
-            The first address and the number of bytes; what is needed is among them.
+            The first address and the number of bytes; they include the bytes that are needed.
         """
         if not (again and start == self._start):
             self._expect_copies()
@@ -91,7 +89,7 @@ class StaleReplies:
         return min(range(count, max(end, count + 1)), key=lambda length: taken.get(length, now))
 
     def _expect_copies(self) -> None:
-        """The coming answers mean something else than those before."""
+        """Expect copies of the last replies, because the next question is another one."""
         for (servo_id, length), when in self._asked.items():
             copies = self._copies.setdefault(servo_id, deque(maxlen=_COPIES))
             self._until = max(self._until, when + OVERDUE)

@@ -1,14 +1,13 @@
 """Convert servo positions in ticks to joint angles in radians and back.
 
 A turn has 4096 ticks. (Two known programs divide by 4095, which stretches half a turn by 0.04 deg;
-we do not.) A ``JointMap`` says for one joint which tick is zero, which way the servo counts, and
-between which ticks it may go. Its values come from a calibration, which this module does not know:
-whoever composes the arm hands them over.
+we do not.) A ``JointMap`` says for one joint which tick is zero, in which direction the servo
+counts, and between which ticks it may go. Its values come from a calibration; ``rig`` passes them.
 
-Positions are those the servo reports, homing offset already taken off by the servo itself. They
-live on a circle: tick 4095 is the neighbour of tick 0. ``to_rad`` unrolls that circle at the point
-opposite to the middle of the joint's range, which the joint cannot reach, so a position a little
-outside the range comes out as a little outside, and never as a turn away.
+Positions are as the servo reports them, with its homing offset already subtracted. They lie on a
+circle: tick 4095 is next to tick 0. ``to_rad`` unrolls that circle at the point opposite to the
+middle of the joint's range, which the joint cannot reach. So a position a little outside the range
+becomes an angle a little outside, and never one a turn away.
 
 Reading and writing back never moves a joint: ``to_ticks(to_rad(t)) == t`` for every tick of the
 unrolled circle, exactly (see the property test).
@@ -29,14 +28,14 @@ RAD_PER_TICK = 2.0 * math.pi / TICKS_PER_TURN
 TICKS_PER_RAD = TICKS_PER_TURN / (2.0 * math.pi)
 
 TOP_SPEED_TICKS = 7500
-"""Largest speed the servo's registers let through [tick/s]: register 84 at its factory value."""
+"""Largest speed the servo accepts [tick/s]: register 84 at its factory value."""
 
 TOP_ACCELERATION_UNITS = 100
-"""Largest value the servo takes over from register 41 while register 85 is as new."""
+"""Largest value of register 41 the servo uses while register 85 has its factory value."""
 
 _UNIT_TICKS, _OFFSET_TICKS = 108.0, 386.0
-"""What a count of the acceleration register really does [tick/s^2]: 386 + 108 a count, the mean of
-three joints as measured by the authors of the published module; the manual promises 100 a count."""
+"""Real acceleration by the acceleration register [tick/s^2]: 386 + 108 per count, the mean of three
+joints measured by the authors of the published module; the manual says 100 per count."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,8 +48,8 @@ class JointMap:
         direction: 1 if the servo counts up with the angle, else -1.
         lower_ticks: Smallest position the joint may be sent to.
         upper_ticks: Largest.
-        homing_offset: What the servo's homing offset must be for these ticks to mean this [tick];
-            it and the limits are then kept in the servo as well. None leaves the servo's alone.
+        homing_offset: The servo's homing offset for which these ticks are valid [tick]; it and the
+            limits are then stored in the servo. None leaves the servo's values alone.
 
     Raises:
         ValueError: Limits or direction make no sense.
@@ -90,8 +89,8 @@ class JointMap:
             range_min: Smallest position of the recorded travel [tick].
             range_max: Largest.
             drive_mode: Not 0 if the servo counts down with the angle.
-            zero_ticks: The position at angle zero; the middle of the travel if None, which is
-                what a calibration without knowledge of the arm's shape takes.
+            zero_ticks: The position at angle zero; None for the middle of the travel, as in a
+                calibration that does not know the arm's shape.
         """
         middle = (range_min + range_max) / 2.0
         return cls(
@@ -122,11 +121,11 @@ class JointMap:
         return Ticks(round(self.zero_ticks + self.direction * q * TICKS_PER_RAD))
 
     def to_goal(self, q: float) -> Ticks:
-        """The position to send the joint to for angle ``q`` [rad]: inside its limits."""
+        """The position to send the joint to for angle ``q`` [rad], clamped to its limits."""
         return Ticks(min(max(self.to_ticks(q), self.lower_ticks), self.upper_ticks))
 
     def unrolled(self, ticks: Ticks) -> Ticks:
-        """The same position, counted on beyond the seam opposite to the middle of the range."""
+        """The same position, less than half a turn from the middle of the joint's range."""
         seam = (self.lower_ticks + self.upper_ticks + 1) // 2 - TICKS_PER_TURN // 2
         return Ticks(seam + (ticks - seam) % TICKS_PER_TURN)
 
@@ -137,8 +136,8 @@ class JointMap:
 def to_speed_ticks(speed: float) -> int:
     """The speed register's value for a cap of ``speed`` [rad/s].
 
-    At least 1, because 0 means maximum. (The servo turns no slower than about 9 deg/s of its own;
-    slower motion is made by slow setpoints.)
+    At least 1, because 0 means maximum. (The servo itself turns no slower than about 9 deg/s;
+    slower motions are sent as slowly changing setpoints.)
 
     Raises:
         ValueError: ``speed`` is not positive.

@@ -2,14 +2,14 @@
 
 From the wire inwards:
 
-    pty_port   a pseudo-terminal and its thread: when bytes arrive
-    bus        who hears an instruction and when the answer leaves
+    pty_port   the pseudo-terminal and its thread; delays replies
+    bus        which servos hear an instruction, and when they answer
     codec      packets
-    servo      what an instruction does to ``memory``, ``registers`` and ``register_values``
+    servo      carries out instructions on ``memory``, ``registers`` and ``register_values``
     drive      controller and protections: ``motion``, ``protection``, ``electric``
     mechanics  motor, play, friction, stops; ``hardware`` holds the figures
-    world      six of them, gravity, supply, time; ``hand`` is a person's
-    faults     what goes wrong; ``emulator`` puts it all together, ``run`` is the program
+    world      the six servos with gravity, supply and time; ``hand`` is a person's hand
+    faults     faults to inject; ``emulator`` builds the whole, ``run`` is the program
 
 Everything below ``pty_port`` is free of clocks, threads and ports: time comes in as a number.
 """

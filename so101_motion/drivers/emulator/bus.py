@@ -1,9 +1,9 @@
 """The emulated bus: which servos hear an instruction, which answer, and when.
 
 How it works
-    ``feed`` takes a chunk of bytes as the client wrote it and returns the replies it draws, each
-    with the time its last byte has left the servo, counted from the first byte of the chunk. No
-    clock and no port here: ``pty_port.py`` waits and writes, a test just looks.
+    ``feed`` takes a chunk of bytes as the client wrote it and returns the replies, each with the
+    time at which its last byte has left the servo, counted from the first byte of the chunk. There
+    is no clock and no port here: ``pty_port.py`` waits and writes; a test reads the result.
 
     Times are those of a half-duplex wire at ten bits a byte. A single reply starts right after
     the request. Sync-read replies come in fixed slots, ``len + 9`` byte times each in the order
@@ -39,12 +39,12 @@ _LONGEST_SYNC_WRITE = 125  # bytes for each servo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply:
-    """Bytes a servo puts on the wire.
+    """Bytes that a servo sends, and when.
 
     Attributes:
-        after: When the last byte is through, from the first byte of the request [s].
+        after: When the last byte is sent, from the first byte of the request [s].
         data: The bytes.
-        held: Extra delay of a late reply [s], beyond what the wire takes.
+        held: Extra delay of a late reply [s], beyond the time on the wire.
     """
 
     after: float
@@ -62,8 +62,8 @@ class Bus:
     """The cable with its servos.
 
     Args:
-        world: Whose servos hang on it.
-        faults: What goes wrong on the wire; may be changed while it runs.
+        world: The world whose servos are on the cable.
+        faults: Disturbances of the wire; may be changed while it runs.
 
     Attributes:
         observers: Called with the time [s] and the bytes of every chunk a client writes, after the
@@ -78,12 +78,12 @@ class Bus:
         self.observers: list[Callable[[float, bytes], None]] = []
 
     def feed(self, data: bytes, now: float, *, baud: int = 1_000_000) -> list[Reply]:
-        """Carry out what a chunk of bytes asks for.
+        """Carry out the instructions in a chunk of bytes.
 
         Args:
             data: As the client wrote it; packets may be cut anywhere.
             now: On the emulator's clock [s].
-            baud: What the client's port is set to.
+            baud: Baud rate of the client's port.
 
         Returns:
             The replies in the order they leave the wire.
@@ -176,7 +176,7 @@ class Bus:
 
     @staticmethod
     def _collide(answers: list[_Answer]) -> list[_Answer]:
-        """Answers that start together become one, each bit low where any sender pulls it low."""
+        """Merge answers that start together; a bit is low where any sender pulls it low."""
         slots: dict[float, bytes] = {}
         for answer in sorted(answers, key=lambda answer: answer.slot):
             if answer.slot in slots:

@@ -1,9 +1,9 @@
 """Write hand scripts for a calibration: hold the arm up, and lead each joint to its stops.
 
-The script it makes is text like any other, see ``hand.py``; write it to a file for ``so101 emulate
---hand``, or type ``pose`` and ``sweep`` while the emulator runs. The hand carries what the joint it
-leads would have to carry there, and presses against a stop with little more than its own weight: a
-stop gives, and a calibration believes what it sees.
+A script is text, see ``hand.py``; write it to a file for ``so101 emulate --hand``, or type ``pose``
+and ``sweep`` while the emulator runs. The hand carries the weight of the joint it leads, and
+presses against a stop with little more than that: a stop gives way under more, and the calibration
+would record it too far out.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from so101_motion.drivers.emulator.hardware import JOINTS, SO101
 from so101_motion.drivers.servo_types import STS3215_12V
 
 SPEED = math.radians(120.0)
-"""How fast it leads a joint [rad/s]; chosen, a person is slower."""
+"""Speed at which the hand leads a joint [rad/s]; chosen, a person is slower."""
 
 REST = 0.3
-"""For how long it stays at a stop [s]; chosen."""
+"""How long the hand stays at a stop [s]; chosen."""
 
 _PRESS = 2.0 * STS3215_12V.break_away
-"""How hard it presses against a stop [N m]; chosen: it gets there, but does not push it in."""
+"""Torque of the hand against a stop [N m]; chosen: enough to reach it, not enough to push it in."""
 
 _START = 2.0
-"""When it begins to sweep [s]; from half that time on it holds the pose. Chosen."""
+"""When the hand begins to sweep [s]; from half that time on it holds the pose. Chosen."""
 
 UPRIGHT = {"wrist_roll": 0.0486795}
-"""How a person who was asked to turn the gripper so that it opens straight upwards holds it [rad]:
-the robot description mounts it 2.8 deg off."""
+"""Roll angle at which the gripper opens straight upwards [rad]: the robot description mounts it 2.8
+deg off."""
 
 
 def holding_script(
     weight: Callable[[Array], Array], *, by: float, pose: Mapping[str, float] | None = None
 ) -> str:
-    """A script that takes the arm into a pose and holds it there.
+    """A script in which the hand moves the arm to a pose and holds it there.
 
     Args:
         weight: Holding torque [N m] as a function of the six joint angles [rad], shapes (6,).
-        by: When it is there [s].
+        by: When the arm reaches the pose [s].
         pose: The joint angles of the pose [rad]; those left out as in ``UPRIGHT``, else zero.
     """
     lines = [f"0 {joint} start" for joint in JOINTS]
@@ -56,7 +56,7 @@ def sweeping_script(
     pose: Mapping[str, float] | None = None,
     speed: float = SPEED,
 ) -> tuple[str, float]:
-    """A script that takes the arm into a pose and then sweeps the joints, base to jaw.
+    """A script in which the hand moves the arm to a pose and then sweeps the joints, base to jaw.
 
     Args:
         weight: Holding torque [N m] as a function of the six joint angles [rad], shapes (6,).
@@ -90,6 +90,6 @@ def _angles(pose: Mapping[str, float] | None) -> Array:
 
 
 def _line(weight: Callable[[Array], Array], t: float, i: int, q: Array, press: float = 0.0) -> str:
-    """Lead joint ``i`` to its angle in ``q`` and carry it there."""
+    """The line that leads joint ``i`` to its angle in ``q`` and carries it there."""
     aim = q[i] + (press + float(weight(q)[i])) / STIFFNESS
     return f"{t:.3f} {JOINTS[i]} {math.degrees(aim):.4f}"

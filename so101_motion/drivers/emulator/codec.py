@@ -97,7 +97,7 @@ class Listener:
         self._params = bytearray()
 
     def hear(self, data: bytes) -> list[Instruction]:
-        """Take the next bytes; give the instructions completed by them, in order."""
+        """Parse the next bytes; return the instructions that they complete, in order."""
         heard = []
         for position, byte in enumerate(data, start=1):
             instruction = self._byte(byte, position)

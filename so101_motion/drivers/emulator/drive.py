@@ -1,13 +1,13 @@
 """The controller, motor, gears and protections of one emulated servo, without its registers.
 
-``step`` is one millisecond of control and mechanics; ``inspect`` is the slower housekeeping:
-current, heat, protections, measured speed. A drive whose whole state has not changed for a while
-is ``quiet``: stepping it again would change nothing, bit for bit, so nobody needs to, until a
-setting or the load changes and somebody calls ``wake``.
+``step`` is one millisecond of control and mechanics; ``slow_step`` updates current, heat,
+protections and measured speed. A drive whose whole state has not changed for a while is ``quiet``:
+another step would change nothing, bit for bit, so it is left out until a setting or the load
+changes and ``wake`` is called.
 
-Position means what the servo means by it: encoder ticks minus the homing offset, unwrapped since
-boot. While torque is off the set-point stays on the present position, so switching it on holds
-the joint where it is.
+Positions are the servo's own: encoder ticks minus the homing offset, unwrapped since boot. While
+torque is off the set-point stays on the present position, so switching it on holds the joint where
+it is.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _QUIET_AFTER = 5  # unchanged inspections in a row; 5 ms each, longer than the u
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What the registers tell the drive.
+    """Settings of the drive, from the registers.
 
     Attributes:
         gains: Of the position loop.
@@ -52,18 +52,18 @@ class Drive:
     """Controller, motor and shaft of one servo.
 
     Args:
-        joint: Where the servo sits.
-        kind: Which motor it has.
+        joint: The servo's joint.
+        kind: Its type.
         q: Joint angle to start at [rad].
-        settings: What its registers say.
+        settings: Settings from its registers.
 
     Attributes:
-        powered: Whether the electronics run; without, the shaft is free.
+        powered: Whether the electronics run; if not, the shaft is free.
         torque: 0 limp, 1 driven, 2 damped by its shorted motor.
-        load: Torque of the world on the output, positive towards higher ticks [N m].
-        volts: On the cable [V].
-        duty: What drives the motor now, -0.97..0.97.
-        demand: What the loop asked for last, within what the protections allow [1/1000].
+        load: External torque on the output, positive towards higher ticks [N m].
+        volts: Voltage on the cable [V].
+        duty: Duty of the motor now, -0.97..0.97.
+        demand: Last output of the loop, as far as the protections allow [1/1000].
         speed: As the servo measures it [tick/s].
         moving: Its moving flag.
         quiet: Whether stepping would change nothing.
@@ -89,25 +89,25 @@ class Drive:
         self.restart(offset=0)
 
     def restart(self, *, offset: int) -> None:
-        """As after power-up: limp, no fault, turn count zero."""
+        """Return to the state after power-up: limp, no fault, turn count zero."""
         self._blocked = self._capped = False
         self._may_integrate = True
         self.guard.reset()
-        self.locate(offset, turns=0)
+        self.set_homing_offset(offset, turns=0)
         self.torque = 0
         self.halt()
         self.speed, self.moving = 0, False
         self._speed_since, self._speed_from = 0.0, self.position
 
     def wake(self) -> None:
-        """Something changed: it must be stepped again."""
+        """Step it again, because something changed."""
         self.quiet = False
         self._unchanged = 0
         self._seen: tuple[float, ...] = ()
 
     @property
     def settings(self) -> Settings:
-        """What the registers say."""
+        """Settings from the registers."""
         return self._settings
 
     @settings.setter
@@ -142,8 +142,8 @@ class Drive:
             ticks = TICKS_PER_TURN - 1 - ticks
         return ticks - self._origin
 
-    def locate(self, offset: int, *, turns: int) -> None:
-        """Set the homing offset [tick] and the turn the servo believes to be in."""
+    def set_homing_offset(self, offset: int, *, turns: int) -> None:
+        """Set the homing offset [tick] and the servo's turn count."""
         encoder = self.encoder
         here = (encoder - offset) % TICKS_PER_TURN
         self._origin = encoder - here - turns * TICKS_PER_TURN
@@ -152,7 +152,7 @@ class Drive:
     # -- time -----------------------------------------------------------------------------------
 
     def halt(self) -> None:
-        """Forget the goal: the present position is the set-point."""
+        """Forget the goal, and make the present position the set-point."""
         self._forget()
         self.loop.reset()
         self.wake()
@@ -165,11 +165,11 @@ class Drive:
         self.profile.seed(self.position)
 
     def send(self, goal: float) -> None:
-        """Take up a goal as soon as the firmware gets round to it.
+        """Follow a goal after the delay of the firmware.
 
         Args:
-            goal: Where to travel [tick]; in speed mode how fast to turn [tick/s], in PWM mode the
-                duty [1/1000], in step mode how much farther to travel [tick].
+            goal: A position [tick]; in speed mode a speed [tick/s], in PWM mode a duty [1/1000], in
+                step mode a further distance [tick].
         """
         self._goals.put(goal)
         self.wake()
@@ -200,7 +200,7 @@ class Drive:
         self.shaft.step(0.0, bridge=self.powered and self.torque in (1, 2), load=self.load)
 
     def _other_demand(self, goal: float | None) -> int:
-        """The demanded duty of a mode that does not go to positions."""
+        """The demanded duty in speed, PWM or step mode."""
         profile, mode = self.profile, self._settings.mode
         if goal is not None:
             self._wanted = goal
@@ -217,8 +217,8 @@ class Drive:
         error = int(profile.position) - self.position
         return self.loop.step(error, integrate=self._may_integrate)
 
-    def inspect(self, dt: float) -> None:
-        """Housekeeping after ``dt`` seconds."""
+    def slow_step(self, dt: float) -> None:
+        """Update current, heat, protections and measured speed after ``dt`` seconds."""
         shaft = self.shaft
         self.motor.advance(dt, duty=self.duty, volts=self.volts, velocity=shaft.velocity)
         if self.powered:

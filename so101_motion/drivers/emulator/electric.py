@@ -1,7 +1,8 @@
 """Model the supply voltage, motor currents and temperatures.
 
-All six servos hang on one cable. What they draw together sags the supply, and below the voltage
-their regulators need they switch off. A motor's loss warms its servo with one time constant.
+All six servos hang on one cable. Their total current lowers the supply voltage, and below the
+voltage their regulators need they switch off. A motor's loss warms its servo with one time
+constant.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD
 from so101_motion.drivers.servo_types import ServoType
 
 ROOM_C = 25.0
-"""Ambient temperature unless somebody says otherwise [degC]."""
+"""Default ambient temperature [degC]."""
 
 HEATING = 13.8
 """Temperature rise by lost power [K/W]. A published endurance test holds 1.47 N m at 48 degC, which
@@ -34,7 +35,7 @@ class Supply:
 
     Attributes:
         volts: Without load [V].
-        resistance: Of supply and leads together [ohm]; chosen, 0.6 V sag at the 5 A of the usual
+        resistance: Of supply and leads together [ohm]; chosen: 0.6 V less at the 5 A of the usual
             supply.
     """
 
@@ -52,8 +53,8 @@ class Motor:
 
     Attributes:
         current: Through the bridge, signed like the duty [A].
-        temperature: What register 63 shows, with decimals [degC].
-        ambient: What it cools down to [degC].
+        temperature: The value of register 63, with decimals [degC].
+        ambient: Temperature it cools down to [degC].
     """
 
     def __init__(self, kind: ServoType) -> None:
@@ -62,7 +63,7 @@ class Motor:
         self.temperature = self.ambient = ROOM_C
 
     def advance(self, dt: float, *, duty: float, volts: float, velocity: float) -> None:
-        """Take in ``dt`` seconds of constant operation.
+        """Update current and temperature after ``dt`` seconds of constant operation.
 
         Args:
             dt: How long [s].

@@ -1,8 +1,7 @@
 """The emulated arm: servos, bus, port and faults put together.
 
-``Emulator`` serves tests in their own process and the command line in one of its own alike;
-``run_emulator`` is what the command line calls. A test that wants a lost reply or a hot servo asks
-for one; there is nothing to patch.
+Tests run an ``Emulator`` in their own process; the command line runs one in its own (``run.py``). A
+test that needs a lost reply or a hot servo calls ``begin`` with a fault; there is nothing to patch.
 """
 
 from __future__ import annotations
@@ -42,11 +41,11 @@ class EmulatorOptions:
         link: A symbolic link that always leads to the port; None for none.
         ids: Servo id by place on the cable (1 base .. 6 gripper); places left out are unplugged.
         joints: The joints with their servos' mounting.
-        kind: Which servo is built in.
+        kind: The type of the servos.
         spread: How much the servos differ from each other, see ``spread.py``; 0 for not at all.
-        seed: Which of all such arms.
+        seed: Seed of these differences.
         figures: How servos differ from their type, by joint, instead of at random.
-        volts: Supply voltage [V]; None for the one the servo is made for.
+        volts: Supply voltage [V]; None for the servo's rated voltage.
         q_start: Joint angles at the start, shape (6,), [rad].
         loose: Whether no servo is on the cable at the start, whatever their ids.
         calibrated: Whether limits are stored in the servos, or they are as new (0 to 4095).
@@ -97,7 +96,7 @@ def parse_ids(text: str) -> dict[int, int]:
 def build_world(
     options: EmulatorOptions, *, t: float = 0.0, gravity: Gravity = no_gravity
 ) -> World:
-    """Servos and supply as the options say, without a port.
+    """Build servos and supply from the options, without a port.
 
     Args:
         options: What to emulate.
@@ -134,20 +133,20 @@ def build_world(
 
 
 class ServedPort(Protocol):
-    """Where a bus can be reached, plugged in or not."""
+    """A port that serves an emulated bus, plugged in or not."""
 
     @property
     def port(self) -> str:
-        """What a client opens."""
+        """The name that a client opens."""
 
     def plug(self) -> None:
-        """Bring the port into being, if it is not there."""
+        """Create the port if it does not exist."""
 
     def unplug(self) -> None:
-        """Take the port away under its client."""
+        """Remove the port, even if a client has it open."""
 
     def close(self) -> None:
-        """Take it away for good."""
+        """Remove the port for good."""
 
 
 class Emulator:
@@ -160,7 +159,7 @@ class Emulator:
         serve: Makes the port; a pseudo-terminal by default.
 
     Attributes:
-        world: The servos; call its methods to trouble them.
+        world: The servos; its methods disturb them.
         bus: The wire; ``bus.faults`` may be changed at any time.
         now: The clock the physics follows [s].
         on_open: Called with every emulator of this process as it is made.
@@ -191,7 +190,7 @@ class Emulator:
 
     @property
     def port(self) -> str:
-        """What a client opens; changes when the port is plugged in again, unless it is a link."""
+        """The name a client opens; changes when plugged in again, unless it is a link."""
         return self._port.port
 
     def unplug(self) -> None:
@@ -205,13 +204,13 @@ class Emulator:
     def advance(self) -> None:
         """Let the physics catch up with the clock, as any traffic would.
 
-        For those who turn the clock by seconds at once: catching up takes some 20 ms for each
-        second that six joints moved, longer than many a client waits for an answer.
+        For tests that advance the clock by seconds at once: catching up takes some 20 ms for each
+        second that six joints moved, longer than many clients wait for an answer.
         """
         self.world.advance(self.now())
 
     def begin(self, fault: FaultEvent) -> None:
-        """Let a fault happen now, whatever its time says."""
+        """Begin a fault now; its ``at`` is ignored."""
         if fault.kind == "unplug":
             self.unplug()
             return
@@ -245,7 +244,7 @@ class Emulator:
                     setattr(self.bus.faults, name, value)
 
     def end(self, fault: FaultEvent) -> None:
-        """Let a fault be over."""
+        """End a fault."""
         if fault.kind == "unplug":
             self.plug()
             return
@@ -275,7 +274,7 @@ class Emulator:
                     setattr(self.bus.faults, name, 0.0)
 
     def _plug_in(self, *servos: Servo) -> None:
-        """Let these servos be on the cable and no others."""
+        """Connect these servos to the cable and disconnect all others."""
         for place, servo in enumerate(self.world.servos, start=1):
             if servo in servos and not servo.connected:
                 self.world.connect(place)

@@ -2,10 +2,10 @@
 
 ``WireFaults`` disturbs replies with given probabilities from a seeded generator: the same seed
 and the same traffic give the same faults. Corruption flips one bit, which the checksum always
-shows; two flips could cancel, and then no client on earth could tell.
+shows; two flips could cancel, and then no client could notice.
 
-``FaultEvent`` is a fault with a time: what the command line's ``--fault`` and a line typed into a
-running emulator mean.
+``FaultEvent`` is a fault with a time: from the command line's ``--fault``, or from a line typed
+into a running emulator.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class WireFaults:
     """Disturbances of the wire; every number may be changed while it runs.
 
     Attributes:
-        loss: Share of replies that never arrive; what they acknowledge was done.
-        request_loss: Share of instructions no servo hears; nothing was done.
-        lose_next: So many of the next replies never arrive.
+        loss: Share of replies that never arrive; the instruction was carried out.
+        request_loss: Share of instructions that no servo hears; nothing was carried out.
+        lose_next: How many of the next replies never arrive.
         corrupt: Share of replies with one bit flipped.
         duplicate: Share of replies that arrive twice.
         late: Share of replies that arrive ``lateness`` after their time.
@@ -70,7 +70,7 @@ class WireFaults:
         return self._strikes(self.request_loss)
 
     def disturb(self, reply: bytes) -> Iterator[tuple[float, bytes]]:
-        """What arrives of a reply: extra delays [s] and bytes, none if it is lost."""
+        """The copies of a reply that arrive, each as extra delay [s] and bytes; none if lost."""
         if self.lose_next > 0:
             self.lose_next -= 1
             return
@@ -100,10 +100,10 @@ class FaultEvent:
 
     Attributes:
         kind: ``dead`` (cable pulled), ``reboot``, ``hot`` [degC], ``brownout`` [V], ``unplug``
-            (the port), ``twin`` (a second servo takes this id), ``object`` between the jaws [m],
-            or the name of a wire fault with its share. Also what people do to an arm on purpose:
-            ``only`` (this servo alone is on the cable), ``chain`` (all are), ``pose`` (a hand holds
-            all joints at zero) and ``sweep`` (it leads each to its stops, so fast [deg/s]).
+            (the port), ``twin`` (this servo takes the id of another), ``object`` between the jaws
+            [m], or the name of a wire fault with its share. Also actions of a person: ``only``
+            (leave only this servo on the cable), ``chain`` (connect all), ``pose`` (hold all joints
+            at zero) and ``sweep`` (lead each joint to its stops, at this speed [deg/s]).
         servo: Which servo, by joint or place on the cable.
         value: The number that belongs to the kind.
         at: When, from the start or from being typed [s].
@@ -118,10 +118,10 @@ class FaultEvent:
 
 
 def parse_fault(text: str) -> FaultEvent:
-    """Read ``kind[:servo][=value][@seconds][+duration]``, e.g. ``hot:gripper=68@5+30``.
+    """Parse ``kind[:servo][=value][@seconds][+duration]``, e.g. ``hot:gripper=68@5+30``.
 
     Raises:
-        ConfigError: It is not one, or something is missing.
+        ConfigError: The text has another form, or something is missing.
     """
     form = _FORM.fullmatch(text.strip())
     if form is None:

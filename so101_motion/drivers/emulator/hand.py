@@ -9,8 +9,8 @@ lines from waypoint to waypoint, holds, and lets go at ``release``::
     3.0     shoulder_pan   -40
     4.0     shoulder_pan   release
 
-The hand is a spring with a limited pull, so it leads a limp joint, merely pulls at one that holds,
-and gives in at a stop.
+The hand is a spring with a limited torque: it can lead a limp joint, pulls in vain at one that
+holds, and stops at a mechanical stop.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _GAP_MM = (
     (-11.5, 0.0), (-10.0, 1.9), (-5.0, 8.8), (0.0, 15.8), (5.0, 22.1), (10.0, 28.5),
     (20.0, 41.2), (30.0, 53.5), (45.0, 71.2),
 )  # fmt: skip
-"""Opening between the jaw tips by jaw angle [deg], taken off the official solids."""
+"""Opening between the jaw tips by jaw angle [deg], measured on the official solids."""
 
 
 def jaw_angle_for_gap(gap: float) -> float:
@@ -113,11 +113,11 @@ class Hand:
 
     @property
     def busy(self) -> bool:
-        """Whether it still has something to do."""
+        """Whether it holds a joint or has waypoints left."""
         return any(self._ahead.values()) or bool(self._behind)
 
     def torque(self, joint: str, t: float, q: float, qd: float) -> float:
-        """What the hand does to a joint now [N m, along the joint angle].
+        """Torque of the hand on a joint now, along the joint angle [N m].
 
         Args:
             joint: The joint.

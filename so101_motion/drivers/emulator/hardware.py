@@ -1,10 +1,10 @@
 """Figures of the emulated hardware: the joints of one SO-101 (its servos: ``servo_types.py``).
 
-What was fitted on recordings, measured on arms, printed in a datasheet or chosen is told apart row
-by row. No emulated figure has been compared with an SO-101 of our own.
-Angles are in the frame of the arm's model [rad]; a joint's servo was put on at the factory, so
-``zero_ticks`` and ``direction`` say what its encoder reads at joint angle zero and which way it
-counts. That is the truth a calibration has to find.
+Each figure says whether it was fitted on recordings, measured on arms, printed in a datasheet or
+chosen. No emulated figure has been compared with an SO-101 of our own.
+Angles are in the frame of the arm's model [rad]. ``zero_ticks`` and ``direction`` say what a
+servo's encoder reads at joint angle zero and in which direction it counts; a calibration has to
+find both.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ class Joint:
         inertia: Of the links it turns, an average, chosen [kg m^2]; rotor and gears come on top.
         acceleration_slope: Profile acceleration per unit of register 41 [tick/s^2].
         acceleration_offset: Profile acceleration at register 41 = 0, extrapolated [tick/s^2].
-        acceleration_ceiling: The profile gets no faster, with register 85 as delivered [tick/s^2].
+        acceleration_ceiling: Largest profile acceleration, with register 85 as delivered
+            [tick/s^2].
         lash: Play between gears and output shaft [rad].
         zero_ticks: Encoder reading at joint angle zero, homing offset not applied.
         direction: +1 if the encoder counts up with the joint angle, else -1.

@@ -1,18 +1,18 @@
 """Model the mechanics of one joint: motor, gears, friction, play and stops.
 
-The rotor behind its gears carries nearly all inertia, so one mass per joint is enough and the
-joints do not shake each other; gravity, contacts and a hand come in as torque on the output shaft.
-Between the rotor and the output there is play. A load presses the output against one side of it
-and is carried by the motor; an unloaded output is dragged along and lies anywhere in between,
-which is why a joint reached from two sides rests in two places. The encoder sits on the output.
+The rotor behind its gears has nearly all the inertia, so each joint is one mass and joints do not
+move each other; gravity, contacts and a hand act as torque on the output shaft. Between the rotor
+and the output there is play. A load presses the output against one side of it, and the motor
+carries the load; an unloaded output is dragged along and lies anywhere in between. That is why a
+joint reached from two sides rests in two places. The encoder sits on the output.
 
 Dry friction grows with what the gears carry, from the motor's side and from the world's. Lifting a
 weight therefore takes more torque than holding it, lowering it takes less, and between the two the
 joint stands still: where it rests depends on where it came from.
 
-Integration is semi-implicit at 1 ms, so neither damping nor dry friction can make energy. Dry
-friction holds a resting shaft against any torque smaller than itself, exactly: a joint that hangs
-still keeps hanging still, bit for bit, and the emulator may stop computing it.
+Integration is semi-implicit at 1 ms, so neither damping nor dry friction can add energy. Dry
+friction holds a resting shaft against any smaller torque exactly: a joint at rest stays at rest,
+bit for bit, and the emulator can stop computing it.
 
 Source: Rhoban's bam, model M5, for the form of the friction; ``servo_types.py`` for the figures.
 """
@@ -53,8 +53,8 @@ class Shaft:
         velocity: How fast the rotor moves [tick/s] at the output.
         lower: A stop [tick].
         upper: A stop [tick].
-        lower_stiffness: What the lower stop is made of [N m/rad].
-        upper_stiffness: What the upper stop is made of [N m/rad].
+        lower_stiffness: Stiffness of the lower stop [N m/rad].
+        upper_stiffness: Stiffness of the upper stop [N m/rad].
     """
 
     __slots__ = (
@@ -115,7 +115,7 @@ class Shaft:
         self.output = self._follow(output, math.copysign(1.0, load) if pressed else 0.0)
 
     def _dry_friction(self, external: float, motor: float) -> float:
-        """Dry friction [N m] at the torques [N m] of the world and of the motor."""
+        """Dry friction [N m] at an external torque and a motor torque [N m]."""
         coulomb, load_external, load_motor, still_external, still_motor = self._friction
         still = self._stribeck[min(int(abs(self.velocity) / _SPEED_STEP), _SPEEDS - 1)]
         return (
@@ -134,10 +134,7 @@ class Shaft:
         return (stiffness * depth + _STOP_DAMPING * outwards) / TICKS_PER_RAD
 
     def _follow(self, output: float, side: float) -> float:
-        """Where the output goes: to the loaded side of the play, else dragged by its edges.
-
-        A loaded output moves as seen from the rotor; one that is pressed on keeps up with it.
-        """
+        """The next output position: at the loaded side of the play, else dragged by its edges."""
         low, high = self.rotor - self._half_play, self.rotor + self._half_play
         if side:
             output += self.velocity * DT + _PLAY_SPEED * side
@@ -146,6 +143,6 @@ class Shaft:
 
 @functools.cache
 def _stribeck_table(kind: ServoType) -> tuple[float, ...]:
-    """How much of the friction at rest is left, by speed in steps of ``_SPEED_STEP``."""
+    """Share of the friction at rest that is left, by speed in steps of ``_SPEED_STEP``."""
     speeds = (k * _SPEED_STEP / TICKS_PER_RAD for k in range(_SPEEDS))
     return tuple(math.exp(-w / kind.stribeck_speed) for w in speeds)

@@ -2,7 +2,7 @@
 
 Every address is readable. Writing reaches EEPROM and RAM registers alike and takes effect at
 once; while Lock is 0 the EEPROM bytes are also saved. Measured bytes inside a written span are
-skipped without complaint, as the servo does. Nothing here knows what a value does.
+skipped silently, as in the servo. What a value does is in ``servo.py``.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ class Memory:
         return int.from_bytes(self.bytes[row.address : row.address + row.size], "little")
 
     def value(self, row: Register) -> int:
-        """What the servo makes of a register: sign decoded, held inside the row's range."""
+        """The value the servo uses: sign decoded, clamped to the row's range."""
         return min(max(row.decode(self.raw(row)), row.lower), row.upper)
 
     def set(self, row: Register, raw: int) -> None:
-        """Store bits, whoever may write the register."""
+        """Store bits, even in a read-only register."""
         self.bytes[row.address : row.address + row.size] = raw.to_bytes(row.size, "little")
 
     def read(self, address: int, count: int) -> bytes | None:
@@ -94,7 +94,7 @@ class Memory:
         self.save(row)
 
     def boot(self) -> None:
-        """Power-up: EEPROM from flash, RAM from its defaults, torque limit from its maximum."""
+        """Reset at power-up: EEPROM from flash, RAM from defaults, torque limit from maximum."""
         self.bytes[:] = self.flash
         for row in reg.REGISTERS.values():
             if row.keep is not Keep.EEPROM:
@@ -102,7 +102,7 @@ class Memory:
         self.set(reg.TORQUE_LIMIT, self.raw(reg.MAX_TORQUE))
 
     def save_backup(self) -> None:
-        """Keep today's EEPROM as what ``restore`` brings back."""
+        """Save the present EEPROM as the backup for ``restore``."""
         self._backup = bytes(self.bytes)
 
     def restore(self) -> None:

@@ -35,7 +35,7 @@ that servos are delivered with that is full duty, and one that is held up does n
 
 
 class Profile:
-    """A trapezoid that can be sent elsewhere at any time.
+    """The servo's set-point: a trapezoidal profile whose target may change at any time.
 
     Attributes:
         position: The set-point.
@@ -54,7 +54,7 @@ class Profile:
         self.acceleration = self.speed = self.floor = 1.0
 
     def seed(self, position: float) -> None:
-        """Stand still at a position and want to be there."""
+        """Rest at a position, with the target there too."""
         self.position = self.target = position
         self.velocity = 0.0
 
@@ -70,7 +70,7 @@ class Profile:
             return
         heading = math.copysign(1.0, distance)
         speed = self._next_speed(self.velocity * heading, abs(distance))
-        # It may only stop from a crawl; a goal it is too fast for is passed and come back to.
+        # It may only stop from a crawl; a target reached too fast is passed and approached again.
         if speed * DT >= abs(distance) and speed <= max(self.floor, self.acceleration * DT):
             self.seed(self.target)
             return
@@ -78,7 +78,7 @@ class Profile:
         self.position += self.velocity * DT
 
     def turn(self, velocity: float, *, around: float) -> None:
-        """Run on at ``velocity`` [tick/s] from now, never far from where the servo is [tick]."""
+        """One step at ``velocity`` [tick/s], at most ``LEAD`` from the servo's position [tick]."""
         change = self.acceleration * DT
         self.velocity += max(min(velocity - self.velocity, change), -change)
         position = self.position + self.velocity * DT
@@ -190,7 +190,7 @@ class Loop:
 
 
 class GoalDelay:
-    """Goals between their arrival and the control step that takes them up.
+    """Delays goals until the control step in which the firmware takes them up.
 
     Args:
         delay: How long that takes [s].
@@ -205,7 +205,7 @@ class GoalDelay:
         self.waiting: deque[tuple[int, float]] = deque()
 
     def put(self, goal: float) -> None:
-        """A goal has arrived."""
+        """Add a goal that has arrived."""
         self.waiting.append((self._now + self._steps, goal))
 
     def clear(self) -> None:
@@ -213,7 +213,7 @@ class GoalDelay:
         self.waiting.clear()
 
     def step(self) -> float | None:
-        """One control period; the goal that is due, if there is one. Not needed while none wait."""
+        """Advance one control period; return the goal that is due. Not needed while none wait."""
         self._now += 1
         goal = None
         while self.waiting and self.waiting[0][0] < self._now:
@@ -223,5 +223,5 @@ class GoalDelay:
 
 @functools.cache
 def duty_table(shape: float) -> tuple[float, ...]:
-    """Share of the supply that drives the motor, by demanded duty in thousandths, 0..1000."""
+    """Duty of the motor by demanded duty in thousandths, 0..1000."""
     return tuple(min((k / 1000.0) ** shape, MAX_DUTY) for k in range(1001))

@@ -18,8 +18,8 @@ How it works
                for 51 ms                      (not masked in at birth)
     ========== ============================== ========================= ==========================
 
-    Overload looks at what the loop *asks for*, so pulling the goal back to the present position
-    clears it, and no power cycle is needed.
+    Overload depends on the output that the loop *demands*, so moving the goal back to the present
+    position clears it, without a power cycle.
 
 Source: Feetech STS memory table; github.com/0o8o0-blip/sts3215-firmware, pid.c and motion.c
 (behaviour only).
@@ -56,7 +56,7 @@ class Limits:
 
     @classmethod
     def of(cls, memory: Memory) -> Limits:
-        """Read them off a servo's registers."""
+        """Read the limits from a servo's registers."""
         value = memory.value
         return cls(
             mask=value(reg.UNLOADING),
@@ -73,10 +73,10 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """What the servo measures of itself, in the units of its registers.
+    """The servo's own measurements, in the units of its registers.
 
     Attributes:
-        demand: What the loop asks for, thousandths of full duty.
+        demand: Output of the loop, in thousandths of full duty.
         moved: How far the output moved since the last check [tick].
         current: Through the bridge [A].
         temperature: [degC].
@@ -93,7 +93,7 @@ class Condition:
 
 
 class Guard:
-    """Timers and flags of one servo.
+    """Timers and fault flags of one servo's protections.
 
     Attributes:
         flags: The status byte.
@@ -105,7 +105,7 @@ class Guard:
         self.reset()
 
     def reset(self) -> None:
-        """As after power-up."""
+        """Return to the state after power-up."""
         self.flags = 0
         self._stalled = 0  # direction of the stall that is being timed, or 0
         self._moved = 0

@@ -8,8 +8,9 @@ How it works
     hands over everything it has by then.
 
     A client's baud rate is read back from the terminal, so a client at the wrong rate is not
-    heard, as on a wire. Unplugging closes the pseudo-terminal under the client's feet (reads end,
-    writes fail); plugging in opens another, usually under another name, and ``link`` follows it.
+    heard, as on a wire. Unplugging closes the pseudo-terminal while a client may have it open (its
+    reads end, its writes fail); plugging in opens another, usually under another name, and ``link``
+    follows it.
 
     The thread keeps the client's side open too, so that settings survive between clients. That
     has one catch: an exclusive lock (TIOCEXCL) of a client that died would survive as well. Where
@@ -38,7 +39,7 @@ from so101_motion.common.realtime import use_realtime_priority
 from so101_motion.drivers.emulator.bus import Bus, Reply
 
 FASTEST = 1_000_000
-"""What the port is set to before any client sets it [baud]."""
+"""Baud rate of the port before a client sets it [bit/s]."""
 
 _TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
 _BOTHER, _CBAUD = 0o010000, 0o010017
@@ -80,13 +81,13 @@ class _Terminal:
         fcntl.ioctl(self.master, _TCSETS2, settings)
 
     def baud(self) -> int:
-        """What the client has set."""
+        """The baud rate that the client has set."""
         settings = bytearray(44)
         fcntl.ioctl(self.master, _TCGETS2, settings)
         return int(struct.unpack_from("I", settings, 40)[0])
 
     def clients_changed(self) -> None:
-        """Read what ``watch`` reports; with the last client goes its exclusive lock."""
+        """Read the events of ``watch``; lift the exclusive lock when the last client has closed."""
         assert self.watch is not None
         events = os.read(self.watch, _CHUNK)
         while events:
@@ -129,7 +130,7 @@ class PtyPort:
         link: A symbolic link to keep on the terminal's present name.
 
     Attributes:
-        port: What a client opens: the link if there is one, else the terminal's name.
+        port: The name a client opens: the link if there is one, else the terminal's name.
         delivered: How many bytes have been handed to clients.
     """
 
@@ -157,7 +158,7 @@ class PtyPort:
 
     @property
     def port(self) -> str:
-        """What to open."""
+        """The name to open."""
         if self._link is not None:
             return str(self._link)
         return self._terminal.name if self._terminal is not None else ""
@@ -165,7 +166,7 @@ class PtyPort:
     # -- from outside ---------------------------------------------------------------------------
 
     def plug(self) -> None:
-        """Bring the port into being, if it is not there."""
+        """Create the port if it does not exist."""
         with self._lock:
             if self._terminal is not None:
                 return
@@ -177,7 +178,7 @@ class PtyPort:
         self._wake()
 
     def unplug(self) -> None:
-        """Take the port away under its client."""
+        """Remove the port, even if a client has it open."""
         with self._lock:
             terminal, self._terminal = self._terminal, None
             self._due.clear()
@@ -193,7 +194,7 @@ class PtyPort:
         self._wake()
 
     def serve_now(self) -> bool:
-        """Answer in the calling thread what was written; whether a reply is held back for later."""
+        """Answer written bytes in the calling thread; return whether a reply is still due."""
         with self._lock:
             if self._terminal is not None:
                 with contextlib.suppress(BlockingIOError):
@@ -262,7 +263,7 @@ class PtyPort:
         return start + reply.held + (reply.after if self._pacing.realtime else 0.0)
 
     def _next_delivery(self) -> float | None:
-        """Seconds until the adapter hands something over, None if it holds nothing."""
+        """Seconds until the adapter delivers bytes, None if it holds none."""
         if not self._due:
             return None
         return max(self._due[0][0] + self._pacing.latency - time.monotonic(), 0.0)

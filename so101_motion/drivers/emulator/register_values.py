@@ -16,7 +16,7 @@ SLOWEST = 100.0
 
 
 def settings_from(memory: Memory) -> Settings:
-    """What the registers tell the drive."""
+    """The drive's settings from the registers."""
     value = memory.value
     phase = value(reg.PHASE)
     gains = Gains(
@@ -41,17 +41,17 @@ def settings_from(memory: Memory) -> Settings:
 
 
 def plan_profile(memory: Memory, joint: Joint, profile: Profile, *, top_speed: float) -> None:
-    """Set the profile's acceleration, cruising speed and floor.
+    """Set the profile's acceleration, cruising speed and floor from the registers.
 
-    The firmware promises 100 tick/s^2 a unit and cuts register 41 at register 85; on the arm the
-    line has another slope, an offset and a knee, and those are used here. The knee was measured
-    with register 85 as delivered. Whether that register makes it or the loop behind the profile,
-    raising it must raise the profile's ceiling: in proportion, which is chosen, not measured.
+    The firmware's manual says 100 tick/s^2 per unit and caps register 41 at register 85. The
+    measured line has another slope, an offset and a ceiling, and those are used here. The ceiling
+    was measured with register 85 as delivered; a larger register 85 raises it in proportion, which
+    is chosen, not measured.
 
     Args:
         memory: The registers.
-        joint: Where the servo sits.
-        profile: What to set.
+        joint: The servo's joint.
+        profile: The profile to set.
         top_speed: The set-point is never faster [tick/s], whatever register 84 says.
     """
     value = memory.value
@@ -78,7 +78,7 @@ def _top_speed(memory: Memory, top_speed: float) -> float:
 
 
 def _goal_speed(memory: Memory) -> float:
-    """What register 46 says [tick/s]."""
+    """The speed in register 46 [tick/s]."""
     in_ticks = memory.value(reg.PHASE) & reg.PHASE_SPEED_IN_TICKS
     return float(
         memory.value(reg.GOAL_VELOCITY) * (1 if in_ticks else memory.value(reg.SPEED_UNIT))
@@ -91,11 +91,11 @@ GOAL_OF_MODE = {
     reg.PWM_MODE: reg.GOAL_TIME,
     reg.STEP_MODE: reg.GOAL_POSITION,
 }
-"""Which register's write sets a servo off, by its mode."""
+"""The register that holds the goal, by mode; writing it starts the servo."""
 
 
 def goal_of(memory: Memory, *, top_speed: float) -> float:
-    """What ``Drive.send`` is told when the goal of this mode was written.
+    """The goal for ``Drive.send``, from the goal register of the present mode.
 
     Args:
         memory: The registers.
@@ -113,14 +113,14 @@ def goal_of(memory: Memory, *, top_speed: float) -> float:
 
 
 def _clamped_goal(memory: Memory) -> int:
-    """Where a written goal sends the servo [tick]: held inside its limits if it has any."""
+    """The goal position [tick], clamped to the servo's limits if it has any."""
     goal = memory.value(reg.GOAL_POSITION) * memory.value(reg.RESOLUTION)
     lower, upper = memory.raw(reg.MIN_POSITION), memory.raw(reg.MAX_POSITION)
     return goal if lower == upper else min(max(goal, lower), upper)
 
 
 def show_measurements(memory: Memory, drive: Drive, *, scatter: int = 0) -> None:
-    """Fill in what the servo measures, as of now; ``scatter`` [tick] is the encoder's noise."""
+    """Write the present measurements to the registers; ``scatter`` [tick] is encoder noise."""
     position, setpoint = drive.position + scatter, int(drive.profile.position)
     if memory.raw(reg.PHASE) & reg.PHASE_MULTI_TURN:
         scale = memory.value(reg.RESOLUTION)

@@ -70,7 +70,7 @@ class Register:
         return -(raw & (1 << self.sign_bit) - 1)
 
     def encode(self, value: int) -> int:
-        """The stored bits for a number; magnitudes too large for the register are cut."""
+        """The stored bits for a number; magnitudes too large for the register are clamped."""
         top = 8 * self.size if self.sign_bit is None else self.sign_bit
         magnitude = min(abs(value), (1 << top) - 1)
         if value >= 0 or self.sign_bit is None:

@@ -19,7 +19,7 @@ _LOOK_EVERY = 0.05  # [s], how often it looks whether it should stop, and lets p
 
 
 class _Timetable:
-    """Which fault begins or ends next."""
+    """Begins and ends faults at their times."""
 
     def __init__(self, emulator: Emulator) -> None:
         self._emulator = emulator
@@ -27,7 +27,7 @@ class _Timetable:
 
     def add(self, fault: FaultEvent) -> None:
         if fault.servo is not None:
-            self._emulator.world.servo(fault.servo)  # to refuse at once what does not exist
+            self._emulator.world.servo(fault.servo)  # raises at once if there is no such servo
         start = time.monotonic() + fault.at
         self._entries.append((start, self._emulator.begin, fault))
         if fault.duration is not None:
@@ -47,14 +47,14 @@ class _Timetable:
 
 
 class _Typing:
-    """Reads typed lines without buffering, so that the second of two is not kept back."""
+    """Reads typed lines without buffering, so that the second of two lines is not held back."""
 
     def __init__(self, source: TextIO | None) -> None:
         self._source = source
         self._rest = b""
 
     def wait(self, seconds: float, stop: threading.Event) -> list[str]:
-        """What is typed within this time, or none at the end of it or of the file."""
+        """Wait for lines typed within this time; empty if none were."""
         if self._source is None or not _is_typed_to_us(self._source):
             stop.wait(seconds)
             return []
@@ -68,9 +68,9 @@ class _Typing:
 
 
 def _is_typed_to_us(source: TextIO) -> bool:
-    """Whether it is not the terminal of a shell that has put us into the background.
+    """Whether we may read it: not a terminal whose shell runs us in the background.
 
-    What is typed there is meant for the shell, and whoever reads it even so is stopped.
+    Lines typed there are for the shell, and the system stops a background process that reads them.
     """
     try:
         return os.tcgetpgrp(source.fileno()) == os.getpgrp()
@@ -90,7 +90,7 @@ def run_emulator(
 
     Args:
         options: What to emulate.
-        announce: Told the port first, then what a person should read.
+        announce: Called with the port first, then with each message for the user.
         stop: Set it from a signal handler or another thread to end.
         commands: A file with one fault a line as it is typed, e.g. standard input; ``end`` before
             a fault ends it. See ``parse_fault``.

@@ -1,17 +1,17 @@
-"""One virtual STS3215: its registers, and what instructions do to them.
+"""One virtual STS3215: carries out instructions on its registers and its drive.
 
-A write lands in memory first (``memory.py`` knows who may write what and how long it lasts); then
-this file does what the touched registers trigger, in the firmware's order: homing offset, mode,
-torque, and at last acceleration, speed and goal. A read fills in what the servo measures just
-before it copies the bytes.
+A write changes the memory first (``memory.py`` decides which bytes and for how long). Then this
+file does what the written registers trigger, in the firmware's order: homing offset, mode, torque,
+and last acceleration, speed and goal. A read updates the measured registers just before it copies
+them.
 
-A written goal sets the profile off and switches torque on by itself. Reports disagree about that
-last point (the factory image does it, one bench saw it not done), so ``goal_enables_torque`` can
-turn it off: then goals that reach a limp servo do nothing.
+A written goal starts the profile and switches torque on by itself. Reports disagree about the
+torque (the factory image switches it on, one bench saw that it did not), so ``goal_enables_torque``
+can turn that off: then goals that reach a limp servo do nothing.
 
-A servo in speed or PWM mode turns as its register says, from when that is written, in step mode by
-as many ticks as its goal says. How these modes follow (the position loop after a set-point that
-runs on) is chosen; the recordings are of the position mode alone.
+In speed and PWM mode a servo turns at the value of its register as soon as that is written; in step
+mode it turns by as many ticks as its goal says. How these modes are controlled (the position loop
+follows a set-point that moves on) is chosen; the recordings are of the position mode alone.
 
 Sources: as in ``registers.py``; what a write triggers: github.com/0o8o0-blip/sts3215-firmware,
 uart_subsys.c and pid_motor.c (behaviour only).
@@ -49,17 +49,17 @@ class Servo:
     """A servo in its joint.
 
     Args:
-        joint: Where it sits.
-        kind: Which motor it has.
+        joint: Its joint.
+        kind: Its type.
         q: Joint angle to start at [rad].
         factory: EEPROM values that differ from the table's defaults, by row.
         goal_enables_torque: Whether writing a goal switches torque on.
         dither: How far position readings scatter [tick].
 
     Attributes:
-        joint: Where it sits.
+        joint: Its joint.
         memory: Its registers.
-        drive: Everything that moves.
+        drive: Its controller, motor and shaft.
         connected: False while its cable is unplugged: no power, no answers.
         boot_at: When a starting servo will be up, on the emulator's clock [s], else None.
     """
@@ -86,7 +86,7 @@ class Servo:
     # -- power ----------------------------------------------------------------------------------
 
     def boot(self) -> None:
-        """Power-up is complete: RAM forgotten, EEPROM as saved, turn count zero."""
+        """Complete power-up: RAM at its defaults, EEPROM as saved, turn count zero."""
         self.boot_at: float | None = None
         self.memory.boot()
         self._pending = b""
@@ -97,13 +97,13 @@ class Servo:
         self._plan_profile()
 
     def power_off(self) -> None:
-        """Limp and silent, until ``boot``."""
+        """Become limp and silent until ``boot``."""
         self.boot_at = None
         self.drive.powered = False
         self.drive.halt()
 
     def follow_power(self, now: float) -> None:
-        """Switch off with the supply, start with it, and finish a start that is due."""
+        """Switch off or start with the supply, and finish a start that is due."""
         supplied = self.connected and self.drive.volts >= BROWN_OUT
         if not supplied:
             if self.drive.powered or self.boot_at is not None:
@@ -137,10 +137,10 @@ class Servo:
         return self.memory.raw(reg.STATUS_LEVEL) != 0
 
     def execute(self, code: int, params: bytes, now: float) -> bytes | None:
-        """Carry out an instruction that is not a sync one.
+        """Carry out an instruction other than sync read and sync write.
 
         Returns:
-            The data of the reply (mostly none: an acknowledgement), or None for silence.
+            The data of the reply (empty in an acknowledgement), or None for silence.
         """
         match code:
             case Code.PING:
@@ -179,7 +179,7 @@ class Servo:
         return self.memory.read(address, count)
 
     def write(self, params: bytes) -> None:
-        """Store address and data of a WRITE, and do what it triggers."""
+        """Carry out a WRITE of an address and data, and what it triggers."""
         if len(params) < 2:
             return
         turns = self.drive.position // TICKS_PER_TURN
@@ -193,7 +193,8 @@ class Servo:
 
         self.drive.wake()
         if touched(reg.OFFSET):
-            self.drive.locate(reg.decode_offset(self.memory.raw(reg.OFFSET)), turns=turns)
+            offset = reg.decode_offset(self.memory.raw(reg.OFFSET))
+            self.drive.set_homing_offset(offset, turns=turns)
             self.drive.halt()
         if touched(reg.MODE):
             self._change_mode()
@@ -206,15 +207,15 @@ class Servo:
         if touched(reg.ACCELERATION, reg.GOAL_VELOCITY) or reached.stop > 80:
             self._plan_profile()
         if touched(GOAL_OF_MODE[self._mode]):
-            self._set_off()
+            self._start_goal()
 
     def _plan_profile(self) -> None:
         plan_profile(self.memory, self.joint, self.drive.profile, top_speed=self._top_speed)
 
     # -- what writes trigger ---------------------------------------------------------------------
 
-    def _set_off(self) -> None:
-        """A goal was written."""
+    def _start_goal(self) -> None:
+        """Drive to the goal that was written."""
         drive = self.drive
         if drive.torque != 1 and not self.goal_enables_torque:
             return
@@ -247,7 +248,8 @@ class Servo:
         self._plan_profile()
 
     def _clear_turns(self) -> None:
-        self.drive.locate(reg.decode_offset(self.memory.raw(reg.OFFSET)), turns=0)
+        offset = reg.decode_offset(self.memory.raw(reg.OFFSET))
+        self.drive.set_homing_offset(offset, turns=0)
         self.drive.torque = 0
         self.drive.halt()
 
@@ -260,5 +262,5 @@ class Servo:
             return
         offset = self.drive.encoder % TICKS_PER_TURN - wanted
         self.memory.keep(reg.OFFSET, reg.encode_offset(offset))
-        self.drive.locate(offset, turns=0)
+        self.drive.set_homing_offset(offset, turns=0)
         self.drive.halt()

@@ -10,17 +10,17 @@ from so101_motion.drivers.emulator.hardware import Joint
 from so101_motion.drivers.servo_types import ServoFigures, ServoType
 
 _ZERO_TICKS = 100.0
-"""How far a zero is off with a spread of 1 [tick]; chosen, a spread of 0.2 makes it 1.8 deg."""
+"""Largest shift of a zero with a spread of 1 [tick]; chosen, a spread of 0.2 gives 1.8 deg."""
 
 
 def differing_servos(
     joints: Sequence[Joint], kind: ServoType, *, spread: float, seed: int
 ) -> Iterator[tuple[Joint, ServoType]]:
-    """Each joint and its servo with friction, play, gain, dead time and zero of its own.
+    """Vary friction, play, torque, dead time and zero of each joint and its servo.
 
     Args:
-        joints: The joints as they are meant to be.
-        kind: The servo as it is meant to be.
+        joints: The nominal joints.
+        kind: The nominal servo.
         spread: Largest deviation of each figure, as a share of it; 0 leaves all as they are.
         seed: The same seed makes the same arm.
     """

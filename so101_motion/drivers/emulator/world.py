@@ -1,17 +1,17 @@
 """Simulate the six servos of an arm over time, with gravity, hand and supply.
 
 How it works
-    Nothing runs by itself. Whoever is about to look or to touch calls ``advance`` with the time;
-    the world then catches up in steps of 1 ms, and every 5 ms looks at the slow things: gravity,
-    the hand, the supply, heat and protections. Servos that are quiet (see ``drive.py``) are not
-    stepped, and when all are, the rest of the interval is one jump; an arm at rest costs nothing
-    however long nobody asks.
+    Nothing runs by itself. A caller that reads or changes the servos calls ``advance`` with the
+    time first. The world then catches up in steps of 1 ms, and every 5 ms updates gravity, the
+    hand, the supply, heat and protections. Servos that are quiet (see ``drive.py``) are not
+    stepped, and when all are quiet, the rest of the interval is one jump: an arm at rest costs
+    nothing.
 
-    The joints do not move each other: each has one inertia. What couples them is gravity, which
-    comes in as a function so that this package need not know any kinematics, and the supply.
+    The joints do not move each other: each has one inertia. Gravity and the supply couple them;
+    gravity is passed in as a function, so that this package needs no kinematics.
 
-Every public method takes ``lock``, so a test or a scheduler may trouble the servos while another
-thread serves their port; hold it yourself to do several things at once.
+Every public method takes ``lock``, so a test may disturb the servos while another thread serves
+their port; hold it yourself to do several things at once.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from so101_motion.drivers.emulator.servo import Servo
 
 Gravity = Callable[[Array], Array]
 """Torque [N m] the six joints must exert to hold still at joint angles ``q`` [rad], shapes (6,):
-the generalised gravity of rigid-body dynamics. The arm feels its negative. It is called by whatever
-thread advances the world, one at a time: the port's, mostly."""
+the generalised gravity of rigid-body dynamics. The arm feels its negative. It is called by the
+thread that advances the world, mostly the port's, and by one thread at a time."""
 
 _SLOW_MS = 5
 _JUMP_MS = 1000  # longest jump while everything rests
@@ -41,12 +41,12 @@ _TIMING_JUMP_MS = 50  # while a protection timer or a start-up runs
 
 
 def no_gravity(q: Array) -> Array:
-    """Gravity of an arm without weight."""
+    """Holding torque of an arm without weight: zero."""
     return np.zeros_like(q)
 
 
 class World:
-    """The servos, what pulls at them, and their common supply.
+    """The servos with the torques on them and their common supply.
 
     Args:
         servos: Along the cable, base to gripper; the last one drives the jaw.
@@ -81,7 +81,7 @@ class World:
 
     @property
     def t(self) -> float:
-        """The time everything has been computed up to [s]."""
+        """The time up to which everything has been computed [s]."""
         return self._origin + self._ms / 1000.0
 
     @property
@@ -144,7 +144,7 @@ class World:
             push = self.hand.torque(servo.joint.name, now, drive.q, qd) - weight
             self._expose(servo, direction * push, volts)
             if dt:
-                drive.inspect(dt)
+                drive.slow_step(dt)
             servo.follow_power(now)
 
     @staticmethod
@@ -169,26 +169,26 @@ class World:
             self._react()
 
     def disconnect(self, place: str | int) -> None:
-        """Unplug a servo: silent and limp, as a dead one."""
+        """Unplug a servo; it becomes silent and limp, like a dead one."""
         with self.lock:
             self.servo(place).connected = False
             self._react()
 
     def reboot(self, place: str | int) -> None:
-        """A servo resets by itself, as after a spike on its supply."""
+        """Reset a servo, as after a spike on its supply."""
         with self.lock:
             servo = self.servo(place)
             servo.power_off()
             self._react()
 
     def power(self, volts: float) -> None:
-        """Set the supply [V]; 0 is a switched-off one, 5 a weak one."""
+        """Set the supply voltage [V]; 0 is off, 5 is weak."""
         with self.lock:
             self.supply.volts = volts
             self._react()
 
     def warm(self, place: str | int, celsius: float) -> None:
-        """Make a servo this hot and keep its surroundings so."""
+        """Heat a servo and its surroundings to ``celsius``."""
         with self.lock:
             motor = self.servo(place).drive.motor
             motor.temperature = motor.ambient = celsius
@@ -212,19 +212,19 @@ class World:
         self.put_wall("gripper", jaw_angle_for_gap(width), math.inf, stiffness)
 
     def take_object(self) -> None:
-        """Nothing between the jaws any more."""
+        """Remove the object between the jaws."""
         self.put_wall("gripper", -math.inf, math.inf)
 
     def put_wall(
         self, place: str | int, lower: float, upper: float, stiffness: float = STOP_STIFFNESS
     ) -> None:
-        """Let a joint meet something at these angles, or its own stops before them.
+        """Put obstacles in a joint's travel at these angles; its own stops stay.
 
         Args:
             place: Which joint.
             lower: The smallest angle it reaches freely [rad].
             upper: The largest [rad].
-            stiffness: Of what it meets [N m/rad].
+            stiffness: Of the obstacles [N m/rad].
         """
         with self.lock:
             servo = self.servo(place)

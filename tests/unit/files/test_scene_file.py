@@ -140,7 +140,7 @@ def test_a_file_that_is_not_there_or_not_json_is_named(tmp_path):
 
 def test_mesh_files_are_not_read_where_there_is_no_folder_to_read_them_from():
     thing = {"name": "part", "mesh_file": "/etc/hostname"}
-    with pytest.raises(ConfigError, match=r"mesh_file.*of \"part\".*none can be read from here"):
+    with pytest.raises(ConfigError, match=r"mesh_file.*of \"part\".*cannot be read here"):
         scene_from({"obstacles": [thing]}, folder=None)
 
 

@@ -123,7 +123,7 @@ def test_a_late_answer_is_not_taken_for_the_answer_to_the_next_question(port, bu
     with pytest.raises(NoReply):
         bus.read(1, reg.PRESENT_POSITION)
     port.faults.late = 0.0
-    # The stragglers hold 2048 and arrive while these questions are under way.
+    # The stale replies hold 2048 and arrive while these questions are under way.
     for _ in range(6):
         assert bus.read(1, reg.PRESENT_LOAD) == 0
 
