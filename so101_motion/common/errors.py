@@ -7,10 +7,11 @@ their fields. Mistakes of the calling program stay ``ValueError`` and ``TypeErro
 
 from __future__ import annotations
 
+import copy
 import reprlib
 from collections.abc import Mapping
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
@@ -86,6 +87,12 @@ class So101Error(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (_rebuild, (type(self), str(self), dict(self.__dict__)))
+
+    def about(self, what: str) -> Self:
+        """The same error, whose message begins with what it is about."""
+        copied = copy.copy(self)
+        copied.args = (clipped(f"{what}: {self}", LONGEST_MESSAGE),)
+        return copied
 
 
 class ConfigError(So101Error, ValueError):

@@ -21,7 +21,13 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from so101_motion.common.errors import InCollision, NoPath, PlanningError
+from so101_motion.common.errors import (
+    InCollision,
+    NoPath,
+    OutsideLimits,
+    Overloaded,
+    PlanningError,
+)
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import crossing, plan_among
 from so101_motion.planning.cell.pace import PacedArm, pace_on
@@ -149,7 +155,10 @@ def _with_goals(planner: Planner, team: Sequence[TeamMember]) -> list[TeamMember
             q_goal = goal.q
         else:
             others = tuple(each.seen_from(member, each.resting(_goal_of(each))) for each in fixed)
-            q_goal = planner.plan(replace(member.request, others=others)).q_goal
+            try:
+                q_goal = planner.plan(replace(member.request, others=others)).q_goal
+            except PlanningError as error:
+                raise error.about(member.name) from None
         request = replace(member.request, goal=JointGoal(q=q_goal), others=())
         fixed.append(replace(member, request=request))
     for a, b in combinations(fixed, 2):
@@ -178,10 +187,17 @@ def _goal_of(member: TeamMember) -> Array:
 
 
 def _alone(planner: Planner, member: TeamMember) -> Plan | None:
-    """The plan of an arm as if there were no others; None if there is none."""
-    with suppress(PlanningError):
+    """The plan of an arm as if there were no others; None if none was found.
+
+    Raises:
+        PlanningError: The arm cannot be at its start or its goal, whatever the others do.
+    """
+    try:
         return planner.plan(member.request)
-    return None
+    except (InCollision, OutsideLimits, Overloaded) as error:  # no motion of the others helps
+        raise error.about(member.name) from None
+    except PlanningError:
+        return None
 
 
 def _at_once(team: Sequence[TeamMember], alone: Sequence[Plan | None]) -> dict[str, Plan] | None:

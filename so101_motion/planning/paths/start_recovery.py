@@ -38,9 +38,10 @@ along each other do, and the depth of an overlap is known no better. Chosen."""
 _RANDOM_DIRECTIONS = 60
 
 _MOTION = {
-    False: "small motion frees it; move the arm by hand (manual mode), or send it the command"
-    " leave_contact",
-    True: "straight motion frees it; move the arm by hand (manual mode)",
+    False: "small motion frees it; move the arm by hand (manual mode), send it the command"
+    " leave_contact, or correct the scene if that is not there",
+    True: "straight motion frees it; move the arm by hand (manual mode), or correct the scene if"
+    " that is not there",
 }
 """How the error ends, for a small motion and for a longer one."""
 

@@ -35,7 +35,6 @@ from so101_motion.tasks.datasets.data_set import DataSet
 from so101_motion.tasks.datasets.joint_checks import Differences, tracking
 from so101_motion.tasks.datasets.metadata import refusal
 from so101_motion.tasks.datasets.units import Units
-from so101_motion.tasks.program.rehearsal import error_about
 from so101_motion.tasks.teleop.local_arms import jaw_of
 
 _REST = 0.5  # [s] for which the last frame is held, so that the arm gets there
@@ -142,7 +141,7 @@ def plan_episode(
     try:
         approach = rig.arm.plan(JointGoal(q=q[0]), limits=_gentle(rig.arm.limits))
     except PlanningError as error:
-        raise error_about(error, f"the first frame of episode {number}") from None
+        raise error.about(f"the first frame of episode {number}") from None
     has_jaw = data_set.has_jaw and jaw_of(rig) is not None
     return EpisodeReplay(
         t=np.arange(len(q)) / fps,

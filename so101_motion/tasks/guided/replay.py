@@ -35,7 +35,6 @@ from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import slowed
 from so101_motion.tasks.guided.path import TOLERANCE, GuidedPath, along
-from so101_motion.tasks.program.rehearsal import error_about
 
 TOLERANCE_RANGE = (to_rad(0.5), to_rad(15.0))
 """Tolerances that can be asked for [rad]; chosen: less follows every tremor of the hand, more is
@@ -285,7 +284,7 @@ class _LegMaker:
             return self._with_jaw(self._gripper, cut, cut.begin, cut.corners.aperture, q_from)
         except PlanningError as error:
             when = f"{cut.t[0]:.1f} to {cut.t[1]:.1f} s into the recording"
-            raise error_about(error, when) from None
+            raise error.about(when) from None
 
     def _plan(self, corners: GuidedPath, q_from: Array, q_jaw: float | None) -> Plan | None:
         if len(corners) == 1:

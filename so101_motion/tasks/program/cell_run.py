@@ -24,7 +24,6 @@ from so101_motion.arm.team_motion import TeamStep
 from so101_motion.common.errors import Interrupted, MotionError, PlanningError, So101Error
 from so101_motion.planning.goals import Goal, JointGoal
 from so101_motion.tasks.program.cell_program import CellProgram
-from so101_motion.tasks.program.rehearsal import error_about
 from so101_motion.tasks.program.run import ARRIVED, SAME_JAW
 
 if TYPE_CHECKING:
@@ -92,7 +91,7 @@ def _planned(
     try:
         return cell.start_plan(goals, limits=limits, stands=stands).result()
     except PlanningError as error:
-        raise error_about(error, program.called(index)) from None
+        raise error.about(program.called(index)) from None
 
 
 def _asked(
@@ -188,7 +187,7 @@ class CellProgramRun:
             return
         cause = next((e for e in problems if not isinstance(e, Interrupted)), problems[0])
         if isinstance(cause, So101Error) and not isinstance(cause, Interrupted):
-            cause = error_about(cause, self.program.called(self.where[1]))
+            cause = cause.about(self.program.called(self.where[1]))
         self.future.set_exception(cause)
 
 

@@ -13,16 +13,15 @@ one motion that may be ``PASSING`` off it. Where not even that is free, it stops
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from so101_motion.arm.arm import START_TOLERANCE, Arm
-from so101_motion.common.errors import ConfigError, PlanningError, So101Error
+from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.scene import Scene
@@ -31,8 +30,6 @@ from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import GripperLike
 from so101_motion.tasks.program.program import Program, Visit
-
-E = TypeVar("E", bound=So101Error)
 
 PASSING = to_rad(3.0)
 """How far any joint may be from a waypoint that is passed, and from the path between two [rad].
@@ -255,13 +252,6 @@ def stands_at(q: Array, other: Array) -> bool:
     return float(np.max(np.abs(q - other))) <= START_TOLERANCE
 
 
-def error_about(error: E, about: str) -> E:
-    """The same error, with what it is about at its beginning."""
-    copied = copy.copy(error)
-    copied.args = (f"{about}: {error}",)
-    return copied
-
-
 def _planned(
     arm: LegPlanner,
     program: Program,
@@ -274,7 +264,7 @@ def _planned(
     try:
         return arm.plan(goal, q_start=q_start, q_jaw=q_jaw, limits=limits)
     except PlanningError as error:
-        raise error_about(error, program.called(index)) from None
+        raise error.about(program.called(index)) from None
 
 
 def _passed_at(plan: Plan, passed: list[Array]) -> list[float]:

@@ -30,7 +30,6 @@ from so101_motion.tasks.program.rehearsal import (
     ProgramLeg,
     Rehearsal,
     SceneArm,
-    error_about,
     jaw_after,
     plan_leg,
     stands_at,
@@ -189,7 +188,7 @@ class ProgramRun:
         elif error is self._error or isinstance(error, Interrupted):
             self.future.set_exception(error)
         elif isinstance(error, So101Error):
-            self.future.set_exception(error_about(error, self.program.called(self.where.index)))
+            self.future.set_exception(error.about(self.program.called(self.where.index)))
         else:
             self.future.set_exception(error)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
-from so101_motion.common.errors import InCollision
+from so101_motion.common.errors import InCollision, Unreachable
 from so101_motion.common.geometry import SE3, rot_z
 from so101_motion.planning.cell.together import TeamMember, plan_together
 from so101_motion.planning.collision.apart import ROOM, first_meeting
@@ -99,3 +99,20 @@ def test_three_arms_are_not_special(planner):
     team = team_of(starts, [PoseGoal.at_point(p) for p in points], places)
     plans = plan_together(planner, team)
     assert_apart(team, plans)
+
+
+def test_a_goal_that_one_arm_cannot_have_is_refused_at_once_with_its_name(planner):
+    low = np.array([0.5, 1.2, 0.3, 0.0, 0.0])
+    aside = np.array([0.6, -0.4, 0.4, 0.3, 0.0])
+    for goals, wrong in (([low, 0.9 * aside], "arm 0"), ([0.9 * aside, low], "arm 1")):
+        team = team_of([aside, aside], [JointGoal(q=q) for q in goals])
+        with pytest.raises(InCollision, match=f"^{wrong}: at the goal .* floor") as refused:
+            plan_together(planner, team)
+        assert refused.value.where == "goal"
+
+
+def test_a_point_out_of_reach_names_the_arm(planner):
+    aside = np.array([0.6, -0.4, 0.4, 0.3, 0.0])
+    goals = [JointGoal(q=0.9 * aside), PoseGoal.at_point([0.9, 0.0, 0.1])]
+    with pytest.raises(Unreachable, match=r"^arm 1: "):
+        plan_together(planner, team_of([aside, aside], goals))
