@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from so101_motion.arm.place import Place
 
 PLANS = 3
-"""So often a motion is planned that other arms get in the way of before it begins; chosen."""
+"""How often a motion is planned at most while other arms keep getting in its way; chosen."""
 
 START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
@@ -83,7 +83,7 @@ class Arm(PlannedArm):
         Args:
             goal: What is wanted.
             limits: Caps of this motion; the arm's own if not given.
-            search: How to look for it.
+            search: Options of the search.
             q_start: Plan from here instead, shape (5,), [rad].
             q_jaw: Where the jaw will be [rad].
 
@@ -144,9 +144,9 @@ class Arm(PlannedArm):
     def start_retarget(self, q_goal: Array, *, limits: MotionLimits | None = None) -> Motion:
         """Move from the present motion straight to ``q_goal``, shape (5,), [rad], without a stop.
 
-        For goals that come one by one, each replacing the one before; a following of one target.
-        Nothing is planned: where something is in the way the arm stops short of it, and the motion
-        raises what it was. From a planned motion it comes to rest first, along that path.
+        For goals that come one by one, each replacing the one before. Nothing is planned: if an
+        obstacle is in the way the arm stops short of it, and the motion raises what it was. A
+        planned motion comes to rest along its own path first.
 
         Raises:
             OutsideLimits: The goal lies outside the joint limits.
@@ -160,7 +160,7 @@ class Arm(PlannedArm):
         return self._retarget(q_goal, limits, guarded=False)
 
     def start_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
-        """Take time-stamped points once the arm rests; supersedes what is under way."""
+        """Open a stream of time-stamped points once the arm rests; supersedes what is under way."""
         caps, dt = self.effective_limits(limits), self._executor.dt
         return self._lead(lambda: Stream(q_start=self.state.q_ref, limits=caps, dt=dt))
 
@@ -206,14 +206,14 @@ class Arm(PlannedArm):
         Args:
             limits: Caps of the joints; the arm's own if not given.
             approach: Caps while a first target is far.
-            gate: How near that is, for every joint [rad].
+            gate: A target is near when every joint is closer to it than this [rad].
             stale_after: After how long without a new target it brakes to rest [s]; None for never.
             each: Called with the following before every setpoint, on the I/O thread, as the last
                 chance to aim; must be brief.
 
         Raises:
             Interrupted: A newer motion or a stop was asked for meanwhile.
-            MotionError: The arm is one that cannot be led.
+            MotionError: This arm cannot follow targets.
         """
         return self._follow(
             limits, guarded=True, approach=approach, gate=gate, stale_after=stale_after, each=each
@@ -234,7 +234,7 @@ class Arm(PlannedArm):
         self.start_stop().result()
 
     def start_stop(self, *, by: str = "stop") -> Future[None]:
-        """Like ``stop``, but waits for nobody; motions that it ends raise ``Interrupted(by)``."""
+        """Like ``stop``, but does not wait; motions that it ends raise ``Interrupted(by)``."""
         self._motions.current.give_up(by)  # the executor's stop ends what moves
         return self._executor.stop(Channel.ARM, by=by)
 
@@ -258,7 +258,7 @@ class Arm(PlannedArm):
             self._executor.release().result()
 
     def take_place(self, place: Place | None) -> None:
-        """Keep off the other arms of a cell from now on; None to stand alone again."""
+        """Keep off the other arms of a cell from now on; None ends that."""
         self.place = self._led.neighbours = place
 
     def close(self) -> None:

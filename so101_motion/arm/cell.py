@@ -1,17 +1,18 @@
-"""Arms that share a space: where each stands, and what each is about to do.
+"""Keep arms that share a space apart, plan for several of them, and move them together.
 
-*Every tick.* An arm that moves says how it would stop if it had to stop now: that is its course.
-Before it takes its next setpoint it shows the course that would follow from there, which must keep
-off the courses of all others; otherwise it brakes, on the course that it has shown before. So
-whatever arms are told, and whoever of them is stopped, all can stop at once without meeting. The
-registry has one lock, and a course is taken up under it.
+*Every tick.* An arm that moves publishes how it would stop if it had to stop now: that is its
+course. Before it takes its next setpoint it computes the course that would follow from there. That
+one must keep off the courses of all others; otherwise the arm brakes along the course that it
+published before. So whatever arms are asked to do, and whichever of them is stopped, all can stop
+at once without meeting. One lock guards all courses.
 
-*Plans.* An arm that begins a planned motion says all of it. Plans of the others go around it in
-space and time (``planning/among.py``). Between planning and beginning the others have moved on, so
-the proof is repeated when it begins; if need be it begins a little later.
+*Plans.* An arm that begins a planned motion publishes all of it. Plans of the others go around it
+in space and time (``planning/among.py``). The others may have moved between planning and beginning,
+so the check is repeated when the motion begins; if necessary it begins a little later.
 
-An arm that rests is where it is wanted; one that a hand moves, where it was seen, and goes on as it
-does for a moment. Nothing here knows how many arms there are.
+An arm that rests counts as being at its setpoint. One that is moved by hand counts as being where
+it was measured, and as going on with that velocity for a moment. A cell may have any number of
+arms.
 """
 
 from __future__ import annotations
@@ -47,12 +48,12 @@ class Cell:
 
     def __init__(self) -> None:
         self.lock = threading.Lock()  # of all courses; held for moments, in control cycles too
-        self.entry = threading.Lock()  # of all planned motions; held while one is proven
+        self.entry = threading.Lock()  # of all planned motions; held while one is checked
         self._places: Mapping[str, Place] = {}
 
     @property
     def places(self) -> Mapping[str, Place]:
-        """The place of each arm, by its name."""
+        """The arms, by name."""
         return self._places
 
     def add(
@@ -63,19 +64,19 @@ class Cell:
         *,
         ignores: Collection[str] = (),
     ) -> Place:
-        """Let an arm keep off the others from now on, and them off it.
+        """Add an arm: from now on it keeps off the others, and they keep off it.
 
         Args:
             name: What messages call it.
-            rig: The arm with what moves it; its clock shows the same time as those of the others.
-            T_cell_base: Where its base stands.
+            rig: The arm and its executor; its clock shows the same time as those of the others.
+            T_cell_base: Pose of its base.
             ignores: Names of arms that it does not keep off; ``ALL`` for all of them.
 
         Raises:
             ConfigError: There is an arm of that name already.
         """
         if name in self._places:
-            raise ConfigError("name", name, "is there twice; each arm needs its own name")
+            raise ConfigError("name", name, "is used twice; each arm needs its own name")
         place = Place(self, name, rig, T_cell_base, frozenset(ignores))
         rig.executor.ask(lambda control: control.keep_off(place)).result()
         self._places = {**self._places, name: place}
@@ -83,7 +84,7 @@ class Cell:
         return place
 
     def remove(self, name: str, rig: RigWithExecutor) -> None:
-        """Let an arm stand alone again; the others do not know it any more."""
+        """Remove an arm: it and the others ignore each other from now on."""
         self._places = {key: each for key, each in self._places.items() if key != name}
         rig.arm.take_place(None)
         rig.executor.ask(lambda control: control.keep_off(None)).result()
@@ -91,15 +92,15 @@ class Cell:
     def plan_together(
         self, goals: Mapping[str, Goal], *, scenes: Mapping[str, Scene] | None = None
     ) -> dict[str, Plan]:
-        """One motion for several arms, which they begin and end together; moves nothing.
+        """Plan one motion that several arms begin and end together; moves nothing.
 
         Args:
-            goals: What is wanted of each, by its name. The other arms stay where they are.
+            goals: The goal of each arm that moves, by name. The other arms stay where they are.
             scenes: What is around arms, by their names; their own scenes if not given.
 
         Raises:
             ConfigError: There is no such arm.
-            PlanningError: There is no such motion, and why.
+            PlanningError: There is no such motion; the error says why.
         """
         return self.start_plan(goals, scenes=scenes).result()
 
@@ -111,13 +112,13 @@ class Cell:
         limits: Mapping[str, MotionLimits] | None = None,
         stands: Mapping[str, Stand] | None = None,
     ) -> Future[dict[str, Plan]]:
-        """Like ``plan_together``, but returns at once; cancelling the future gives it up.
+        """Like ``plan_together``, but returns at once; cancelling the future ends the planning.
 
         Args:
             goals: As there.
             scenes: As there.
             limits: Caps of arms, by their names; their own if not given.
-            stands: Where arms will stand, by their names; where they are if not given.
+            stands: Where arms will start, by their names; where they are if not given.
         """
         self._refuse_unknown(goals)
         team = self._team(goals, scenes or {}, limits or {}, stands or {})
@@ -128,9 +129,9 @@ class Cell:
     ) -> dict[str, Motion]:
         """Move several arms to goals in one motion, which they begin and end together.
 
-        It is planned once all arms of the cell rest; what moves is superseded. Who stops one of
-        them ends it for all. Arguments and errors as for ``plan_together``; the motions raise what
-        is raised by planning.
+        It is planned once all arms of the cell rest; motions under way are superseded. Stopping one
+        arm ends the motion of all. Arguments and errors as for ``plan_together``; errors of the
+        planning are raised by the motions.
 
         Returns:
             The motion of each arm of the cell, by its name.
@@ -141,7 +142,7 @@ class Cell:
     def start_execute(self, plans: Mapping[str, Plan]) -> dict[str, Motion]:
         """Move all arms along plans of ``plan_together``; supersedes what is under way.
 
-        Who stops one of them ends it for all.
+        Stopping one arm ends the motion of all.
 
         Args:
             plans: The plan of each arm of the cell, by its name.
@@ -155,7 +156,7 @@ class Cell:
             ConfigError: These are not the arms of this cell.
         """
         self._refuse_other_than_all(plans)
-        return self._start(lambda: self.proven(plans))
+        return self._start(lambda: self.check_again(plans))
 
     def plan_handover(
         self,
@@ -177,7 +178,7 @@ class Cell:
 
         Raises:
             ConfigError: There is no such arm or thing.
-            PlanningError: The arms cannot meet for it, and why.
+            PlanningError: The arms cannot pass it on; the error says why.
         """
         self._refuse_unknown((giver, taker))
         return self._worker.plan_for_team(
@@ -193,8 +194,8 @@ class Cell:
     def start_handover(self, plan: Handover) -> dict[str, Motion]:
         """Pass a thing on as ``plan_handover`` has planned it; supersedes what is under way.
 
-        The scenes of both arms change with it. Who stops one of the arms ends it for all; the thing
-        is then in the hand of whoever held it, or of both.
+        The scenes of both arms change with it. Stopping one arm ends the motion of all; the thing
+        is then in the hand that held it, or in both.
 
         Returns:
             The motion of each arm of the cell. That of the taker raises ``MotionError`` if it has
@@ -206,7 +207,7 @@ class Cell:
             what = f"'{plan.thing.name}' is not in the hand of {plan.giver} any more; plan again"
             raise ConfigError("thing", plan.thing.name, what)
         run = HandoverRun(self._places, plan)
-        planning = TeamPlanning(self._places, lambda: self.proven(plan.approach), self._expect)
+        planning = TeamPlanning(self._places, lambda: self.check_again(plan.approach), self._expect)
         motions = {
             name: place.arm.start_series(run.steps(place, planning.part))
             for name, place in self._places.items()
@@ -215,14 +216,14 @@ class Cell:
         return motions
 
     def stands(self) -> dict[str, Stand]:
-        """Where each arm stands now, by its name."""
+        """The setpoint of each arm, by its name."""
         return {name: place.stand for name, place in self._places.items()}
 
     def start_series(self, steps: Iterator[TeamStep]) -> dict[str, Motion]:
         """Carry out several common motions, one after the other; supersedes what is under way.
 
-        Each begins when all arms have done what the one before has for them. Who stops one of the
-        arms ends it for all.
+        Each begins when all arms have finished their part of the one before. Stopping one arm ends
+        the motion of all.
 
         Returns:
             The motion of each arm of the cell, from the first step to the last.
@@ -234,8 +235,11 @@ class Cell:
         end_together(motions)
         return motions
 
-    def proven(self, plans: Mapping[str, Plan]) -> Future[dict[str, Plan]]:
-        """Prove again that the arms keep apart on plans of ``plan_together``, as they are now.
+    def check_again(self, plans: Mapping[str, Plan]) -> Future[dict[str, Plan]]:
+        """Check again that arms keep apart on plans of ``plan_together``, as they are now.
+
+        Returns:
+            Already done, with ``plans``.
 
         Raises:
             InCollision: They would meet, because of what they hold or how wide their jaws are.
@@ -249,9 +253,9 @@ class Cell:
             met = crossing(place.attached_to(place), courses[place.name], others)
             if met is not None:
                 raise crosses(*met)
-        proven: Future[dict[str, Plan]] = Future()
-        proven.set_result(dict(plans))
-        return proven
+        checked: Future[dict[str, Plan]] = Future()
+        checked.set_result(dict(plans))
+        return checked
 
     def _start(self, plan: Callable[[], Future[dict[str, Plan]]]) -> dict[str, Motion]:
         planning = TeamPlanning(self._places, plan, self._expect)

@@ -4,9 +4,9 @@ How a grab works. The jaw closes, and what is between the jaws stops it: it fall
 setpoints, and the executor then tells it to stay where it is. From there it is sent ``SQUEEZE``
 further (or a share of it, see ``set_force``), which it cannot reach; the servo's position loop
 turns that distance into a steady force, a fifth of what the motor could do, that it can keep up
-without getting hot. As long as the jaw is held off the place it was sent to, something is held;
-when the thing slips out, the jaw closes the distance and nothing is. A jaw that was only late, with
-nothing between, meets no resistance when it presses; it then closes further.
+without getting hot. As long as the jaw stays short of its goal, something is held; when the thing
+slips out, the jaw closes the distance and nothing is held. A jaw that was only late, with nothing
+in between, meets no resistance when it presses; it then closes further.
 """
 
 from __future__ import annotations
@@ -61,14 +61,14 @@ THINNEST = to_rad(1.5)
 stands nearer is taken for closed, for calibrations end about there."""
 
 NEAR = to_rad(5.0)
-"""From how near on an aperture is followed at the full pace [rad]; chosen."""
+"""Within this distance of its target the jaw follows at full speed [rad]; chosen."""
 
 SAME_APERTURE = 0.02
-"""An aperture nearer than this to what is wanted needs no motion; chosen."""
+"""If the aperture is nearer than this to the wanted one, the jaw need not move; chosen."""
 
 
 @dataclass(frozen=True)
-class _Way:
+class _JawMove:
     """Where a motion takes the jaw [rad], how fast, and whether it grabs."""
 
     q_goal: float
@@ -77,7 +77,7 @@ class _Way:
 
 
 class Jaw(Protocol):
-    """What ``set_jaw`` needs of a jaw; ``Gripper`` says what each promises."""
+    """What ``move_jaw`` needs of a jaw; ``Gripper`` describes each method."""
 
     @property
     def aperture(self) -> float:
@@ -94,10 +94,10 @@ class Jaw(Protocol):
         """Close until something is gripped or the jaw is closed."""
 
 
-def set_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
-    """Open or close a jaw while the arm stands; what it closes on is gripped.
+def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
+    """Open or close a jaw while the arm rests, and wait for it; what it closes on is gripped.
 
-    A jaw that holds something and shall close further goes on holding it.
+    A jaw that holds something and is to close further goes on holding it.
 
     Args:
         jaw: The jaw.
@@ -119,7 +119,7 @@ def set_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
 
 
 class Gripper:
-    """One jaw that opens and closes. A new motion takes over from the one under way.
+    """One jaw that opens and closes. A new motion takes over from the one under move.
 
     Args:
         executor: The I/O thread that moves it; owned by the rig.
@@ -128,7 +128,7 @@ class Gripper:
         closed: Jaw angle at aperture 0 [rad]; changes with the calibration.
         opened: Jaw angle at aperture 1 [rad]; likewise.
         limits: How fast it moves, one joint; for motions that start from now on.
-        feels: Whether the jaw is stopped by what is between; a simulated one closes through it.
+        feels: Whether an object stops the jaw; a simulated jaw closes through it.
     """
 
     def __init__(self, executor: Executor) -> None:
@@ -152,7 +152,7 @@ class Gripper:
 
     @property
     def is_moving(self) -> bool:
-        """Whether a motion of the jaw is under way."""
+        """Whether a motion of the jaw is under move."""
         return self._executor.state.jaw_moving
 
     @property
@@ -174,13 +174,13 @@ class Gripper:
         return self._force
 
     def set_force(self, force: float) -> None:
-        """Set how hard grips press; what is held is pressed anew.
+        """Set how hard grips press; a grip under way changes at once.
 
         Args:
             force: As a share of what the servo can keep up, ``GENTLEST`` to 1.
 
         Raises:
-            ConfigError: Outside that.
+            ConfigError: It is outside that range.
         """
         if not GENTLEST <= force <= 1.0:
             raise ConfigError("force", force, f"must be between {GENTLEST:g} and 1")
@@ -192,26 +192,26 @@ class Gripper:
     def start_move(self, aperture: float, *, limits: MotionLimits | None = None) -> Motion:
         """Open or close to ``aperture``.
 
-        What it closes on is gripped, as ``is_holding`` tells; the motion then raises
-        ``FollowingError``, for it has not arrived.
+        An object that it closes on is gripped, and ``is_holding`` becomes True; the motion then
+        raises ``FollowingError``, because it has not arrived.
 
         Args:
             aperture: Where to, 0 closed to 1 open.
-            limits: How fast, this once; the gripper's own if None.
+            limits: Caps of this motion; the gripper's own if None.
 
         Raises:
-            ConfigError: Outside 0 to 1.
+            ConfigError: ``aperture`` is outside 0 to 1.
         """
-        return self._start(_Way(self.angle_of(aperture), limits, grabs=False))
+        return self._start(_JawMove(self.angle_of(aperture), limits, grabs=False))
 
     def start_grab(self, aperture: float = 0.0, *, limits: MotionLimits | None = None) -> Motion:
         """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
 
         Args:
-            aperture: What counts as closed.
-            limits: How fast, this once; the gripper's own if None.
+            aperture: The aperture that counts as closed.
+            limits: Caps of this motion; the gripper's own if None.
         """
-        return self._start(_Way(self.angle_of(aperture), limits, grabs=True))
+        return self._start(_JawMove(self.angle_of(aperture), limits, grabs=True))
 
     def open_following(
         self,
@@ -221,13 +221,14 @@ class Gripper:
         stale_after: float | None = STALE_AFTER,
         each: Callable[[JawFollowing], None] | None = None,
     ) -> JawFollowing:
-        """Let the jaw follow apertures; takes over from what is under way. Never waits.
+        """Let the jaw follow apertures; takes over from what is under move. Never waits.
 
-        What it closes on is gripped with a steady force, and let go of when it is to open.
+        An object that it closes on is gripped with a steady force, and released when the jaw is to
+        open.
 
         Args:
-            limits: How fast; the gripper's own if None.
-            approach: How fast while a first aperture is far; as fast if None.
+            limits: Caps; the gripper's own if None.
+            approach: Caps while a first aperture is far; ``limits`` if None.
             stale_after: After how long without a new aperture it brakes to rest [s]; None for
                 never.
             each: Called with the following before every setpoint, on the I/O thread; must be brief.
@@ -254,9 +255,9 @@ class Gripper:
         return jaw
 
     def press(self) -> Future[None]:
-        """Press with a steady force on what has stopped the jaw; completes when it does.
+        """Press with a steady force on what has stopped the jaw; completes when it presses.
 
-        The jaw moves by ``SQUEEZE`` at most, whatever has become of the thing.
+        The jaw moves by ``SQUEEZE`` at most, even if the object is gone.
         """
         with self._lock:
             self._grabs = True
@@ -265,8 +266,8 @@ class Gripper:
     def regrip(self) -> None:
         """Press again on the gripped object, after the joints were held anew.
 
-        Being held anew takes the force away, for every goal is then where its joint stands. The
-        jaw moves by ``SQUEEZE`` at most, whatever has become of the thing.
+        Holding anew takes the force away, because it sets every goal to where its joint is. The
+        jaw moves by ``SQUEEZE`` at most, even if the object is gone.
         """
         if self._grabs and self.q_jaw - self.closed >= THINNEST:
             self.press()
@@ -295,14 +296,14 @@ class Gripper:
             raise ConfigError("aperture", aperture, "must be between 0 (closed) and 1 (open)")
         return self.closed + aperture * (self.opened - self.closed)
 
-    def _start(self, way: _Way) -> Motion:
+    def _start(self, move: _JawMove) -> Motion:
         motion = Motion()
         with self._lock:
-            previous, self._latest, self._grabs = self._latest, motion, way.grabs
-            running = self._begin(motion, way.q_goal, way.limits)
-        if previous is not None:  # the jaw has turned already; what is only prepared must not begin
+            previous, self._latest, self._grabs = self._latest, motion, move.grabs
+            running = self._begin(motion, move.q_goal, move.limits)
+        if previous is not None:  # it is superseded already; a prepared one must not begin
             previous.interrupt(SUPERSEDED)
-        running.add_done_callback(partial(self._arrived_or_met, motion, way))
+        running.add_done_callback(partial(self._arrived_or_met, motion, move))
         return motion
 
     @property
@@ -333,30 +334,30 @@ class Gripper:
             **how,
         )
 
-    def _arrived_or_met(self, motion: Motion, way: _Way, done: Future[None]) -> None:
+    def _arrived_or_met(self, motion: Motion, move: _JawMove, done: Future[None]) -> None:
         """Press on what has stopped a jaw that closes."""
         error = done.exception()
-        opens = not way.grabs and way.q_goal > self.q_jaw
+        opens = not move.grabs and move.q_goal > self.q_jaw
         if opens or not isinstance(error, FollowingError):
             motion.take_outcome(done)
             return
-        pressed = partial(self._pressed, motion, way, None if way.grabs else error)
+        pressed = partial(self._pressed, motion, move, None if move.grabs else error)
         self._go_on(motion, self._pressing, pressed, grabs=True)
 
     def _pressed(
-        self, motion: Motion, way: _Way, missed: FollowingError | None, done: Future[None]
+        self, motion: Motion, move: _JawMove, missed: FollowingError | None, done: Future[None]
     ) -> None:
         """End with the grip; close further if there was nothing to press on."""
         state = self._executor.state
         grips = state.q_jaw - state.q_jaw_ref >= GRIP
         if isinstance(done.exception(), FollowingError):
             if missed is None:
-                motion.future.set_result(None)  # that it cannot get there is the grip
+                motion.future.set_result(None)  # it cannot reach its goal: it grips
             else:
                 motion.future.set_exception(missed)
-        elif done.exception() is None and not grips and state.q_jaw_ref > way.q_goal:
-            met = partial(self._arrived_or_met, motion, way)
-            self._go_on(motion, way.q_goal, met, grabs=way.grabs, limits=way.limits)
+        elif done.exception() is None and not grips and state.q_jaw_ref > move.q_goal:
+            met = partial(self._arrived_or_met, motion, move)
+            self._go_on(motion, move.q_goal, met, grabs=move.grabs, limits=move.limits)
         else:
             motion.take_outcome(done)
 

@@ -1,8 +1,8 @@
-"""Carry a planned handover out: each arm's part, and when it waits for the other.
+"""Carry out a planned handover: the steps of each arm, and when it waits for the other.
 
-Each arm has one motion from the beginning to the end, so who stops one of them ends it for all.
-What the arms hold changes in their scenes: before the taker goes to the thing, its hand may touch
-it; when its jaw has closed, both hold it; when the giver has left, the taker alone does.
+Each arm has one motion from the beginning to the end, so stopping one arm ends it for all. The
+scenes of the arms change on the way: before the taker goes to the thing, its hand may touch it;
+when its jaw has closed, both arms hold it; when the giver has left, only the taker does.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from so101_motion.arm.gripper import set_jaw
+from so101_motion.arm.gripper import move_jaw
 from so101_motion.common.errors import MotionError
 
 if TYPE_CHECKING:
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 
 class HandoverRun:
-    """What the arms of a cell do in a handover.
+    """The steps of the arms of a cell in a handover.
 
     Args:
         places: The arms.
-        plan: What was planned.
+        plan: The planned handover.
     """
 
     def __init__(self, places: Mapping[str, Place], plan: Handover) -> None:
@@ -40,11 +40,11 @@ class HandoverRun:
     def steps(
         self, place: Place, approach: Callable[[str], Future[Plan]]
     ) -> Iterator[Plan | Callable[[Motion], None]]:
-        """What one arm does; see ``Arm.start_series``.
+        """The steps of one arm, for ``Arm.start_series``.
 
         Args:
             place: The arm.
-            approach: Says that an arm is ready, and completes with its first motion when all are.
+            approach: Called when an arm is ready; completes with its first plan when all are.
         """
         if place is self._giver:
             yield self._hold
@@ -87,7 +87,7 @@ class HandoverRun:
         gripper = self._giver.gripper
         if not gripper.feels or gripper.is_holding:
             return
-        set_jaw(gripper, 0.0, motion)
+        move_jaw(gripper, 0.0, motion)
         self._refuse_empty(self._giver)
 
     def _close(self, motion: Motion) -> None:
@@ -98,9 +98,9 @@ class HandoverRun:
         """
         gripper = self._taker.gripper
         if not gripper.feels:
-            set_jaw(gripper, _aperture(gripper, self._plan.q_jaw_closed), motion)
+            move_jaw(gripper, _aperture(gripper, self._plan.q_jaw_closed), motion)
             return
-        set_jaw(gripper, 0.0, motion)
+        move_jaw(gripper, 0.0, motion)
         self._refuse_empty(self._taker)
 
     def _refuse_empty(self, place: Place) -> None:
@@ -108,13 +108,13 @@ class HandoverRun:
             plan = self._plan
             still = "" if place is self._giver else f"; {plan.giver} still holds it"
             raise MotionError(
-                f"{place.name} has closed its jaw and holds nothing, so '{plan.thing.name}' cannot"
+                f"{place.name} closed its jaw but holds nothing, so '{plan.thing.name}' cannot"
                 f" be passed from {plan.giver} to {plan.taker}{still}"
             )
 
 
 def _open(gripper: Gripper, q_jaw: float, motion: Motion) -> None:
-    set_jaw(gripper, _aperture(gripper, q_jaw), motion)
+    move_jaw(gripper, _aperture(gripper, q_jaw), motion)
 
 
 def _aperture(gripper: Gripper, q_jaw: float) -> float:
@@ -136,7 +136,7 @@ def _put_down(place: Place, thing: Attached) -> None:
 
 
 def _shared(awaited: Future[None]) -> Future[None]:
-    """What completes with ``awaited`` and may be given up alone."""
+    """A future that completes with ``awaited`` and can be cancelled without cancelling it."""
     own: Future[None] = Future()
 
     def pass_on(_: Future[None]) -> None:

@@ -1,8 +1,8 @@
 """Follow apertures that are given while the jaw moves, and grip what it closes on.
 
-What stops a jaw that closes makes it fall behind its setpoints. It then presses with a steady
-force instead of ever harder, however far it is told to close (see ``gripper.py``). When it is told
-to open beyond where it stands, or the thing has slipped out, it follows again.
+An object that stops a closing jaw makes it fall behind its setpoints. It then presses with a steady
+force instead of ever harder, however far it is to close (see ``gripper.py``). When it is to open
+farther than it stands, or the object has slipped out, it follows again.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from so101_motion.arm.gripper import Gripper
 
 LET_GO = 0.03
-"""How much wider than the jaw stands it must be wanted for a grip to be given up, share of the
-travel; chosen: more than a trigger trembles."""
+"""A grip ends when the wanted aperture is wider than the jaw by this share of the travel; chosen:
+more than a hand on a trigger trembles."""
 
 
 class JawFollowing:
-    """Takes apertures; made by ``Gripper.open_following``.
+    """A jaw that follows apertures; made by ``Gripper.open_following``.
 
     Args:
         gripper: Whose jaw.
-        begin: Makes a following from where the jaw is, and lets it take over.
+        begin: Starts a following from where the jaw is.
         halt: ``halt(future, by)`` ends a motion of the jaw.
 
     Attributes:
@@ -64,8 +64,8 @@ class JawFollowing:
             The aperture as it was taken, within 0 to 1.
 
         Raises:
-            ConfigError: These are no finite numbers; what was wanted before stays.
-            So101Error: The following has ended, and why.
+            ConfigError: These are not finite numbers; the aperture before stays.
+            So101Error: The following has ended; the error says why.
         """
         self._refuse_if_over()
         try:
@@ -111,7 +111,7 @@ class JawFollowing:
         return self._grip is not None and self._gripper.is_holding
 
     def interrupt(self, by: str) -> None:
-        """End it early, at once when it grips; errors name who did."""
+        """End it early, at once when it grips, with ``Interrupted(by)``."""
         with self._lock:
             if self._grip is None:
                 self._halt(self._following.future, by)
@@ -130,7 +130,7 @@ class JawFollowing:
         self._following.future.add_done_callback(self._ended)
 
     def _ended(self, done: Future[None]) -> None:
-        """What is followed has come to an end, on the I/O thread."""
+        """Grip, or end, because the following has ended; called on the I/O thread."""
         with self._lock:
             if done is not self._following.future:
                 return

@@ -1,7 +1,7 @@
 """The caps on speed and acceleration of an arm's joints, and the range of their angles.
 
-``JointCaps`` are for motions that name no limits of their own. ``JointRange`` is the model's limits
-narrowed by the calibration, for each arm's stops are a little elsewhere.
+``JointCaps`` are for motions without limits of their own. ``JointRange`` is the model's limits
+narrowed by the calibration, because the stops differ a little from arm to arm.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ JERK_TIME = 0.1
 default 100 deg/s^2 the arm starts and stops without a visible jolt, and a move costs 0.1 s more."""
 
 TOLERANCE = to_rad(0.2)
-"""How far beyond its range a joint may be sent [rad]: two ticks, for a joint at its very stop is
-measured now on this side of it, now on that."""
+"""How far beyond its range a joint may be sent [rad]: two ticks, because a joint at its stop is
+measured now on one side of it, now on the other."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +37,7 @@ class JointCaps:
         acceleration: [rad/s^2].
 
     Raises:
-        ConfigError: One is outside ``config.SPEED_RANGE_DEG``, ``config.ACCELERATION_RANGE_DEG``.
+        ConfigError: One is outside ``SPEED_RANGE_DEG`` or ``ACCELERATION_RANGE_DEG``.
     """
 
     speed: float
@@ -48,10 +48,10 @@ class JointCaps:
         _check("acceleration", self.acceleration, ACCELERATION_RANGE_DEG, "deg/s^2")
 
     def checked(self, wanted: JointCaps) -> JointCaps:
-        """``wanted``, if it is not above these.
+        """``wanted``, if it is not above these caps.
 
         Raises:
-            ConfigError: It is; the message names the setting that says so.
+            ConfigError: It is; the message names the setting.
         """
         for name, setting, unit in (
             ("speed", "max_speed_degs_per_sec", "deg/s"),
@@ -65,7 +65,7 @@ class JointCaps:
 
     @property
     def limits(self) -> MotionLimits:
-        """The same, with the jerk that goes with them."""
+        """The caps as motion limits, with the jerk that belongs to them."""
         return MotionLimits.uniform(
             velocity=self.speed,
             acceleration=self.acceleration,
@@ -74,18 +74,18 @@ class JointCaps:
 
 
 LED = 0.92
-"""Share of what servos keep up with that joints use which are led. Chosen by trial: nobody knows
-beforehand when they are to brake, so servos begin late and then have to brake harder."""
+"""Share of the servos' acceleration that joints use while they follow targets. Chosen by trial: it
+is not known beforehand when they must brake, so servos begin late and then have to brake harder."""
 
 
 class CappedJoints:
-    """The caps of one arm: its own, and what no motion may exceed.
+    """The caps of one arm: its own, and the ceiling that no motion may exceed.
 
     Args:
         caps: Its own.
 
     Attributes:
-        slowdown: Says before each motion what share of its caps it may use, 0 to 1.
+        slowdown: Called before each motion; returns the share of its caps that it may use, 0 to 1.
         servo_acceleration: What each servo itself keeps up with, shape (5,), [rad/s^2].
     """
 
@@ -130,7 +130,7 @@ class CappedJoints:
 
     @property
     def limits(self) -> MotionLimits:
-        """The caps of a motion that names none of its own; see also ``slowdown``."""
+        """The caps of a motion without limits of its own; see also ``slowdown``."""
         return self._caps.limits
 
     def led_limits(self, limits: MotionLimits | None) -> MotionLimits:
@@ -139,7 +139,7 @@ class CappedJoints:
         return wanted.scaled_to(wanted.velocity, LED * self.servo_acceleration)
 
     def effective_limits(self, limits: MotionLimits | None) -> MotionLimits:
-        """The caps that a motion gets which asks for ``limits``; None for the arm's own."""
+        """The caps of a motion that asks for ``limits``; None for the arm's own."""
         return self._below_ceiling(limits).eased(self.slowdown())
 
     def _below_ceiling(self, limits: MotionLimits | None) -> MotionLimits:
@@ -180,7 +180,7 @@ class JointRange(NamedTuple):
         """Refuse joint angles, shape (5,), [rad], that the arm cannot be sent to.
 
         Raises:
-            OutsideLimits: Which joint, where to, and between what it may go.
+            OutsideLimits: One of them is; names the joint, its angle and its range.
         """
         excess = self._excess(q)
         i = int(np.argmax(excess))
@@ -199,7 +199,7 @@ class JointRange(NamedTuple):
     def check_path(self, q: Array) -> None:
         """Refuse a path, shape (n, 5), [rad], that leaves the range.
 
-        One that starts outside may come in from there, but not go further out.
+        A path that starts outside may come in from there, but not go farther out.
 
         Raises:
             OutsideLimits: As for ``check``, for the configuration that is furthest off.

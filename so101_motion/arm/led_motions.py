@@ -1,4 +1,4 @@
-"""Make the motions of an arm that is led: followings, with the guard that they share, and jogs."""
+"""Make the followings and jogs of an arm, and the collision guard that followings share."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from so101_motion.planning.kinematics.model import RobotModel
 
 GUARDED_STOP = MotionLimits.uniform(velocity=to_rad(180.0), acceleration=to_rad(380.0), jerk=60.0)
-"""Caps of a stop that a guard counts on. The emulated servos, fitted on recordings of one real one,
-do not keep to a harder one: led to and fro at 180 deg/s with 600 deg/s^2 and 200 rad/s^3, joints
-swung 8 deg past their command and into the floor. Chosen by that measurement."""
+"""Caps of a guarded stop. The emulated servos, fitted on recordings of one real servo, do not keep
+to a harder one: with 600 deg/s^2 and 200 rad/s^3, to and fro at 180 deg/s, joints swung 8 deg past
+their command and into the floor. Chosen by that measurement."""
 
 
 class Situation(NamedTuple):
-    """What an arm has to mind.
+    """The surroundings, range and load that a motion must respect.
 
     Attributes:
-        scene: What is around it and in its hand.
-        range: Between which angles its joints may be.
+        scene: What is around the arm and in its hand.
+        range: The range of its joint angles.
         payload: What the gripper always carries; None for nothing.
-        strength: What the servos bear.
+        strength: How much torque the servos bear.
     """
 
     scene: Scene
@@ -46,23 +46,23 @@ class Situation(NamedTuple):
     strength: Strength
 
     def load(self, model: RobotModel, q: Array) -> Load:
-        """What the servos bear of an arm that is at ``q``, shape (5,), [rad]."""
+        """The load on the servos, for an arm at ``q``, shape (5,), [rad]."""
         return Load.of(model, self.strength, q, carried(self.payload, self.scene.attached))
 
     def is_same(self, other: Situation) -> bool:
-        """Whether these are the very same."""
+        """Whether both hold the same objects."""
         return all(mine is theirs for mine, theirs in zip(self, other, strict=True))
 
 
 class LedMotions:
-    """Makes the motions of one arm that somebody leads.
+    """Makes the followings and jogs of one arm.
 
-    Its followings share a guard, one after the other: only the I/O thread uses it, and plays one of
-    them at a time. Making it takes some hundredths of a second, so that is for other threads.
+    Its followings share a guard: only the I/O thread uses it, and plays one of them at a time.
+    Making it takes some hundredths of a second, so other threads do that.
 
     Args:
         model: The arm.
-        executor: What moves it.
+        executor: Moves it.
 
     Attributes:
         neighbours: Other arms to keep off; None if there are none.
@@ -88,7 +88,7 @@ class LedMotions:
         share: Callable[[], float],
         **how: Unpack[FollowingSettings],
     ) -> Following:
-        """A following from where the arm is wanted now."""
+        """A following from the arm's present setpoint."""
         executor = self._executor
         lower, upper = now.range
         return Following(

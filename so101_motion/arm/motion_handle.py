@@ -1,7 +1,7 @@
 """Wait for one motion, or interrupt it.
 
-A caller holds a ``Motion`` while the arm plans and moves. Interrupting ends this motion only, never
-its successor; when it is over, nothing happens.
+A caller holds a ``Motion`` while the arm plans and moves. Interrupting it ends this motion only,
+never the next one; when it is over already, nothing happens.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Motion:
     Attributes:
         future: Completes when the arm has arrived and settled, or raises what went wrong:
             ``PlanningError``, ``Interrupted``, ``FollowingError``, ``WorkerError``.
-        plan: What is being executed, once it is known; None for motions without a plan.
+        plan: The plan that is being executed, once it is known; None for motions without a plan.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class Motion:
 
         Raises:
             TimeoutError: It is still under way.
-            So101Error: Why it did not arrive.
+            So101Error: It did not arrive; the error says why.
         """
         end = math.inf if timeout is None else time.monotonic() + timeout
         while not self.future.done():
@@ -72,7 +72,7 @@ class Motion:
         """End the preparation of this motion, as ``interrupt`` does.
 
         Returns:
-            What ends its movement; None if it has not begun to move, or is ending already.
+            A function that ends its movement; None if it has not begun to move, or ends already.
         """
         with self._lock:
             if self.future.done() or self._interruption.done():
@@ -94,11 +94,11 @@ class Motion:
         return awaited.result()
 
     def pause(self, clock: Clock, seconds: float) -> None:
-        """Let time pass, unless this motion is interrupted.
+        """Wait, unless this motion is interrupted.
 
         Args:
-            clock: Whose time.
-            seconds: How much of it [s].
+            clock: The clock that measures the time.
+            seconds: How long [s].
 
         Raises:
             Interrupted: The motion was interrupted meanwhile.
@@ -140,10 +140,10 @@ class Motion:
             self.future.set_result(None)
 
     def refuse_interrupted(self) -> None:
-        """Go on only if nobody has interrupted this motion.
+        """Raise if this motion has been interrupted.
 
         Raises:
-            Interrupted: Somebody has.
+            Interrupted: It has been.
         """
         if self._interruption.done():
             raise Interrupted(self._interruption.result())

@@ -2,10 +2,10 @@
 
 Everything that moves the arm is registered here from the instant it is asked for, so a stop ends
 what is still being prepared as well. The old motion is interrupted and the arm comes to rest before
-the new one begins. A retarget turns the arm without a stop: it begins first and interrupts then.
+the new one begins. A retarget does not stop the arm: it begins first and interrupts then.
 
-Any thread may call. What plans and waits has threads of its own, and nothing waits while it holds
-the lock.
+Any thread may call. Planning and waiting happen on threads of this queue, and nothing waits while
+it holds the lock.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Opening(Generic[S]):
 
     Attributes:
         motion: Registered already; interrupting it ends the opening, too.
-        opened: What leads it, once it can be led; raises why it cannot.
+        opened: Completes with the jog or following when it has begun, or raises why it has not.
     """
 
     motion: Motion
@@ -44,8 +44,8 @@ class MotionQueue:
     """The motions of one arm.
 
     Args:
-        come_to_rest: Slows the arm down for a newer motion. Returns at once: what completes at
-            rest, or None if the arm rests already.
+        come_to_rest: Slows the arm down for a newer motion. Returns at once: a future that
+            completes at rest, or None if the arm rests already.
 
     Attributes:
         current: The newest motion; before the first, one that is over.
@@ -68,7 +68,7 @@ class MotionQueue:
     def start(self, run: Run) -> Motion:
         """Let ``run`` move the arm once it rests; returns at once.
 
-        What ``run`` or its future raises is what the motion raises.
+        The motion raises what ``run`` or its future raises.
 
         Raises:
             MotionError: The queue has been closed.
@@ -119,7 +119,8 @@ class MotionQueue:
         """Begin a motion that takes over without a stop.
 
         Args:
-            begin: Begins the motion that it is given; returns at once what completes at its end.
+            begin: Begins the motion that it is given; returns at once a future that completes at
+                its end.
         """
         motion = Motion()
         with self._lock:
@@ -135,14 +136,14 @@ class MotionQueue:
         self._threads.shutdown(wait=True)
 
     def _run(self, motion: Motion, previous: list[Motion], run: Run) -> None:
-        # It has been told to end. An error keeps the frames that it passed and what they refer to;
-        # it must not keep the motion before, or failed motions would all keep each other.
+        # The motion before is ending. An error keeps the frames that it passed and all they refer
+        # to, so it must not keep that motion, or failed motions would all keep each other alive.
         wait([previous.pop().future])
         try:
             self._rest_for(motion)
             self._here.motion = motion
             ending = run(motion)
-        except BaseException as error:  # whoever waits for the motion must hear of it
+        except BaseException as error:  # those who wait for the motion must get it
             motion.future.set_exception(error)
         else:
             if ending is None:
@@ -153,9 +154,9 @@ class MotionQueue:
             self._here.motion = None
 
     def _rest_for(self, motion: Motion) -> None:
-        """Bring the arm to rest for a motion, unless something newer has been asked for since.
+        """Bring the arm to rest for a motion, unless a newer one has been asked for since.
 
-        That may be under way already, or have let go of the arm.
+        The newer one may be under way already, or may have released the arm.
         """
         with self._lock:
             if self.current is not motion:

@@ -1,6 +1,6 @@
-"""What one arm of a cell knows of the others, in every control cycle and when it plans.
+"""Keep one arm of a cell off the others, in every control cycle and when it plans.
 
-How arms keep apart is told in ``cell.py``.
+``cell.py`` explains how arms keep apart.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ ALL = "*"
 """The name that stands for all arms."""
 
 LATER, LATEST = 0.1, 2.0
-"""By how much a motion may begin later than it was planned [s], and at the most; chosen."""
+"""Steps by which the begin of a planned motion is delayed, and the longest delay [s]; chosen."""
 
 PROMPT = 0.5 * EARLY
-"""So late at most a motion begins that was proven together with others' [s]: the proof allows for
-twice as much."""
+"""A motion that was checked together with others' must begin within this time [s]; the check allows
+for twice as much."""
 
 GOES_ON = 0.2
-"""For how long an arm that a hand moves is taken to go on as it does [s]; chosen."""
+"""An arm that is moved by hand is taken to keep its velocity for so long [s]; chosen."""
 
 
 class RigWithExecutor(Protocol):
@@ -55,10 +55,10 @@ class RigWithExecutor(Protocol):
 
 
 class Stand(NamedTuple):
-    """Where an arm stands.
+    """Where an arm is.
 
     Attributes:
-        q: Its joints, shape (5,), [rad].
+        q: Its joint angles, shape (5,), [rad].
         q_jaw: Its jaw [rad].
     """
 
@@ -67,17 +67,17 @@ class Stand(NamedTuple):
 
 
 class Place:
-    """What one arm knows of the others of its cell, and they of it. ``Cell.add`` makes it.
+    """One arm in a cell: what it knows of the others, and they of it. ``Cell.add`` makes it.
 
     Attributes:
-        cell: Whose place it is.
+        cell: The cell.
         name: What messages call the arm.
         arm: The arm.
-        T_cell_base: Where its base stands.
+        T_cell_base: Pose of its base.
         gripper: Its jaw.
-        clock: What time it is for the arm.
-        worker: Who plans for it.
-        against: What stood against the setpoint that was not admitted last, in words.
+        clock: The arm's clock.
+        worker: Plans for it.
+        against: Why the last setpoint that was refused was refused, for messages.
         held: What arms hold beside what their scenes say, by the arm's name, as this one knows it.
     """
 
@@ -93,7 +93,7 @@ class Place:
         self.gripper, self.clock, self.worker = rig.gripper, rig.clock, rig.planner
         self.held = dict[str, tuple[Attached, ...]]()
         self.cell, self._now, self._ignores = cell, rig.clock.now, ignores
-        self._expected: Trajectory | None = None  # that was proven together with others'
+        self._expected: Trajectory | None = None  # one that was checked together with others'
         self._course: Course | None = None
         self._planned: Course | None = None
         self._beside: dict[str, Beside] = {}  # by name of the other arm
@@ -108,12 +108,12 @@ class Place:
 
     @property
     def stand(self) -> Stand:
-        """Where the arm is wanted."""
+        """The arm's present setpoint."""
         state = self.arm.state
         return Stand(state.q_ref, state.q_jaw_ref)
 
     def others(self) -> tuple[OtherArm, ...]:
-        """The other arms as a plan that is made now has to know them."""
+        """The other arms, for a plan that is made now."""
         now = self._now()
         return tuple(
             each.seen_from(self, each.plan_at(now).since(now)) for each in self._neighbours()
@@ -121,13 +121,13 @@ class Place:
 
     @contextmanager
     def entered(self, trajectory: Trajectory) -> Iterator[Trajectory]:
-        """Say that a planned motion begins now; it is over when the block ends.
+        """Publish that a planned motion begins now; it is over when the block ends.
 
         Yields:
-            The motion, possibly after a wait.
+            The motion, possibly with a wait before it.
 
         Raises:
-            InCollision: It crosses another arm's motion, also when it begins later.
+            InCollision: It crosses another arm's motion, even if it begins later.
         """
         with self.cell.entry:
             with self.cell.lock:
@@ -143,7 +143,7 @@ class Place:
             self._planned = None
 
     def expect(self, trajectory: Trajectory) -> None:
-        """A motion begins at once that has been proven together with those of others."""
+        """Publish a motion that begins at once and was checked together with those of others."""
         self._planned, self._expected = self.along(trajectory, self._now()), trajectory
 
     def _wait_for(self, trajectory: Trajectory) -> float:
@@ -163,14 +163,14 @@ class Place:
         return Course.along(trajectory, self._q_jaw, t=t)
 
     def plan_at(self, now: float) -> Course:
-        """All that the arm is known to do."""
+        """The course of its planned motion, or of its stop if there is none."""
         planned = self._planned
         return planned if planned is not None and now < planned.end else self.course_at(now)
 
     # Every tick
 
     def near(self) -> list[NearArms]:
-        """What was near of other arms when ``admits`` was asked last; see ``Neighbours``."""
+        """What of other arms was near at the last call of ``admits``; see ``Neighbours``."""
         known = ((other.name, self._beside.get(other.name)) for other in self._neighbours())
         return [each.near(name) for name, each in known if each is not None and each.count]
 
@@ -195,12 +195,12 @@ class Place:
         return True
 
     def commit(self, q: Array, dt: float) -> None:
-        """The arm stops along ``q``, whatever is there; see ``Neighbours``."""
+        """Publish that the arm stops along ``q``, whatever is there; see ``Neighbours``."""
         with self.cell.lock:
             self._course = self._stop(q, dt, self._now())
 
     def course_at(self, now: float) -> Course:
-        """How the arm would stop."""
+        """How the arm would stop now."""
         state, course = self.arm.state, self._course
         if state.mode in (Mode.GUIDING, Mode.LIMP):
             onward = np.array([state.q, state.q + GOES_ON * state.qd])
@@ -210,7 +210,7 @@ class Place:
         return Course.resting(state.q_ref, self._q_jaw)
 
     def seen_from(self, other: Place, course: Course) -> OtherArm:
-        """This arm as another has to know it."""
+        """This arm as seen by another one."""
         return OtherArm(
             name=self.name,
             T_base_other=_T_from_to(other.T_cell_base, self.T_cell_base),
@@ -229,7 +229,7 @@ class Place:
 
     @property
     def _q_jaw(self) -> float:
-        """The wider of where the jaw is and where it is wanted [rad]."""
+        """The wider of the jaw's measured angle and its setpoint [rad]."""
         state = self.arm.state
         return max(state.q_jaw, state.q_jaw_ref)
 
@@ -247,5 +247,5 @@ class Place:
 
 @lru_cache(maxsize=64)
 def _T_from_to(T_cell_a: SE3, T_cell_b: SE3) -> SE3:
-    """Where the second is in the first; asked for in every control cycle."""
+    """Pose of the second base in the first; cached because every control cycle needs it."""
     return T_cell_a.inverse @ T_cell_b

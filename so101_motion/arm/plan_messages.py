@@ -1,4 +1,4 @@
-"""Messages between a process that wants plans and the one that makes them.
+"""Messages between this process and the planning process.
 
 Both hold one end of a socket and send each other messages: a kind, and any number of parts. A
 request and its answer are pickled. Large arrays are parts of their own, so that neither end copies
@@ -23,13 +23,13 @@ from so101_motion.planning.collision.scene import Scene
 Part = bytes | bytearray | memoryview
 
 _REMEMBERED = 8
-"""So many scenes both ends remember. Chosen."""
+"""How many scenes both ends remember. Chosen."""
 
 _LARGE = 16_384
-"""Arrays of so many bytes are parts of their own. Chosen."""
+"""Arrays of at least so many bytes are parts of their own. Chosen."""
 
 _MOST_PARTS = 100_000
-"""More parts than any message has: the two ends have lost each other. Chosen."""
+"""A message with more parts than this is garbage: the two ends are out of step. Chosen."""
 
 _HEAD = struct.Struct("<BI")  # kind, number of parts
 _SIZE = struct.Struct("<Q")
@@ -42,7 +42,7 @@ class Kind(IntEnum):
     """The child has loaded everything; it holds an error instead of None if it could not."""
     REQUEST = 2
     GIVE_UP = 3
-    """Nobody wants what was requested last any more."""
+    """The last request is not wanted any more."""
     ALIVE = 4
     """The child is still working."""
     ANSWER = 5
@@ -56,7 +56,7 @@ class Scenes:
         self._known: OrderedDict[bytes, Scene] = OrderedDict()
 
     def note(self, scene: Scene) -> bool:
-        """Remember a scene that is being sent; whether the other end has it already."""
+        """Remember a scene that is being sent; returns whether the other end has it already."""
         known = scene.digest in self._known
         self._known[scene.digest] = scene
         self._known.move_to_end(scene.digest)
@@ -182,7 +182,7 @@ class MessageSocket:
         return bool(select.select([self._end], [], [], 0.0)[0])
 
     def close(self) -> None:
-        """Leave."""
+        """Close the socket."""
         self._end.close()
 
     def _received(self, size: int) -> bytearray:

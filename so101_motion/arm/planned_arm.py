@@ -1,6 +1,6 @@
-"""What an arm plans from: where it is, its range, its load and its surroundings.
+"""The part of ``Arm`` that plans: it collects state, range, load and surroundings for a request.
 
-Nothing here moves it; see ``arm.py``.
+Nothing here moves the arm; see ``arm.py``.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ArmParts(TypedDict):
         planner: Takes a request to the planning process.
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
-        scene: What is around it and in its hand.
+        scene: What is around the arm and in its hand.
     """
 
     model: RobotModel
@@ -58,8 +58,8 @@ class PlannedArm(CappedJoints):
     Attributes:
         model: Kinematics and limits.
         scene: What is around it and in its hand, for plans made from now on.
-        newest: The newest plan and its request, to be shown; None before the first.
-        place: Its place in a cell with other arms; None if it stands alone.
+        newest: The newest plan and its request, for display; None before the first.
+        place: Its place in a cell with other arms; None outside a cell.
     """
 
     def __init__(self, **parts: Unpack[ArmParts]) -> None:
@@ -85,7 +85,7 @@ class PlannedArm(CappedJoints):
 
     @property
     def in_manual(self) -> bool:
-        """Whether the joints are to be moved by hand: guided, or limp."""
+        """Whether the joints can be moved by hand: guided, or limp."""
         return self.state.mode in (Mode.GUIDING, Mode.LIMP)
 
     def T_base(self, frame: str = "tool") -> SE3:
@@ -100,10 +100,10 @@ class PlannedArm(CappedJoints):
             return self.model.link_placements(state.q, state.q_jaw)
 
     def set_load(self, load: LoadConfig) -> None:
-        """Set what the gripper always carries and what the servos bear, for plans from now on.
+        """Set what the gripper always carries and how strong the servos are, for plans from now on.
 
         Raises:
-            ConfigError: A mass or a place out of range, or unknown servos.
+            ConfigError: A mass or position is out of range, or the servos are unknown.
         """
         self._payload = Payload.of(load, self.model)
         self._strength = replace(
@@ -113,7 +113,7 @@ class PlannedArm(CappedJoints):
     def set_servo_strength(self, shares: Sequence[float]) -> None:
         """Set what share of its type's torque each joint's servo has, for plans from now on.
 
-        A stronger one counts as its type: more torque makes more heat as well.
+        A servo above 1 counts as 1: more torque makes more heat as well.
         """
         self._strength = replace(self._strength, shares=tuple(min(each, 1.0) for each in shares))
 
@@ -129,7 +129,7 @@ class PlannedArm(CappedJoints):
     def start_plan(
         self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
     ) -> Future[Plan]:
-        """Like ``plan``, but returns at once; cancelling the future gives the plan up."""
+        """Like ``plan``, but returns at once; cancelling the future ends the planning."""
         return self._start_plan(goal, limits, search)[1]
 
     def request(
@@ -141,7 +141,7 @@ class PlannedArm(CappedJoints):
         q_start: Array | None = None,
         q_jaw: float | None = None,
     ) -> PlanRequest:
-        """What ``plan`` asks the planner for; arguments as there."""
+        """The request that ``plan`` sends to the planner; arguments as there."""
         state, search = self.state, search or Search()
         lower, upper = self._range.with_tolerance()
         return PlanRequest(

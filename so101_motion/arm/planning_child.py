@@ -1,13 +1,13 @@
 """The planning process: make plans for the parent process, and end with it.
 
 It answers one request after the other. While it works on one, the planner calls a checkpoint every
-few milliseconds (``planning/checkpoint.py``): that looks whether the plan is still wanted and the
-parent still there, and tells the parent now and then that there is progress. So a plan that nobody
-wants is given up at once, a process whose parent was killed ends at once, and one that hangs is
-noticed.
+few milliseconds (``planning/checkpoint.py``). The checkpoint looks whether the plan is still wanted
+and the parent is still there, and now and then tells the parent that there is progress. So an
+unwanted plan is given up at once, a process whose parent was killed ends at once, and a process
+that hangs is noticed.
 
-Signals that a terminal or a service manager sends to all processes are the parent's to handle; this
-one is started deaf to them.
+The parent handles signals that a terminal or a service manager sends to all processes; this process
+ignores them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from so101_motion.planning.request import PlanRequest
 
 _LOOK = 0.002
-"""How often a checkpoint looks at the line [s]. Chosen: a look takes 2 us."""
+"""How often a checkpoint looks at the socket [s]. Chosen: a look takes 2 us."""
 
 _SIGN = 0.25
 """How often it sends a sign of life [s]. Chosen."""
@@ -39,7 +39,7 @@ class Child:
     """The child's end.
 
     Args:
-        line: To the parent.
+        line: The socket to the parent.
     """
 
     def __init__(self, line: MessageSocket) -> None:
@@ -48,17 +48,17 @@ class Child:
         self._next_look = self._next_sign = 0.0
 
     def checkpoint(self) -> None:
-        """Look whether this plan is still wanted, and say that there is progress.
+        """Look whether this plan is still wanted, and tell the parent that there is progress.
 
         Raises:
-            Abandoned: It is not.
+            Abandoned: The plan is not wanted any more.
         """
         now = time.monotonic()
         if now < self._next_look:
             return
         self._next_look = now + _LOOK
         if self._line.has_more():
-            # One request at a time: only that it be given up can come now, or the parent's end.
+            # One request at a time: only GIVE_UP can come now, or the parent's end.
             self._line.receive()
             raise Abandoned
         if now >= self._next_sign:
@@ -73,7 +73,7 @@ class Child:
         """
         try:
             planner = self._loaded()
-        except Exception as error:  # the parent must hear why
+        except Exception as error:  # the parent must be told why
             problem = WorkerError(
                 f"the planner cannot be loaded: {type(error).__name__}: {error}; install this"
                 " package again"
@@ -112,7 +112,7 @@ class Child:
             return error
         except (EOFError, OSError):  # the parent has ended
             raise
-        except Exception as error:  # a defect of ours: the caller must hear of it, not hang
+        except Exception as error:  # a defect of ours: the caller must get it, not hang
             return WorkerError(f"planning failed unexpectedly: {type(error).__name__}: {error}")
 
     def _send(self, kind: Kind, value: object) -> None:
@@ -120,8 +120,8 @@ class Child:
 
 
 def main() -> None:
-    """Serve the parent at the other end of the socket whose number is the argument."""
-    restore_normal_priority()  # whoever streams goes before whoever plans
+    """Serve the parent over the socket whose file descriptor is the first argument."""
+    restore_normal_priority()  # control loops go first
     os.dup2(2, 1)  # what a library prints is for the log
     line = MessageSocket(socket.socket(fileno=int(sys.argv[1])))
     try:

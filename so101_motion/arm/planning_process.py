@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from so101_motion.planning.request import PlanRequest
 
 HANG_TIMEOUT = 3.0
-"""A child that has work, shows no sign of life for so long and uses no processor hangs [s]. Chosen:
-it shows one four times a second."""
+"""A child that has work hangs if it sends no sign of life for so long and uses no processor [s].
+Chosen: it sends one four times a second."""
 
 _SILENT = 30.0
-"""One that shows none for so long hangs, whatever it does [s]. Chosen: the largest scenes that are
-accepted take a tenth of that in one piece."""
+"""A child that sends no sign of life for so long hangs, even if it uses the processor [s]. Chosen:
+the largest scenes that are accepted take a tenth of that in one piece."""
 
 _CHILD = "so101_motion.arm.planning_child"
 
@@ -74,8 +74,8 @@ class PlanningProcess:
         """Wait until it has loaded everything.
 
         Raises:
-            ChildDied: It has not.
-            WorkerError: It cannot; says why.
+            ChildDied: It ended or hung first.
+            WorkerError: It cannot load; the error says why.
         """
         answer = self._converse(Kind.READY)
         if isinstance(answer, So101Error):
@@ -87,14 +87,14 @@ class PlanningProcess:
         """Have a plan made.
 
         Args:
-            request: For what.
-            is_unwanted: Whether nobody wants it any more; looked at again after each ``wake``.
+            request: What to plan.
+            is_unwanted: Whether the plan is not wanted any more; asked again after each ``wake``.
 
         Returns:
             The plan, or a team's plans; None if it was given up.
 
         Raises:
-            ChildDied: There will be no answer.
+            ChildDied: The child ended or hung; there will be no answer.
             So101Error: What ``Planner.plan`` raises.
         """
         self._is_unwanted, self._gave_up = is_unwanted, False
@@ -109,12 +109,12 @@ class PlanningProcess:
         return answer
 
     def wake(self) -> None:
-        """Have it looked whether the plan is still wanted."""
+        """Make it look whether the plan is still wanted."""
         with contextlib.suppress(OSError):  # full of calls already, or closed
             self._wake.send(b"\0")
 
     def kill(self) -> None:
-        """End the child at once; whoever waits for its answer gets ``ChildDied``."""
+        """End the child at once; those who wait for its answer get ``ChildDied``."""
         self._child.kill()
 
     def close(self) -> None:
@@ -125,11 +125,11 @@ class PlanningProcess:
             each.close()
 
     def ending(self) -> str:
-        """How the child ended, in words; only after it has."""
+        """Text that says how the child ended; only after it has."""
         try:
             code = self._child.wait(self._hang_timeout)
         except subprocess.TimeoutExpired:
-            return "closed its end of the line"
+            return "closed its end of the socket"
         if code >= 0:
             return f"ended with exit code {code}"
         name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
@@ -147,7 +147,7 @@ class PlanningProcess:
             raise ChildDied(self.ending()) from error
 
     def _wait(self, for_writing: bool) -> None:
-        """Wait for the child to take or to send something; meanwhile tell it to give up, if so."""
+        """Wait until the child takes or sends something; tell it to give up an unwanted plan."""
         if not for_writing and not self._gave_up and self._is_unwanted():
             self._gave_up = True
             self._line.send(Kind.GIVE_UP)

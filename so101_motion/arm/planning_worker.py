@@ -9,8 +9,8 @@ Cancelling a future gives its plan up: a request that waits is dropped, one that
 ends within milliseconds, so the newest never waits for those that it has superseded. A child that
 dies or hangs is replaced, and what it was asked is asked again, once.
 
-One child is what an arm needs. Whoever has many plans to make asks for as many as there are
-processors: each serves the next request as soon as it has answered the one before.
+One child is enough for an arm. For many plans, ask for as many as there are processors: each takes
+the next request as soon as it has answered the one before.
 
 The child's end is ``planning_child.py``; between the two, ``planning_process.py`` and
 ``plan_messages.py``.
@@ -36,19 +36,19 @@ _log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 _ATTEMPTS = 2
-"""So many children are asked the same before it is taken as at fault itself. Chosen."""
+"""A request fails when so many children have died of it in a row. Chosen."""
 
 _CLOSED = "the planning process has been closed; open the arm again"
 
 
 class PlannedBatch:
-    """What becomes of several requests, in their order; see ``PlanningWorker.plan_many``.
+    """The outcomes of several requests, in their order; see ``PlanningWorker.plan_many``.
 
     Iterating waits for one outcome after the other: a plan, or the error that says why there is
-    none. It raises ``concurrent.futures.CancelledError`` at the first that was given up.
+    none. It raises ``concurrent.futures.CancelledError`` at the first that was cancelled.
 
     Attributes:
-        plans: The same as futures, for whoever wants them in another order.
+        plans: The same as futures, to be taken in any order.
     """
 
     def __init__(self, plans: list[Future[Plan]]) -> None:
@@ -65,8 +65,8 @@ class PlannedBatch:
         return len(self.plans)
 
     def cancel(self) -> None:
-        """Give up all that is not made yet; what is being made ends within milliseconds."""
-        for each in reversed(self.plans):  # or the next one would be begun
+        """Give up all plans that are not made yet; those being made end within milliseconds."""
+        for each in reversed(self.plans):  # else the next one would begin
             each.cancel()
 
 
@@ -81,7 +81,7 @@ class PlanningWorker:
         workers: How many processes at the most; each takes 150 MB.
 
     Raises:
-        ConfigError: Less than one worker.
+        ConfigError: ``workers`` is less than 1.
     """
 
     def __init__(self, hang_timeout: float = HANG_TIMEOUT, *, workers: int = 1) -> None:
@@ -89,8 +89,8 @@ class PlanningWorker:
             raise ConfigError("workers", workers, "must be 1 or more")
         self._requests = ThreadPoolExecutor(workers, thread_name_prefix="so101-planning")
         self._lock = threading.Lock()
-        self._seats = [_Seat(hang_timeout) for _ in range(workers)]
-        self._idle = list(reversed(self._seats))
+        self._slots = [_ChildSlot(hang_timeout) for _ in range(workers)]
+        self._idle = list(reversed(self._slots))
         self._closed = False
 
     def start(self) -> Future[None]:
@@ -121,20 +121,20 @@ class PlanningWorker:
     @property
     def pids(self) -> tuple[int, ...]:
         """The process ids of the children that live."""
-        return tuple(pid for each in self._seats if (pid := each.pid) is not None)
+        return tuple(pid for each in self._slots if (pid := each.pid) is not None)
 
     def close(self) -> None:
-        """End the children; what is planned fails with ``WorkerError``. May be called twice."""
+        """End the children; plans under way fail with ``WorkerError``. May be called twice."""
         with self._lock:
             self._closed = True
-        for each in self._seats:
+        for each in self._slots:
             each.kill()
         self._requests.shutdown(wait=True)
-        for each in self._seats:
+        for each in self._slots:
             each.close()
 
     def _ask(self, request: PlanRequest | TeamTask[Any] | None) -> Future[Any]:
-        """A plan, or only a child that is ready; None if nothing is to be planned."""
+        """Queue a request; None only makes a child ready."""
         answer: Future[Any] = Future()
         with self._lock:
             closed = self._closed
@@ -145,9 +145,9 @@ class PlanningWorker:
         return answer
 
     def _take_notice(self, answer: Future[Any]) -> None:
-        """Wake the children: one of them may work on what is not wanted any more."""
+        """Wake the children if a request was cancelled: one of them may be working on it."""
         if answer.cancelled():
-            for each in self._seats:
+            for each in self._slots:
                 each.wake()
 
     # The threads that talk to the children
@@ -155,14 +155,14 @@ class PlanningWorker:
     def _serve(self, answer: Future[Any], request: PlanRequest | TeamTask[Any] | None) -> None:
         if answer.cancelled():
             return
-        seat = self._idle.pop()  # there are as many as threads; the one used last is warm
+        slot = self._idle.pop()  # there are as many as threads; the one used last is warm
         outcome: object
         try:
-            outcome = seat.outcome(answer, request)
-        except Exception as error:  # whoever waits must hear of it
+            outcome = slot.outcome(answer, request)
+        except Exception as error:  # the caller must get it
             outcome = error
         finally:
-            self._idle.append(seat)
+            self._idle.append(slot)
         if not answer.set_running_or_notify_cancel():
             return
         if isinstance(outcome, BaseException):
@@ -171,8 +171,8 @@ class PlanningWorker:
             answer.set_result(outcome)
 
 
-class _Seat:
-    """A place for one child. For one thread at a time, except ``pid``, ``wake`` and ``kill``."""
+class _ChildSlot:
+    """One child, replaced when it dies. One thread at a time, but any for ``wake`` and ``kill``."""
 
     def __init__(self, hang_timeout: float) -> None:
         self._lock = threading.Lock()
@@ -188,13 +188,13 @@ class _Seat:
         return process.pid if process is not None else None
 
     def wake(self) -> None:
-        """Have the child looked whether its plan is still wanted."""
+        """Make the child look whether its plan is still wanted."""
         process = self._process
         if process is not None:
             process.wake()
 
     def kill(self) -> None:
-        """End the child for good; whoever waits for it gets ``WorkerError``."""
+        """End the child for good; those who wait for it get ``WorkerError``."""
         with self._lock:
             self._closed = True
             process = self._process
@@ -209,7 +209,7 @@ class _Seat:
             process.close()
 
     def outcome(self, answer: Future[Any], request: PlanRequest | TeamTask[Any] | None) -> object:
-        """The plan, or None where none was asked for or it was given up."""
+        """The plan; None if none was asked for, or it was given up."""
         for attempt in range(1, _ATTEMPTS + 1):
             process, is_new = self._living()
             try:
@@ -259,9 +259,9 @@ class _Seat:
 
     def _given_up(self, death: ChildDied) -> WorkerError:
         message = (
-            f"the planning process has failed {self._deaths} times in a row; the last one {death}."
-            " Ask for something else, or with fewer things around; if that fails too, see the log"
-            " and run so101 doctor"
+            f"the planning process failed {self._deaths} times in a row; the last one {death}."
+            " Try another goal, or a scene with fewer things; if that fails too, read the log and"
+            " run so101 doctor"
         )
         _log.error("%s", message)
         return WorkerError(message)

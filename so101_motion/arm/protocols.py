@@ -1,6 +1,7 @@
-"""What an ``Arm`` needs from an executor.
+"""The interface that an ``Arm`` needs from an executor.
 
-``Executor`` does it with servos on a port; ``machine.MachineExecutor`` has a running machine do it.
+``Executor`` moves servos on a port; ``MachineExecutor`` (``viam/client``) has a running machine
+move its arm.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from so101_motion.planning.timing.trajectory import Trajectory
 
 
 class ArmExecutor(Protocol):
-    """Moves five joints and says where they are. See ``Executor`` for what each method promises."""
+    """Moves five joints and reports where they are. ``Executor`` describes each method in full."""
 
     @property
     def dt(self) -> float:
@@ -30,7 +31,7 @@ class ArmExecutor(Protocol):
 
     @property
     def is_resting(self) -> bool:
-        """Whether the arm surely rests and nobody leads it, so that it need not be stopped."""
+        """Whether the arm surely rests and is not guided by hand, so it need not be stopped."""
 
     def execute(self, trajectory: Trajectory, *, channel: Channel = ...) -> Future[None]:
         """Play ``trajectory``; done on arrival."""
@@ -57,4 +58,4 @@ class ArmExecutor(Protocol):
         """Let the arm yield to a hand."""
 
     def release(self) -> Future[None]:
-        """Let go of the joints."""
+        """Switch torque off."""

@@ -1,7 +1,7 @@
-"""A plan for several arms that is made once all of them rest, and given up as soon as one is.
+"""Plan for several arms once all of them rest, and end all their motions when one ends early.
 
-Each arm has a motion of its own, as for any other plan. Its planning is one part of this; the last
-arm that comes to rest has the plan made. Who stops one of them ends the motions of all.
+Each arm has a motion of its own, as for any other plan, and waits for its part of the common plan.
+The last arm that comes to rest starts the planning. Stopping one arm ends the motions of all.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class TeamPlanning:
 
     Args:
         names: The arms.
-        plan: Begins to plan for all of them, from where they rest.
+        plan: Starts to plan for all of them, from where they rest.
         made: Called with the plans before any arm begins.
     """
 
@@ -44,7 +44,7 @@ class TeamPlanning:
             part.add_done_callback(partial(self._given_up, name))
 
     def part(self, name: str) -> Future[Plan]:
-        """The plan of one arm, which rests now; cancelling it gives up those of all."""
+        """Note that an arm rests; returns its plan. Cancelling that gives up the plans of all."""
         with self._lock:
             is_first = name in self._moving
             self._moving.discard(name)
@@ -121,7 +121,7 @@ class TeamSeries:
         self._newest: tuple[int, TeamStep, TeamPlanning] | None = None
 
     def of(self, name: str) -> Iterator[Plan | Callable[[Motion], None]]:
-        """The part of one arm, for ``Arm.start_series``."""
+        """The steps of one arm, for ``Arm.start_series``."""
         for number in count():
             found = self._step(number)
             if found is None:

@@ -1,7 +1,7 @@
 """The interface through which calibration and motor setup use a lent bus.
 
-The thread that owns the port runs what they ask for. Whoever lends the bus keeps everything else
-from moving meanwhile.
+The thread that owns the port runs their jobs. The lender keeps everything else from moving
+meanwhile.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class BusAccess(Protocol):
 
     @property
     def clock(self) -> Clock:
-        """What time it is."""
+        """The clock of the control loop."""
 
     def call(self, job: Callable[[Bus], T]) -> T:
         """Run ``job`` on the port's thread; returns what it returns, raises what it raises."""

@@ -1,4 +1,4 @@
-"""Go to a first target slowly, and come up to the full pace once it is near."""
+"""Lower the caps of a following while its target is still far away."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from so101_motion.common.units import to_rad
 from so101_motion.planning.timing.limits import MotionLimits
 
 GATE = to_rad(5.0)
-"""From how near on a target is followed at the full pace [rad]; the published module's later gate
-for teleoperation."""
+"""Within this distance of its target a joint follows at full speed [rad]; from the published
+module's later gate for teleoperation."""
 
 EASE = 0.5
-"""How long the pace takes from that of the approach to the full one [s]; chosen."""
+"""How long the caps take to rise from those of the approach to the full ones [s]; chosen."""
 
 CATCH_UP = 1.0
-"""How long the pace takes to the full one once nothing holds the joints back any more [s]; chosen:
-whoever leads them goes on meanwhile, and need not wait for them."""
+"""How long the caps take to rise again once nothing holds the joints back [s]; chosen: the target
+moves on meanwhile and does not have to wait for them."""
 
 APPROACH = MotionLimits.uniform(velocity=to_rad(30.0), acceleration=to_rad(100.0), jerk=50.0)
 """Caps of the approach; chosen."""
 
 
 class Approach:
-    """Which caps count: those of an approach until the target is near, then more and more.
+    """Chooses the caps of a following: low until the target is near, then rising to full.
 
     Args:
-        full: Caps from then on.
+        full: Caps once the target is near.
         slow: Caps of the approach; None for ``full``.
-        gate: How near that is, for every joint [rad].
+        gate: A target is near when every joint is closer to it than this [rad].
 
     Attributes:
         is_under_way: Whether the target has not been near yet.
@@ -43,17 +43,17 @@ class Approach:
         self.is_under_way = slow is not None
 
     def begin(self) -> None:
-        """Approach anew."""
+        """Start the approach again."""
         self.is_under_way, self._t_held = self._slow is not None, math.inf
 
     def caps(self, t: float, off: Array, *, is_held: bool = False) -> MotionLimits:
-        """The caps that count now.
+        """The caps to use now.
 
         Args:
             t: Now [s].
             off: How far each joint is from its target, shape (n,), [rad].
-            is_held: Whether something holds the joints back; further than the gate, their pace is
-                that of the approach, and rises to the full one within ``CATCH_UP`` afterwards.
+            is_held: Whether something holds the joints back. If they are then farther off than the
+                gate, they get the caps of the approach, which rise within ``CATCH_UP`` afterwards.
         """
         if self._slow is None:
             return self._full

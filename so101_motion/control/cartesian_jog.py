@@ -1,11 +1,11 @@
 """Jog the tool with velocities, poses and points that are sent again and again.
 
-The I/O thread asks for the next setpoint in every tick, and a :class:`~.planning.servo.Servo` makes
-it up on the spot from what was asked for last; it keeps every limit and stays clear of everything.
-A velocity must be repeated: without one for ``DEADMAN`` the arm slows to rest. A pose or a point is
-reached and held.
+The I/O thread asks for the next setpoint in every tick. A ``Servo`` (``planning/differential``)
+computes it from the newest request; it keeps every limit and stays clear of everything. A velocity
+must be repeated: without one for ``DEADMAN`` the arm slows to rest. A pose or a point is reached
+and held.
 
-What was asked for is replaced whole, so the I/O thread never waits. The servo is that thread's.
+A request is replaced whole, so the I/O thread never waits. Only that thread uses the ``Servo``.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ if TYPE_CHECKING:  # it brings Pinocchio along, which the I/O thread has no use 
     from so101_motion.planning.differential.servo import Servo
 
 DEADMAN = 0.25
-"""For how long a velocity is kept up that nobody repeats [s]. Chosen: a few periods of a page that
-asks ten times a second."""
+"""How long a velocity that is not repeated is kept up [s]. Chosen: a few periods of a page that
+sends ten times a second."""
 
-_TOLD_EVERY = 10  # ticks; words take longer than a step
-_HELD_BELOW = 0.9  # of what is wanted; below, something is said to hold the tool
+_TEXT_EVERY = 10  # ticks between two texts of ``held_by``, which take longer than a step
+_HELD_BELOW = 0.9  # share of the wanted speed below which something is said to hold the tool
 
 
 class Jog(LedMotion):
     """Turns velocities, poses and points into setpoints; made by ``Arm.open_jog``.
 
     Args:
-        servo: Makes the steps; from now on the jog's own.
+        servo: Computes the steps; only this jog may use it from now on.
         dt: How long a step takes [s].
-        q_jaw: Where the jaw is now [rad].
+        q_jaw: Says where the jaw is now [rad].
     """
 
     can_wait = False
@@ -119,7 +119,7 @@ class Jog(LedMotion):
     def held_by(self) -> tuple[str, ...]:
         """Why the tool does not move as asked, such as ``"the jaw close to the floor"``.
 
-        Nothing while it does. Brought up to date ten times a second.
+        Empty while it does; refreshed ten times a second.
         """
         return self._held_by
 
@@ -143,7 +143,7 @@ class Jog(LedMotion):
         """The setpoint of the next tick; ``k`` is ignored."""
         step = self._servo.step(self._target(), self._q_jaw())
         self._over = self._closing and not (step.qd.any() or step.qdd.any())
-        if self._ticks % _TOLD_EVERY == 0:
+        if self._ticks % _TEXT_EVERY == 0:
             self._held_by = self._servo.held_by() if step.share < _HELD_BELOW else ()
         self._ticks += 1
         return Setpoint(q=step.q, qd=step.qd, qdd=step.qdd)

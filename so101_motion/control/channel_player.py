@@ -14,7 +14,7 @@ A motion goes through at most three stages::
 Before the first of them a motion waits for joints that are outside their limits: see
 ``limit_recovery.py``.
 
-``ending`` tells the second row from the first: it is what the motion's future will raise. Futures
+In the second row ``ending`` is set: it is the error that the motion's future will raise. Futures
 are not set here but handed to ``conclude``, because the executor completes them only after the
 snapshot that shows their effect has been published.
 """
@@ -55,8 +55,8 @@ _JUMP = 1e-4
 [rad/s]. Chosen: a fifteenth of what the servo resolves, far above rounding."""
 
 _PUSHED = to_rad(3.0)
-"""How far off its place a resting joint must be to have been pushed [rad]; chosen, ten times what
-its weight leaves."""
+"""A resting joint this far from its goal has been pushed [rad]; chosen, ten times as much as its
+weight causes."""
 
 _NO_ALARMS: Mapping[str, str] = {}
 
@@ -66,11 +66,11 @@ class _Motion:
     source: MotionSource
     start: int | None  # the tick of its first setpoint; None while it waits for joints outside
     ending: MotionError | None = None
-    waiting: list[Future[None]] = field(default_factory=list)  # who asked it to stop
+    waiting: list[Future[None]] = field(default_factory=list)  # of those who asked it to stop
     still: int = 0  # ticks at rest in a row
     last: int | None = None  # the tick of its last setpoint
     waits_until: int | None = None  # until which tick it may wait for joints to come inside
-    lost: NDArray[np.bool_] | None = None  # joints that did not follow and stay where they are
+    lost: NDArray[np.bool_] | None = None  # joints that did not follow; they stay where they are
 
 
 class ChannelPlayer:
@@ -81,8 +81,8 @@ class ChannelPlayer:
         dt: The period of the ticks [s].
         stop_limits: Caps of a stop, one entry a joint.
         tolerances: When a motion has arrived, and when it is lost.
-        conclude: Takes a future and what it shall raise, None for success.
-        recent: The last second of states, for an error to carry.
+        conclude: Called with a future and the error that it shall raise, None for success.
+        recent: Returns the states of the last second, for an error to carry.
 
     Attributes:
         neighbours: Other arms to keep off; None if there are none.
@@ -124,20 +124,23 @@ class ChannelPlayer:
 
     @property
     def command(self) -> Array:
-        """The command of this tick, shape (n,), [rad]; one outside stays there unless moved in."""
+        """The command of this tick, shape (n,), [rad].
+
+        A joint outside its limits stays where it is unless a motion brings it in.
+        """
         if not self._recovery or (self._motion is not None and self._motion.ending is None):
             return self.reference.q
         return self._recovery.left_alone(self.reference.q)
 
     @property
     def speed(self) -> Array:
-        """The velocity of the command, shape (n,), [rad/s]; NaN for one that did not follow."""
+        """Velocity of the command, shape (n,), [rad/s]; NaN for a joint that did not follow."""
         motion, qd = self._motion, self.reference.qd
         return qd if motion is None or motion.lost is None else np.where(motion.lost, np.nan, qd)
 
     @property
     def acceleration(self) -> Array | None:
-        """How that velocity is going to change, shape (n,), [rad/s^2]; None if nobody knows."""
+        """Acceleration expected from now on, shape (n,), [rad/s^2]; None if it is not known."""
         source = None if self._motion is None else self._motion.source
         if isinstance(source, Following):
             return source.foreseen.qdd
@@ -147,7 +150,7 @@ class ChannelPlayer:
 
     @property
     def is_led(self) -> bool:
-        """Whether it follows targets, which nobody planned."""
+        """Whether it follows targets instead of a planned motion."""
         return self._motion is not None and isinstance(self._motion.source, Following)
 
     def rest_at(self, q: Array) -> None:
@@ -162,10 +165,14 @@ class ChannelPlayer:
             self.reference = Setpoint.at_rest(self._recovery.inside(self.reference.q))
 
     def yield_to_push(self, alarms: Mapping[str, str], q: Array) -> bool:
-        """Let a resting joint that is in trouble stay where it has been pushed, shape (n,), [rad].
+        """Let a resting joint whose servo has an alarm stay where it has been pushed.
+
+        Args:
+            alarms: What is wrong with a joint, by name.
+            q: Measured angles, shape (n,), [rad].
 
         Returns:
-            Whether there is one; the reference has changed then.
+            Whether there is such a joint; the reference has changed then.
         """
         if self._motion is not None:
             return False
@@ -242,7 +249,7 @@ class ChannelPlayer:
     def resume(self, error: MotionError) -> None:
         """Go on from rest, because the joints came to rest while no command went out.
 
-        What cannot begin in its midst ends with ``error``.
+        A motion that cannot go on from the middle ends with ``error``.
         """
         motion = self._motion
         if motion is None or motion.last is not None or not self.reference.qd.any():
@@ -302,7 +309,7 @@ class ChannelPlayer:
                 return
             pressed = np.array([joint in self._pressed for joint in self._channel.joints])
             off, held_up = self._following.off(q), self._following.held_up(q, pressed)
-            held_up &= isinstance(motion.source, PlannedMotion)  # others lag by too much
+            held_up &= isinstance(motion.source, PlannedMotion)  # the others lag too much to tell
             if motion.waits_until is not None:
                 if self._k > motion.waits_until:
                     self._give_way(motion, self._recovery.mask, q, self._barred())
@@ -325,10 +332,10 @@ class ChannelPlayer:
         self._motion, self._k = motion, k
 
     def _refuse_near(self, motion: _Motion, led: Setpoint) -> None:
-        """Go on only if the joints can stop from ``led`` without coming near other arms.
+        """Refuse a setpoint from which the joints could not stop without coming near other arms.
 
         Raises:
-            MotionError: They cannot.
+            MotionError: ``led`` is such a setpoint.
         """
         source, neighbours = motion.source, self.neighbours
         if neighbours is None or motion.ending is not None:
@@ -379,8 +386,8 @@ class ChannelPlayer:
     def _barred(self) -> FollowingError:
         joint, off = self._recovery.farthest()
         return FollowingError(
-            f"{joint} was outside its calibrated range and did not come in, {to_deg(off):.1f} deg"
-            " are missing; see what holds it, or move it inside by hand",
+            f"{joint} was outside its calibrated range and did not come in: {to_deg(off):.1f} deg"
+            " are missing; check what blocks it, or move it inside by hand",
             joint=joint,
             error=off,
             recent=self._recent(),
@@ -389,10 +396,10 @@ class ChannelPlayer:
     def _give_way(
         self, motion: _Motion, lost: NDArray[np.bool_], q: Array, error: MotionError
     ) -> None:
-        """Stop because of some joints; those stay where they are.
+        """Stop because of some joints, and leave those where they are.
 
-        Their goal would otherwise press on, with all the servo's force, against what holds them.
-        One that did not answer now stops like the others, for nobody knows where it is.
+        Otherwise their servos would press with full force against what blocks them. A joint that
+        did not answer now stops like the others, because its position is not known.
         """
         lost = lost & ~np.isin(self._channel.joints, list(self._unanswered))
         now = self.reference
@@ -415,7 +422,7 @@ class ChannelPlayer:
         is_late = passed > 0.5 * limits.settle_timeout
         near = max(limits.settle_position, limits.late_position if is_late else 0.0)
         off, speed = np.abs(q - self.reference.q), np.abs(qd)
-        # A motion that was cut short has no place to be, it only has to be at rest.
+        # A motion that was cut short only has to be at rest, wherever it is.
         arrived = motion.ending is not None or bool(np.max(off) <= near)
         still = arrived and bool(np.max(speed) <= limits.settle_velocity)
         motion.still = motion.still + 1 if still else 0

@@ -28,14 +28,14 @@ A driver that raises puts the arm into FAULT: everything under way ends with tha
 lives on and keeps reading (a driver may reconnect), and ``hold`` leads back. Torque comes on only
 after the goal has been set to what was measured, so nothing moves by being switched on.
 
-The bus can be lent (``JointController.lend``), to a calibration for example: then all others are
-refused, and the borrower's jobs run on this thread.
+The bus can be lent (``JointController.lend``), to a calibration for example. Then all other
+requests are refused, and the borrower's jobs run on this thread.
 
 Where things are: this file has the loop and what other threads may call; ``joint_controller.py``
-has what one tick does, ``channel_player.py`` one channel's motion, ``streamed_trajectory.py`` a
-motion that arrives in pieces, ``following.py`` one that follows targets, ``cartesian_jog.py`` one
-of a tool that is led by hand. They have no threads, and but for pushing into a stream and leading
-the other two only this file's thread calls them.
+does one tick, ``channel_player.py`` plays one channel's motion. Motions that are not planned come
+from ``streamed_trajectory.py`` (points that arrive in batches), ``following.py`` (targets) and
+``cartesian_jog.py`` (velocities of the tool). None of them has a thread. Other threads may only
+push points, set targets and set velocities; the rest runs on this file's thread.
 """
 
 from __future__ import annotations
@@ -76,18 +76,18 @@ class Executor:
     Use it in a ``with`` block or call ``start`` and ``close``.
 
     Args:
-        driver: The joints; from now on the executor's own.
+        driver: The joints; only the executor may use it from now on.
         clock: What time it is.
         dt: Period of the setpoints [s]; every trajectory must have the same.
         stop_limits: Caps of a stop for the five arm joints, whatever the motion's own.
         jaw_stop_limits: The same for the jaw, one entry; by default the smallest of the arm's.
-        tolerances: When a motion has arrived, and when it is lost; by default those of the
-            simulated arm.
+        tolerances: When a motion has arrived, and when a joint does not follow; by default those
+            of the simulated arm.
         jaw_tolerances: The same for the jaw; by default as for the arm.
         name: Name of the thread.
 
     Attributes:
-        requests: What is to be done between two ticks.
+        requests: Requests of other threads, served between two ticks.
     """
 
     def __init__(
@@ -193,11 +193,11 @@ class Executor:
     def turn(self, following: Following, *, channel: Channel = Channel.ARM) -> Future[None]:
         """Let ``following`` take over from the present motion without stopping.
 
-        That ends with ``Interrupted("a newer motion")``. The future ends like that of ``execute``;
-        while the channel is being stopped it raises ``MotionError``.
+        The present motion ends with ``Interrupted("a newer motion")``.
 
         Returns:
-            The following's.
+            The future of ``following``. It ends like that of ``execute``; while the channel is
+            being stopped it raises ``MotionError``.
         """
         turn = partial(self._control.turn, following, channel)
         return self.requests.ask(turn, following.future, channel)
@@ -264,7 +264,7 @@ class Executor:
         It is called on the I/O thread, also while the joints cannot be reached, and must be brief.
 
         Returns:
-            Ends it.
+            A function that ends this.
         """
         with self._lock:
             self._listeners = (*self._listeners, listener)
@@ -306,7 +306,7 @@ class Executor:
         return self.ask(lambda control: control.call_and_rehold(job))
 
     def ask(self, job: Callable[[JointController], T]) -> Future[T]:
-        """Run ``job`` on the I/O thread between two ticks; what it returns or raises."""
+        """Run ``job`` on the I/O thread between two ticks; the future has its result or error."""
         return self.requests.ask(partial(job, self._control))
 
     def _stop_of(self, channels: tuple[Channel, ...], by: str) -> Request:

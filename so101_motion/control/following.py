@@ -1,25 +1,25 @@
 """Follow targets that arrive while the joints move.
 
-Whoever leads calls ``aim`` as often as wanted, from any thread. In every control cycle the I/O
-thread asks for the next setpoint, which is one period of the fastest motion to the newest target
+The caller sets targets with ``aim``, as often as it likes, from any thread. In every control cycle
+the I/O thread asks for the next setpoint, one period of the fastest motion to the newest target
 (:func:`~so101_motion.planning.timing.online.towards`), so velocity, acceleration and jerk are
 bounded whatever the targets do.
 
-*The reserve.* A setpoint is taken only if from it the joints can still be brought to rest, as hard
-as a stop brakes, inside their limits, below the speed that nothing may exceed and, with a guard,
-without touching anything. Otherwise they brake, on the path to rest that the setpoint before has
-left free. A stop from outside brakes on the same path.
+*Room to stop.* A setpoint is taken only if the joints can still stop from it, as hard as a stop
+brakes, inside their limits, below the speed cap and, with a guard, without touching anything.
+Otherwise they brake along the path to rest of the setpoint before, which was found free. A stop
+from outside brakes along the same path.
 
-*What is in the way.* The guard draws a target that cannot be reached back to the nearest place that
-seems free, so the joints slow down before they have to brake, and slide along what they meet.
+*Obstacles.* The guard replaces a target that cannot be reached by the nearest one that seems free,
+so the joints slow down before they have to brake, and slide along the obstacle.
 
-*The pace.* A first target may be far away. Until no joint is further than ``gate`` from it, the
-pace is that of the approach; from there it takes ``EASE`` to come up to the full one. It is the
-same after a rest. Joints that something holds back further than that go as slowly along it, and
-catch up at a pace that rises.
+*Speed.* A first target may be far away. Until every joint is within ``gate`` of it, the caps are
+those of the approach; then they rise to the full ones within ``EASE``. The same happens after a
+rest. Joints that an obstacle keeps farther away than ``gate`` also move that slowly, and catch up
+as the caps rise again.
 
-*No target.* When targets cease for ``stale_after``, or ``hold`` is called, the joints slow to rest
-and wait; the following goes on.
+*No target.* When no target comes for ``stale_after``, or ``hold`` is called, the joints slow to
+rest and wait; the following goes on.
 """
 
 from __future__ import annotations
@@ -49,32 +49,33 @@ if TYPE_CHECKING:  # it brings Pinocchio along, which an unguarded following has
     from so101_motion.planning.differential.guard import Guard
 
 STALE_AFTER = 0.1
-"""For how long a target holds that nobody repeats [s]; chosen: three of a source at 30 Hz."""
+"""How long a target counts without a newer one [s]; chosen: three periods of a 30 Hz source."""
 
 LOOK_EVERY = 0.05
-"""How often a path to rest is looked at for joint limits [s]; chosen. A guard looks more often."""
+"""Time between the points of a path to rest that are checked against joint limits [s]; chosen. A
+guard checks more of them."""
 
 SHORT_AFTER, NEARER = 0.5, to_rad(0.5)
-"""Joints have stopped short when for so long [s] something holds them and they have come no nearer
-to their target than this [rad]; chosen: joints that creep along an obstacle may take for ever."""
+"""Joints have stopped short when an obstacle has held them for so long [s] and they have come no
+nearer to their target than this [rad]; chosen: creeping along an obstacle may take for ever."""
 
 HELD_FOR = 0.1
-"""For so long something that held joints is taken to hold them still [s]: from rest a step may be
-so small that it is admitted, and only the next is not. Chosen."""
+"""An obstacle that held joints counts as holding them for so long afterwards [s]: from rest a step
+may be so small that it is admitted, and only the next one is not. Chosen."""
 
 GENTLE = 0.3
-"""For so long after the guard has refused a step, steps take no more jerk than a stop undoes [s]: a
-sudden one leaves a long way to rest, and near a table there may be no room for that. Chosen."""
+"""For so long after the guard has refused a step, jerk is capped to what a stop can undo [s]: after
+a sudden step the path to rest is long, and near a table there may be no room for it. Chosen."""
 
 CLOSE = 0.02
-"""A joint is said to be at its limit when it is so near it [rad]; chosen."""
+"""A joint is reported to be at its limit when it is this near to it [rad]; chosen."""
 
 _ROUNDING = 1e-9
-_SLOWER = 0.95  # than the caps must a target be, or it would never be caught
+_SLOWER = 0.95  # a target's speed is clipped to this share of the caps, or joints never catch it
 
 
 class FollowingSettings(TypedDict, total=False):
-    """How a following goes; see ``Following``."""
+    """Options of a following; ``Following`` explains them."""
 
     approach: MotionLimits | None
     gate: float
@@ -84,12 +85,12 @@ class FollowingSettings(TypedDict, total=False):
 
 
 class _Aim(NamedTuple):
-    """What was asked for last.
+    """A target.
 
     Attributes:
-        q: Where to, within the range, shape (n,), [rad].
-        qd: How fast that moves, shape (n,), [rad/s].
-        qdd: How that changes, shape (n,), [rad/s^2]; None if nobody knows.
+        q: Its joint angles, clipped to the range, shape (n,), [rad].
+        qd: Its velocity, shape (n,), [rad/s].
+        qdd: Its acceleration, shape (n,), [rad/s^2]; None if it is not known.
         outside: How far beyond the range it was asked for, shape (n,), [rad].
     """
 
@@ -110,10 +111,10 @@ class Following(LedMotion):
         stop_limits: How hard a stop brakes.
         dt: The period [s].
         approach: Caps while the target is far; None for ``limits``.
-        gate: From how near on ``limits`` count, for every joint [rad].
-        stale_after: For how long a target holds that nobody repeats [s]; None for ever.
-        guard: Keeps the joints clear of things; None to check nothing. For this following's
-            thread alone.
+        gate: ``limits`` count once every joint is this near to its target [rad].
+        stale_after: How long a target counts without a newer one [s]; None for ever.
+        guard: Keeps the joints clear of obstacles; None to check nothing. Only the thread of this
+            following may use it.
         neighbours: Other arms to keep off; None if there are none.
         share: Says in every period what share of the caps may be used, 0 to 1.
         each: Called on the I/O thread before every setpoint; may aim. Must be brief.
@@ -121,7 +122,7 @@ class Following(LedMotion):
 
     Attributes:
         now: The last setpoint.
-        foreseen: What is known of how the joints accelerate; it is passed on to the driver.
+        foreseen: The joints' expected acceleration, for the driver.
     """
 
     can_wait = True
@@ -174,17 +175,17 @@ class Following(LedMotion):
 
         Args:
             q: Where the joints shall be, shape (n,), [rad].
-            qd: How fast that place moves, shape (n,), [rad/s]; it is taken to go on like that until
-                the next target. None for a place that stands still.
-            qdd: How that velocity changes, shape (n,), [rad/s^2]; None if nobody knows. Whoever
-                says so is followed more closely, for the driver makes up for what servos lag.
+            qd: Velocity of the target, shape (n,), [rad/s]; the target is taken to move on with it
+                until the next one. None for a target that stands still.
+            qdd: Acceleration of the target, shape (n,), [rad/s^2]; None if it is not known. With
+                it the joints follow more closely, because the driver makes up for their lag.
 
         Returns:
             The target as it was taken, within the range, shape (n,), [rad].
 
         Raises:
-            ConfigError: These are not that many finite numbers; the target before stays.
-            So101Error: The following has ended, and why.
+            ConfigError: These are not ``n`` finite numbers; the target before stays.
+            So101Error: The following has ended; the error says why.
         """
         self._refuse_if_over()
         wanted = self._checked("q", q)
@@ -239,7 +240,7 @@ class Following(LedMotion):
 
     @property
     def is_guarded(self) -> bool:
-        """Whether every setpoint of it leaves a free path to rest."""
+        """Whether every setpoint of it has a free path to rest."""
         return self._guard is not None and self._slowing is None
 
     # The I/O thread
@@ -250,14 +251,14 @@ class Following(LedMotion):
         return self._start
 
     def take_over(self, now: Setpoint, previous: MotionSource | None) -> None:
-        """Begin at the last setpoint of another motion instead, without a stop in between.
+        """Begin at the last setpoint of another motion, without a stop in between.
 
-        A guarded one lets the other come to rest on its own path first, for only that is known to
-        be free; unless that was guarded as well.
+        A guarded following first lets an unguarded motion come to rest on that motion's own path,
+        because only that path is known to be free.
 
         Args:
-            now: That setpoint.
-            previous: What made it; None for joints that rest.
+            now: The last setpoint.
+            previous: The motion that made it; None for joints that rest.
         """
         guarded = isinstance(previous, Following) and previous.is_guarded
         if isinstance(previous, Following):
@@ -279,10 +280,10 @@ class Following(LedMotion):
         return self._closing
 
     def sample(self, k: int) -> Setpoint:
-        """Where the joints shall be in the next tick, whichever it is.
+        """The setpoint of the next tick; ``k`` is ignored.
 
         Raises:
-            MotionError: It was to end at its target and something holds it short of it.
+            MotionError: It was to end at its target and an obstacle holds it short of it.
         """
         self._t += self._dt
         self._ask()
@@ -305,7 +306,7 @@ class Following(LedMotion):
         return self.now
 
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
-        """To rest, every joint for itself, as every setpoint has left room for."""
+        """Brake every joint by itself; every setpoint has left room for that."""
         if self._slowing is not None:
             return self._slowing.brake(now, limits)
         return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
@@ -346,7 +347,7 @@ class Following(LedMotion):
         return aimed._replace(q=q, qd=np.where(q == moved, aimed.qd, 0.0), qdd=qdd)
 
     def _ask(self) -> None:
-        """The last chance to aim before a setpoint."""
+        """Call ``each``, the last chance to aim before a setpoint."""
         if self._each is None or self._closing:
             return
         try:
@@ -356,14 +357,14 @@ class Following(LedMotion):
                 raise MotionError(f"what leads the joints failed: {error}") from error
 
     def _brake(self) -> None:
-        """Go on as the last setpoint has left room for."""
+        """Take the next step of the path to rest that the last setpoint has left free."""
         self.now = self._braked
         self.foreseen.braking(self.now)
         rest = online.path_to_rest(self.now, self._stop_limits, self._dt, math.inf)
         self._braked = rest.after
 
     def _lead(self, aim: _Aim) -> None:
-        """Go on towards a target, or brake where that must not be."""
+        """Take a step towards a target, or brake if that step is refused."""
         off = aim.q - self.now.q
         limits = self._approach.caps(self._t, off, is_held=self.is_held).eased(self._share())
         if is_gentle := self._t < self._t_gentle:
@@ -409,7 +410,7 @@ class Following(LedMotion):
             self.foreseen.beside(led, led.qdd if qdd is None else qdd)
 
     def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, online.PathToRest]:
-        """``led``, but joints that could not stop in time brake; what follows to rest."""
+        """``led``, with joints braking that could not stop in time, and the path to rest."""
         rest = self._to_rest(led)
         outside = self._bounds.outside(led, limits, rest.path)
         if not any(outside):

@@ -31,21 +31,21 @@ STOPPED = (0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.12, 0.14, 0.17, 0.2)
 """For how long it must stand then [s]: at 20 deg/s the shortest do, at 6 the longest. Chosen."""
 
 HURRIED = 0.025
-"""How much less its play lets it stray for each unit of speed below ``EVEN`` [s]. Emulated joints
-that a load led on and then no more strayed by at most 0.55 deg at 5 deg/s, 0.69 at 10, 0.78 at 20;
-their play was 0.96 deg."""
+"""How much less play lets a joint stray for each unit of speed below ``EVEN`` [s]. Emulated joints
+with 0.96 deg of play, whose load changed sides, strayed by at most 0.55 deg at 5 deg/s, 0.69 at 10
+and 0.78 at 20."""
 
 EVEN = to_rad(20.0)
-"""Up to which speed that counts [rad/s]."""
+"""Above this speed a joint may stray by all its play [rad/s]."""
 
 LEAST_WAY = to_rad(1.6)
-"""How far it must have come in that time [rad]: more than play lets it stand. Chosen."""
+"""How far it must have moved while it followed [rad]: more than play lets it stand. Chosen."""
 
 SLOW = to_rad(35.0)
 """A faster joint is seen to stand soon enough without this [rad/s]; chosen."""
 
 ONE_SIDE = 0.15
-"""For how long its load must have been on one side by then [s]; chosen."""
+"""How long its load must have been on one side before that [s]; chosen."""
 
 STANDS = to_rad(0.3)
 """Readings of a joint that stands differ by no more than this [rad]: three ticks; chosen."""
@@ -55,7 +55,7 @@ class FollowingCheck:
     """Compares measured joints with the latest setpoints, tick by tick.
 
     Args:
-        tolerances: From where on a joint does not follow.
+        tolerances: From which error on a joint does not follow.
         dt: The period of the ticks [s].
     """
 
@@ -78,7 +78,7 @@ class FollowingCheck:
         self._pressed = 0
 
     def want(self, q_ref: Array) -> None:
-        """The joints are wanted at ``q_ref`` in this tick, shape (n,), [rad]."""
+        """Note the setpoint of this tick, ``q_ref``, shape (n,), [rad]."""
         self._wanted.append(q_ref)
 
     def off(self, q: Array) -> Array:
@@ -92,7 +92,8 @@ class FollowingCheck:
 
         Args:
             q: Measured angles, shape (n,), [rad].
-            pressed: Whose gears are kept on one side of their play, shape (n,); None is nobody's.
+            pressed: Joints whose load keeps their gears on one side of their play, shape (n,);
+                None for none.
         """
         self._seen.append(q)
         self._pressed = 0 if pressed is None else np.where(pressed, self._pressed + 1, 0)
@@ -108,7 +109,7 @@ class FollowingCheck:
             seen = np.array(self._seen)
             for stop in self._stops:
                 if not np.any(np.ptp(seen[-1 - stop :], axis=0) <= STANDS):
-                    break  # who moved in this time did so in a longer one
+                    break  # a joint that moved in this time also moved in a longer one
                 held |= self._has_stopped(wanted, seen, stop)
         return held
 

@@ -1,10 +1,11 @@
-"""Say how joints that are led accelerate, as far as that is known beforehand.
+"""Tell the driver how joints that follow a target will accelerate.
 
-The driver makes up for what servos lag behind by it, which drives them ahead of their setpoints; so
-nothing is told that could drive them elsewhere. A target may say of itself what it likes: joints
-get faster no further than their setpoint does. That they will brake is told before it does, for a
-servo needs time to, but never so much that they would turn round. How joints come to rest is known
-exactly. Of a target that does not say how it accelerates nothing is known, and servos lag.
+The driver uses it to make up for servo lag, which drives servos ahead of their setpoints, so a
+wrong value must not drive them elsewhere. A target may claim any acceleration: the driver is told
+that a joint speeds up only as far as its setpoint does. It is told of braking before the setpoint
+brakes, because a servo needs time for it, but never so much that the joint would turn round. How
+joints come to rest is known exactly. If a target does not say how it accelerates, the driver is
+told nothing and the servos lag.
 """
 
 from __future__ import annotations
@@ -16,22 +17,22 @@ from so101_motion.planning.timing.online import FORESIGHT
 from so101_motion.planning.timing.trajectory import Setpoint
 
 KNOWN_JERK = 200.0
-"""How fast the acceleration that is told may rise [rad/s^3]. Chosen by trial: what is told of a
-hand's acceleration is noisy."""
+"""How fast the reported acceleration may rise [rad/s^3]. Chosen by trial: the acceleration of a
+hand is noisy."""
 
 AHEAD = 0.5
-"""For so long after it was last told something the driver is still ahead [s] and has to know how
-the joints brake: it gives up what it makes up for that slowly (``goal_compensation.py``)."""
+"""The driver may be ahead for so long after it was last told an acceleration [s], because its
+compensation fades slowly (``goal_compensation.py``); so it must still know how joints brake."""
 
 
 class Foreseen:
-    """What the driver is told in each period.
+    """The acceleration that the driver is told in each period.
 
     Args:
         dt: The period [s].
 
     Attributes:
-        qdd: How the joints accelerate, shape (n,), [rad/s^2]; None if nobody knows.
+        qdd: How the joints accelerate, shape (n,), [rad/s^2]; None if it is not known.
     """
 
     def __init__(self, dt: float) -> None:
@@ -40,7 +41,7 @@ class Foreseen:
 
     @property
     def may_be_ahead(self) -> bool:
-        """Whether the driver may still make up for something."""
+        """Whether the driver may still drive servos ahead of their setpoints."""
         return self._left > 0.0
 
     def beside(self, led: Setpoint, qdd: Array) -> None:

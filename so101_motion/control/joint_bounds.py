@@ -1,7 +1,7 @@
-"""What joints that are led may do: stop in time, turn round no harder than they may, arrive.
+"""Find joints that could not stop in time, and lower caps to what a stop can undo.
 
-Asked several times in every control cycle, so with plain numbers: for five joints numpy takes five
-times as long.
+This runs several times in every control cycle, so it uses plain numbers: for five joints numpy
+takes five times as long.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint
 
 Places = list[list[float]]
-"""Places of the joints, one after the other [rad]."""
+"""Joint angles along a path, one list a point [rad]."""
 
 _ROUNDING = 1e-9
 _THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
 
 
 def stoppable(limits: MotionLimits, stop: MotionLimits, *, with_jerk: bool) -> MotionLimits:
-    """``limits``, but no more than a stop undoes.
+    """Lower ``limits`` to what a stop can undo.
 
-    More jerk than that only makes joints creep up on the end of their range, which matters to a
-    motion that is to end there.
+    With more jerk than a stop has joints creep up on the end of their range. That only matters to a
+    motion that is to end there, so jerk is lowered on request.
     """
     lowered = limits.scaled_to(stop.velocity, stop.acceleration)
     return gentle(lowered, stop) if with_jerk else lowered
@@ -34,17 +34,17 @@ def stoppable(limits: MotionLimits, stop: MotionLimits, *, with_jerk: bool) -> M
 
 @lru_cache(maxsize=8)
 def gentle(limits: MotionLimits, stop: MotionLimits) -> MotionLimits:
-    """``limits`` with no more jerk than a stop undoes."""
+    """Lower the jerk of ``limits`` to that of a stop."""
     return replace(limits, jerk=np.minimum(limits.jerk, stop.jerk))
 
 
 def landed(led: Setpoint, q: Array, qd: Array) -> Setpoint:
-    """``led``, but a joint that has arrived where it shall rest is exactly there, at rest.
+    """Put joints that have arrived at a goal that stands still exactly there, at rest.
 
     Args:
         led: A setpoint.
         q: Where the joints are led to, shape (n,), [rad].
-        qd: How fast that moves, shape (n,), [rad/s].
+        qd: How fast that goal moves, shape (n,), [rad/s].
     """
     there = [
         w == 0.0 and abs(v) < _THERE and abs(a) < 100.0 * _THERE and abs(x - goal) < _THERE
@@ -82,7 +82,7 @@ class JointBounds:
         Args:
             led: Where they are to be next.
             limits: How they are led now.
-            path: Their way to rest from there.
+            path: Their path to rest from there.
         """
         found = list[bool]()
         for places, qd, qdd, jerk, row in zip(

@@ -41,12 +41,12 @@ T = TypeVar("T")
 _log = logging.getLogger(__name__)
 
 STANDSTILL = 1.0
-"""After how long without a setpoint a motion is given up [s]. It could go on from where the joints
-stand, but nobody expects that any more; chosen, rides out a busy machine."""
+"""After so long without a setpoint a motion is given up [s]. It could go on from where the joints
+stand, but nobody expects that any more. Chosen: longer than a busy machine keeps us waiting."""
 
 _LOOKS = 12
-"""How often joints are looked at before they are held. Chosen: with 7 % of the answers spoiled, one
-of six has not given four that agree, or one that agrees with the past, once in a million times."""
+"""Most readings that are taken before joints are held. Chosen: with 7 % of the replies corrupt, one
+of six joints stays without a confirmed reading once in a million times."""
 
 
 class JointController:
@@ -57,15 +57,15 @@ class JointController:
         dt: Period of the setpoints [s].
         stop_limits: Caps of a stop for the five arm joints.
         jaw_stop_limits: The same for the jaw, one entry; by default the smallest of the arm's.
-        tolerances: When a motion of the arm has arrived, and when it is lost.
+        tolerances: When a motion of the arm has arrived, and when a joint does not follow.
         jaw_tolerances: The same for the jaw.
 
     Attributes:
         mode: What the arm is doing.
         k: The number of the coming tick, counted from when something began to move.
-        outcomes: What the futures end with.
+        outcomes: Results of the futures, set at the end of a tick.
         state: The newest snapshot; None before ``start``. Replaced whole.
-        recent: The last second; tells of failures.
+        recent: The states of the last second; reports failures.
     """
 
     def __init__(

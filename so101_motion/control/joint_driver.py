@@ -32,18 +32,18 @@ class JointDriver(Protocol):
     ) -> None:
         """Set the goals: arm joints, shape (5,), and jaw [rad].
 
-        ``qd_cmd`` is how fast the arm joints are wanted there, shape (5,), [rad/s]; a goal is no
-        farther from the last one than that allows, or it is refused. None or NaN says nothing: the
-        driver's own cap holds then, and the joint may be told to stay where it is. With torque off
-        this only seeds the goal, which is then what was just measured. ``qdd_cmd`` is how the
-        velocities change, shape (5,), [rad/s^2], if that is known; what makes up for lag uses it.
-        ``is_led`` says that nobody planned it: a joint may be told to turn round at any moment.
+        ``qd_cmd`` is the velocity of the arm joints at the goal, shape (5,), [rad/s]; a goal
+        farther from the last one than it allows is refused. For None or NaN the driver's own cap
+        holds, and the joint may be told to stay where it is. With torque off this only seeds the
+        goal, which is then what was just measured. ``qdd_cmd`` is the acceleration, shape (5,),
+        [rad/s^2], if it is known; lag compensation uses it. ``is_led`` says that the joints follow
+        targets instead of a plan: a joint may be told to turn round at any moment.
 
         Raises ``CommandRefused`` for a goal that is too far away; the joints stay at the last one.
         """
 
     def set_torque(self, on: bool) -> None:
-        """Drive the joints or let go of them; before ``True`` the goal has been seeded."""
+        """Drive the joints or release them; before ``True`` the goal has been seeded."""
 
     def guide(self, compliance: Compliance | None) -> None:
         """Let the arm joints yield to a hand and hold themselves up; None ends that.

@@ -23,7 +23,7 @@ class Channel(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerances:
-    """When a motion counts as arrived, and when as lost.
+    """When a motion has arrived, and when a joint does not follow.
 
     The defaults suit the simulated arm; a real servo resolves 0.0015 rad and sags under load, so
     its driver comes with wider ones. All values chosen.
@@ -34,16 +34,16 @@ class Tolerances:
         late_position: The same for joints that half of ``settle_timeout`` brought no nearer [rad].
         settle_velocity: Largest velocity of a joint at rest [rad/s].
         settle_ticks: For how many ticks in a row both must hold.
-        settle_timeout: How long after the last setpoint they may take to come true [s].
+        settle_timeout: How long after the last setpoint that may take [s].
         following_error: How far a joint may be from where it was wanted during the last
             ``following_lag`` [rad].
-        contact_windows: Over which times a joint that is led on must move [s].
-        contact_distance: How much less than its setpoints it may move in that time [rad];
+        contact_windows: Times within which a joint must move if its setpoints do [s].
+        contact_distance: How much less than its setpoints it may move in such a time [rad];
             without a bound by default.
         contact_share: The same as a share of what they move; the larger of the two counts.
-        contact_stray: How much farther from its setpoints than just before a joint may be that
-            followed slowly and evenly, and stands [rad]; without a bound by default.
-        pressed_stray: The same for one whose gears stay on one side of their play [rad].
+        contact_stray: How much farther from its setpoints than just before a joint may be if it
+            followed slowly and evenly and now stands [rad]; without a bound by default.
+        pressed_stray: The same for a joint whose gears stay on one side of their play [rad].
         following_lag: How far behind its setpoints a healthy servo may be [s].
     """
 

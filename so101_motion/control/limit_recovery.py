@@ -62,11 +62,11 @@ class LimitRecovery:
         self._any = bool(self.mask.any())
 
     def inside(self, q: Array) -> Array:
-        """``q``, shape (n,), [rad], with the joints outside moved to where they will be brought."""
+        """``q``, shape (n,), [rad], with joints that are outside where they will be taken to."""
         return np.where(self.mask, self._inside, q)
 
     def left_alone(self, q: Array) -> Array:
-        """``q``, shape (n,), [rad], with the joints outside where they are now."""
+        """``q``, shape (n,), [rad], with joints that are outside where they are now."""
         return np.where(self.mask, self._q, q)
 
     def farthest(self) -> tuple[str, float]:
@@ -102,7 +102,7 @@ class LimitRecovery:
 
 
 def remarks(reading: JointReading) -> list[str]:
-    """What a person should know of joints outside their limits, a sentence each."""
+    """Describe joints outside their limits to the user, one sentence each."""
     here = {**dict(zip(ARM_JOINTS, reading.q, strict=True)), GRIPPER_JOINT: reading.q_jaw}
     found = []
     for joint, inside in reading.out_of_range.items():

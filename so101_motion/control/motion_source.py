@@ -18,15 +18,15 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 FORESIGHT = 0.06
-"""How far ahead it is told how joints will accelerate [s]: by then a servo does what it is sent
-now, its delay and its lag passed."""
+"""How far ahead the acceleration for the driver is averaged [s]: after its delay and its lag, a
+servo does by then what it is sent now."""
 
 _LOOK_AHEAD = 60
-"""More setpoints than a stop needs of its path; chosen."""
+"""Setpoints that are looked at for a stop; chosen, more than a stop needs."""
 
 
 class MotionSource(Protocol):
-    """Makes setpoints. Only the I/O thread calls its methods."""
+    """A motion that can be played tick by tick. Only the I/O thread calls its methods."""
 
     @property
     def future(self) -> Future[None]:
@@ -34,7 +34,7 @@ class MotionSource(Protocol):
 
     @property
     def can_wait(self) -> bool:
-        """Whether it can begin later than asked, after joints have come inside their limits."""
+        """Whether it may begin late, after joints have come inside their limits."""
 
     @property
     def start(self) -> Setpoint:
@@ -52,7 +52,7 @@ class MotionSource(Protocol):
         """Whether the last sample was the last setpoint, at rest."""
 
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
-        """The motion that comes to rest from the last setpoint, ``now``, within ``limits``."""
+        """A trajectory that comes to rest from the last setpoint, ``now``, within ``limits``."""
 
 
 S = TypeVar("S", bound=MotionSource)
@@ -97,7 +97,7 @@ class PlannedMotion:
         return self._k >= len(self._trajectory) - 1
 
     def stop_ahead(self) -> tuple[Array, float]:
-        """About where the joints are while they stop on their path, (m, n), and each how long."""
+        """Joint angles while they stop on this path, (m, n), roughly, and the time step [s]."""
         k = min(self._k, len(self._trajectory) - 1)  # ticks may be missed at the end
         return stop_along(self._trajectory.q[k : k + _LOOK_AHEAD], self._trajectory.dt)
 

@@ -9,17 +9,17 @@ from so101_motion.common.errors import NotReady
 from so101_motion.common.state import JointState
 
 SPAN = 1.0
-"""How much of the past an error carries [s]."""
+"""How long a time an error's states cover [s]."""
 
 
 class RecentStates:
-    """Used by the I/O thread only.
+    """The joint states of the last second. Used by the I/O thread only.
 
     Args:
         dt: The shortest time between two states [s].
 
     Attributes:
-        on_failure: Told of each failure and of the second before it; must be brief.
+        on_failure: Called with each failure and the states before it; must be brief.
     """
 
     def __init__(self, dt: float) -> None:
@@ -37,7 +37,7 @@ class RecentStates:
         return tuple(state for state in self._states if state.t >= since)
 
     def notify(self, error: Exception, recent: tuple[JointState, ...]) -> None:
-        """Tell ``on_failure`` of an error, once for each."""
+        """Pass an error to ``on_failure``, once."""
         is_new = error is not self._notified and not isinstance(error, NotReady)
         if self.on_failure is not None and is_new:
             self._notified = error

@@ -171,7 +171,7 @@ class Outcomes:
     def conclude(
         self, future: Future[Any], error: BaseException | None = None, *, result: object = None
     ) -> None:
-        """Note what ``future`` completes with; ``settle`` tells it."""
+        """Note the result or error of ``future``; ``settle`` completes it."""
         others = self._awaited.pop(future, 1) - 1
         if others and error is None:
             self._awaited[future] = others
@@ -183,7 +183,7 @@ class Outcomes:
         noted, self._noted = self._noted, []
         for future, result, error in noted:
             if future.done():
-                continue  # a stop of both channels that failed for one
+                continue  # a stop of both channels that has failed for one
             if error is not None:
                 future.set_exception(error)
             else:

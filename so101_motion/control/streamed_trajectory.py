@@ -12,7 +12,7 @@ Three things make that smooth without knowing what comes next:
 * The first point need not be exactly where the arm is. The difference fades out along a smooth
   step, slowly enough to add at most a tenth to what the limits allow.
 
-At the end the smoothing is still a little behind, and a motion of its own goes to the last point.
+At the end the smoothed motion is still a little behind, and a further one goes to the last point.
 ``push`` and ``finish`` may be called from any thread; the knots are replaced whole, so the I/O
 thread never waits.
 """
@@ -72,7 +72,7 @@ class Stream:
 
     Args:
         q_start: The arm's reference when the stream opens, shape (5,), [rad].
-        limits: What the motion has to keep.
+        limits: Caps of the motion.
         dt: The period of the setpoints [s].
 
     Attributes:
@@ -129,7 +129,7 @@ class Stream:
             self._take(t_all, q_all)
 
     def finish(self) -> Future[None]:
-        """No more points will come; the arm goes to the last one and settles.
+        """Say that no more points will come; the arm moves to the last one and settles.
 
         Raises:
             MotionError: The stream is over, or it holds no points.

@@ -1,11 +1,11 @@
 """Lend the bus to a calibration or a motor setup, while nothing else may move the servos.
 
-``BusLease`` fits ``calib.access.BusAccess``. ``HardwareRig.lend_bus`` makes them, one at a time for
-a port. From then on motions, torque and questions about servos are refused with a sentence that
-names the purpose; a stop does no harm; and where the joints are is still told, as far as servos
-answer. What the borrower asks for runs on the port's I/O thread like everything else there.
+``BusLease`` fits ``calib.access.BusAccess``. ``HardwareRig.lend_bus`` makes it; a port has one at a
+time. Meanwhile motions, torque and questions about servos are refused with a message that names the
+purpose. A stop does no harm, and positions are still reported, as far as servos answer. The
+borrower's jobs run on the port's I/O thread like everything else there.
 
-Giving it back sets the servos up anew, so a new calibration is in force from that instant.
+Giving the bus back sets the servos up again, so a new calibration is in force from that moment.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class BusLease:
     Use it in a ``with`` block or call ``give_back``.
 
     Args:
-        executor: Whose thread the jobs run on.
-        servos: Whose bus it is.
-        clock: What time it is.
-        purpose: What for, as errors name it: ``"calibration"``.
-        returned: Called on the port's thread when the servos have been set up anew.
+        executor: Its thread runs the jobs.
+        servos: The servos on the bus.
+        clock: The rig's clock.
+        purpose: The purpose as errors name it: ``"calibration"``.
+        returned: Called on the port's thread when the servos have been set up again.
 
     Raises:
         MotionError: Something moves, or the bus is lent already; the message says for what.
@@ -65,7 +65,7 @@ class BusLease:
 
     @property
     def clock(self) -> Clock:
-        """What time it is."""
+        """The rig's clock."""
         return self._clock
 
     @property
@@ -123,19 +123,21 @@ class BusLease:
         self._result(self._executor.requests.ask(change))
 
     def give_back(self, *, hold: bool = False) -> None:
-        """Set the servos up anew, as they and the calibration are now. May be called twice.
+        """End the loan and set the servos up again with the present calibration.
+
+        May be called twice.
 
         Args:
-            hold: Whether all joints are held where they stand afterwards; otherwise all are limp.
+            hold: Whether all joints are held where they are afterwards; otherwise all are limp.
 
         Raises:
-            BusError: The servos cannot be set up or held now. The loan is over even so; the arm is
+            BusError: The servos cannot be set up or held now. The loan is over anyway; the arm is
                 in a fault until they can.
         """
         self._end(hold)
 
     def abandon(self) -> None:
-        """Give the bus back for a borrower that ended; joints that are held stay held."""
+        """End the loan after a borrower's failure; joints that are held stay held."""
         try:
             self._end(None)
         except So101Error as error:
@@ -173,7 +175,7 @@ class BusLease:
             self._servos.lent.on_bus(job)
         except PortUnavailable:
             pass  # the port is opened again when it is back
-        except Exception as error:  # the borrower's own; it hears of it with its next call
+        except Exception as error:  # the borrower's own; its next call raises it
             self._trouble = error
             control.watch(None)
 
@@ -187,4 +189,6 @@ class BusLease:
 
     def _refuse_over(self) -> None:
         if self._is_over:
-            raise MotionError(f"the servos are no longer in use for {self._purpose}; begin it anew")
+            raise MotionError(
+                f"the servos are no longer in use for {self._purpose}; start it again"
+            )

@@ -1,7 +1,7 @@
 """Read servo positions without driving the servos.
 
 A ``BusMonitor`` has the port while the bus is lent to a calibration or a motor setup, and when no
-component asks for a servo. Nothing is set up and no servo need be there.
+component asks for a servo. It sets nothing up, and servos may be missing.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ class BusMonitor:
     """Reads the servos of a port without driving them. Other threads may read its attributes.
 
     Args:
-        opener: Opens the port, wherever its adapter is by now; at other rates for a while.
-        clock: What time it is.
+        opener: Opens the port, even if its adapter has another name by now, at any rate.
+        clock: The rig's clock.
         ids: The servo of each joint that may be there.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
 
     Attributes:
-        positions: Where each servo is that answered last [tick], by joint; replaced whole.
-        driven: The joints whose servos drive them, as of then.
+        positions: Position of each servo that answered last [tick], by joint; replaced whole.
+        driven: The joints whose torque was on then.
     """
 
     def __init__(
@@ -90,10 +90,10 @@ class BusMonitor:
             self.positions = {}
 
     def let_go(self) -> None:
-        """Switch the torque of all servos that answer off.
+        """Switch off the torque of all servos that answer.
 
         Raises:
-            BusError: One did not obey.
+            BusError: A servo did not take it.
         """
         self.on_bus(self._let_go)
 
@@ -127,6 +127,6 @@ class BusMonitor:
 
 
 def _held(data: bytes, register: Register) -> int:
-    """What a register holds in what was read from ``_START`` on."""
+    """The value of a register in data that was read from ``_START`` on."""
     begin = register.address - _START
     return register.decode(data[begin : begin + register.size])

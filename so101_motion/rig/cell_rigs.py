@@ -1,4 +1,4 @@
-"""Open all arms of a cell: each with its rig, and the cell in which they keep apart."""
+"""Open all arms of a cell file, and let them keep off each other."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from so101_motion.rig.hardware_rig import open_simulated, open_so101
 from so101_motion.rig.rig import Rig
 
 ASIDE = tuple(to_rad(np.array([0.0, 45.0, 90.0])))
-"""By how much simulated arms are turned to the left of where they face [rad]; chosen."""
+"""Pan angles that are tried for simulated arms that would touch [rad]; chosen."""
 
 _PAN = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
 
@@ -34,7 +34,7 @@ class CellRigs:
 
     Attributes:
         rigs: The rig of each arm by its name, in the order of the file.
-        cell: In which they keep apart.
+        cell: Keeps them off each other.
     """
 
     def __init__(self, file: CellFile, rigs: Mapping[str, Rig], closing: ExitStack) -> None:
@@ -45,7 +45,7 @@ class CellRigs:
             self.cell.add(arm.name, rig, arm.T_cell_base)
 
     def close(self) -> None:
-        """Bring all arms to rest and let go of everything. May be called twice."""
+        """Bring all arms to rest and close all rigs. May be called twice."""
         self._closing.close()
 
     def __enter__(self) -> CellRigs:
@@ -63,7 +63,7 @@ def open_cell(file: CellFile, *, clock: Clock | None = None) -> CellRigs:
 
     Args:
         file: As ``files.cell_file.read_cell`` reads it.
-        clock: What time it is; the real time by default.
+        clock: The clock of all rigs; the real time by default.
 
     Raises:
         ConfigError: A setting cannot be used.
@@ -83,7 +83,7 @@ def open_cell(file: CellFile, *, clock: Clock | None = None) -> CellRigs:
 
 
 def _free_pose(file: CellFile) -> Array | None:
-    """Where all simulated arms may stand, turned aside as little as need be; None if nowhere."""
+    """A configuration in which no simulated arm touches anything; None if none was found."""
     simulated = [arm for arm in file.arms if not arm.port]
     model = RobotModel.load()
     checks = [CollisionModel(model, file.scene_of(arm)) for arm in simulated]

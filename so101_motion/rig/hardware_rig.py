@@ -1,8 +1,8 @@
 """Open arms and grippers, simulated or on a serial port; share a port between components.
 
-Nothing else chooses an implementation. All rigs of a process share one planning process, which
-ends with the last of them. A serial port has one rig, however many components use it and however
-they spell it; each holds a ``HardwareRig``, and the last one out closes.
+Only this file chooses a driver. All rigs of a process share one planning process, which ends with
+the last of them. A serial port has one rig, however many components use it and by whatever name;
+each component holds a ``HardwareRig``, and closing the last of them closes the port.
 
 ``open_hardware`` waits for the servos. ``open_without_waiting`` is for an event loop: the port's
 own thread looks for the servos until they answer, and says meanwhile why they do not.
@@ -65,12 +65,12 @@ def open_simulated(
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
         scene: What is around it and in its hand; just the floor if not given.
-        q_start: Where the joints stand, shape (5,), [rad]; zeros by default.
-        q_jaw_start: Where the jaw stands [rad].
-        clock: What time it is; the real time by default.
+        q_start: Joint angles at the start, shape (5,), [rad]; zeros by default.
+        q_jaw_start: Jaw angle at the start [rad].
+        clock: The rig's clock; the real time by default.
 
     Raises:
-        ConfigError: A speed or acceleration outside its range.
+        ConfigError: The speed or acceleration is outside its range.
     """
     clock = clock or MonotonicClock()
     driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start)
@@ -84,8 +84,8 @@ def open_simulated_gripper(*, q_jaw_start: float = JAW_CLOSED, clock: Clock | No
     """Open a simulated gripper on an arm that stands still; starts no planning process.
 
     Args:
-        q_jaw_start: Where the jaw stands [rad].
-        clock: What time it is; the system's if not given.
+        q_jaw_start: Jaw angle at the start [rad].
+        clock: The rig's clock; the real time by default.
     """
     clock = clock or MonotonicClock()
     return Rig(
@@ -101,8 +101,8 @@ class HardwareRig(Rig):
     """One component's share of the rig of a serial port. ``open_hardware`` makes them.
 
     Attributes:
-        servos: The servos; for what may be asked of them from any thread.
-        first_try: Done when the servos have been looked for once, whatever came of it.
+        servos: The servos; some of its methods may be called from any thread.
+        first_try: Done when the servos have been looked for once, found or not.
     """
 
     def __init__(self, shared: SharedPort, asked: ServoSettings) -> None:
@@ -131,7 +131,7 @@ class HardwareRig(Rig):
         """Raise unless the servos have been found.
 
         Raises:
-            NotReady: They have not; who does not answer, and since when.
+            NotReady: They have not; names the silent servos, and since when.
         """
         reason = self.not_ready
         if reason is not None:
@@ -141,13 +141,13 @@ class HardwareRig(Rig):
         """Look for servos that did not answer when the others were found.
 
         Returns:
-            Done when they have been looked for, whatever came of it.
+            Done when they have been looked for, found or not.
         """
         return self._shared.set_up_soon()
 
     @property
     def last_failure(self) -> Path | None:
-        """The file with the second before the last failure; None as long as nothing failed."""
+        """The file with the second before the last failure; None if nothing has failed."""
         return self._shared.failures.latest
 
     @property
@@ -165,15 +165,15 @@ class HardwareRig(Rig):
     def warm_up(self) -> None:
         """Start the planning process in the background, so that the first plan comes quickly.
 
-        Not before the servos were looked for: a process that is just starting holds every file that
-        is open here, the port too, which then looks as if somebody else had it.
+        This waits until the servos have been looked for: a process that is just starting holds
+        every file that is open here, so the port would seem to be in use by another program.
         """
         rig = self._shared.rig
         self.first_try.add_done_callback(lambda _: rig.warm_up())
 
     @property
     def settings(self) -> ServoSettings:
-        """What all that share this port ask of it."""
+        """The combined settings of all components that share this port."""
         return self.servos.settings
 
     def is_on(self, port: str) -> bool:
@@ -194,7 +194,7 @@ class HardwareRig(Rig):
         """Borrow the bus, to calibrate the servos or to set them up; see ``BusLease``.
 
         Args:
-            purpose: What for; errors name it.
+            purpose: The purpose; errors name it.
 
         Raises:
             MotionError: Something moves, or the bus is lent already; the message says for what.
@@ -241,15 +241,17 @@ def open_hardware(
 ) -> HardwareRig:
     """Open the arm and gripper on a serial port; opening moves nothing.
 
-    Several may be opened on one port: they share it, and what they ask for must agree. As long as
-    none asks for a servo, nobody need be there and nothing is driven: that is for ``lend_bus``.
+    Several may be opened on one port: they share it, and their settings must agree. As long as none
+    asks for a servo, servos may be missing and nothing is driven: that is for ``lend_bus``.
+
+    The first user of a port decides ``clock``, ``reply_timeout`` and ``open_port``.
 
     Args:
-        settings: Which port, and what is asked of it.
-        clock: What time it is; the real time by default, or what the port's first user said.
+        settings: The port, and the settings asked of it.
+        clock: The rig's clock; the real time by default.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s]; by default
-            what the period of the setpoints has room for, or what the port's first user said.
-        open_port: Opens the port, if it is no ordinary one; again, what its first user said counts.
+            as long as the period of the setpoints allows.
+        open_port: Opens the port, if it is not an ordinary serial port.
 
     Raises:
         ConfigError: Another component uses the port with other settings.
@@ -265,9 +267,9 @@ def open_so101(
 
     Args:
         port: The serial port.
-        calibration_id: What LeRobot calls the arm (``--robot.id``), to use LeRobot's calibration
-            file of it; None to use what the servos themselves remember.
-        clock: As for ``open_hardware``, which also says what is raised.
+        calibration_id: LeRobot's name of the arm (``--robot.id``), to use LeRobot's calibration
+            file of it; None to use the calibration that the servos hold.
+        clock: As for ``open_hardware``, which raises further errors.
 
     Raises:
         ConfigError: LeRobot has no calibration of that name.
@@ -287,10 +289,10 @@ def open_without_waiting(settings: ServoSettings) -> HardwareRig:
     """Like ``open_hardware``, but return before the servos have been found.
 
     The port's thread looks for them every second and then holds them where they stand. Until then
-    ``HardwareRig.not_ready`` says why, and whatever needs them raises.
+    ``HardwareRig.not_ready`` says why, and methods that need them raise.
 
     Args:
-        settings: Which port, and what is asked of it.
+        settings: The port, and the settings asked of it.
 
     Raises:
         ConfigError: Another component uses the port with other settings.
@@ -333,9 +335,9 @@ class PortUse:
     """How the components of this process use a port.
 
     Attributes:
-        settings: What they ask of it.
-        joints: The joints they have found there, base to jaw.
-        shares: What each component asks for by itself.
+        settings: Their combined settings.
+        joints: The joints whose servos were found there, base to jaw.
+        shares: The settings of each component.
     """
 
     settings: ServoSettings
@@ -346,7 +348,7 @@ class PortUse:
 def use_of(port: str) -> PortUse | None:
     """How this process uses a port, by any of its names; None if it does not.
 
-    Asks nobody on the bus and waits for nobody.
+    Does not use the bus and never waits.
     """
     for live in tuple(_hardware):
         if live.is_on(port):
@@ -369,7 +371,7 @@ def release_arms_at_end() -> None:
     stays as it is; the log says so.
     """
     for live in tuple(_hardware):
-        live.leave()
+        live.release_if_configured()
 
 
 @atexit.register

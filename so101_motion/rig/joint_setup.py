@@ -1,8 +1,8 @@
 """Find the servos on a bus and the calibration of each.
 
-For each servo the calibration file counts first, then what the servo itself has stored, then the
-defaults. It is asked again at each start without a file. Where zero is: see ``zero``; only a file
-can know more than the middle of the travel, and only the configuration outranks it.
+For each servo the calibration file counts first, then the servo's own registers, then the defaults.
+Without a file the registers are read again at each start. For the zero see ``zero``: only a file
+can have more than the middle of the travel, and only the configuration overrides a file.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class JointSetup:
         calibration: The record.
         source: ``"file"``, ``"registers"`` or ``"defaults"``.
         map: Ticks to radians.
-        zero: What its zero goes by; of no meaning for the jaw.
+        zero: Its zero and where that comes from; without meaning for the jaw.
     """
 
     calibration: JointCalibration
@@ -58,8 +58,8 @@ class JointSetups:
 
     Attributes:
         setups: By joint, for every joint that has a servo.
-        notes: What a person should know.
-        figures: How servos were found to differ from their type, by joint.
+        notes: What the user should know.
+        figures: The identified figures of servos, by joint.
     """
 
     setups: Mapping[str, JointSetup]
@@ -82,11 +82,11 @@ def find_joints(
     """Find the servos and their calibration.
 
     Args:
-        bus: Where they are.
+        bus: Their bus.
         ids: The servo of each joint that may be there.
         required: Joints that are set up even if their servos do not answer.
         expected: Joints that are waited for as well, and left out if they do not answer.
-        timeout: For how long to wait for those [s].
+        timeout: How long to wait for both [s].
         file: The calibration file; None to ask the servos.
         may_file_be_missing: Whether the file need not exist yet, because a calibration will save
             it.
@@ -95,7 +95,7 @@ def find_joints(
             are configured [rad].
 
     Raises:
-        BusError: The port went away, or a servo could not be let go of.
+        BusError: The port went away, or an interrupted calibration could not be ended.
     """
     present = _find(bus, ids, {*required, *expected}, timeout)
     interrupted = _end_interrupted(bus, file)
@@ -133,7 +133,7 @@ def joint_map(
         found: Its calibration.
         is_filed: Whether it came from a file, which the servo's registers then follow.
         jaw_closed: The model's angle of the closed jaw [rad].
-        zero: What an arm joint's zero goes by.
+        zero: The zero of an arm joint.
     """
     at_zero = zero_ticks(found, zero)
     if joint == GRIPPER_JOINT:
@@ -181,17 +181,17 @@ def _read_file(path: Path | None, is_to_come: bool) -> tuple[Stored | None, tupl
         elsewhere = _elsewhere(path)
         if is_to_come and not path.exists() and not elsewhere:
             return None, ()
-        note = f"the calibration file is not used: {error}. Asking the servos instead"
+        note = f"the calibration file is not used: {error}. The servos' own calibration is used"
         return None, (note + elsewhere,)
     return found, found.notes
 
 
 def _read_figures(path: Path | None) -> tuple[Mapping[str, ServoFigures], tuple[str, ...]]:
-    """Read what was identified of the servos; bad figures give a note, types have figures too."""
+    """Read the identified figures of the servos; a bad file gives a note, and types' are used."""
     try:
         found = None if path is None else servo_file.read(path)
     except CalibrationError as error:
-        return {}, (f"what was identified of the servos is not used: {error}",)
+        return {}, (f"the identified servo figures are not used: {error}",)
     return ({} if found is None else found.servos), ()
 
 

@@ -20,19 +20,19 @@ class ServoSettings:
     Attributes:
         port: The serial port as given.
         baudrate: Bits per second.
-        timeout: For how long servos that do not answer are asked at the start [s]; None from those
-            who ask for no servo, and do not care.
+        timeout: How long silent servos are waited for at the start [s]; None from components that
+            ask for no servo and do not care.
         servo_ids: The arm's servos, base to wrist; None when no arm is asked for.
         gripper_id: The jaw's servo; None when no gripper is asked for.
         calibration_file: None to ask the servos.
         zero_offsets: The model's angles in the middle of the joints' travels, of the arm joints for
             which they are configured [rad]; None when nothing is configured.
-        rate: How many setpoints a second [1/s]; None from those who do not care.
-        fallback_file: Where a calibration of this arm is saved unless somebody names a file.
-        releases_at_end: Whether the joints are let go of when the process ends in order, instead of
-            held; None from those who do not care.
-        compensates: Whether weight, friction and lag are made up for; None from those who do not
-            care, and they are.
+        rate: Setpoints a second [1/s]; None from components that do not care.
+        fallback_file: Where a calibration of this arm is saved unless a component names a file.
+        releases_at_end: Whether the joints are released, instead of held, when the process ends in
+            order; None from components that do not care.
+        compensates: Whether weight, friction and lag are compensated; None from components that do
+            not care: they are compensated then.
     """
 
     port: str
@@ -49,7 +49,7 @@ class ServoSettings:
 
     @property
     def file(self) -> Path | None:
-        """The calibration file to go by; None to ask the servos."""
+        """The calibration file to use; None to use the servos' registers."""
         own = self.fallback_file
         if self.calibration_file is None and own is not None and journal.is_known(own):
             return own
@@ -63,11 +63,11 @@ class ServoSettings:
     def with_arm(
         self, servo_ids: tuple[int, ...], zero_offsets: Mapping[str, float] | None = None
     ) -> ServoSettings:
-        """The same, and an arm with these servos and zeros."""
+        """These settings with an arm of these servos and zeros."""
         return replace(self, servo_ids=servo_ids, zero_offsets=zero_offsets)
 
     def with_gripper(self, gripper_id: int) -> ServoSettings:
-        """The same, and a gripper with this servo."""
+        """These settings with a gripper of this servo."""
         return replace(self, gripper_id=gripper_id)
 
     def joined_with(self, other: ServoSettings) -> ServoSettings:
@@ -112,7 +112,7 @@ class ServoSettings:
         return {**ids, GRIPPER_JOINT: self.gripper_id or GRIPPER_ID}
 
     def required(self) -> tuple[str, ...]:
-        """The joints that must be there."""
+        """The joints whose servos must answer."""
         return (ARM_JOINTS if self.servo_ids is not None else ()) + (
             (GRIPPER_JOINT,) if self.gripper_id is not None else ()
         )

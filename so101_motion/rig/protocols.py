@@ -1,8 +1,8 @@
 """The interface of a rig that a viewer or a command line needs.
 
 Two fit it: ``Rig``, whose joints are simulated or on a serial port of this computer, and
-``machine.MachineRig``, whose joints belong to a running machine. Both have the same ``Arm``: goals
-are planned here either way, and what was planned is what moves.
+``MachineRig`` (``viam/client``), whose joints belong to a running machine. Both have the same
+``Arm``, which plans here and plays what was planned.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ class ArmConnection:
     """The state of the connection to an arm.
 
     Attributes:
-        to: What it is to, in words that fit behind "the": ``"arm on /dev/ttyACM0"``.
+        to: Name of the arm, to be put behind "the": ``"arm on /dev/ttyACM0"``.
         problem: Why it cannot be reached; None while it can.
-        lost_at: Since when, on the rig's clock [s]; None while it can.
+        lost_at: When it was lost, on the rig's clock [s]; None while it can be reached.
     """
 
     to: str
@@ -35,7 +35,7 @@ class ArmConnection:
         return self.problem is None
 
     def words(self, now: float) -> str:
-        """Its state in words.
+        """Its state as text.
 
         Args:
             now: The time on the rig's clock [s].
@@ -48,7 +48,7 @@ class ArmConnection:
 
 
 class GripperLike(Jaw, Protocol):
-    """A jaw that opens and closes. See ``Gripper`` for what each method promises."""
+    """A jaw that opens and closes; ``Gripper`` describes each method."""
 
     @property
     def q_jaw(self) -> float:
@@ -78,11 +78,11 @@ class RigLike(Protocol):
 
     @property
     def clock(self) -> Clock:
-        """What time it is; the arm's states are stamped with it."""
+        """The clock of the arm's states."""
 
     @property
     def connection(self) -> ArmConnection:
         """Whether they can be reached; never waits."""
 
     def close(self) -> None:
-        """End what is under way and let go of everything. May be called twice."""
+        """End motions and close the rig. May be called twice."""

@@ -1,6 +1,6 @@
-"""Say whether the servos of a port have been found, and if not, why.
+"""Track whether the servos of a port have been found, and if not, why.
 
-The I/O thread notes what comes of each try; any thread may look.
+The I/O thread notes the result of each try; any thread may read it.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ from so101_motion.common.clock import Clock
 from so101_motion.common.errors import BusError, NotReady, PortUnavailable
 
 RETRY_PERIOD = 1.0
-"""How often servos that could not be set up are tried again [s]. Chosen: a try in which nobody
-answers takes 0.02 s."""
+"""Servos that could not be set up are tried again after this time [s]. Chosen: a try in which no
+servo answers takes 0.02 s."""
 
 
 class Readiness:
     """Whether the servos of one port have been found.
 
     Args:
-        clock: What time it is.
+        clock: The rig's clock.
 
     Attributes:
-        is_asked: Whether they have been tried since they were asked for.
+        is_asked: Whether there was a try since a component asked for them.
         is_found: Whether they have been set up since then.
     """
 
@@ -42,11 +42,11 @@ class Readiness:
 
     @property
     def reason(self) -> str | None:
-        """Why nothing can be asked of the servos yet; None once they have been set up."""
+        """Why the servos cannot be used yet; None once they have been set up."""
         if self.is_found:
             return None
         if self._why is None:
-            return "the servos have not been asked yet; try again"
+            return "the servos have not been looked for yet; try again"
         tried = self._clock.now() - self._begun
         return f"{self._why} (tried for {tried:.0f} s, and tried again every second)"
 
@@ -57,7 +57,7 @@ class Readiness:
         self._begun = self._due = self._clock.now()
 
     def begin_try(self) -> None:
-        """A try begins."""
+        """Note that a try begins."""
         self.is_asked = True
         self._due = self._clock.now() + RETRY_PERIOD
 

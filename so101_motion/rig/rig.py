@@ -1,7 +1,7 @@
 """Put an arm and a gripper together on one driver, with an I/O thread and a planner.
 
-Whose driver that is, ``hardware_rig.py`` decides. All rigs of a process share one planning process,
-which ends with the last of them.
+``hardware_rig.py`` chooses the driver. All rigs of a process share one planning process, which ends
+with the last of them.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ TICK = 0.01
 """Period of the control loop [s]."""
 
 HARD_STOP = MotionLimits.uniform(velocity=to_rad(180.0), acceleration=to_rad(600.0), jerk=200.0)
-"""Caps of a stop, whatever the motion's own: 600 deg/s^2 is where the servos level off; the jerk is
-chosen, braking builds up in 50 ms. A fifth more than any motion may have, so that a stop nearly
-always finds a way along the path. On servos that brake less themselves, as that of shoulder_lift,
-a stop asks no more of them than that, and motions 7 % less."""
+"""Caps of a stop, whatever the motion's own. Servos do not accelerate harder than 600 deg/s^2, a
+fifth more than any motion may have, so a stop can nearly always follow the path. The jerk is
+chosen: braking builds up in 50 ms. Servos that brake less, like that of shoulder_lift, are asked
+for no more than they can do, and for 7 % less by motions."""
 
 JAW_HARD_STOP = MotionLimits.uniform(
     velocity=JAW_LIMITS.velocity[0],
@@ -107,7 +107,7 @@ class Rig:
         if self._closed:
             return
         self._closed = True
-        self.executor.close()  # first: it lets pass the time that its motions need to come to rest
+        self.executor.close()  # first: it waits until its motions have come to rest
         self.arm.close()
         release_worker()
 

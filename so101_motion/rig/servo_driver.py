@@ -1,14 +1,14 @@
 """Drive the servos of one port with their calibration, and report their health.
 
-``ServoDriver`` is the ``JointDriver`` of a real arm. ``FeetechArm`` moves the bytes; this module
-decides before:
+``ServoDriver`` is the ``JointDriver`` of a real arm. ``FeetechArm`` talks to the servos; this file
+decides
 
-* what the ticks mean: from the calibration file, else from the servos' registers, else defaults;
+* how ticks become angles: by the calibration file, else the servos' registers, else defaults;
 * which servos must answer: an arm's five, a gripper's one;
-* when a joint is in trouble (``alarms``), so that the executor ends its motion and backs off.
+* when a joint has an alarm, so that the executor ends its motion and backs off.
 
-All of it can be decided anew while the arm is held (``rebuild``): when the calibration file was
-written, or a component joins that asks for more. It runs on the I/O thread, like every driver.
+All of it can be decided again while the arm is held (``rebuild``), when the calibration file has
+changed or another component joins. It runs on the I/O thread, like every driver.
 
 While no component asks for a servo, or the bus is lent, a ``BusMonitor`` has the port: nothing is
 driven, and reading goes on as far as servos answer.
@@ -43,7 +43,7 @@ from so101_motion.rig.bus_monitor import BusMonitor
 from so101_motion.rig.joint_setup import JointSetup, JointSetups
 from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.readiness import Readiness
-from so101_motion.rig.servo_finder import ServoFinder, ask
+from so101_motion.rig.servo_finder import ServoFinder, joints_on
 
 __all__ = ["ServoDriver", "ServoSettings"]
 
@@ -60,20 +60,20 @@ class ServoDriver:
     but ``read`` returns ``no_reading`` as long as they have not been looked for.
 
     Args:
-        settings: What is asked of them.
-        clock: What time it is.
+        settings: The settings that components ask for.
+        clock: The rig's clock.
         gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
         per_kg: What each kilogram in the hand adds to it.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
         open_port: See ``ServoFinder``.
 
     Attributes:
-        settings: As given, as of the last ``rebuild``, or as somebody has said since.
-        in_force: What was asked of them when they were set up last.
+        settings: The settings to be used; may be set.
+        in_force: The settings with which the servos were set up last.
         setups: Calibration by joint, for every joint that has a servo.
-        notes: What a person should know about the calibration.
-        on_command: Called on the I/O thread with every command as it is sent; None for nobody.
-        no_reading: What ``read`` returns before anybody was asked; its angles mean nothing.
+        notes: What the user should know about the calibration.
+        on_command: Called on the I/O thread with every command as it is sent; None for nothing.
+        no_reading: The result of ``read`` before any servo was asked; its angles mean nothing.
         readiness: Whether they have been found since they were asked for.
         on_found: Called on the I/O thread when a ``read`` has set the servos up for the first
             time since they were asked for; not called when ``connect`` has.
@@ -129,7 +129,7 @@ class ServoDriver:
         self._monitor = self._finder.monitor(self.settings)
 
     def forget(self) -> None:
-        """Close the port; ``find`` opens it again and looks for the servos asked for by then."""
+        """Close the port; ``find`` opens it again and looks for the servos of ``settings``."""
         self.close()
         self.no_reading = self._last = _no_reading()
         self.readiness.reset()
@@ -150,8 +150,8 @@ class ServoDriver:
     def read(self) -> JointReading:
         """Measure all joints; see ``FeetechArm.read``.
 
-        While nothing is driven by us nothing is raised: a joint whose servo does not answer stays
-        where it was seen last, or at 0.
+        While the servos are only monitored nothing is raised: a joint whose servo does not answer
+        keeps its last angle, or 0.
 
         Raises:
             NotReady: The servos have not been found yet.
@@ -196,7 +196,7 @@ class ServoDriver:
         self._driver().pull(pull)
 
     def close(self) -> None:
-        """Let go of the port; the servos stay as they are."""
+        """Close the port; the servos stay as they are."""
         arm, self._arm = self._arm, None
         monitor, self._monitor = self._monitor, None
         self._losses += arm.port_losses if arm is not None else 0
@@ -207,9 +207,9 @@ class ServoDriver:
     # What else can be asked, on the I/O thread
 
     def rebuild(self, settings: ServoSettings) -> None:
-        """Set everything up anew; when that fails, go on as before.
+        """Set the servos up again with ``settings``; if that fails, go on as before.
 
-        Angles mean something else afterwards: use it with ``Executor.call_and_rehold``.
+        Angles may mean something else afterwards, so use it with ``Executor.call_and_rehold``.
 
         Raises:
             BusError: A required servo cannot be reached or set up.
@@ -241,11 +241,11 @@ class ServoDriver:
         return self._monitor
 
     def take_back(self, *, hold: bool) -> None:
-        """Set everything up anew after a lease, as the settings are by now.
+        """Set the servos up again after a lease, with the present settings.
 
         Args:
-            hold: Whether the joints are to be held next, even if no component asks for them. Those
-                that were known are waited for then, and left out if they stay silent.
+            hold: Whether the joints are to be held next, even if no component asks for them. Joints
+                that were known are then waited for, and left out if they stay silent.
 
         Raises:
             BusError: A required servo cannot be reached or set up; it is tried again with each
@@ -267,7 +267,7 @@ class ServoDriver:
 
     @property
     def bus(self) -> Bus:
-        """For jobs that talk to the servos themselves.
+        """The bus, for jobs that talk to the servos themselves.
 
         Raises:
             PortUnavailable: There is no port at present.
@@ -283,7 +283,7 @@ class ServoDriver:
 
     @property
     def models(self) -> Mapping[str, ServoModel]:
-        """What is known of the servos that are ours, by joint."""
+        """The models of the servos that this program drives, by joint."""
         models = self._arm.models if self._arm is not None else ()
         return dict(zip(JOINTS, models, strict=False))
 
@@ -305,7 +305,7 @@ class ServoDriver:
 
     @property
     def is_driving(self) -> bool:
-        """Whether the servos are ours to drive, and one of them drives its joint."""
+        """Whether this program drives the servos and the torque of one of them is on."""
         return self._arm is not None and self._arm.is_driving
 
     @property
@@ -315,7 +315,7 @@ class ServoDriver:
 
     @property
     def limp(self) -> tuple[str, ...]:
-        """The joints of an arm that is ours which no servo drives, base to jaw."""
+        """The joints, of an arm that this program drives, whose torque is off; base to jaw."""
         return self._arm.limp if self._arm is not None else ()
 
     @property
@@ -327,7 +327,7 @@ class ServoDriver:
 
     @property
     def positions(self) -> Mapping[str, int]:
-        """Where each servo is that answers while we drive nothing [tick], by joint."""
+        """Positions of the servos that answer while they are only monitored [tick], by joint."""
         return self._monitor.positions if self._monitor is not None else {}
 
     @property
@@ -389,7 +389,7 @@ class ServoDriver:
 
     def _take_note(self, monitor: BusMonitor) -> None:
         now = self.settings
-        self._take(now, monitor.on_bus(lambda bus: ask(bus, now, now.required(), 0.0)))
+        self._take(now, monitor.on_bus(lambda bus: joints_on(bus, now, now.required(), 0.0)))
 
     def _driver(self) -> FeetechArm:
         if self._monitor is not None:
@@ -402,7 +402,7 @@ class ServoDriver:
         return self._arm
 
     def _found(self) -> FeetechArm:
-        """Try to find the servos, if it is time; this is on the I/O thread, which must not wait.
+        """Try to find the servos, if a try is due; does not wait, because the I/O thread must not.
 
         A jaw that does not answer is left out: the arm can be used without it.
         """

@@ -21,32 +21,33 @@ from so101_motion.rig.joint_setup import JointSetups, find_joints
 from so101_motion.rig.port_settings import ServoSettings
 
 SPEED_CAP = to_rad(220.0)
-"""Speed cap the servos keep by themselves [rad/s]: what is planned never exceeds 180 deg/s, and a
-joint must be able to catch up; the jaw is planned with 220."""
+"""Speed cap in the servos' registers [rad/s]: plans never exceed 180 deg/s, and a joint must be
+able to catch up; the jaw is planned with 220."""
 
 ACCELERATION_CAP = to_rad(1000.0)
-"""Acceleration cap the servos keep by themselves [rad/s^2]: twice the largest that is planned."""
+"""Acceleration cap in the servos' registers [rad/s^2]: twice the largest that is planned."""
 
 JAW_DRIVE = 0.5
-"""Share of its drive the jaw may use at most, as in LeRobot: a jaw that closes on something stiff
-must not overload itself. For long it would be too much, 120 K on the fitted servo; but a jaw that
-falls 0.08 rad behind gives way, and then presses with a fifth (``arm/gripper.py``)."""
+"""Largest share of its drive that the jaw may use, as in LeRobot: a jaw that closes on something
+stiff must not overload itself. Used for long it would heat the fitted servo by 120 K; but a jaw
+that falls 0.08 rad behind yields, and then presses with a fifth (``arm/gripper.py``)."""
 
 _GLANCE = 2
-"""How often silent servos are asked in one try. Chosen: a try with nobody there takes 0.02 s, which
-a stop or the end of the process may have to wait for; the next try comes in a second."""
+"""How often silent servos are asked in one try. Chosen: a try without any servo takes 0.02 s, which
+a stop or the end of the process may have to wait for; the next try comes a second later."""
 
 
 class ServoFinder:
     """Looks for the servos of one port. Used by one thread at a time.
 
     Args:
-        settings: Which port, and at which rate it talks.
-        clock: What time it is.
+        settings: The port and its rate.
+        clock: The rig's clock.
         gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
         per_kg: What each kilogram in the hand adds to it.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
-        open_port: Opens the port, wherever its adapter is by now; a ``PortOpener`` by default.
+        open_port: Opens the port, even if its adapter has another name by now; a ``PortOpener`` by
+            default.
 
     Attributes:
         open_port: As given.
@@ -81,7 +82,7 @@ class ServoFinder:
         """
         bus = self._bus(self.open_port(), settings)
         try:
-            return ask(bus, settings, required, timeout, expected)
+            return joints_on(bus, settings, required, timeout, expected)
         finally:
             bus.close()
 
@@ -92,8 +93,8 @@ class ServoFinder:
 
         Args:
             found: The joints.
-            on_command: Is told.
-            compensates: Whether weight, friction and lag are made up for.
+            on_command: Called with each command as it is sent.
+            compensates: Whether weight, friction and lag are compensated.
 
         Raises:
             BusError: One of them cannot be reached or set up.
@@ -130,7 +131,7 @@ class ServoFinder:
 
         Raises:
             PortUnavailable: The port cannot be opened, or went away.
-            NoReply: Who does not answer.
+            NoReply: A servo does not answer.
         """
         port = self.open_port()
         try:
@@ -149,7 +150,7 @@ class ServoFinder:
         """Check that all required servos answer; ``tries`` as in ``Bus.answering``.
 
         Raises:
-            NoReply: Who does not.
+            NoReply: A servo does not answer.
         """
         bus, ids = self._bus(port, settings), settings.ids()
         answering = bus.answering(ids.values(), tries=tries)
@@ -162,14 +163,14 @@ class ServoFinder:
         return Bus(port, names=names, reply_timeout=self._reply_timeout)
 
 
-def ask(
+def joints_on(
     bus: Bus,
     settings: ServoSettings,
     required: Collection[str],
     timeout: float,
     expected: Collection[str] = (),
 ) -> JointSetups:
-    """Look who is there on ``bus`` and what is known of them; see ``find_joints``."""
+    """Find the joints of ``settings`` on ``bus``; see ``joint_setup.find_joints``."""
     return find_joints(
         bus,
         settings.ids(),

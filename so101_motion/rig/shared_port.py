@@ -1,9 +1,9 @@
-"""Share a serial port: its servos, its rig, and the components that use it.
+"""Share the servos and the rig of one serial port between several components.
 
-What the components ask for together is in ``servos.settings``, what was set up last in
-``servos.in_force``. Whoever can wait has the two made equal at once (``connect``, ``rebuild``). An
-event loop cannot: there the port's own thread does it (``set_up_soon``), and goes on trying while
-servos stay silent, exactly as it does after a cable was pulled.
+``servos.settings`` has the combined settings of the components, ``servos.in_force`` those of the
+last setup. A caller that can wait applies new settings at once (``connect``, ``rebuild``). For an
+event loop, which cannot wait, the port's own thread does it (``set_up_soon``), and goes on trying
+while servos stay silent, exactly as after a cable was pulled.
 """
 
 from __future__ import annotations
@@ -53,11 +53,10 @@ HARDWARE_TOLERANCES = Tolerances(
     contact_stray=to_rad(1.1),
     pressed_stray=to_rad(0.4),
 )
-"""When a real arm has arrived; its servos are up to 0.1 s behind at speed. What a joint falls short
-of its setpoints in 0.08 s without meeting anything was 1.3 deg at most, on arms that differ, with
-up to 0.3 kg in the hand. One that follows slowly stands where its load changes sides, for as long
-as its motor takes through the play, 1.02 deg at most there; one whose load stays on one side was
-never seen 0.3 deg off for that."""
+"""When a real arm has arrived; its servos are up to 0.1 s behind at speed. Without contact a joint
+fell short of its setpoints by at most 1.3 deg in 0.08 s, on arms that differ, with up to 0.3 kg in
+the hand. A slow joint stands where its load changes sides until its motor has crossed the play, and
+was 1.02 deg off at most; if its load stays on one side, less than 0.3 deg."""
 
 DROOPING_TOLERANCES = replace(
     HARDWARE_TOLERANCES,
@@ -69,8 +68,8 @@ DROOPING_TOLERANCES = replace(
     contact_stray=math.inf,
     pressed_stray=math.inf,
 )
-"""The same where weight and lag are not made up for: the elbow was seen to droop by 4 deg. What a
-joint meets is noticed later, from how far it is off. Chosen."""
+"""The same where weight and lag are not compensated: the elbow was seen to droop by 4 deg. A
+contact is noticed later, from how far a joint is off. Chosen."""
 
 JAW_TOLERANCES = Tolerances(
     settle_position=to_rad(1.0),
@@ -79,40 +78,40 @@ JAW_TOLERANCES = Tolerances(
     following_error=0.08,
     following_lag=0.15,
 )
-"""The same for a real jaw. Nothing corrects its standing error of some ticks; and what it closes on
-must stop it soon: 0.08 rad are 5 mm between the tips. Chosen."""
+"""The same for a real jaw. Its standing error of some ticks is not corrected, and an object that it
+closes on must stop it soon: 0.08 rad are 5 mm between the tips. Chosen."""
 
 HARDWARE_JAW_LIMITS = MotionLimits.uniform(
     velocity=to_rad(90.0), acceleration=10.0, jerk=200.0, n=1
 )
-"""How fast a real jaw moves: a third of its drive goes into the speed, so half of it suffices, and
-it is slow enough to feel what it meets. Chosen."""
+"""Caps of a real jaw: this speed takes a third of its drive, so half of it is enough, and it is
+slow enough to notice an object. Chosen."""
 
 KEPT_UP = 0.93
-"""Share of what a servo's own set-point accelerates with that is planned with. Chosen: the rest is
-left to catch up with, and the shoulder, the slowest by measurement, keeps 430 deg/s^2."""
+"""Share of a servo's acceleration that motions may use. Chosen: the rest is for catching up, and
+the shoulder, the slowest by measurement, keeps 430 deg/s^2."""
 
 _CALM = (Mode.HOLDING, Mode.LIMP, Mode.FAULT)
-"""When servos may be set up anew without anybody asking for it: never under a guiding hand."""
+"""Modes in which servos may be set up again unasked: never while the arm is guided by hand."""
 
 
 class SharedPort:
     """The rig of a port and its users. ``hardware_rig.py`` calls its methods one at a time.
 
     Args:
-        settings: What its first user asks of it.
-        clock: What time it is.
-        reply_timeout: How long to wait for an answer beyond the time on the wire [s]; None for what
-            the period of the setpoints has room for.
+        settings: The settings of its first user.
+        clock: The rig's clock.
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s]; None for as
+            long as the period of the setpoints allows.
         open_port: See ``ServoFinder``.
         waits: Whether the servos are found before this returns, or soon after.
 
     Attributes:
-        shares: What each component that uses it asks for.
+        shares: The settings of each component that uses it.
         is_closing: Whether the last one is leaving.
         servos: Its servos.
         rig: Its arm and gripper.
-        failures: Keeps what came before a failure.
+        failures: Records the second before a failure.
 
     Raises:
         BusError: The port cannot be opened; or, if it waits, a servo cannot be reached.
@@ -171,14 +170,14 @@ class SharedPort:
         self.rig.arm.slowdown = lambda: share_of_speed(self.servos.health)
         self.take_ranges()
 
-    def leave(self) -> None:
-        """Release the joints if the settings say so."""
+    def release_if_configured(self) -> None:
+        """Release the joints at the end of the process if the settings say so."""
         if not self.servos.settings.releases_at_end:
             return
         try:
             self.rig.arm.set_torque(False)
         except So101Error as error:
-            _log.warning("%s was not let go of: %s", self.servos.settings.port, error)
+            _log.warning("the arm on %s was not released: %s", self.servos.settings.port, error)
 
     def is_on(self, port: str) -> bool:
         """Whether ``port`` is another name, or the name, of this port."""
@@ -186,7 +185,7 @@ class SharedPort:
         return device in (self._device, os.path.realpath(self.servos.settings.port))
 
     def take_ranges(self) -> None:
-        """Set the ranges of arm and gripper, and what the servos bear, keep up with and brake."""
+        """Set ranges, strength, acceleration and stop of arm and gripper as the servos allow."""
         self.rig.arm.set_range(self.servos.lower, self.servos.upper)
         models = [self.servos.models[j] for j in ARM_JOINTS if j in self.servos.models]
         if models:
@@ -200,7 +199,7 @@ class SharedPort:
             self.rig.gripper.closed, self.rig.gripper.opened = jaw.map.lower, jaw.map.upper
 
     def close(self) -> None:
-        """Come to rest and let go of everything."""
+        """Come to rest and close the rig and the port."""
         self.rig.close()
         self.failures.close()
 
@@ -226,17 +225,17 @@ class SharedPort:
     def admit(self, joined: ServoSettings) -> None:
         """Use the settings ``joined``; sets up the servos that were not used before.
 
-        While the bus is lent that waits until it is given back.
+        While the bus is lent, the servos are set up when it is given back.
 
         Raises:
-            BusError: What it asks for is not there.
+            BusError: A servo that they ask for does not answer.
         """
         if self.rig.executor.state.lent_to is None and self._differs(joined):
             self.rebuild(joined)
         self.servos.settings = joined
 
     def rebuild(self, settings: ServoSettings) -> None:
-        """Set the servos up anew; all joints are held where they are."""
+        """Set the servos up again; all joints are held where they are."""
         executor, first = self.rig.executor, not self.servos.in_force.required()
         executor.call_and_rehold(lambda _: self._rebuild(settings)).result()
         if first and settings.required():
@@ -280,18 +279,18 @@ class SharedPort:
             return None
         first, ids = missing[0], servos.settings.ids()
         plain = f"servo {ids[first]} ({first}) did not answer; check its cable"
-        return f"{self._trouble or plain} (it is asked again with every request)"
+        return f"{self._trouble or plain} (every request asks it again)"
 
     def set_up_soon(self) -> Future[None]:
         """Have the port's thread set the servos up, unless they are.
 
         Returns:
-            Done when that was tried once, whatever came of it.
+            Done when that was tried once, successfully or not.
         """
         tried: Future[None] = Future()
         ask = self.rig.executor.ask
 
-        def go_on(_: Future[None]) -> None:  # in a turn of its own: what was forgotten is told
+        def go_on(_: Future[None]) -> None:  # in a cycle of its own, so that the state shows it
             ask(self._set_up).add_done_callback(end)
 
         def end(setting_up: Future[None]) -> None:

@@ -25,7 +25,7 @@ from itertools import pairwise
 import numpy as np
 
 from so101_motion.arm.arm import Arm
-from so101_motion.arm.gripper import set_jaw
+from so101_motion.arm.gripper import move_jaw
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import Interrupted, PlanningError, So101Error
@@ -271,7 +271,7 @@ class _Run:
     def _move_jaw(self, stops: tuple[float, ...], motion: Motion) -> None:
         assert self._gripper is not None  # its swing was outlined
         for aperture in stops[1:]:
-            set_jaw(self._gripper, aperture, motion)
+            move_jaw(self._gripper, aperture, motion)
             self._stand(None, False, motion)
 
     # The caller's thread

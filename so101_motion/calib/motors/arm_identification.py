@@ -1,16 +1,16 @@
 """Identify the servos on a bus, and whether they are a leader arm or a follower arm.
 
-``look`` asks and writes nothing. Everything else here is judgement and needs no bus.
+``look`` reads registers and writes nothing. Everything else here needs no bus.
 
-All six servos of both arms report the same model, for gears do not show in any register. What
-tells a leader from a follower, in this order:
+All six servos of both arms report the same model, because gears do not show in any register. These
+tell a leader from a follower, in this order:
 
-* a calibration file that LeRobot keeps for one of the two and that says what the servos hold;
+* a calibration file that LeRobot keeps for one of the two and that agrees with the servos;
 * 12 V servos: leaders are built from 7.4 V servos only;
-* what LeRobot has stored: it weakens the position loop and guards the jaw of a follower, and does
-  neither to a leader.
+* settings that LeRobot has stored: it weakens the position loop and limits the jaw of a follower,
+  and does neither to a leader.
 
-Anything else is ``unknown``, and nothing is guessed: the two must not be taken for one another.
+Otherwise the answer is ``unknown``, without guessing: a leader must not be taken for a follower.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class ServoFacts:
 
     @property
     def model(self) -> str:
-        """Its model in the published module's words; a number when it has none."""
+        """The published module's name of its model; a number if it has no name."""
         number = self.holds(reg.MODEL_NUMBER)
         return _MODELS.get(number, f"model {number}")
 
@@ -165,7 +165,7 @@ class ServoFacts:
             not self.has_sound_limits,
             f"its limits {lower} to {upper} leave it no travel",
         )
-        yield self.holds(reg.STATUS_LEVEL) != 1, "it does not acknowledge what it is told"
+        yield self.holds(reg.STATUS_LEVEL) != 1, "it does not acknowledge commands"
         yield self.holds(reg.MAX_TORQUE) == 0, "its largest torque is 0"
         yield (
             self.holds(reg.UNLOADING) & PROTECTIONS != PROTECTIONS,
@@ -184,8 +184,10 @@ class ServosOnBus:
     """The servos that were found on a bus.
 
     Attributes:
-        baud: At which rate [bit/s].
-        shared: Ids that answer with nonsense, because several servos have them.
+        baud: The bus's rate [bit/s].
+        servos: The registers of each, by its id.
+        shared: Ids whose replies are corrupt, because several servos have them.
+        garbled: Whether the replies to a ping of all servos were corrupt.
     """
 
     baud: int
@@ -219,7 +221,7 @@ class ServosOnBus:
 
 
 def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
-    """Read what a servo is and how it is set."""
+    """Read a servo's model and settings."""
     block = bus.read_block(servo_id, 0, _END, what="what it is")
     return ServoFacts(
         servo_id=servo_id, held={register.name: register.cut(block, 0) for register in _LOOK_AT}
@@ -229,8 +231,8 @@ def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
 def look(bus: Bus) -> ServosOnBus:
     """Find the servos at the bus's baud rate; writes nothing.
 
-    A ping to all finds every servo. As a bad moment could swallow an answer to it, the ids of an
-    arm are asked once more by name.
+    A ping to all finds every servo. A reply to it may get lost, so the ids of an arm are pinged one
+    by one as well.
     """
     roll = bus.ping_all()
     ids = sorted({*roll.ids, *bus.answering(SERVO_IDS.values())})
@@ -279,17 +281,20 @@ def role(seen: ServosOnBus, files: Iterable[FoundFile] = ()) -> tuple[Role, str]
     for found in files:
         if found.role in ("follower", "leader") and fits(seen, found):
             named: Role = "leader" if found.role == "leader" else "follower"
-            return named, f"{found.path} is a {named}'s calibration and says what its servos hold"
+            return named, f"{found.path} is a {named}'s calibration and agrees with its servos"
     arm = [seen.servos[i] for i in SERVO_IDS.values() if i in seen.servos]
     if any(facts.nominal_volts == 12.0 for facts in arm):
         return "follower", "it has 12 V servos, and leaders are built with 7.4 V servos only"
     if _has_guarded_jaw(seen) or all(facts.holds(reg.P_GAIN) == 16 for facts in arm):
         return "follower", "LeRobot has set its servos up as a follower's"
-    return "unknown", "7.4 V servos are in leaders and in followers, and nothing else tells"
+    return (
+        "unknown",
+        "leaders and followers both have 7.4 V servos, and nothing tells them apart",
+    )
 
 
 def _has_guarded_jaw(seen: ServosOnBus) -> bool:
-    """Whether LeRobot made the jaw give way early, which it does on followers."""
+    """Whether LeRobot has limited the jaw's current and torque, which it does on followers."""
     jaw = seen.servos.get(SERVO_IDS[JOINTS[-1]])
     if jaw is None:
         return False

@@ -71,7 +71,7 @@ def _missing(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | Non
         fix = f"switch the arm's power supply on and plug the first cable in; {_AGAIN}"
     elif all(i < servo_id for i in seen.servos):
         error = f"servo {servo_id} ({joint}) does not answer"
-        # Whoever is behind a broken cable is silent as well.
+        # Servos behind a broken cable are silent as well.
         heard = [i for i in (*seen.servos, *seen.shared) if i < servo_id]
         last = max(heard, default=servo_id - 1)
         fix = f"check the cable between servos {last} and {last + 1}; {_AGAIN}"
@@ -126,5 +126,5 @@ def _verdict(seen: ServosOnBus, motors: Mapping[str, MotorCheck]) -> str:
         return f"not yet: {wrong[0].error}{more}"
     if seen.unexpected_ids:
         others = ", ".join(map(str, seen.unexpected_ids))
-        return f"all six are set up correctly, but {others} is too many"
+        return f"all six are set up correctly, but there are also servos with these ids: {others}"
     return "all six servos are set up correctly"

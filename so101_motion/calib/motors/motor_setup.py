@@ -4,11 +4,10 @@ New servos all have id 1, so they are set up one at a time: connect one alone, `
 ``assign`` it, unplug it, and so on from the gripper to the shoulder. Then, in the finished chain,
 ``verify`` checks that everything is set up correctly. ``view.next_step`` always says what is next.
 
-Nothing is taken on trust. Whatever was discovered, ``assign`` looks again who is connected, because
-plugs change hands between two requests. It changes an id only if one servo answers and nobody at
-any other baud rate, and calls it done once the servo answers at its new id and rate and reads back
-as it should. It may be called again at any point of a failure: it takes a servo at whatever id and
-rate it has now.
+``assign`` always looks again which servo is connected, because plugs change between two requests.
+It changes an id only if exactly one servo answers, and none at any other baud rate. It succeeds
+once the servo answers at its new id and rate and its settings read back correctly. It may be called
+again after any failure: it finds the servo at whatever id and rate it has now.
 
 The bus is borrowed for each request and given back after it. Methods may be called from any thread
 and wait for each other; ``view`` never waits.
@@ -57,11 +56,11 @@ class MotorSetup:
     """The setup of an arm's six servos.
 
     Args:
-        borrow: Lends the bus they are on until its block ends. Giving back should not raise because
-            servos are missing: during a setup they are.
+        borrow: Lends their bus until its block ends. Giving it back must not raise because servos
+            are missing, as they are during a setup.
 
     Attributes:
-        checked: What the last ``verify`` has found; None before, and once a servo was changed.
+        checked: The result of the last ``verify``; None before, and once a servo was changed.
     """
 
     def __init__(self, borrow: Callable[[], AbstractContextManager[BusAccess]]) -> None:
@@ -87,7 +86,7 @@ class MotorSetup:
 
         Raises:
             ConfigError: There is no such joint.
-            MotorSetupError: There is none, or more than one, or it is of another kind.
+            MotorSetupError: No servo answers, or more than one, or it is another model.
             BusError: The port is gone, or the servo cannot be read.
         """
         motor = self._motor(joint)
@@ -113,7 +112,7 @@ class MotorSetup:
         """Give the one servo that is connected its id, rate and settings; it goes limp.
 
         Args:
-            joint: Whose it is to be.
+            joint: The joint that it is for.
             current_id: The id it must have now; any by default.
             target_id: The id to give; only the joint's own will do.
             current_baud: The rate to look for it first [bit/s].
@@ -121,7 +120,7 @@ class MotorSetup:
         Raises:
             ConfigError: There is no such joint, or ``target_id`` is another joint's.
             MotorSetupError: It is not safe to do, or did not succeed.
-            BusError: The port is gone, or the servo does not take what it is told.
+            BusError: The port is gone, or the servo does not take a setting.
         """
         motor = self._motor(joint)
         if target_id not in (None, motor.target_id):
@@ -199,7 +198,7 @@ class MotorSetup:
         return found
 
     def forget(self, joint: str) -> None:
-        """Ask for a joint's servo again: another one was taken for it. The servos stay as they are.
+        """Mark a joint's servo as not set up, because a wrong one was; changes no servo.
 
         Raises:
             ConfigError: There is no such joint.
@@ -261,7 +260,7 @@ class MotorSetup:
         )
         owner = self._view.owner(found.found_id, but=found.joint)
         if owner is not None:
-            sentence += f". That is the id of {owner}: make sure it is not its servo"
+            sentence += f". That is the id of {owner}: make sure it is not the servo of {owner}"
         return sentence
 
     def _admit(self, joint: str, servo_id: int, current_id: int | None) -> None:
@@ -271,7 +270,7 @@ class MotorSetup:
                 joint,
                 "other servo",
                 f"the servo that is connected has the id {servo_id}, not {current_id}",
-                f"look which one it is, or leave current_id out to set up servo {servo_id}",
+                f"check which servo it is, or leave current_id out to set up servo {servo_id}",
             )
         owner = self._view.owner(servo_id, but=joint)
         if owner is not None:
@@ -287,7 +286,7 @@ class MotorSetup:
     def _carry_out(self, tuner: Tuner, joint: str, facts: ServoFacts) -> Assignment:
         old_id, old_baud, new_id = facts.servo_id, tuner.baud, SERVO_IDS[joint]
         wanted = servo_program.settings(joint, facts, moved=old_id != new_id)
-        # Settings first: with the new id it would pass for finished if this ended half-way.
+        # Settings first: with the new id it would look finished if this ended half-way.
         changed = tuner.call(lambda bus: servo_program.program(bus, old_id, wanted))
         tuner.call(lambda bus: servo_program.change_id(bus, old_id, new_id))
         servo_program.change_rate(tuner, new_id, tuner.home)
@@ -298,8 +297,8 @@ class MotorSetup:
             old_baud=old_baud,
             new_baud=tuner.baud,
             changed=changed,
-            sentence=f"{joint}: servo {old_id} at {old_baud} baud is servo {new_id} at"
-            f" {tuner.baud} baud now, read back and locked",
+            sentence=f"{joint}: servo {old_id} at {old_baud} baud is now servo {new_id} at"
+            f" {tuner.baud} baud, read back and locked",
         )
 
     def _scanned(self, tuner: Tuner, servo_id: int) -> ScannedServo:
@@ -321,7 +320,7 @@ def _about_scan(servos: list[ScannedServo], garbled: tuple[int, ...]) -> str:
     others = sum(servo.expected_joint is None for servo in servos)
     sentence = f"{len(servos)} servos answer"
     if others:
-        sentence += f", {others} of them not as the servos of an arm"
+        sentence += f", {others} of them with ids or rates that an arm does not use"
     if garbled or any(servo.model is None for servo in servos):
         sentence += "; some share an id, so connect them one at a time"
     return sentence

@@ -1,8 +1,8 @@
 """Save the progress of a setup to a file, so that a later start continues there.
 
-The terminal and the page keep it in the same file: what was begun on one can be ended on the other.
-A calibration under way keeps a journal of its own, see ``journal.py``; here is only which step it
-was. Losing this file does no harm: the setup begins with its first step then.
+The terminal and the page use the same file, so a setup begun on one can be ended on the other. A
+running calibration has a journal of its own, see ``journal.py``; this file has only the step.
+Losing it does no harm: the setup then begins with its first step.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.files import atomic
 
 NAME = "setup.json"
-"""What the file is called."""
+"""Name of the file."""
 
 
 class SetupProgress:
     """Which steps and motors are done.
 
     Args:
-        port: The port. What is known of another one is forgotten; None to learn it from the file.
+        port: The port; progress on another port is forgotten. None to take it from the file.
 
     Attributes:
-        port: On which port, or at which machine; empty if that is not known.
-        workflow: Which workflow is under way, by name; empty for none.
-        arm: What the user calls the arm; empty if that was not said.
+        port: The port or machine; empty if it is not known.
+        workflow: Name of the workflow under way; empty for none.
+        arm: The user's name for the arm; empty if there is none.
     """
 
     def __init__(self, path: Path, port: str | None) -> None:
@@ -58,7 +58,7 @@ class SetupProgress:
             self._keep()
 
     def call(self, arm: str) -> None:
-        """Note what the user calls the arm."""
+        """Note the user's name for the arm."""
         self.arm = arm
         self._keep()
 
@@ -87,6 +87,6 @@ class SetupProgress:
             "arm": self.arm,
             "done": self.done,
         }
-        with contextlib.suppress(OSError):  # the next start begins anew then, which does no harm
+        with contextlib.suppress(OSError):  # then the next start begins with the first step
             self._path.parent.mkdir(parents=True, exist_ok=True)
             atomic.write(self._path, json.dumps(content).encode() + b"\n")

@@ -1,16 +1,16 @@
 """Write id, baud rate and settings to a servo of the arm.
 
-EEPROM is read, compared and written only where it differs, unlocked only meanwhile. A servo answers
-at its new id or rate right after the order, so it is locked again *there*; with the old address the
-lock would go to nobody and the memory stay open.
+EEPROM is read, compared and written only where it differs, and unlocked only for that. A servo
+answers at its new id or rate right after it is changed, so it is locked again *there*; a lock sent
+to the old address would reach no servo, and the memory would stay open.
 
-What is never written: voltage limits, because a servo that complains about its supply is right; and
-the position loop's gains as long as they are in use, because the driver reads them and corrects for
-the droop they allow. A loop softer than any program wants on purpose is what a crashed one left
-behind; that is put back to the factory's.
+Voltage limits are never written, because a servo that complains about its supply is right. Nor are
+the gains of the position loop, because the driver reads them and corrects for the droop they allow;
+except a P gain below any that programs set on purpose, which a crashed program has left behind: the
+factory's gains are restored then.
 
-A servo that becomes another joint's starts without calibration. One that keeps its id keeps its
-homing offset and limits, so running the setup over a finished arm does no harm.
+A servo that is moved to another joint starts without calibration. One that keeps its id keeps its
+homing offset and limits, so running the setup on a finished arm does no harm.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from so101_motion.drivers.bus.bus import RETRIES, Bus
 from so101_motion.drivers.bus.registers import Register
 
 OVERLOAD_PERCENT = 80
-"""Drive that counts as an overload [%]; as delivered (FT). LeRobot lowers it on a jaw; a shoulder
-that was once a jaw would give way under its own arm."""
+"""Drive that counts as an overload [%]; as delivered (FT). LeRobot lowers it on a jaw; a servo that
+moves from the jaw to the shoulder would give way under the arm's weight."""
 
 JAW_TORQUE = 500
-"""Largest drive of the jaw [0.1 %], as in LeRobot: what closes on something stiff must not be able
-to overload itself. The servo takes it up when it is switched on."""
+"""Largest drive of the jaw [0.1 %], as in LeRobot: a jaw that closes on something stiff must not
+overload itself. The servo applies it when it is switched on."""
 
 _FULL_TORQUE = 1000
 _SOFTEST = 16  # P gain; LeRobot's, the softest any program uses on purpose
@@ -48,9 +48,9 @@ def settings(joint: str, facts: ServoFacts, *, moved: bool) -> dict[Register, in
     """The settings for the servo's EEPROM.
 
     Args:
-        joint: Whose it is to be.
-        facts: What it holds now.
-        moved: Whether it was another joint's, or nobody's, before.
+        joint: The joint that it is for.
+        facts: Its present registers.
+        moved: Whether it had another id before.
     """
     is_jaw = joint == GRIPPER_JOINT
     wanted = {
@@ -74,7 +74,7 @@ def program(bus: Bus, servo_id: int, wanted: Mapping[Register, int]) -> tuple[st
     """Store ``wanted`` in a servo for good, and switch its torque off.
 
     Returns:
-        The names of what was changed.
+        The names of the registers that were changed.
     """
     bus.write(servo_id, reg.TORQUE_ENABLE, 0)
     changed = bus.store(servo_id, wanted)
@@ -93,7 +93,7 @@ def change_rate(tuner: Tuner, servo_id: int, baud: int) -> None:
 
     Raises:
         BusError: It cannot be reached.
-        ServoFault: It does not take the rate; then it and the tuner are where they were.
+        ServoFault: It does not take the rate; it and the tuner keep the old one.
     """
     old = tuner.baud
     if baud == old:

@@ -1,10 +1,10 @@
 """Find servos whose id and baud rate are not known.
 
 A ping to all finds every id at once, but only servos that listen at the port's rate hear it. So the
-port is tuned through the eight rates a servo can have, the likeliest first. A rate costs as long as
-254 answers would take, 23 ms at the fastest and 0.6 s at the slowest; all eight cost 1.9 s.
+port is tuned through the eight rates a servo can have, the likeliest first. Each rate takes as long
+as 254 answers would, 23 ms at the fastest and 0.6 s at the slowest; all eight take 1.9 s.
 
-Who answers is asked a second time, because what follows relies on nobody being missed.
+A rate at which a servo answers is asked a second time, because no servo may be missed.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ class RateAnswers:
 
     Attributes:
         baud: The rate [bit/s].
+        ids: Ids of those that answer.
+        garbled: Whether there were corrupt replies.
     """
 
     baud: int
@@ -39,7 +41,7 @@ class RateAnswers:
 
     @property
     def is_silence(self) -> bool:
-        """Whether there was nothing at all."""
+        """Whether there was no reply at all."""
         return not self.ids and not self.garbled
 
 
@@ -71,7 +73,7 @@ class Tuner:
         if error is None:
             self.tune(self.home)
             return
-        with contextlib.suppress(PortUnavailable):  # what went wrong before is what counts
+        with contextlib.suppress(PortUnavailable):  # the first error counts
             self.tune(self.home)
 
 
@@ -96,10 +98,10 @@ def find_first_rate(
     Args:
         tuner: The bus.
         hint: The rate to begin with; the port's own by default.
-        on_rate: Told each rate before it is listened at.
+        on_rate: Called with each rate before it is tried.
 
     Returns:
-        None if nobody answers at any rate.
+        None if no servo answers at any rate.
     """
     rates = dict.fromkeys((hint or tuner.home, tuner.home, *LIKELIEST_FIRST))
     # The likeliest in between: a servo that was plugged in just now takes a moment to start, and a

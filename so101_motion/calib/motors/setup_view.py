@@ -1,7 +1,7 @@
 """Describe the state of a motor setup and the next step, as plain values; no bus here.
 
-A view is one immutable value that is replaced whole, so a page or a sensor's readings may look at
-it at any time and never wait for the bus.
+A view is one immutable value that is replaced whole, so a page or a sensor's readings may read it
+at any time without waiting for the bus.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ MOVES: Mapping[str, str] = {
     "wrist_roll": "turns the gripper",
     "gripper": "opens and closes the jaw",
 }
-"""What each motor does, for people who have not met the joints' names."""
+"""What each motor does, for people who do not know the joints' names."""
 
 AS_NEW = 1
-"""The id of every new servo, which therefore tells nothing."""
+"""The id of every new servo, so it does not show which joint a servo is for."""
 
 State = Literal["todo", "found", "configured", "verified", "failed", "skipped"]
 
@@ -45,9 +45,10 @@ class MotorView:
             stored and read back), ``"verified"`` (seen in the finished chain), ``"failed"`` or
             ``"skipped"``.
         baud: The rate it was found at, or talks at now [bit/s].
-        model: In the published module's words, such as ``"sts3215"``.
+        model: The published module's name of the model, such as ``"sts3215"``.
         firmware: Such as ``"3.10"``.
-        volts: What it is fed with [V].
+        volts: Its supply [V].
+        sentence: What was found, or what is wrong.
         fix: What to do about it; empty when nothing is wrong.
     """
 
@@ -63,7 +64,7 @@ class MotorView:
     fix: str = ""
 
     def with_facts(self, facts: ServoFacts, baud: int) -> MotorView:
-        """The same, and what the servo says of itself."""
+        """This view with the servo's id, model, firmware and supply."""
         return replace(
             self,
             found_id=facts.servo_id,
@@ -90,7 +91,7 @@ class SetupView:
 
     Attributes:
         fix: What to do about it; empty when nothing is wrong.
-        doing: What is going on now; empty when nothing is.
+        doing: The request under way; empty when there is none.
     """
 
     motors: Mapping[str, MotorView] = field(default_factory=_untouched)
@@ -100,12 +101,12 @@ class SetupView:
 
     @property
     def step(self) -> int:
-        """How many motors are settled, 0 to 6."""
+        """How many motors are set up or skipped, 0 to 6."""
         return sum(motor.state in _SETTLED for motor in self.motors.values())
 
     @property
     def in_progress(self) -> bool:
-        """Whether a setup was begun and is not through."""
+        """Whether a setup was begun and is not finished."""
         untouched = all(motor.state == "todo" for motor in self.motors.values())
         return bool(self.doing) or (not untouched and self.next_joint is not None)
 
@@ -142,7 +143,7 @@ class SetupView:
         return "connect all six servos in a chain, shoulder_pan at the adapter, then verify"
 
     def owner(self, servo_id: int | None, *, but: str) -> str | None:
-        """The joint, ``but`` one, whose motor was given this id here; None if there is none."""
+        """The joint, other than ``but``, whose motor was given this id; None if there is none."""
         for joint, motor in self.motors.items():
             is_set_up = motor.state in ("configured", "verified")
             if joint != but and is_set_up and motor.target_id == servo_id != AS_NEW:
@@ -183,8 +184,9 @@ class MotorCheck:
     Attributes:
         status: ``"ok"``, ``"not_responding"``, ``"duplicate"``, ``"model_detection_failed"``,
             ``"wrong_model"``, ``"wrong_voltage"`` or ``"wrong_settings"``.
-        facts: What it says of itself; None if that cannot be told.
-        error: What is wrong; empty when all is well.
+        facts: Its registers; None if they could not be read.
+        error: What is wrong; empty when nothing is.
+        fix: What to do about it.
     """
 
     joint: str
@@ -233,7 +235,7 @@ class BusScan:
     """The servos on the bus at all rates.
 
     Attributes:
-        garbled: Rates at which there is nonsense as well [bit/s].
+        garbled: Rates at which there were corrupt replies [bit/s].
     """
 
     servos: tuple[ScannedServo, ...]
@@ -242,5 +244,5 @@ class BusScan:
 
     @property
     def unexpected_count(self) -> int:
-        """How many are not where an arm's servos are."""
+        """How many have an id or rate that an arm does not use."""
         return sum(servo.expected_joint is None for servo in self.servos)

@@ -1,7 +1,7 @@
-"""Find the servo that is connected for its setup, check that it is alone, and read it back.
+"""Find the one connected servo, check that no other is connected, and read its setup back.
 
-An id must never be changed while several servos listen: all that have the old one would take the
-new one, and from then on they talk over each other.
+An id must never be changed while several servos listen: all that have the old id would take the new
+one, and from then on their replies would collide.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from so101_motion.common.errors import CorruptReply, MotorSetupError
 from so101_motion.drivers.bus import registers as reg
 
 _MORE = 3
-"""How often to listen again for a servo that must be there: an answer may be lost. Chosen."""
+"""How often to listen again for a servo that must be there, because replies get lost. Chosen."""
 
 
 def find_alone(
@@ -33,12 +33,12 @@ def find_alone(
 
     Args:
         tuner: The bus.
-        joint: Whose servo is wanted.
+        joint: The joint that it is for.
         hint: The rate to begin with [bit/s]; the port's own by default.
-        on_rate: Told each rate before it is listened at.
+        on_rate: Called with each rate before it is tried.
 
     Raises:
-        MotorSetupError: There is none, or more than one, or it is of another kind.
+        MotorSetupError: No servo answers, or more than one, or it is another model.
         BusError: The port is gone, or the servo cannot be read.
     """
     facts = _read_only_one(tuner, joint, find_first_rate(tuner, hint=hint, on_rate=on_rate))
@@ -55,10 +55,10 @@ def find_alone(
 def require_alone(tuner: Tuner, joint: str) -> None:
     """Check that no other servo answers at any rate; takes two seconds.
 
-    The tuner comes back to its rate, where ``find_alone`` has seen that there is only one.
+    The tuner comes back to its rate; there ``find_alone`` has seen that only one answers.
 
     Raises:
-        MotorSetupError: There is one.
+        MotorSetupError: Another servo answers.
         PortUnavailable: The port is gone.
     """
     there = tuner.baud
@@ -111,7 +111,7 @@ def _read_only_one(tuner: Tuner, joint: str, heard: RateAnswers | None) -> Servo
         raise MotorSetupError(
             joint,
             "no servo",
-            "the adapter is there, but no servo answers at any baud rate",
+            "the adapter is connected, but no servo answers at any baud rate",
             "switch the arm's power supply on (USB does not feed the servos) and plug the"
             f" 3-pin cable of the servo of {joint} into the adapter",
         )
@@ -132,14 +132,14 @@ def _several(joint: str, ids: tuple[int, ...]) -> MotorSetupError:
             joint,
             "several servos",
             "a whole arm is connected, all six ids answer",
-            f"verify it; or, to set this servo up anew, {_alone(joint)}",
+            f"verify it; or, to set this servo up again, {_alone(joint)}",
         )
     if SERVO_IDS[joint] in ids:
         return MotorSetupError(
             joint,
             "id taken",
-            f"a servo with the id {SERVO_IDS[joint]} of {joint} is connected already, beside others"
-            f" ({_list(ids)} answer)",
+            f"a servo that already has the id of {joint}, {SERVO_IDS[joint]}, is connected beside"
+            f" others ({_list(ids)} answer)",
             _alone(joint),
         )
     return MotorSetupError(

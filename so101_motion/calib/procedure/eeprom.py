@@ -1,12 +1,12 @@
 """Read and write the homing offset and limits in a servo's EEPROM.
 
-They are three registers and cannot change at once, so there is an order. While the offset changes
-the limits are open, 0 to 4095; then both limits change in a single write. If that is cut short,
-the servo holds what it held, or looks as new, or holds what was wanted; it never has limits that
-belong to another offset.
+These are three registers that cannot change at once, so the order matters. While the offset changes
+the limits are open, 0 to 4095; then both limits change in a single write. If that is cut short, the
+servo holds the old values, or looks like a new one, or holds the new values; it never has limits
+that belong to another offset.
 
-A servo that drives its joint is let go of before its offset changes, because its goal would change
-its meaning with it.
+Torque is switched off before the offset changes, because the servo's goal would then mean another
+angle.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class HeldCalibration:
     """The calibration that a servo holds: homing offset and limits.
 
     Attributes:
-        homing_offset: What it takes off its encoder [tick].
+        homing_offset: What it subtracts from its encoder's count [tick].
         range_min: Smallest goal it accepts [tick].
         range_max: Largest.
     """
@@ -65,8 +65,8 @@ def read_held(bus: Bus, servo_id: int) -> HeldCalibration:
 def restorable(held: HeldCalibration) -> HeldCalibration:
     """The nearest values that can be written back to a servo.
 
-    Firmware 3.10 holds offsets beyond 2047, which mean what the same offset a turn away means; and
-    limits that make no sense become those of a new servo.
+    Firmware 3.10 can hold offsets beyond 2047; the equivalent offset a turn away replaces those.
+    Limits that make no sense become those of a new servo.
     """
     offset = representable(held.homing_offset)
     if max(held.range_min, held.range_max) > _MAX:

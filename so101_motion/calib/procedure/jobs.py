@@ -17,12 +17,12 @@ from so101_motion.drivers.feetech.presence import missing_servos
 _REVERSED = 0x80  # bit of register 18: the encoder counts down (FT)
 
 _STILL = 171
-"""How far a joint may move between being read and having its new offset checked [tick]; 15 deg,
-chosen: a hand trembles, a servo that understands offsets otherwise is off by more."""
+"""How far a joint may move between being read and the check of its new offset [tick]; 15 deg,
+chosen: a hand trembles, and a servo that interprets offsets differently is off by more."""
 
 
 def find(bus: Bus, joints: Sequence[str]) -> dict[str, JointProgress]:
-    """Read what the joints' servos hold."""
+    """Read the state of the joints' servos before the calibration."""
     require(bus, joints)
     return {joint: _find(bus, joint) for joint in joints}
 
@@ -66,11 +66,11 @@ def check_homed(bus: Bus, homes: Mapping[str, int]) -> None:
     """Check that the servos report the homing pose with their new offsets.
 
     Args:
-        bus: Where they are.
+        bus: Their bus.
         homes: What each should read [tick].
 
     Raises:
-        CalibrationError: One does not.
+        CalibrationError: A servo reads something else.
         NoReply: A servo does not answer.
     """
     for joint, ticks in read_positions(bus, tuple(homes)).items():
@@ -78,6 +78,6 @@ def check_homed(bus: Bus, homes: Mapping[str, int]) -> None:
             raise CalibrationError(
                 joint,
                 f"reads {ticks} with its new homing offset instead of {homes[joint]}",
-                "hold the arm still and start again; if that does not help, its servo's firmware"
-                " is unknown here",
+                "hold the arm still and start again; if that does not help, this software does not"
+                " know its servo's firmware",
             )

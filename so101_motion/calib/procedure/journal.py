@@ -1,14 +1,14 @@
 """Keep a journal of a running calibration, so that a crash at any instant loses nothing.
 
 A calibration changes six servos and a file, one after the other. Before the first servo is changed,
-a journal is written beside the calibration file: what each servo held, and what it is given for the
-time being. When the calibration is saved, the journal says first what servos and file are to hold,
-and is removed last. So a process that finds one knows that another was interrupted, and how to end
-that (``recover``): unless saving was decided on everything is put back, else everything is
-carried through. Either way the servos and the file agree again.
+a journal is written beside the calibration file: what each servo held, and what it gets during the
+calibration. When the calibration is saved, the journal first records what servos and file are to
+hold, and is removed last. So a process that finds a journal knows that a calibration was
+interrupted, and how to end it (``recover``): if saving had begun it is completed, otherwise the
+servos are put back. Either way the servos and the file agree again.
 
-A journal may be old. If a servo by now holds what this journal knows nothing about, the arm was
-calibrated by other means since; then nothing is touched and the journal is dropped.
+A journal may be old. If a servo now holds values that are not in it, the arm has been calibrated by
+other means since; then nothing is changed and the journal is removed.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from so101_motion.drivers.bus.registers import HOMING_OFFSET
 from so101_motion.files import atomic, json_file
 
 _ABOUT = (
-    "A calibration of an SO-101 arm was under way. This file is what it takes to end it well; the"
-    " next start of the software does, and removes the file."
+    "A calibration of an SO-101 arm was interrupted. The software needs this file to complete or"
+    " undo it at its next start, and then removes the file."
 )
 
 
@@ -46,6 +46,8 @@ class Journal:
     """The journal of a running calibration.
 
     Attributes:
+        before: What each servo held before the calibration, by joint.
+        meanwhile: What it gets during the calibration, by joint.
         saving: What servos and file are to hold; None before that is known.
         is_decided: Whether ``saving`` is to be carried through; else everything is put back.
     """
@@ -137,7 +139,7 @@ def recover(bus: Bus, calibration_file: Path) -> str | None:
     """End an interrupted calibration, if there is one.
 
     Returns:
-        What was done, in a sentence for a person; None if there was nothing to do.
+        A sentence for the user that says what was done; None if there was nothing to do.
 
     Raises:
         CalibrationError: A servo cannot be reached, or a file cannot be read or written. The
@@ -154,7 +156,7 @@ def recover(bus: Bus, calibration_file: Path) -> str | None:
     except BusError as error:
         raise CalibrationError(
             None,
-            f"a calibration was interrupted and its servos cannot be put right: {error}",
+            f"a calibration was interrupted, and its servos cannot be put back: {error}",
             f"if this servo is gone for good, remove {path_for(calibration_file)}",
         ) from error
     remove(calibration_file)

@@ -1,8 +1,8 @@
 """Estimate joint angles for display while the arm is uncalibrated.
 
-Before homing the former calibration counts, if there was one; from homing on the joints then stood
-in the pose that was asked for; a joint that has been at both its stops is known exactly. The rest
-is a guess and marked as one.
+Before homing, the former calibration is used, if there was one. After homing, the joints are taken
+to have been in the requested pose at that moment. A joint that has reached both stops is known
+exactly. All others are guesses and marked as such.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HOMING_POSE: Mapping[str, float] = {
     ROLL: ROLL_UPRIGHT,
     GRIPPER_JOINT: sum(STOPS[GRIPPER_JOINT]) / 2.0,
 }
-"""The model's angles in the pose that is asked for [rad]: about the middle of each travel."""
+"""The model's angles in the homing pose [rad]: about the middle of each travel."""
 
 _FACTORY = (0, 0, TICKS_PER_TURN - 1)  # offset and limits of a servo nobody has calibrated
 _HOMED = (State.HOMED, State.RECORDING, State.COMPLETED)
@@ -39,7 +39,8 @@ class PoseEstimate:
     """Estimated joint angles, and which of them are guesses.
 
     Attributes:
-        angles: Every joint's angle [rad]; one that was never seen is where it should be.
+        angles: Every joint's angle [rad]; a joint that was never read has its homing angle.
+        guessed: Joints whose angle is a guess.
     """
 
     angles: Mapping[str, float]
@@ -62,8 +63,8 @@ def estimate_pose(
     """Estimate the joint angles.
 
     Args:
-        state: How far the calibration is.
-        joints: What is known of them.
+        state: The state of the calibration.
+        joints: What is known of the joints.
         former: Their angles by the calibration in force before homing [rad].
     """
     angles, guessed = dict(HOMING_POSE), set(JOINTS)
@@ -87,7 +88,7 @@ def _since_homing(view: JointView, ticks: int) -> tuple[float, bool]:
     if lower is not None and upper is not None and view.verdict is Verdict.COMPLETE:
         middle = sum(STOPS[view.joint]) / 2.0
         return middle + (ticks - (lower + upper) / 2.0) * RAD_PER_TICK, False
-    return _from_pose(view.joint, ticks), view.joint != ROLL  # whose zero is how it was held
+    return _from_pose(view.joint, ticks), view.joint != ROLL  # roll's zero is where it was homed
 
 
 def _from_pose(joint: str, ticks: int) -> float:

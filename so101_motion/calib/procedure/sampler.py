@@ -1,8 +1,8 @@
 """Read all joint positions in one transaction, 100 times a second, during a calibration.
 
-The port's thread calls a ``Sampler``; everybody else reads what it saw last, one immutable value.
-A servo that falls silent, or a port that goes away, ends nothing: the others go on, what was
-recorded stays, and when the cable is back in place the recording continues.
+The port's thread calls a ``Sampler``; other threads read its last result, one immutable value. A
+silent servo or a missing port does not end the recording: the other joints go on, recorded travels
+stay, and the recording continues when the cable is back in place.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ class Positions:
     Attributes:
         ticks: Where each joint is, 0 to 4095 [tick]; joints that were never read are missing.
         arcs: Their travels since the recording began; empty before.
-        t: When that was [s].
+        samples: How often they were read since the recording began.
+        silent: Joints that do not answer.
+        t: When they were read [s].
     """
 
     ticks: Mapping[str, int] = field(default_factory=dict)
@@ -41,7 +43,7 @@ class Sampler:
     """Reads the joints' positions whenever it is called. Called by the port's thread only.
 
     Attributes:
-        seen: What it saw last; replaced whole, any thread may read it.
+        seen: The last positions; replaced whole, any thread may read it.
     """
 
     def __init__(self, clock: Clock, joints: Sequence[str]) -> None:

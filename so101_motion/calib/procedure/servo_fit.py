@@ -81,10 +81,10 @@ _CORRECTIONS = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """What the hand carries.
+    """The load in the hand.
 
     Attributes:
-        mass: [kg].
+        mass: Its mass [kg].
         com: Its centre of mass in the tool frame [m].
         mass_deviation: How sure the mass is, a standard deviation [kg].
     """
@@ -96,12 +96,12 @@ class Load:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identified:
-    """What was found out.
+    """The result of an identification.
 
     Attributes:
-        servos: By joint.
-        deviations: How sure that is, standard deviations, by joint; without the play.
-        load: What the hand carries; None if it was said to be empty.
+        servos: The servo's figures, by joint.
+        deviations: Their standard deviations, by joint; without the play.
+        load: The load in the hand; None if the user said it is empty.
         volts: Supply, mean over the motions [V].
     """
 
@@ -116,11 +116,12 @@ class _Row:
     """A stretch of steady motion of joint ``i``.
 
     Attributes:
-        torque: What the motor makes if it is as its type, the back-EMF taken off [N m].
-        speed: [rad/s].
-        weight: What holds the joint there, without load [N m].
-        per_load: What each of mass and moments adds to it, shape (4,).
-        per_delay: What a second of delay more takes off ``torque`` [N m/s].
+        i: Index of the joint.
+        torque: The motor's torque if it is like its type, back-EMF subtracted [N m].
+        speed: The joint's speed [rad/s].
+        weight: The torque that holds the joint there, without load [N m].
+        per_load: What each of mass and moments adds to ``weight``, shape (4,).
+        per_delay: What one more second of delay subtracts from ``torque`` [N m/s].
     """
 
     i: int
@@ -151,11 +152,11 @@ def identify(
     hand: Array | None,
     known: Mapping[str, ServoFigures] | None = None,
 ) -> Identified:
-    """Identify servos, load and play; corrected by what ``fit`` makes of emulated joints.
+    """Identify servos, load and play, with the bias of ``fit`` removed.
 
-    Steady motion is never quite steady: joints stick and slip, and positions are whole ticks. What
-    that does to the figures is seen by fitting the records that emulated joints with those figures
-    make of the same goals, and taken off. Arguments as for ``fit``.
+    Motion is never quite steady: joints stick and slip, and positions are whole ticks, which biases
+    the figures. To measure the bias, emulated joints with those figures play the same goals, and
+    their records are fitted as well; the difference is subtracted. Arguments as for ``fit``.
     """
     first = found = fit(records, gravity_of, hand=hand, known=known)
     plays: dict[str, float | None] = {}
@@ -190,7 +191,7 @@ def weights_of(
 
 
 def _corrected(used: Identified, first: Identified, again: Identified) -> Identified:
-    """``used`` made ``again`` where the arm made ``first``; so the arm's are about this."""
+    """Remove the bias: the arm gave ``first``, emulated joints with ``used`` gave ``again``."""
     servos = {
         name: replace(
             each,

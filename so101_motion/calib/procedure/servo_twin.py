@@ -1,7 +1,7 @@
-"""Emulate one joint of an arm on what was recorded of it.
+"""Replay the recorded goals of one joint on an emulated servo.
 
-The record says which goals its servo was sent and when; the emulated servo gets the same, bears the
-weight that the joint had where it was, and answers with where it would have been.
+The record has the goals that the real servo was sent, and when. The emulated servo gets the same
+goals and bears the weight that the joint had at each recorded angle; its positions are the result.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from so101_motion.drivers.servo_types import ServoFigures, ServoType
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointRecord:
-    """What one joint did, k samples.
+    """The record of one joint, k samples.
 
     Attributes:
-        index: Which joint of the arm.
+        index: Index of the joint.
         kind: The type of its servo.
         p_gain: Register 21.
         acceleration: Of the servo's own set-point [rad/s^2].
         zero_ticks: Position at angle zero [tick].
         direction: 1 if the servo counts up with the angle, else -1.
-        t: When it was read, shape (k,), [s].
+        t: Times of the readings, shape (k,), [s].
         ticks: Its position, shape (k,), [tick].
         q: The angles of all arm joints, shape (k, 5), [rad].
-        qd_ref: How fast it was wanted, shape (k,), [rad/s].
+        qd_ref: Velocity of its setpoints, shape (k,), [rad/s].
         volts: Supply, shape (k,), [V].
         t_goals: When goals were sent, shape (m,), [s].
-        goals: Which, shape (m,), [tick].
+        goals: The goals, shape (m,), [tick].
     """
 
     index: int
@@ -83,8 +83,8 @@ def predicted(
     """Where the joint would have been at each sample, shape (k,), [tick].
 
     Args:
-        record: What it was sent.
-        figures: Its servo.
+        record: The record with the goals.
+        figures: Figures of its servo.
         weight: The torque that holds it at each sample, shape (k,), [N m].
         play: Between gears and output [rad]; None for that of ``figures``, or the usual one.
     """

@@ -3,24 +3,24 @@
 How it works. Between ``start`` and the end of a calibration, the joints are limp and a ``Sampler``
 watches them. The commands, and what each changes:
 
-* ``start`` lets go of the joints. Nothing is written for good.
+* ``start`` switches torque off. No setting is written.
 * ``set_homing`` writes the journal, then each servo's homing offset, so that the pose of this
   moment reads 2047, and opens its limits. All is read back.
 * ``start_recording`` and ``stop_recording`` write nothing. Stopping is refused, and the recording
-  goes on, as long as a joint has not been where it must go.
-* ``save`` judges once more what it is about to write, then commits: the journal, the servos one
-  after the other, the file, and at last the journal is removed. When that fails half way, a cable
-  being loose or a disk full, it is simply given again.
+  goes on, until every joint has moved through its travel.
+* ``save`` checks once more what it is about to write, then commits: it writes the journal, the
+  servos one after the other and the file, and then removes the journal. If that fails half-way,
+  because of a loose cable or a full disk, give it again.
 * ``abort`` puts the servos back as they were found; ``reset`` is the same.
 
-So until ``save`` commits, an interruption of any kind ends with the former calibration, and after
-that with the new one. ``journal.py`` sees to those that nobody is left to handle.
+So until ``save`` commits, any interruption ends with the former calibration, and after that with
+the new one. After a crash, ``journal.py`` does this at the next start.
 
-Torque comes back last and from elsewhere: whoever lent the bus takes it back and lets the joints
-hold where they are, with the goal seeded. After ``save`` it should; after ``abort`` it should if
-``held_before`` says so.
+This file does not switch torque on: the lender takes the bus back and, with the goal seeded, lets
+the joints hold where they are. It should do so after ``save``, and after ``abort`` if
+``held_before``.
 
-Commands may come from any thread and are carried out one at a time. ``view`` waits for nobody.
+Commands may come from any thread and are carried out one at a time. ``view`` never waits.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ class Session:
 
     Args:
         calibration_file: Where it is saved; absolute, see ``store.resolve``.
-        joints: Which joints are calibrated; what is known of the others stays.
+        joints: The joints to calibrate; entries of the others stay.
 
     Attributes:
         held_before: Whether any of the joints was driven when the calibration began.
-        stored: What the file said after the last ``save``; None before.
+        stored: The content of the file after the last ``save``; None before.
 
     Raises:
         ConfigError: There is no such joint, or none at all.
@@ -94,19 +94,19 @@ class Session:
     def step(
         self, command: Command, access: BusAccess | None = None, *, accept: Collection[str] = ()
     ) -> CalibrationView:
-        """Carry out a command; what each changes is said at the top of this file.
+        """Carry out a command; the top of this file says what each changes.
 
         Args:
-            command: Which.
+            command: The command.
             access: The bus, for ``start``; lent until ``is_active`` is False again.
             accept: For ``stop_recording``: joints whose travel is right although it is not that of
-                an SO-101, because something is mounted on them or in their way.
+                an SO-101, because something is mounted on them or blocks them.
 
         Raises:
             BusError: A servo cannot be reached; try again.
-            CalibrationError: Not possible now, a joint must be moved on, a servo does not do as it
-                was told, or a file cannot be written.
-            ConfigError: ``accept`` names something else than joints.
+            CalibrationError: The command is not possible now, a joint must be moved on, a servo
+                does not take a value, or a file cannot be written.
+            ConfigError: ``accept`` names something that is not a joint.
         """
         with self._lock:
             leads = steps.step(self._progress.state, command)
@@ -139,13 +139,13 @@ class Session:
     reset = partialmethod(step, Command.RESET)
 
     def save(self) -> store.Stored:
-        """Save the new calibration to servos and file; return what the file says now."""
+        """Save the new calibration to servos and file; returns the content of the file."""
         self.step(Command.SAVE)
         assert self.stored is not None
         return self.stored
 
     def close(self) -> None:
-        """Abort a running calibration; what cannot be put back now is at the next start."""
+        """Abort a running calibration; servos that cannot be put back now are at the next start."""
         with self._lock:
             if self._access is None:
                 return
@@ -307,7 +307,7 @@ class Session:
 
 
 def _in_order(key: str, joints: Collection[str]) -> tuple[str, ...]:
-    """The joints base to jaw."""
+    """The joints in order, base to jaw."""
     for joint in joints:
         if joint not in JOINTS:
             raise ConfigError(key, joint, f"must be of {', '.join(JOINTS)}")

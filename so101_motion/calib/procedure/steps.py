@@ -2,16 +2,16 @@
 
 How it works. A calibration is always in one of six states. A command that the table does not list
 for the state is refused and changes nothing. A command that is listed is carried out by
-``session.py``; it leads to ``then`` if all went well and to ``otherwise`` if not. There is nothing
-else to know: no state holds data, and the table has neither a bus nor a clock.
+``session.py``; it leads to ``then`` if it succeeds and to ``otherwise`` if it fails. States hold no
+data, and the table has neither a bus nor a clock.
 
-Two things were decided here. A command whose failure leaves everything as it was before, such as
-stopping a recording that misses a joint or saving while a cable is loose, leads back to its own
-state, so it can simply be given again. And a calibration that failed half way is in ``error``,
-where the servos may have to be put back: ``reset`` does that, and so does ``start``, to begin with.
+Two decisions. A command whose failure changes nothing, such as stopping a recording that misses a
+joint or saving while a cable is loose, stays in its state, so it can be given again. A calibration
+that failed half-way is in ``error``, where the servos may have to be put back: ``reset`` does that,
+and so does ``start`` before it begins.
 
-States, commands and their names are the published module's, which scripts and its setup page know.
-The diagram in the documentation is drawn from this table, see ``mermaid``.
+States, commands and their names are the published module's, because scripts and its setup page use
+them. The diagram in the documentation is drawn from this table, see ``mermaid``.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ TABLE: dict[tuple[State, Command], Transition] = {
     **{(state, Command.ABORT): Transition(State.IDLE, State.ERROR) for state in State},
     **{(state, Command.RESET): Transition(State.IDLE, State.ERROR) for state in State},
 }
-"""Every possible step; what is not here is refused."""
+"""Every possible step; all others are refused."""
 
 OFFERED: dict[State, tuple[Command, ...]] = {
     State.IDLE: (Command.START,),
@@ -74,7 +74,7 @@ OFFERED: dict[State, tuple[Command, ...]] = {
     State.COMPLETED: (Command.SAVE, Command.START, Command.ABORT),
     State.ERROR: (Command.RESET, Command.START),
 }
-"""What makes sense next, the usual way on first; ``abort`` and ``reset`` are possible always."""
+"""Commands to offer next, the usual one first; ``abort`` and ``reset`` are always possible."""
 
 INSTRUCTIONS: dict[State, str] = {
     State.IDLE: "Ready. Support the arm with one hand before you start: its joints go limp.",
@@ -96,7 +96,7 @@ def step(state: State, command: Command) -> Transition:
     """The transition of ``command`` from ``state``.
 
     Raises:
-        CalibrationError: It is not possible now.
+        CalibrationError: The command is not possible in this state.
     """
     found = TABLE.get((state, command))
     if found is None:
@@ -109,8 +109,8 @@ def step(state: State, command: Command) -> Transition:
 def mermaid() -> str:
     """The table as a state diagram in Mermaid's language.
 
-    Failures that lead back to where they happened are left out, and of ``abort`` and ``reset``,
-    which do the same everywhere, the one that is offered is drawn.
+    Failures that stay in their state are left out. ``abort`` and ``reset`` do the same everywhere,
+    so only the one that is offered is drawn.
     """
     lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE.value}"]
     everywhere = (Command.ABORT, Command.RESET)

@@ -1,7 +1,7 @@
-"""Measure how long an arm has been held still, to take its homing pose then.
+"""Measure how long an arm has been held still, to take its homing pose hands-free.
 
-A person has both hands on the arm then, so a key or button only announces the pose, and it is
-taken once nothing has moved for a moment.
+The user needs both hands for the arm. So a key or button only announces the pose, and it is taken
+once nothing has moved for a moment.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 STILL = 1.5
-"""For how long the arm must be held still for its pose to be taken [s]. Chosen."""
+"""The pose is taken after the arm was held still for this long [s]. Chosen."""
 
 TREMBLE = 23
 """How far a joint may move meanwhile [tick], 2 deg; a hand trembles. Chosen."""
@@ -23,7 +23,7 @@ class Stillness:
         self._anchor: dict[str, int] = {}
 
     def feed(self, t: float, ticks: Mapping[str, int | None]) -> float:
-        """For how long all joints have been within ``TREMBLE`` of one place [s]; 0 if one is lost.
+        """How long all joints have stayed within ``TREMBLE`` [s]; 0 if one does not answer.
 
         Args:
             t: Now [s].

@@ -1,7 +1,8 @@
-"""Describe a calibration to a person, as plain values: hints, bars, summary.
+"""Describe a calibration to the user, as plain values: hints, travel bars, summary.
 
-The terminal and the page show the same: how near each joint is to the homing pose, how far its
-travel has come, which joints are left or may be accepted as they are, and what will be saved.
+The terminal and the page both show these: how near each joint is to the homing pose, how much of
+its travel is recorded, which joints are left or may be accepted as they are, and what will be
+saved.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from so101_motion.common.units import to_deg
 Tone = Literal["good", "busy", "warm", "bad", "dim"]
 
 NEAR_DEG = 25.0
-"""How far from the middle of its travel a joint may be homed [deg]. Chosen: the travel of each is
-found either way; beyond this a person has probably missed the picture."""
+"""How far from the middle of its travel a joint may be homed [deg]. Chosen: the travel is found
+anyway, but beyond this the user has probably misread the picture."""
 
 UPRIGHT_DEG = 12.0
 """The same for wrist_roll, whose zero is where it is held. Chosen."""
 
 FEW = 2
-"""On so many joints something may sit that limits them. Chosen."""
+"""At most so many joints may be accepted with an unusual travel. Chosen."""
 
 
 # The homing pose
@@ -71,7 +72,7 @@ def picture_note(now: PoseEstimate, joints: Iterable[str]) -> str:
             "The picture moves as the arm does, but may be some degrees off: joints that were never"
             " calibrated do not know their position. Trust the arm, not the picture."
         )
-    return f"The picture is some degrees off as long as these are not done: {', '.join(guessed)}."
+    return f"The picture is some degrees off until these are done: {', '.join(guessed)}."
 
 
 # The travels
@@ -112,7 +113,7 @@ TONES: Mapping[Verdict | None, Tone] = {
 _PLAIN = (
     None, Verdict.UNTOUCHED, Verdict.TOO_SHORT, Verdict.COMPLETE, Verdict.FULL_TURN
 )  # fmt: skip
-"""Of these a bar says all there is to say."""
+"""Verdicts that need no text beside the bar."""
 
 
 def travels(joints: Mapping[str, JointView]) -> tuple[TravelBar, ...]:
@@ -150,8 +151,8 @@ def _figures(view: JointView) -> str:
 def _on_bar(view: JointView) -> tuple[float, float, float | None]:
     """Begin and end of the travel, and the joint's place, as shares of the bar.
 
-    The bar is the expected travel with the homing pose in its middle, as far as the travel so far
-    agrees: what was passed is always on it.
+    The bar shows the expected travel with the homing pose in its middle, shifted or widened so that
+    all of the recorded travel is on it.
     """
     whole = view.expected_deg * TICKS_PER_DEG
     lower, upper = view.recorded_min, view.recorded_max
@@ -181,9 +182,10 @@ def short(joints: Mapping[str, JointView]) -> tuple[str, ...]:
 
 
 def acceptable(joints: Mapping[str, JointView]) -> tuple[str, ...]:
-    """The unfinished joints whose travel may be right on an unusual arm; empty unless all may be.
+    """The unfinished joints whose travel may be right on an unusual arm.
 
-    Nor when they are many: then the recording has hardly begun.
+    Empty unless this is so for all of them, and if they are many: then the recording has hardly
+    begun.
     """
     missing = left(joints)
     may_be = all(can_be_accepted(joints[joint].verdict, joints[joint].travel) for joint in missing)

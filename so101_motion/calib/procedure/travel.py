@@ -1,12 +1,12 @@
 """Record the travel of a joint, and choose the homing offset and limits for it.
 
 How it works. A servo reports positions on a circle of 4096 ticks, and somewhere on that circle is
-the seam where 4095 is followed by 0. Where it lies depends on how the servo was put on and on its
-homing offset, so it can be anywhere, in the middle of the travel as well. Smallest and largest
-reading then mean nothing. So a ``TravelRecorder`` does not keep extremes; it marks every place of
-the circle that the joint has passed. The part it never passed is where the joint cannot go, and the
-travel is the rest: a ``TravelArc``, seam or no seam. A pause without readings, after which nobody
-knows which way the joint went, leaves a hole that the next pass fills.
+the seam where 4095 is followed by 0. Where it lies depends on how the servo was mounted and on its
+homing offset, so it can be anywhere, even in the middle of the travel. Smallest and largest reading
+then mean nothing. So a ``TravelRecorder`` does not keep extremes; it marks every position of the
+circle that the joint has passed. The part it never passed is where the joint cannot go, and the
+travel is the rest: a ``TravelArc``, seam or no seam. After a pause without readings it is not known
+which way the joint went; that leaves a hole, which the next pass fills.
 
 Three readings in a row are judged together and the middle one counts, so a single wrong reading
 adds nothing to the travel. (It costs nothing either: a joint at its stop is there for more than one
@@ -14,10 +14,10 @@ of the hundred readings a second.)
 
 ``fit`` then chooses the homing offset that puts a travel within 0 to 4095. The offset set in the
 homing pose is kept if the travel fits with it; else the middle of the travel becomes 2047. The
-register holds -2047 to 2047, which are all places of the circle but one. Where that one is needed,
-its neighbour is taken, and the joint reads 2048 instead.
+register holds -2047 to 2047, which is every position of the circle but one. Where that one is
+needed, its neighbour is taken, and the joint reads 2048 instead.
 
-Pure: ticks in, ticks out.
+No bus and no clock: ticks in, ticks out.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ MIDDLE = 2047
 
 SEAM_MARGIN = 64
 """A travel with an end nearer than this to the seam is moved to the middle [tick]; 5.6 deg, chosen:
-a stop gives, and a servo pushed past the seam would believe itself a turn away."""
+a stop yields a little, and a servo pushed past the seam would read a turn less or more."""
 
 LONGEST_GAP = 0.3
-"""After how long without a reading the way in between is unknown [s]. A joint moved by hand reached
+"""After so long without a reading the path in between is unknown [s]. A joint moved by hand reached
 2533 tick/s (measured on a leader arm), so it turns less than a fifth of a turn in that time."""
 
 
@@ -88,8 +88,8 @@ class TravelRecorder:
         """Add a reading.
 
         Args:
-            t: When [s].
-            ticks: Where; any turn.
+            t: Time of the reading [s].
+            ticks: The position; any turn.
         """
         if t - self._t > LONGEST_GAP:
             self._window, self._at = [], None
@@ -134,7 +134,7 @@ def homing_offset(encoder: int) -> int:
     """The offset with which a servo reads ``MIDDLE``, or one more, at its present position.
 
     Args:
-        encoder: What its encoder counts, the offset in force added to what it reports [tick].
+        encoder: Its encoder's count: its reported position plus its present offset [tick].
 
     Returns:
         An offset that every servo can hold, -2047 to 2047.
@@ -152,7 +152,7 @@ class Fit:
     """A homing offset, and the limits of the travel with that offset.
 
     Attributes:
-        homing_offset: What the servo takes off its encoder [tick].
+        homing_offset: What the servo subtracts from its encoder's count [tick].
         lower: Lower end of the travel [tick], 0 to 4095.
         upper: Upper end [tick].
         home: What the servo reads in the homing pose [tick].

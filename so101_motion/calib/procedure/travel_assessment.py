@@ -1,12 +1,12 @@
-"""Judge a recorded travel, with a sentence for the person who moves the arm.
+"""Judge a recorded travel, with a sentence for the user who moves the arm.
 
-Each joint's travel is known from the arm's solids, so a joint that was not moved, did not reach its
-stops or went where it cannot go is named while it is recorded. A joint that did not get quite to
-its stops can be saved, but has its zero in the middle of what was recorded, because nobody knows
-at which stop the rest is missing.
+Each joint's travel is known from the arm's CAD model, so a joint that was not moved, did not reach
+its stops or moved too far is reported during the recording. A joint that did not quite reach its
+stops can be saved, but its zero is then the middle of what was recorded, because it is not known at
+which stop the rest is missing.
 
-wrist_roll has weak stops or none, so it need not be swept: then it counts as a full turn, 0 to
-4095 as LeRobot has it. Its zero is where it was held in the homing pose.
+wrist_roll has weak stops or none, so it need not be moved from stop to stop: then it counts as a
+full turn, 0 to 4095, as in LeRobot. Its zero is where it was held in the homing pose.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ SLACK, SLACK_JAW = 45, 228
 has it, and 20 deg for the jaw, the most among public calibrations."""
 
 EXTRA = 57
-"""How much more than expected a travel from stop to stop may be [tick]: 5 deg, as ``zero.by_stops``
-has it. Of roll and jaw, whose zeros do not hang on it, up to 6 and 11 deg have been seen."""
+"""How much more than expected a travel from stop to stop may be [tick]: 5 deg, as in
+``zero.by_stops``. Up to 6 and 11 deg have been seen of roll and jaw, whose zeros do not depend on
+it."""
 
 EXCESS = 1.12
-"""A travel this many times the expected one cannot be true; the widest public one has 1.11."""
+"""A travel this many times the expected one is impossible; the widest public one has 1.11."""
 
-_ASKEW = 341  # [tick] 30 deg, chosen: a roll homed so far off its middle was not held as asked
+_ASKEW = 341  # [tick] 30 deg, chosen: a roll homed so far off its middle was held the wrong way
 
 ROLL = "wrist_roll"
 
@@ -69,7 +70,7 @@ def assess(
     Args:
         joint: Its name.
         arc: Its travel so far; None if there is none yet.
-        expected: What it is from stop to stop [tick].
+        expected: The travel from stop to stop [tick].
         home: What the servo reads in the homing pose [tick].
         counts_down: Whether the servo's encoder is set up to count the wrong way round.
     """
@@ -89,7 +90,7 @@ def assess(
     if travel > min(EXCESS * expected, WIDEST):
         return _not_usable(
             Verdict.TOO_WIDE,
-            f"{moved}, which it cannot; see that horn and gears do not slip, then start again",
+            f"{moved}, which is impossible; check horn and gears for slip, then start again",
         )
     assert arc is not None  # it has a travel
     return _grade(joint, arc, expected, home, moved)
@@ -109,11 +110,11 @@ def _grade(joint: str, arc: TravelArc, expected: int, home: int, moved: str) -> 
     elif arc.travel > expected + EXTRA and joint in zero.SWEPT:
         verdict = Verdict.TOO_WIDE
         remark = (
-            ", more than there is between its stops; it can be saved, but where its zero is remains"
-            " a guess. See that its horn does not slip"
+            ", more than there is between its stops; it can be saved, but its zero is then a guess."
+            " Check that its horn does not slip"
         )
     elif joint == ROLL and abs(home - arc.lower - arc.travel // 2) > _ASKEW:
-        remark = ": done; its zero is far from the middle, was the gripper opening upwards?"
+        remark = ": done; its zero is far from the middle: did the gripper open upwards?"
     return Assessment(verdict=verdict, sentence=f"{moved}{remark}", is_usable=True)
 
 
@@ -139,7 +140,7 @@ def _assess_unswept_roll(arc: TravelArc | None, home: int, moved: str) -> Assess
         )
     return Assessment(
         verdict=Verdict.FULL_TURN,
-        sentence="counts as a full turn; move it to both its stops if those are to be kept",
+        sentence="counts as a full turn; move it to both its stops if you want those recorded",
         is_usable=True,
     )
 

@@ -1,8 +1,7 @@
 """Describe a running calibration as plain values; no bus here.
 
-A view is one immutable value, made from what is known of the joints and what was read last. The
-readings of a sensor, the bars of a terminal and a page in a browser all show the same one, at any
-time and without waiting.
+A view is one immutable value, made from the progress of the joints and the last positions. A
+sensor's readings, the terminal and the page all show it, at any time and without waiting.
 """
 
 from __future__ import annotations
@@ -30,10 +29,13 @@ class JointProgress:
     """The progress of one joint.
 
     Attributes:
+        before: What its servo held before, as it can be restored.
+        held: What its servo holds now.
+        driven: Whether its torque was on when the calibration began.
         counts_down: Whether its encoder is set up to count the wrong way round.
         home: What it reads in the homing pose [tick]; None before.
         fit: Offset and travel that are about to be saved; None before the recording has ended.
-        assessment: What the travel is worth; None before the recording has ended.
+        assessment: The verdict on its travel; None before the recording has ended.
     """
 
     joint: str
@@ -70,7 +72,7 @@ class CalibrationProgress:
     """The progress of a calibration.
 
     Attributes:
-        error: What went wrong last; None if it went well.
+        error: Why the last command failed; None if it succeeded.
         started_at: When the recording began [s].
         recorded_for: How long it took [s]; None while it runs.
     """
@@ -96,7 +98,7 @@ class JointView:
         recorded_min: Lower end of the recorded travel [tick]; None before there is one.
         recorded_max: Upper end.
         expected_deg: The travel from stop to stop [deg].
-        verdict: What the travel is worth; None before a recording.
+        verdict: The verdict on the travel; None before a recording.
         sentence: What that means and what to do; empty before a recording.
     """
 
@@ -138,8 +140,8 @@ class CalibrationView:
     Attributes:
         joints: The joints that are calibrated, by name, base to jaw; none before the start.
         error: What is wrong at present and what to do about it; None if nothing is.
-        note: What a person should know besides; None if nothing.
-        recording_time: For how long was recorded so far [s].
+        note: Another message for the user; None if there is none.
+        recording_time: How long the recording has taken so far [s].
     """
 
     state: State

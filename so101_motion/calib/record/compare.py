@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from so101_motion.calib.record.record import JOINTS, Calibration
 
 FIELDS = ("homing_offset", "range_min", "range_max")
-"""What servos hold of a calibration: their registers 31, 9 and 11."""
+"""The fields of a calibration that servos hold, in registers 31, 9 and 11."""
 
 TOLERANCE = 1
-"""Differences that mean nothing [tick]: the published module leaves a servo with an offset that is
-one off what it writes to its file."""
+"""Differences up to this mean nothing [tick]: the published module gives a servo an offset that is
+one tick off the one it writes to its file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,9 +21,9 @@ class Difference:
 
     Attributes:
         field: One of ``FIELDS``.
-        filed: What the calibration says [tick].
-        held: What the servo holds [tick]; None when that is not known.
-        differs: Whether they differ by more than the tolerance; a number not known does not.
+        filed: The calibration's number [tick].
+        held: The servo's number [tick]; None if it is not known.
+        differs: Whether they differ by more than the tolerance; False if ``held`` is not known.
     """
 
     joint: str
@@ -34,7 +34,7 @@ class Difference:
 
     @property
     def sentence(self) -> str:
-        """The difference in words."""
+        """The difference as a sentence."""
         held = "is not known" if self.held is None else f"holds {self.held}"
         return f"{self.joint}: {self.field} is {self.filed} in the calibration, the servo {held}"
 

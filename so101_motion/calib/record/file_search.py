@@ -1,9 +1,9 @@
 """Find the calibration files on this computer.
 
-In this order, likeliest first: this module's data directory; wherever this package has saved one
-for this user, by its own account; the data and program folders of other modules (the published
-module saved into its program folder, where a calibration of before an upgrade may still be);
-LeRobot's folders, old and new; and the second copies of files that are gone.
+In this order, likeliest first: this module's data directory; places where this package has saved
+one for this user; the data and program folders of other modules (the published module saved into
+its program folder, where a calibration from before an upgrade may still be); LeRobot's folders, old
+and new; and kept copies of files that are gone.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class FoundFile:
         origin: ``"module data"``, ``"saved"`` (by this package, anywhere), ``"module folder"``,
             ``"LeRobot"`` or ``"kept copy"``.
         role: ``"follower"``, ``"leader"`` or ``"unknown"``, by the folder that LeRobot has it in.
-        name: What the arm is called: the file's name without its ending; of a kept copy, the path
-            of the file that is gone.
-        stored: What it says; None when it cannot be used.
+        name: Name of the arm: the file's name without its ending; for a kept copy, the path of the
+            file that is gone.
+        stored: Its content; None when it cannot be used.
         problem: Why it cannot be used; empty when it can.
     """
 
@@ -51,7 +51,7 @@ class FoundFile:
 def find() -> tuple[FoundFile, ...]:
     """Find all calibration files where programs for this arm put them, the likeliest first.
 
-    Looks only: nothing is written or brought back, and what is no calibration is left out.
+    Nothing is written or restored, and files that are no calibration are left out.
     """
     found: dict[Path, FoundFile] = {}
     for origin, role, paths in _places():
@@ -65,7 +65,7 @@ def find() -> tuple[FoundFile, ...]:
 
 
 def _places() -> Iterator[tuple[str, str, Iterable[Path]]]:
-    """Where from, whose, and the files, which are looked for only when they are asked for."""
+    """Origin, role and files of each place; the files are searched when they are iterated."""
     data = os.environ.get("VIAM_MODULE_DATA")
     if data:
         yield "module data", "unknown", _files(Path(data), "*.json")
@@ -126,7 +126,7 @@ def _kept() -> Iterator[tuple[Path, Path]]:
 
 
 def _found(path: Path, origin: str, role: str, name: str = "") -> FoundFile | None:
-    """What is at ``path``, if it looks like a calibration."""
+    """The file at ``path``, if it looks like a calibration."""
     stored, problem = None, ""
     try:
         if not _is_about_joints(path):
@@ -145,7 +145,7 @@ def _found(path: Path, origin: str, role: str, name: str = "") -> FoundFile | No
 
 
 def _is_about_joints(path: Path) -> bool:
-    """Whether the file means to be a calibration; nobody else's file is ours to complain about."""
+    """Whether the file is meant as a calibration; other files must not cause complaints."""
     try:
         content = json_file.read(path)
     except CalibrationError:

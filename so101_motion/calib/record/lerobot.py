@@ -1,16 +1,17 @@
 """LeRobot's calibration files: where they are, how to write one, and how to read the old ones.
 
 LeRobot has had two formats. Since June 2025 a file has an entry of five fields for each joint,
-which are our first five: ``record`` reads it as it is. LeRobot takes no field more, so ours needs
-writing anew for it. Folders were renamed in January 2026 (``so101_follower`` is ``so_follower``).
+which are our first five, so ``record`` reads it as it is. LeRobot refuses further fields, so ours
+are left out when a file is written for it. Folders were renamed in January 2026
+(``so101_follower`` is now ``so_follower``).
 
-Before, a file had lists in parallel: ``motor_names``, ``homing_offset``, ``drive_mode``,
-``start_pos``, ``end_pos``, ``calib_mode``. It tells in which two poses the joints were held: first
-stretched out horizontally with the jaws closed (start), then each a quarter turn on (end). For the
-arm, ``homing_offset`` is what made the second pose 90 deg, and ``end_pos`` is negated where
-``drive_mode`` is 1. So the zeros can be taken over, and the travels are the model's. What the files
-do not say is what the servos' own offsets were; LeRobot's motor setup of that time set them to 0.
-Sources: LeRobot's notes on backward compatibility; its issue 930 shows such a file.
+Before, a file had parallel lists: ``motor_names``, ``homing_offset``, ``drive_mode``,
+``start_pos``, ``end_pos``, ``calib_mode``. They describe two poses in which the joints were held:
+first stretched out horizontally with the jaws closed (start), then each turned by a quarter turn
+(end). For the arm, ``homing_offset`` makes the second pose 90 deg, and ``end_pos`` is negated where
+``drive_mode`` is 1. So the zeros can be taken over, and the travels are the model's. The files do
+not have the servos' own offsets; LeRobot's motor setup of that time set them to 0. Sources:
+LeRobot's notes on backward compatibility; its issue 930 shows such a file.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
 from so101_motion.files import atomic
 
 FIELDS = record.FIELDS[:5]
-"""What LeRobot says of a joint; it refuses a file that says more."""
+"""LeRobot's fields of a joint; it refuses a file with more."""
 
 FOLLOWERS = ("so_follower", "so101_follower", "so100_follower")
 """LeRobot's folders for the arms we drive, the newest first."""
 
 LEADERS = ("so_leader", "so101_leader", "so100_leader")
-"""And for those that lead."""
+"""LeRobot's folders for leader arms, the newest first."""
 
 _QUARTER = TICKS_PER_TURN // 4
 _LISTS = ("motor_names", "homing_offset", "drive_mode", "start_pos", "end_pos", "calib_mode")
@@ -49,10 +50,10 @@ STRETCHED = dict(
 """The model's angles of the pose that was zero before June 2025 [rad]."""
 
 TURNED = dict(zip(JOINTS, (0, 1, 0, 0, 1, 0), strict=True))
-"""The ``drive_mode`` of then, of an arm built right: 1 where angles counted against the model's."""
+"""The old ``drive_mode`` of a correctly built arm: 1 where angles count against the model's."""
 
 _BY_HAND = to_rad(25.0)
-"""How far the two poses may contradict each other [rad]; they were held by hand, and 10 deg is
+"""How much the two poses may contradict each other [rad]; they were held by hand, and 10 deg is
 common. Chosen."""
 _MARGIN = to_rad(3.0)
 """How far inside the model's stops a travel that was never recorded ends [rad]. Chosen."""
@@ -87,7 +88,7 @@ def path_for(robot_id: str, *, kind: str = "") -> Path:
             the newest name for it.
 
     Raises:
-        ConfigError: It cannot be the name of an arm, or there is no such kind.
+        ConfigError: ``robot_id`` cannot be a file name, or there is no such kind.
     """
     if not robot_id or robot_id in (".", "..") or any(c in robot_id for c in "/\\\0"):
         raise ConfigError("robot_id", robot_id, "must be a plain name, as in LeRobot's --robot.id")
@@ -151,7 +152,7 @@ def from_lists(
     """Read LeRobot's old format of lists: the calibration, the zeros, and notes for a person.
 
     Raises:
-        CalibrationError: They make no sense, contradict each other, or are of another arm.
+        CalibrationError: The lists make no sense, contradict each other, or are of another arm.
     """
     assert isinstance(content, Mapping)
     rows = _rows(content)
@@ -174,10 +175,10 @@ def from_lists(
         calibration[joint], zeros[joint] = _from_poses(joint, row)
     record.check(calibration)
     note = (
-        "this is a LeRobot calibration of before June 2025: zeros are as it has them (the poses it"
-        f" was made in contradict each other by up to {to_deg(apart):.0f} deg), the travels are"
-        f" the model's less {to_deg(_MARGIN):.0f} deg at each end, and the servos' own offsets are"
-        " taken to have been 0 then. Move carefully, and calibrate again when you can"
+        "this is a LeRobot calibration from before June 2025: its zeros were taken over (its two"
+        f" poses contradict each other by up to {to_deg(apart):.0f} deg), the travels are the"
+        f" model's less {to_deg(_MARGIN):.0f} deg at each end, and the servos' own offsets are"
+        " assumed to have been 0. Move carefully, and calibrate again when you can"
     )
     return calibration, zeros, (note,)
 
@@ -228,20 +229,20 @@ def _list(
 
 
 def _apart(joint: str, row: Mapping[str, int]) -> float:
-    """How far the two poses contradict each other [rad]."""
+    """How much the two poses contradict each other [rad]."""
     sign = -1 if row["drive_mode"] else 1
     if abs(row["homing_offset"] - (_QUARTER - row["end_pos"])) > 2:
         raise CalibrationError(
             joint,
             f"homing_offset {row['homing_offset']} and end_pos {row['end_pos']} do not belong"
-            " together, so somebody has changed the file",
+            " together, so the file has been edited",
             "calibrate the arm again",
         )
     apart = abs(sign * row["start_pos"] + row["homing_offset"]) / TICKS_PER_RAD
     if apart > _BY_HAND:
         raise CalibrationError(
             joint,
-            f"was not turned by 90 deg between the two poses but {to_deg(apart):.0f} deg off that",
+            f"was not turned by 90 deg between the two poses: it is {to_deg(apart):.0f} deg off",
             "calibrate the arm again",
         )
     return apart

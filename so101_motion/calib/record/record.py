@@ -1,14 +1,14 @@
 """The calibration record: what the ticks of each joint's servo mean.
 
-The record is the published module's: an object by joint name with six whole numbers each, and it
-is LeRobot's as well, which writes five of them (no ``norm_mode``). Programs in the field write it
-with joints left out or null, so a record may lack joints; whoever uses it says what stands in.
+The record is the published module's: an object by joint name with six whole numbers each. It is
+also LeRobot's, which writes five of them (no ``norm_mode``). Some programs leave joints out or
+write null, so a record may lack joints; its user has to supply defaults.
 
-Reading judges. The published module takes any numbers between 0 and 4095; here a record is refused
-when it cannot describe this arm, and the message names the joint and what to do again. What is
-refused is refused whole: half of a wrong file is no better than all of it.
+``parse`` checks the numbers. The published module takes any numbers between 0 and 4095; here a
+record is refused when it cannot describe this arm, and the message names the joint and what to do.
+A file with one wrong joint is refused as a whole.
 
-Files are in ``store``, other formats in ``lerobot``, and what a travel's middle means in ``zero``.
+Files are in ``store``, other formats in ``lerobot``, and the zero of a joint is in ``zero``.
 """
 
 from __future__ import annotations
@@ -24,26 +24,27 @@ from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.files.json_file import Object
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
-"""Along the cable, base to jaw."""
+"""The joints along the cable, base to jaw."""
 
 SERVO_IDS: Mapping[str, int] = {joint: place for place, joint in enumerate(JOINTS, start=1)}
-"""Which servo moves which joint of a finished arm."""
+"""The servo id of each joint of a finished arm."""
 
 FIELDS = ("id", "drive_mode", "homing_offset", "range_min", "range_max", "norm_mode")
-"""What is said of each joint, in the order of the file."""
+"""The fields of each joint, in the order of the file."""
 
 LARGEST_OFFSET = 2047
 """Largest homing offset that every firmware stores [tick]; register 31 has eleven bits for it."""
 
 NARROWEST = 57
-"""Narrowest range taken for a recorded travel [tick], 5 deg; less means the joint was not moved."""
+"""Narrowest range that counts as a travel [tick], 5 deg; with less the joint was not moved."""
 
 WIDEST = 4000
-"""Widest travel of a joint that has stops [tick]; the arm's own turn 2,340 at most. More means that
-the sweep went across the encoder's seam. Only wrist_roll may be recorded as a whole turn."""
+"""Widest travel of a joint that has stops [tick]; the arm's joints turn by 2,340 at most. With
+more, the recording went across the encoder's seam. Only wrist_roll may be recorded as a whole
+turn."""
 
 GRIPPER_TRAVEL = 1251
-"""What the jaw travels [tick]: 110 deg, the joint limits of the robot description."""
+"""The jaw's travel [tick]: 110 deg, the joint limits of the robot description."""
 
 _WIDEST_GRIPPER = 1.25 * GRIPPER_TRAVEL  # the published module's guard; real arms: up to 1.17
 _AGAIN = "calibrate the arm again"
@@ -88,13 +89,13 @@ def default(joint: str) -> JointCalibration:
 def from_registers(
     joint: str, servo_id: int, *, homing_offset: int, range_min: int, range_max: int
 ) -> tuple[JointCalibration, str | None]:
-    """Make the calibration from a servo's own registers, with a note on what is odd.
+    """Make the calibration from a servo's own registers, with a note if they look wrong.
 
-    A jaw whose limits are much wider than a jaw travels has never been calibrated; to drive it to
-    such a limit would press it against its stop for good. It gets the default instead.
+    A jaw whose limits are much wider than its travel has never been calibrated. Driven to such a
+    limit it would press against its stop forever, so it gets the default.
 
     Returns:
-        The calibration, and a sentence about it that a person should read, or None.
+        The calibration, and a note for the user, or None.
     """
     found = replace(
         default(joint),
@@ -117,7 +118,7 @@ def from_registers(
             f" travels, so a narrower default is used; {_AGAIN}",
         )
     if looks_as_new(joint, found):
-        return found, f"{joint}: its servo looks as new, so zero is only a guess; {_AGAIN}"
+        return found, f"{joint}: its servo looks new, so its zero is only a guess; {_AGAIN}"
     return found, None
 
 
@@ -136,7 +137,7 @@ def parse(content: object) -> dict[str, JointCalibration]:
     """Parse the content of a calibration file.
 
     Raises:
-        CalibrationError: It cannot be true of this arm.
+        CalibrationError: The content cannot be a calibration of this arm.
     """
     if not isinstance(content, Mapping):
         raise CalibrationError(
@@ -160,10 +161,10 @@ def parse(content: object) -> dict[str, JointCalibration]:
 
 
 def check(calibration: Calibration) -> None:
-    """Check that the record can be true of this arm.
+    """Check that the record is possible for this arm.
 
     Raises:
-        CalibrationError: It cannot.
+        CalibrationError: It is not.
     """
     parse({joint: entry.to_json() for joint, entry in calibration.items()})
 
@@ -191,7 +192,7 @@ def _whole(joint: str, name: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value % 1 != 0:
         raise CalibrationError(joint, f"{name} must be a whole number, not {quoted(value)}", _AGAIN)
     if abs(value) > 1e6:
-        raise CalibrationError(joint, f"{name} is {quoted(value)}, beyond all reason", _AGAIN)
+        raise CalibrationError(joint, f"{name} is {quoted(value)}, which is impossible", _AGAIN)
     return int(value)
 
 
@@ -225,9 +226,9 @@ def _problem(joint: str, found: JointCalibration) -> tuple[str, str] | None:
         )
     if joint in _STOPPED and upper - lower > WIDEST:
         return (
-            f"range {lower} to {upper} is more than the joint can turn, so its encoder went past"
-            " the end of its scale while it was recorded",
-            "calibrate again with the joint held in the middle of its travel first",
+            f"range {lower} to {upper} is more than the joint can turn, so its encoder passed the"
+            " end of its scale during the recording",
+            "calibrate again, with the joint in the middle of its travel when homing is set",
         )
     if not 0 <= found.norm_mode <= 3:
         return f"norm_mode is 0 to 3, not {found.norm_mode}", _AGAIN
@@ -236,7 +237,7 @@ def _problem(joint: str, found: JointCalibration) -> tuple[str, str] | None:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Make the folder of ``path`` and report what keeps the file from being written.
+    """Make the folder of ``path``, and turn an ``OSError`` of writing into a ``CalibrationError``.
 
     Raises:
         CalibrationError: It cannot be written.

@@ -1,7 +1,7 @@
-"""Keep what was identified of an arm's servos beside its calibration, in ``arm.servos.json``.
+"""Read and save the identified servo figures of an arm: ``arm.servos.json`` beside its calibration.
 
-Like the zeros it is not in the calibration itself, which belongs to other programs as well. Earlier
-versions are kept as those of calibrations are (``versions.py``), so one can go back.
+Like the zeros they are not in the calibration itself, which other programs use as well. Earlier
+versions are kept like those of calibrations (``versions.py``) and can be restored.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.drivers.servo_types import ServoFigures
 from so101_motion.files import atomic, json_file
 
-_ABOUT = "shares of what the type of the servo has; see the library's documentation"
+_ABOUT = "figures of each servo, as shares of its type's; see the documentation of this software"
 
 _BOUNDS = {"torque": (0.3, 3.0), "friction": (0.0, 5.0), "dead_time": (0.0, 5.0)}
-"""What can be true. Chosen, generously."""
+"""Smallest and largest share that is accepted. Chosen, generously."""
 
 _MOST_PLAY_DEG = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HandLoad:
-    """What the hand carried.
+    """The load in the hand during the identification.
 
     Attributes:
-        mass: [kg].
+        mass: Its mass [kg].
         com: Its centre of mass in the tool frame [m].
     """
 
@@ -41,13 +41,13 @@ class HandLoad:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoRecord:
-    """What was identified.
+    """The result of an identification.
 
     Attributes:
-        at: When, as an ISO date and time with its zone.
-        volts: The supply then [V].
-        servos: By joint; joints may be missing.
-        load: What the hand carried; None for nothing.
+        at: Its time, as an ISO date and time with its zone.
+        volts: The supply at that time [V].
+        servos: Figures by joint; joints may be missing.
+        load: The load in the hand; None for an empty hand.
     """
 
     at: str
@@ -65,7 +65,7 @@ def read(path: Path) -> ServoRecord | None:
     """Read the servo figures of the calibration at ``path``; None if there are none.
 
     Raises:
-        CalibrationError: What there is cannot be true.
+        CalibrationError: The file cannot be read, or its figures are impossible.
     """
     file = servos_path(path)
     return _parsed(json_file.read(file), file) if file.exists() else None
@@ -75,15 +75,15 @@ def read_file(file: Path) -> ServoRecord:
     """Read a file of servo figures, wherever it is.
 
     Raises:
-        CalibrationError: It cannot be read, or what it says cannot be true.
+        CalibrationError: It cannot be read, or its figures are impossible.
     """
     return _parsed(json_file.read(file), file)
 
 
 def save(path: Path, found: ServoRecord) -> Path:
-    """Save the servo figures of the calibration at ``path``; what it said becomes a version.
+    """Save the servo figures of the calibration at ``path``; the old file is kept as a version.
 
-    Joints that ``found`` says nothing of keep what was known of them.
+    Joints that are missing in ``found`` keep their old figures.
 
     Returns:
         The file.
@@ -110,7 +110,7 @@ def save(path: Path, found: ServoRecord) -> Path:
 
 
 def before(path: Path) -> ServoRecord | None:
-    """What the file said before it said what it does now; None if that is not known."""
+    """The version before the present file; None if there is none."""
     for version in history.versions(servos_path(path))[1:]:
         try:
             return read_file(version.path)
@@ -120,10 +120,10 @@ def before(path: Path) -> ServoRecord | None:
 
 
 def restore(path: Path) -> ServoRecord:
-    """Let the file say what its last other version says.
+    """Restore the last version that differs from the file.
 
     Raises:
-        CalibrationError: No version says anything else.
+        CalibrationError: There is no such version.
     """
     file = servos_path(path)
     with atomic.locked(path.parent):
@@ -137,7 +137,7 @@ def restore(path: Path) -> ServoRecord:
                 atomic.write(file, data)
                 return found
     raise CalibrationError(
-        None, f"no earlier version of {file} says anything else", "identify the arm again"
+        None, f"there is no earlier version of {file} that differs", "identify the arm again"
     )
 
 

@@ -1,21 +1,21 @@
 """Read, save and restore calibration files.
 
-A calibration is a file that other programs know (``record``), and beside it what is known of the
-zeros (``zero_file``). Saving keeps what the file says of other joints, and takes these steps, each
-of which is all or nothing:
+A calibration is a file that other programs know (``record``) and beside it a file with the zeros
+(``zero_file``). Saving keeps the file's entries of other joints. It takes these steps, each of
+which is all or nothing:
 
-    1. what the file says now is kept as a version (``history``)
+    1. the present content is kept as a version (``versions``)
     2. the zeros: those of the old record and those of the new
     3. the record
     4. the new record and zeros are kept as a version, which is the second copy
     5. the zeros: those of the new record only
 
-So whenever it is cut short, the file holds the old record or the new one, and the right zeros for
-it. Writers wait for each other; readers never wait.
+So whenever saving is cut short, the file holds the old record or the new one, and the zeros belong
+to it. Writers wait for each other; readers never wait.
 
-A file in the module's data directory that is gone was deleted by viam-server, as it does when the
-module leaves the configuration for a moment; ``load`` brings it back. A file anywhere else that is
-gone was removed by a person, and stays so.
+If a file in the module's data directory is gone, viam-server has deleted it, as it does when the
+module leaves the configuration for a moment; ``load`` restores it. If a file anywhere else is gone,
+the user has removed it, and it is not restored.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ class Stored:
     Attributes:
         path: Where it is, absolute.
         calibration: By joint; joints may be missing.
-        zeros: What is known of the joints' zeros; the others have theirs in the middle.
+        zeros: The joints' zeros; joints that are missing here have theirs in the middle.
+        notes: What the user should know about it.
     """
 
     path: Path
@@ -61,10 +62,10 @@ def resolve(path: str) -> Path:
     """Make a calibration file's path absolute: a relative one is in the module's data directory.
 
     viam-server names that directory in ``VIAM_MODULE_DATA``; without it (from the command line) a
-    relative path means what it always means. Resolve once and keep the answer.
+    relative path starts at the working directory. Resolve once and keep the result.
 
     Raises:
-        CalibrationError: It cannot be a path.
+        CalibrationError: ``path`` cannot be a path.
     """
     try:
         given = Path(path).expanduser()
@@ -81,10 +82,10 @@ def resolve(path: str) -> Path:
 def read(path: Path) -> Stored:
     """Read the file at ``path``; writes and restores nothing.
 
-    Ours, the published module's and LeRobot's are read, those of before June 2025 too.
+    It may be ours, the published module's or LeRobot's, also from before June 2025.
 
     Raises:
-        CalibrationError: There is none, or what it says cannot be true of this arm.
+        CalibrationError: There is none, or it cannot be a calibration of this arm.
     """
     data = json_file.read_bytes(path)
     while True:
@@ -143,7 +144,7 @@ def _bring_back(path: Path) -> tuple[str, ...]:
         try:
             read(version.path)
         except CalibrationError:
-            continue  # what somebody's mistake left there once is no reason to bring it back
+            continue  # a version that cannot be used is not restored
         try:
             data, zeros = history.contents(version.path)
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -152,10 +153,10 @@ def _bring_back(path: Path) -> tuple[str, ...]:
                     atomic.write(zero_path(path), zeros)
                 atomic.write(path, data)
         except OSError as error:
-            return (f"{path} is gone and cannot be brought back from {version.path}: {error}",)
+            return (f"{path} is gone and cannot be restored from {version.path}: {error}",)
         return (
             f"{path} was gone, as happens when the module leaves the configuration for a moment;"
-            f" it was brought back from the copy of {version.kept_at:%Y-%m-%d %H:%M} UTC in"
+            f" it was restored from the copy of {version.kept_at:%Y-%m-%d %H:%M} UTC in"
             f" {version.path.parent}",
         )
     return ()
@@ -164,7 +165,7 @@ def _bring_back(path: Path) -> tuple[str, ...]:
 def _keep(path: Path, zeros: bytes | None = None) -> tuple[str, ...]:
     """Keep the file's content as the last version; return a note if that fails.
 
-    ``zeros`` is what the file beside it is about to say; None for what it says.
+    ``zeros`` is the content that the file of zeros is about to get; None for its present one.
     """
     try:
         data, beside = history.contents(path)
@@ -188,10 +189,10 @@ def save(path: Path, calibration: Calibration, *, zeros: Mapping[str, Zero] = NO
             ``zero.by_pose``; joints that are missing here have theirs in the middle.
 
     Returns:
-        What the file says now, with what a person should know about how that went.
+        The content of the file now, with notes on how that went.
 
     Raises:
-        CalibrationError: It cannot be written, or ``calibration`` cannot be true of this arm.
+        CalibrationError: It cannot be written, or ``calibration`` is impossible for this arm.
     """
     record.check(calibration)
     with _writing(path):
@@ -206,7 +207,7 @@ def restore(path: Path, number: int | None = None) -> Stored:
 
     Args:
         path: Absolute; the file need not exist.
-        number: Which version; None takes the last that says something else than the file.
+        number: Number of the version; None takes the last that differs from the file.
 
     Raises:
         CalibrationError: There is no such version, or it cannot be true of this arm.
@@ -241,12 +242,12 @@ def _last_other(now: Stored) -> Stored:
         try:
             found = read(version.path)
         except CalibrationError:
-            continue  # what cannot be used is no use to go back to
+            continue  # it cannot be used
         if (found.calibration, found.zeros) != (now.calibration, now.zeros):
             return found
     raise CalibrationError(
         None,
-        f"no earlier version of {now.path} is kept that says anything else",
+        f"there is no earlier version of {now.path} that differs",
         "calibrate the arm again",
     )
 
@@ -292,9 +293,9 @@ def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) ->
     notes += _keep(path, now)
     try:
         _write_or_remove(beside, now)
-    except OSError as error:  # it is saved; what stands beside it is true of it, too
+    except OSError as error:  # it is saved, and the zeros beside it fit it as well
         reason = error.strerror or error
-        notes += (f"{beside} still tells of the calibration before as well: {reason}",)
+        notes += (f"{beside} still has the zeros of the calibration before as well: {reason}",)
     found = read(path)
     return replace(found, notes=found.notes + notes)
 
@@ -306,7 +307,7 @@ def _set_aside(path: Path) -> tuple[str, ...]:
     aside = path.with_name(path.name + ".bak")
     if path.stat().st_size > json_file.LARGEST:
         path.replace(aside)
-        return (f"what was there before is too large to be a calibration; it is {aside} now",)
+        return (f"the old file is too large to be a calibration; it was moved to {aside}",)
     notes = _keep(path)
     if notes:
         atomic.write(aside, path.read_bytes())

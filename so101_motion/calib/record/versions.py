@@ -5,9 +5,9 @@ a moment, or fails to start once. So every calibration that is saved or used is 
 in the data directory of the user the program runs as, in a folder for each file:
 
     ~/.local/share/so101_motion/calibrations/arm-3f2a91c04b/
-        of.txt                              the file this is about
-        0007_20260511T101112Z.json          what it said, byte for byte
-        0007_20260511T101112Z.zero.json     and what was known of its zeros
+        of.txt                              path of the file
+        0007_20260511T101112Z.json          its content, byte for byte
+        0007_20260511T101112Z.zero.json     the content of its file of zeros
 
 The last version is the second copy, the others are the backups. They are ordered by number, not by
 time: a single-board computer without a battery starts in 1970.
@@ -37,7 +37,9 @@ class Version:
     """An earlier content of a calibration file.
 
     Attributes:
-        number: Counts up; the largest is what was kept last.
+        number: Counts up; the last version has the largest.
+        kept_at: When it was kept.
+        path: Its copy.
     """
 
     number: int

@@ -1,19 +1,19 @@
 """A joint's zero: the model's angle at the middle of its recorded travel.
 
-A calibration record says between which ticks a joint travels, and nothing of the model. The
-published module and LeRobot take the middle of the travel for zero. But the arm's stops do not lie
-symmetrically about the model's zero, so that is up to six degrees off, at the elbow, and with all
-joints some 40 mm at the jaws. Here all conventions are one number, the model's angle at the middle
-of the recorded travel, and where that number comes from:
+A calibration record has the ticks between which a joint travels, but nothing about the model. The
+published module and LeRobot take the middle of the travel as zero. But the arm's stops are not
+symmetric about the model's zero, so that is up to six degrees off, at the elbow, and with all
+joints together some 40 mm at the jaws. Here every convention is one number, the model's angle at
+the middle of the recorded travel, and its source:
 
 * ``middle``: nothing more is known, so the middle is zero, as for the published module and LeRobot;
-* ``stops``: the joint was swept from stop to stop, and the model says where its stops are;
-* ``pose``: the joint once stood in a known pose at a known position (wrist_roll, whose stops are
-  two nubs that give way);
-* ``configured``: ``joint_zero_offsets_deg`` says it. That outranks the others.
+* ``stops``: the joint was moved from stop to stop, and the model has the angles of its stops;
+* ``pose``: the servo's position in a known pose is known (wrist_roll, whose stops are two nubs that
+  give way);
+* ``configured``: ``joint_zero_offsets_deg`` sets it. That overrides the others.
 
-The middle serves as the reference because errors of a sweep are small there: when a joint stops
-short of one stop, half of what is missing enters. This is about the five joints of the arm; the
+The middle is the reference because errors of a recording are small there: when a joint stops short
+of one stop, only half of what is missing counts. This is about the five joints of the arm; the
 jaw's zero is where it is closed (``joint_setup.joint_map``).
 """
 
@@ -39,19 +39,19 @@ STOPS = {
 }
 """The model's angles at the mechanical stops [rad]: first contact of the official solids (commit
 fda892cb of TheRobotStudio/SO-ARM100). Of five public calibrations, the travels of pan, lift, elbow
-and wrist agree within 4 deg but for two sweeps that went wrong. Wherever a cable clip or a screw
-head sits is not in the solids: allow for 1.5 deg."""
+and wrist agree within 4 deg, except for two recordings that went wrong. Cable clips and screw heads
+are not in the solids: allow for 1.5 deg."""
 
 ROLL_UPRIGHT = 0.0486795
 """The model's wrist_roll with the jaws upright [rad]: how the robot description mounts the gripper.
-It is what to ask a person for; nobody can see 2.8 deg, but everybody can see upright."""
+Ask the user to hold it upright: that can be seen, while an angle of 2.8 deg cannot."""
 
 _SHORT, _LONG = to_rad(4.0), to_rad(5.0)
-"""By how much a travel from stop to stop may be less or more than the model's [rad]: public
-calibrations span 2.4 deg less to 3.8 deg more. Chosen."""
+"""How much less or more than the model's a travel from stop to stop may be [rad]: public
+calibrations have 2.4 deg less to 3.8 deg more. Chosen."""
 
 SWEPT = ARM_JOINTS[:4]
-"""The joints that have their zero from their stops."""
+"""The joints whose zero comes from their stops."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +68,7 @@ class Zero:
 
 
 MIDDLE = Zero(by="middle", angle=0.0)
-"""The published module's zero, and LeRobot's: what a file means that says nothing else."""
+"""The zero of the published module and LeRobot, used for files without zeros."""
 
 
 def expected_travel(joint: str) -> float:
@@ -81,8 +81,8 @@ def by_stops(joint: str, entry: JointCalibration) -> Zero | None:
     """The zero of a joint that was swept from stop to stop.
 
     Returns:
-        None when the recorded travel is not about the model's, so that it was not from stop to
-        stop, or when ``joint`` is none that has its zero from stops (wrist_roll, gripper).
+        None when the recorded travel differs from the model's, so that it was not from stop to
+        stop, or when the zero of ``joint`` does not come from stops (wrist_roll, gripper).
     """
     if joint not in SWEPT:
         return None
@@ -93,7 +93,7 @@ def by_stops(joint: str, entry: JointCalibration) -> Zero | None:
 
 
 def excess(joint: str, entry: JointCalibration) -> float:
-    """By how much the recorded travel is more than the model's from stop to stop [rad]."""
+    """How much longer the recorded travel is than the model's from stop to stop [rad]."""
     lower, upper = STOPS[joint]
     return (entry.range_max - entry.range_min) * RAD_PER_TICK - (upper - lower)
 
@@ -111,7 +111,7 @@ def in_force(stored: Zero | None, configured: float | None) -> Zero:
     """The zero to use: the configured one, else the stored one, else the middle.
 
     Args:
-        stored: What is known from the calibration.
+        stored: The zero of the calibration; None if it has none.
         configured: The model's angle at the middle, as configured [rad]; None if it is not.
     """
     if configured is not None:

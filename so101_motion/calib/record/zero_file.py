@@ -1,11 +1,10 @@
 """Read and write the zeros of a calibration, in a file beside it: ``arm.zero.json``.
 
-It is not in the calibration itself, for that file belongs to other programs as well: LeRobot
-refuses a field more, and the published module drops it when it saves. Instead each entry here
-repeats the numbers of the record it is about. When those have changed since, by whatever program,
-the entry is of no use, and that is said. A joint may have two entries: while a calibration is being
-saved, the one for the old record and the one for the new, so that a crash in between leaves each
-record with its own zero.
+The zeros are not in the calibration itself, because other programs use that file as well: LeRobot
+refuses further fields, and the published module drops them when it saves. So each entry here
+repeats the numbers of the record that it belongs to. If any program has changed those since, the
+entry is ignored, and a note says so. While a calibration is being saved a joint has two entries,
+for the old record and for the new, so that after a crash either record has its own zero.
 """
 
 from __future__ import annotations
@@ -21,16 +20,16 @@ from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files import json_file
 
 _SAME = ("drive_mode", "homing_offset", "range_min", "range_max")
-"""The numbers that make ticks mean angles; an entry belongs to a record that has the same."""
+"""An entry belongs to the record that has the same values of these."""
 
-_WAYS = ("stops", "pose")
+_SOURCES = ("stops", "pose")
 
 
 def read(path: Path, calibration: Calibration) -> tuple[dict[str, Zero], tuple[str, ...]]:
-    """Read the zeros of ``calibration`` from the file at ``path``, with a note on what is odd.
+    """Read the zeros of ``calibration`` from the file at ``path``, with notes on problems.
 
-    A file that is not there knows none. One that cannot be read knows none either, and that is
-    said: the joints then have their zero in the middle, like those of any other program's file.
+    Without a file there are none. With a file that cannot be read there are none either, and a note
+    says so: the joints then have their zero in the middle, as with a file of another program.
     """
     if not path.exists():
         return {}, ()
@@ -45,13 +44,13 @@ def read(path: Path, calibration: Calibration) -> tuple[dict[str, Zero], tuple[s
             if joint in entries and (found := _zero(joint, entry, entries[joint])) is not None
         }
     except CalibrationError as error:
-        return {}, (f"zero is the middle of each travel, for what was known is not used: {error}",)
+        return {}, (f"zero is the middle of each travel, because zeros cannot be read: {error}",)
     stale = [joint for joint in calibration if entries.get(joint) and joint not in zeros]
     if not stale:
         return zeros, ()
     return zeros, (
-        f"{', '.join(stale)}: calibrated anew by another program since {path.name} was written, so"
-        " zero is the middle of the travel again",
+        f"{', '.join(stale)}: another program has calibrated since {path.name} was written, so zero"
+        " is the middle of the travel again",
     )
 
 
@@ -77,7 +76,7 @@ def text(*sides: tuple[Calibration, Mapping[str, Zero]]) -> bytes:
 
 
 def _zero(joint: str, record: JointCalibration, entries: object) -> Zero | None:
-    """What ``entries`` say of ``record``; None if they are about other records."""
+    """The zero of ``record`` among ``entries``; None if all belong to other records."""
     if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
         raise CalibrationError(joint, "its zeros must be a list of objects", "calibrate again")
     for entry in reversed(entries):  # the last was written last
@@ -88,9 +87,9 @@ def _zero(joint: str, record: JointCalibration, entries: object) -> Zero | None:
 
 def _checked(joint: str, entry: Mapping[str, object]) -> Zero:
     by, middle_deg = entry.get("by"), entry.get("middle_deg")
-    if by not in _WAYS:
+    if by not in _SOURCES:
         raise CalibrationError(
-            joint, f'"by" is {" or ".join(_WAYS)}, not {quoted(by)}', "calibrate again"
+            joint, f'"by" is {" or ".join(_SOURCES)}, not {quoted(by)}', "calibrate again"
         )
     if (
         isinstance(middle_deg, bool)

@@ -1,7 +1,7 @@
-"""Explain the zeros in force to a person: in words, and in millimetres at the jaws.
+"""Explain the zeros in force to the user: where they come from, and what they change at the jaws.
 
-That an angle is four degrees off says little to most people; that the jaws are 40 mm beside where
-the arm reports them says all. The figures are the model's, over configurations all over its range.
+Few people know what an angle that is four degrees off means; 40 mm at the jaws is clear. The
+figures are the model's, over configurations in all of its range.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ class ZeroReport:
     """The explanation of one joint's zero, or of all together.
 
     Attributes:
-        joint: Which joint; empty for all of them together.
-        by: As of ``Zero``; for all of them, the ways in use.
+        joint: The joint; empty for all of them together.
+        by: As in ``Zero``; for all of them, the sources in use.
         angle_deg: The model's angle at the middle of the recorded travel [deg]; 0 for all.
         jaws_mm: How far at most the jaws are from where the published module, which takes that
-            middle for zero, would report them [mm].
+            middle as zero, would report them [mm].
+        sentence: All of it in one sentence.
     """
 
     joint: str
@@ -127,7 +128,7 @@ def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> ZeroReport:
     if all(zero.by == "middle" for zero in zeros.values()):
         off, _ = jaws.moved_mm(_STOPS_MIDDLE)
         sentence = (
-            "all joints have their zero in the middle of their travel; if they were swept from stop"
+            "all joints have their zero in the middle of their travel; if they were moved from stop"
             f" to stop, the jaws are about {off:.0f} mm from where they are reported: calibrate"
             " with this package, or set joint_zero_offsets_deg"
         )
@@ -136,5 +137,5 @@ def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> ZeroReport:
             f"all together: the jaws are {mean:.0f} mm on average and at most {most:.0f} mm from"
             " where the published module would report them with this calibration"
         )
-    ways = ", ".join(sorted({zero.by for zero in zeros.values()}))
-    return ZeroReport(joint="", by=ways, angle_deg=0.0, jaws_mm=most, sentence=sentence)
+    sources = ", ".join(sorted({zero.by for zero in zeros.values()}))
+    return ZeroReport(joint="", by=sources, angle_deg=0.0, jaws_mm=most, sentence=sentence)

@@ -19,24 +19,24 @@ from so101_motion.tasks.datasets.units import IN_WORDS, Fit, Units, UnitsGuess, 
 from so101_motion.tasks.datasets.units import KINDS as UNIT_KINDS
 
 _MOSTLY_OUTSIDE = 0.05
-"""From which share of frames beyond the stops on the units are doubted. Chosen."""
+"""Units are doubted when more than this share of frames is beyond the stops. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CheckReport:
-    """What was found in a data set.
+    """The result of a check.
 
     Attributes:
-        data_set: Which.
-        units: What its numbers were taken to mean.
-        why_units: Why, in words.
-        fits: How well each meaning fits.
-        notes: What a person should know before anything else.
+        data_set: The data set.
+        units: The units that its numbers were taken to have.
+        why_units: The reason for them, as text.
+        fits: How well each of the possible units fits.
+        notes: Notes for the user, to be read first.
         lengths: How many frames each episode has, by its number, in order.
         moments: The worst moments, the worst first.
         counts: How many moments of each kind there were, kept or not.
-        frames_of: How many frames they were long altogether, by kind.
-        differences: How far the states are from the actions; None where that cannot be said.
+        frames_of: How many frames those had in total, by kind.
+        differences: How far the states are from the actions; None if they cannot be compared.
     """
 
     data_set: DataSet
@@ -92,11 +92,11 @@ def check_data_set(
     """Check a data set; reads each episode twice and holds one at a time.
 
     Args:
-        data_set: Which.
-        units: What its numbers mean, one of ``units.KINDS``; found out if empty.
+        data_set: The data set.
+        units: The units of its numbers, one of ``units.KINDS``; found out if empty.
         calibration: Of the arm that was recorded; None if it is not known.
         scene: What was around the arm; None for just the table.
-        thresholds: From where on something is said.
+        thresholds: What counts as wrong; the usual thresholds by default.
 
     Raises:
         ConfigError: A file is broken, or there are no such units.
@@ -140,11 +140,11 @@ def check_data_set(
 def meaning(
     data_set: DataSet, units: str, calibration: Stored | None
 ) -> tuple[Units, str, tuple[Fit, ...]]:
-    """What the numbers of a data set mean, why, and how well each meaning fits.
+    """Find the units of a data set, the reason for them, and how well all possible ones fit.
 
     Args:
-        data_set: Which; all of it is read.
-        units: What they mean; found out if empty.
+        data_set: The data set; all of it is read.
+        units: The units; found out if empty.
         calibration: Of the arm that was recorded; None if it is not known.
     """
     asked = units_of(units, calibration) if units else None
@@ -161,16 +161,16 @@ def meaning(
 
 
 def declared(data_set: DataSet) -> str:
-    """What a data set itself says its numbers mean; empty if it says nothing, as LeRobot's do."""
+    """The units that a data set itself declares; empty if it declares none, as LeRobot's do."""
     path = data_set.metadata.root / UNITS
     kind = read_object(path).get("units") if path.is_file() else ""
     return kind if isinstance(kind, str) and kind in UNIT_KINDS else ""
 
 
 def angles(data_set: DataSet, units: Units, episode: Episode) -> tuple[Array, Array | None]:
-    """Action and state of an episode as angles of the model [rad], each of shape (n, 6).
+    """Convert action and state of an episode to angles of the model [rad], shapes (n, 6).
 
-    A jaw that was not recorded counts as closed.
+    A jaw that was not recorded is taken to be closed.
     """
 
     def in_model(x: Array) -> Array:
@@ -203,14 +203,14 @@ def _notes(
         notes.append(note)
     if units.kind == "old":
         notes.append(
-            "the zeros are those of before June 2025: a newer LeRobot would replay it wrongly;"
+            "its zeros are from before June 2025: a newer LeRobot would replay it wrongly;"
             " so101 dataset convert turns it into new units"
         )
     if calibration is None and units.kind in ("degrees", "range"):
         notes.append(
-            "the arm's calibration is not known (--calibration names it), so every joint is taken"
-            " to have been moved from stop to stop for it; angles may be off by some degrees, and"
-            " contacts by some centimetres"
+            "the arm's calibration is not known (give it with --calibration), so every joint is"
+            " assumed to have been calibrated from stop to stop; angles may be off by some degrees,"
+            " and contacts by some centimetres"
         )
     if metadata.episodes not in (None, episodes):
         notes.append(f"info.json says {metadata.episodes} episodes; there are {episodes}")

@@ -1,8 +1,8 @@
 """Check the configurations of an episode for contact with the arm itself, the table and a scene.
 
-Every frame is looked at, what lies between two frames is not. The bodies are the hulls that
-planning uses, and touching means nearer than ``TOUCH``, not planning's margin: a recording of a
-hand-guided arm may pass close by.
+Every frame is checked, but not the motion between two frames. The bodies are the hulls that
+planning uses, and touching means nearer than ``TOUCH`` instead of planning's margin: a recording of
+a hand-guided arm may pass close by.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from so101_motion.tasks.datasets.moments import (
 )
 
 TOUCH = 0.0005
-"""How near things are that touch [m]; the hulls stand out of the parts by less than 1 mm."""
+"""Bodies nearer than this touch [m]; the hulls are less than 1 mm outside of the parts."""
 
-_DEEP = 0.002  # [m]; depth from which on a contact is as severe as its limit says. Chosen
-_LOOKS = 5  # frames of a contact of which the deepest is looked for
+_DEEP = 0.002  # [m]; the limit that the depth of a contact is compared with. Chosen
+_LOOKS = 5  # frames of a contact in which its depth is measured
 
 
 class _Stretch(NamedTuple):
@@ -50,10 +50,10 @@ class _Stretch(NamedTuple):
 class ContactCheck:
     """Checks episodes one after the other. Belongs to one thread.
 
-    How deep a contact is takes long to find out, so that is done at the end, for the longest.
+    Measuring the depth of a contact takes long, so it is done at the end, for the longest ones.
 
     Args:
-        moments: Takes what is found.
+        moments: Collects the contacts.
         fps: Frames a second.
         scene: What is around the arm; None for just the table.
     """
@@ -84,7 +84,7 @@ class ContactCheck:
                 self._moments.count(CONTACT, 1, heapq.heappop(self._longest).frames)
 
     def finish(self) -> None:
-        """Find out how deep the longest contacts are, and add them to the moments."""
+        """Measure how deep the longest contacts are, and add them to the moments."""
         for each in sorted(self._longest, key=lambda each: each.order, reverse=True):
             seconds = each.frames / self._fps
             clearances = [self._collision.clearance(q[:5], float(q[5])) for q in each.q]

@@ -1,9 +1,9 @@
-"""Write a data set anew in other units, or for an arm that is calibrated otherwise.
+"""Convert a data set to other units, or to another calibration.
 
-What a joint did stays the same angle of the model; only the numbers that say it are others. The new
-data set is made in a folder beside its place and is moved there when it is complete, so it is there
-whole or not at all. The source is only read. Statistics are recalculated; everything else, videos
-and tasks too, is copied or linked.
+The joint angles of the model stay the same; only the numbers for them change. The new data set is
+made in a temporary folder and moved to its place when it is complete, so it is there whole or not
+at all. The source is only read. Statistics are recalculated; everything else, including videos and
+tasks, is copied or linked.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ from so101_motion.tasks.datasets.statistics import Statistics, of_episode, toget
 from so101_motion.tasks.datasets.units import Units
 
 _ALL = ("min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99")
-_BEYOND = to_rad(0.5)  # beyond its new travel is what is further out than this; rounding
+_BEYOND = to_rad(0.5)  # a joint farther outside its new travel than this counts as beyond it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conversion:
-    """What was written.
+    """The result of a conversion.
 
     Attributes:
         path: The new data set.
         episodes: How many episodes it has.
-        frames: How many frames.
-        beyond: In how many frames each arm joint is beyond the travel of the new calibration, as
-            action or state. They are kept as they are; LeRobot would cut them off.
+        frames: How many frames it has.
+        beyond: In how many frames each arm joint is beyond the travel of the new calibration, in
+            action or state. They are kept; LeRobot would clip them.
     """
 
     path: Path
@@ -64,17 +64,17 @@ class Conversion:
 def convert_data_set(
     data_set: DataSet, path: Path, *, source: Units, target: Units, link: bool = False
 ) -> Conversion:
-    """Write a data set anew with numbers that mean the same in other units.
+    """Write a copy of a data set in other units.
 
     Args:
-        data_set: What to convert; its files stay as they are.
-        path: The folder to make; nothing may be there.
+        data_set: The data set to convert; its files stay as they are.
+        path: The folder to make; it must not exist.
         source: Units of its numbers.
-        target: What the new numbers shall mean.
-        link: Whether videos, images and other files that stay the same are hard links.
+        target: Units of the new numbers.
+        link: Whether videos, images and other files that stay the same become hard links.
 
     Raises:
-        ConfigError: There is something already, it cannot be written, or the source is broken.
+        ConfigError: The folder exists or cannot be written, or the source is broken.
     """
     root = data_set.metadata.root.resolve()
     _refuse_place(root, path)
@@ -97,12 +97,12 @@ def _refuse_place(root: Path, path: Path) -> None:
     if path.exists() or path.is_symlink():
         raise ConfigError("out", str(path), "is there already; choose another name")
     if not place.parent.is_dir():
-        raise ConfigError("out", str(path), "is in no folder; make it first")
+        raise ConfigError("out", str(path), "is in a folder that does not exist; make it first")
 
 
 @contextmanager
 def _whole_or_not_at_all(path: Path) -> Iterator[Path]:
-    """A folder that becomes ``path`` if all goes well, and is gone if not."""
+    """Yield a folder that becomes ``path`` if the block succeeds, and is removed if not."""
     place = path.resolve()
     folder = place.with_name(f".{place.name}.{os.getpid()}.tmp")
     folder.mkdir()
@@ -139,7 +139,7 @@ class _Run:
         self._current: int | None = None
 
     def write(self, *, link: bool) -> None:
-        """Write all of it."""
+        """Write the whole data set."""
         written = set()
         for path in self._set.metadata.data_files():
             new = self._made(path.relative_to(self._root))
@@ -186,7 +186,7 @@ class _Run:
         outside = np.zeros((len(values), 5), dtype=bool)
         jaw_stays = not (self._source.is_jaw_known and self._target.is_jaw_known)
         for i, place in (each for places in self._set.angles(name) for each in enumerate(places)):
-            if place is None or (i == 5 and jaw_stays):  # a share of a travel stays that share
+            if place is None or (i == 5 and jaw_stays):  # its per cent of the travel stay the same
                 continue
             q = values[:, place] * self._source.factor[i] + self._source.offset[i]
             values[:, place] = (q - self._target.offset[i]) / self._target.factor[i]
@@ -241,7 +241,7 @@ class _Run:
                 yield new
 
     def _with_statistics(self, row: dict[str, Any]) -> dict[str, Any]:
-        """A line of ``episodes_stats.jsonl``."""
+        """A line of ``episodes_stats.jsonl`` with the new statistics."""
         stats = row.get("stats")
         for name, found in self._statistics.items():
             known = found.get(row["episode_index"]) if "episode_index" in row else None
@@ -250,7 +250,7 @@ class _Run:
         return row
 
     def _with_columns(self, table: Table) -> Table:
-        """Rows of ``meta/episodes``, with a column for each number such as ``stats/action/min``."""
+        """Rows of ``meta/episodes`` with new statistics, a column each: ``stats/action/min``."""
         numbers = [int(number) for number in self._numbers(table)]
         for name, found in self._statistics.items():
             if not all(number in found for number in numbers):
@@ -264,7 +264,7 @@ class _Run:
     # Files
 
     def _made(self, relative: Path) -> Path:
-        """A place in the new folder, with the folders on the way."""
+        """The path of a file in the new folder; makes the folders above it."""
         place = self._folder / relative
         place.parent.mkdir(parents=True, exist_ok=True)
         return place

@@ -1,8 +1,8 @@
 """Read the joints of a LeRobot data set, an episode at a time.
 
-Only what the joints did is read: ``action``, ``observation.state``, the times and the counters. All
-numbers are in the data set's own units; ``units`` says what they mean. An episode's arrays have six
-columns in the order of ``JOINTS``, whatever order and prefix the data set has.
+Only ``action``, ``observation.state``, the times and the counters are read. All numbers are in the
+data set's own units; see ``units``. An episode's arrays have six columns in the order of
+``JOINTS``, whatever order and prefix the data set has.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from so101_motion.tasks.datasets.parquet import Reader, require
 ACTION, STATE = "action", "observation.state"
 
 TAKEN = ".taken"
-"""What follows a joint's name in the state where an arm of ours keeps what it took of an action."""
+"""Suffix of state names under which our LeRobot robot records the action as it was taken."""
 
 MOST_OF_EPISODE = 2_000_000
 """Most frames of one episode, 9 hours at 60 a second: it is held in memory. Chosen."""
 
 LARGEST_NUMBER = 1e6
-"""Larger numbers mean no angle; they count as missing. Chosen."""
+"""Larger numbers cannot be angles; they count as missing. Chosen."""
 
 _COUNTERS = ("timestamp", "frame_index", "episode_index")
 _SIDES = ("left_", "right_")
@@ -52,9 +52,9 @@ class Episode:
         index: Its number.
         t: When each frame was taken, shape (n,), [s].
         frame: The frames' own numbers, shape (n,).
-        action: What was asked of the joints, in the data set's units, shape (n, 6). What is
-            missing, or no number an arm can mean, is NaN.
-        state: Where they were, likewise; None if the data set does not hold it.
+        action: Where the joints were sent, in the data set's units, shape (n, 6). Numbers that are
+            missing or impossible are NaN.
+        state: Where they were, likewise; None if it was not recorded.
         expected: How many frames the metadata says it has; None if it does not say.
     """
 
@@ -74,9 +74,9 @@ class DataSet:
     """A LeRobot data set of an SO-101, open for reading.
 
     Attributes:
-        metadata: What it says of itself.
-        side: Which arm of two is meant: ``"left"``, ``"right"``, or empty for the only one.
-        columns: The place of each of ``JOINTS`` in a row, by column; None of a jaw that is not
+        metadata: Its metadata.
+        side: The arm of two that is read, ``"left"`` or ``"right"``; empty for the only one.
+        columns: The index of each of ``JOINTS`` in a row, by column; None for a jaw that is not
             recorded.
     """
 
@@ -85,9 +85,9 @@ class DataSet:
     columns: dict[str, tuple[int | None, ...]]
 
     def angles(self, name: str) -> Iterator[tuple[int | None, ...]]:
-        """The places of ``JOINTS`` in a row of a column, for each kind of angle that it keeps.
+        """The indices of ``JOINTS`` in a row of a column, for each set of angles in it.
 
-        Beside where joints are, that may be what an arm took of an action; see ``TAKEN``.
+        A state may also have the action as it was taken; see ``TAKEN``.
         """
         yield self.columns[name]
         names = self.metadata.features[name].names
@@ -98,7 +98,7 @@ class DataSet:
 
     @property
     def has_state(self) -> bool:
-        """Whether it says where the joints were."""
+        """Whether the state is recorded."""
         return STATE in self.columns
 
     @property
@@ -107,7 +107,7 @@ class DataSet:
         return all(places[-1] is not None for places in self.columns.values())
 
     def episodes(self) -> Iterator[Episode]:
-        """All episodes, one after the other; each is read when it is asked for.
+        """All episodes, one after the other; each is read when it is iterated.
 
         Raises:
             ConfigError: A file is broken, or an episode is in pieces or too long.
@@ -140,10 +140,10 @@ class DataSet:
             yield self._episode(current, pieces, lengths)
 
     def episode(self, number: int) -> Episode:
-        """One episode.
+        """Read one episode.
 
         Raises:
-            ConfigError: There is none of that number, or a file is broken.
+            ConfigError: There is no such episode, or a file is broken.
         """
         numbers = []
         for found in self.episodes():
@@ -186,10 +186,10 @@ def open_data_set(root: Path, *, side: str = "") -> DataSet:
 
     Args:
         root: The folder that holds ``meta`` and ``data``.
-        side: Which arm of a data set of two: ``"left"`` or ``"right"``.
+        side: The arm to read, if the data set is of two: ``"left"`` or ``"right"``.
 
     Raises:
-        ConfigError: It is none, lacks a joint of the arm, or pyarrow is not installed.
+        ConfigError: It is not a data set, lacks a joint of the arm, or pyarrow is not installed.
     """
     require()
     metadata = read_metadata(root)
@@ -211,7 +211,7 @@ def _places(root: Path, column: str, feature: Feature, side: str) -> tuple[int |
     missing = [joint for joint in JOINTS[:5] if prefix + joint not in places]
     if missing:
         if not side and all(f"{each}{JOINTS[0]}" in places for each in _SIDES):
-            raise refusal(root, "is of two arms; say which one: left or right")
+            raise refusal(root, "is of two arms; choose one: left or right")
         there = ", ".join(feature.names[:12]) or "no names"
         reason = f'"{column}" lacks {", ".join(missing)} of an SO-101; it has {there}'
         raise refusal(root, reason)
@@ -221,7 +221,7 @@ def _places(root: Path, column: str, feature: Feature, side: str) -> tuple[int |
 
 
 def _taken(values: NDArray[np.float64], places: tuple[int | None, ...]) -> Array:
-    """The six joints of some rows; what is no angle is NaN."""
+    """The six joints of some rows; impossible numbers become NaN."""
     taken = np.full((len(values), len(JOINTS)), np.nan)
     for i, place in enumerate(places):
         if place is not None:

@@ -1,4 +1,4 @@
-"""The report of a check as one HTML file, with plots as SVG; it loads nothing from elsewhere."""
+"""Write the report of a check as one HTML file with SVG plots, without external resources."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from so101_motion.tasks.datasets.moments import CONTACT, KINDS, Moment
 from so101_motion.tasks.datasets.units import IN_WORDS
 
 MOST_PLOTS = 24
-"""How many moments are drawn, and as many are listed besides; chosen."""
+"""How many moments are drawn; as many more are listed. Chosen."""
 
 _AROUND = 1.5  # [s] that are drawn before and after a moment
 _MOST_POINTS = 400  # of a line
 _WIDE, _HIGH = 640.0, 210.0  # of a plot [px]
 _LEFT, _BELOW, _ABOVE = 44.0, 22.0, 26.0  # around its lines [px]
 _ROW = 16.0  # of the overview [px]
-_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b")  # told apart by everybody
+_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b")  # safe for colour blindness
 
 _STYLE = """
 body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:60rem;padding:0 1rem;
@@ -44,10 +44,10 @@ class _Excerpt:
     """The joints around a moment.
 
     Attributes:
-        moment: Which.
-        t: From the beginning of the episode, shape (m,), [s].
-        action_deg: Shape (m, 5), [deg].
-        state_deg: Likewise; None where it is not recorded.
+        moment: The moment.
+        t: Times from the beginning of the episode, shape (m,), [s].
+        action_deg: Where the joints were sent, shape (m, 5), [deg].
+        state_deg: Where they were, likewise; None if it was not recorded.
     """
 
     moment: Moment
@@ -60,7 +60,7 @@ def html_report(report: CheckReport) -> bytes:
     """The report as HTML; reads the episodes of the worst moments once more.
 
     Raises:
-        ConfigError: A file of the data set is broken by now.
+        ConfigError: A file of the data set has been broken since.
     """
     metadata = report.data_set.metadata
     minutes = report.frames / metadata.fps / 60.0
@@ -95,7 +95,7 @@ def _findings(report: CheckReport) -> str:
 
 
 def _overview(report: CheckReport) -> str:
-    """When in the data set the worst moments are, a row for each kind."""
+    """Draw where in the data set the worst moments are, a row for each kind."""
     kinds = [kind for kind in KINDS if report.counts.get(kind)]
     numbers = list(report.lengths)
     begins = np.concatenate([[0], np.cumsum(list(report.lengths.values()))])
@@ -130,8 +130,8 @@ def _differences(report: CheckReport) -> str:
         for joint, rms in off.rms_deg.items()
     ]
     return (
-        "<h2>Where the joints were, less where they were sent</h2>"
-        f"<p>They are {1000.0 * off.lag_s:.0f} ms late. With that taken out, in degrees:</p>"
+        "<h2>Difference between where the joints were and where they were sent</h2>"
+        f"<p>They are {1000.0 * off.lag_s:.0f} ms late. Without that lag, in degrees:</p>"
         "<table><tr><th>joint<th class=n>rms<th class=n>mean (droop)<th class=n>worst"
         f"{''.join(rows)}</table>"
     )
@@ -150,7 +150,7 @@ def _worst(report: CheckReport) -> Iterable[str]:
         )
     rest = report.moments[MOST_PLOTS : 2 * MOST_PLOTS]
     if rest:
-        yield "<h3>And then</h3><table>"
+        yield "<h3>Further moments</h3><table>"
         for moment in rest:
             yield (
                 f"<tr><td>episode {moment.episode}<td class=n>{moment.t:.2f} s"
@@ -191,7 +191,7 @@ def _plot(excerpt: _Excerpt) -> str:
     lines = [(x[:, i], i, dash) for x, dash in drawn if x is not None for i in joints]
     finite = np.concatenate([y[np.isfinite(y)] for y, *_ in lines])
     if not len(finite) or len(t) < 2:
-        return "<p class=quiet>There is nothing that could be drawn.</p>"
+        return "<p class=quiet>There are no numbers to draw.</p>"
     low, high = float(finite.min()), float(finite.max())
     low, high = (low - 1.0, high + 1.0) if high - low < 2.0 else (low, high)
     across = (_WIDE - _LEFT) / float(t[-1] - t[0])

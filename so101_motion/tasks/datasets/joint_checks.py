@@ -1,6 +1,6 @@
-"""Check the joints of one episode: numbers, times, jumps, limits, speeds, what stands, what lags.
+"""Check the joints of an episode for missing numbers, jumps, limits, speeds, standing and lag.
 
-Numbers in, moments out; all angles are the model's [rad]. Contact is in ``contact_check``.
+Arrays in, moments out; all angles are the model's [rad]. Contact is in ``contact_check``.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ _STILL = to_rad(1e-4)  # less is no change; a servo's count is 0.09 deg
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thresholds:
-    """From where on something is said.
+    """Beyond which values something is reported.
 
     Attributes:
-        speed: Of a joint [rad/s]; teleoperation's own cap.
-        jump: Of a joint, for a single step [rad/s]. Chosen: a servo without load turns at some
-            300 deg/s with 12 V.
-        jump_step: How far such a step must go [rad]; less may be a trembling count.
+        speed: Speed of a joint [rad/s]; teleoperation's own cap.
+        jump: Speed of a single step that counts as a jump [rad/s]. Chosen: a servo without load
+            turns at some 300 deg/s with 12 V.
+        jump_step: Smallest such step [rad]; a smaller one may be noise of the encoder.
         beyond: How far a joint may be beyond its travel [rad]; play and rounding. Chosen.
-        tracking: How far a joint may be from where it was sent, once the lag is taken out [rad].
-            Chosen: droop and friction make up for 5 deg with a stock follower.
-        tracking_time: For how long it must be so [s]. Chosen.
-        frozen_time: For how long a joint must stand while it is led on [s]. Chosen.
-        frozen_travel: How far it is led on meanwhile [rad]. Chosen: more than a joint may droop.
+        tracking: How far a joint may be from where it was sent, without the lag [rad]. Chosen:
+            droop and friction cause up to 5 deg with a stock follower.
+        tracking_time: How long it must be that far off [s]. Chosen.
+        frozen_time: How long a joint must stand while its action moves on [s]. Chosen.
+        frozen_travel: How far the action moves meanwhile [rad]. Chosen: more than a joint droops.
         gap: How many periods may pass from frame to frame. Chosen.
     """
 
@@ -65,13 +65,13 @@ class Thresholds:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tracking:
-    """How far the state of an episode is from the action, with the lag taken out.
+    """How far the state of an episode is from the action, without the lag.
 
     Attributes:
         lag: How many frames the state is behind.
         frames: How many frames were compared.
         squares: The sum of squared differences by arm joint, shape (5,), [rad^2].
-        sums: The sum of differences, state less action: droop, shape (5,), [rad].
+        sums: The sum of differences, state minus action, shape (5,), [rad].
         worst: The largest difference, shape (5,), [rad].
     """
 
@@ -84,12 +84,12 @@ class Tracking:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Differences:
-    """How far states are from actions, once the lag of each episode is taken out.
+    """How far states are from actions, without the lag of each episode.
 
     Attributes:
-        lag_s: How far behind they mostly are [s].
+        lag_s: The median lag [s].
         rms_deg: Root mean square, by arm joint [deg].
-        mean_deg: Mean of state less action, which is droop, by arm joint [deg].
+        mean_deg: Mean of state minus action, which is droop, by arm joint [deg].
         worst_deg: The largest, by arm joint [deg].
     """
 
@@ -100,7 +100,7 @@ class Differences:
 
     @classmethod
     def of(cls, tracked: Sequence[Tracking], fps: float) -> Differences:
-        """Those of one episode or more, with so many frames a second."""
+        """Combine one episode or more, recorded at ``fps`` frames a second."""
         frames = sum(each.frames for each in tracked)
         squares = np.sum([each.squares for each in tracked], axis=0)
         sums = np.sum([each.sums for each in tracked], axis=0)
@@ -120,7 +120,7 @@ class Differences:
 
 
 class _About(NamedTuple):
-    """What a moment is about; see ``Moment``. The limit is in ``unit``."""
+    """The fields of ``Moment`` that all moments of one check share."""
 
     kind: str
     of: str
@@ -133,12 +133,12 @@ class JointCheck:
     """Checks episodes one after the other.
 
     Args:
-        moments: Takes what is found.
+        moments: Collects the moments.
         fps: Frames a second.
-        lower: Where each arm joint's travel ends, shape (5,), [rad].
-        upper: And on the other side, shape (5,), [rad].
-        has_jaw: Whether the sixth number is meant.
-        thresholds: From where on something is said.
+        lower: Lower end of each arm joint's travel, shape (5,), [rad].
+        upper: Upper end, shape (5,), [rad].
+        has_jaw: Whether the jaw was recorded.
+        thresholds: Beyond which values something is reported.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class JointCheck:
             state: Where they were, likewise; None if it was not recorded.
 
         Returns:
-            How far the state is from the action; None if that cannot be said.
+            How far the state is from the action; None if they cannot be compared.
         """
         self._check_time(episode)
         for of, q in (("action", action), ("state", state)):
@@ -210,7 +210,7 @@ class JointCheck:
             _About(MISSING, of, "", 1.0, "frames"),
             missing,
             missing.astype(float),
-            lambda _, n: f"{of}: {n} frames lack a number, or hold one that is no angle",
+            lambda _, n: f"{of}: {n} frames lack a number, or have one that cannot be an angle",
         )
 
     def _check_steps(self, episode: Episode, of: str, i: int, q: Array) -> None:
@@ -290,14 +290,14 @@ class JointCheck:
         value: Array,
         say: Callable[[int, int], str],
     ) -> None:
-        """Add a moment for each stretch of ``mask``; of very many, only the worst in words.
+        """Add a moment for each stretch of ``mask``; if there are very many, count the others.
 
         Args:
-            episode: Whose.
-            about: What they are about.
-            mask: Where it is so, shape (n,).
+            episode: Their episode.
+            about: The fields that they share.
+            mask: Frames at which something is wrong, shape (n,).
             value: How bad it is there, in the unit of ``about``, shape (n,).
-            say: ``say(worst, frames)`` puts a stretch into words.
+            say: ``say(worst, frames)`` returns the sentence for a stretch.
         """
         found = []
         for first, last in runs(mask):
@@ -333,7 +333,7 @@ class JointCheck:
 
 
 def tracking(action: Array, state: Array, most: int) -> tuple[Tracking | None, Array]:
-    """How far a state is from an action, with its lag taken out.
+    """Measure how far a state is from an action, without its lag.
 
     Args:
         action: Shape (n, 5), [rad].
@@ -341,8 +341,8 @@ def tracking(action: Array, state: Array, most: int) -> tuple[Tracking | None, A
         most: Largest lag [frames].
 
     Returns:
-        That, None if nothing can be compared; and the difference of each frame, (n - lag, 5),
-        [rad].
+        The result, None if nothing can be compared; and the difference of each frame,
+        (n - lag, 5), [rad].
     """
     lag = best_lag(action, state, most)
     off = state[lag:] - action[: len(state) - lag]
@@ -360,7 +360,7 @@ def tracking(action: Array, state: Array, most: int) -> tuple[Tracking | None, A
 
 
 def best_lag(action: Array, state: Array, most: int) -> int:
-    """How many frames the state is behind the action: where the squared difference is least.
+    """Find the lag, in frames, at which the squared difference of state and action is least.
 
     Args:
         action: Shape (n, 5), [rad].

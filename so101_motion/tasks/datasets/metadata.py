@@ -1,10 +1,10 @@
-"""Read what a LeRobot data set says of itself, in versions 2.0, 2.1 and 3.
+"""Read the metadata of a LeRobot data set, in versions 2.0, 2.1 and 3.
 
 Version 3 keeps ``meta/info.json``, ``meta/stats.json``, ``meta/tasks.parquet`` and
 ``meta/episodes/chunk-000/file-000.parquet``; its data files hold many episodes each. Version 2.1
 keeps ``meta/info.json``, ``episodes.jsonl``, ``episodes_stats.jsonl`` and ``tasks.jsonl``; each
 episode has a data file of its own. In both, data files are ``data/*/*.parquet``, in the order of
-their names. The path templates in ``info.json`` are text of a stranger and are never filled in.
+their names. The path templates in ``info.json`` are untrusted text and are never filled in.
 
 Source: LeRobot 0.6.1, ``lerobot/datasets`` and ``scripts/convert_dataset_v21_to_v30.py``.
 """
@@ -26,13 +26,13 @@ EPISODES_2, EPISODE_STATS_2 = Path("meta/episodes.jsonl"), Path("meta/episodes_s
 EPISODES_3 = Path("meta/episodes")
 
 UNITS = Path("meta/so101_units.json")
-"""Says in a data set of ours what its numbers mean; LeRobot does not look at it."""
+"""The file that declares the units in a data set of ours; LeRobot ignores it."""
 
 LARGEST_INFO = 4_000_000
 """Largest ``info.json`` that is read [byte]; with a dozen cameras it has 10,000. Chosen."""
 
 LARGEST_LINES = 64_000_000
-"""Largest ``.jsonl`` file that is read [byte]; of a thousand episodes it has 3,000,000. Chosen."""
+"""Largest ``.jsonl`` file that is read [byte]; with a thousand episodes it has 3 MB. Chosen."""
 
 MOST_FEATURES, MOST_NAMES = 1000, 1000
 """More columns, or entries of one, than any robot has. Chosen."""
@@ -41,7 +41,7 @@ MOST_FILES = 100_000
 """Most data files; version 2.1 has one for each episode. Chosen."""
 
 VERSIONS = ("v2.0", "v2.1", "v3.0")
-"""Those that are known; a later v3 is read like v3.0."""
+"""The known versions; a later v3 is read like v3.0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,8 +49,8 @@ class Feature:
     """A column of the data.
 
     Attributes:
-        dtype: As LeRobot calls it: ``float32``, ``int64``, ``video``, ``image`` and others.
-        names: What its entries are called; empty if they have no names.
+        dtype: LeRobot's name of the type: ``float32``, ``int64``, ``video``, ``image`` and others.
+        names: Names of its entries; empty if they have none.
     """
 
     dtype: str
@@ -59,14 +59,14 @@ class Feature:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metadata:
-    """What a data set says of itself.
+    """The metadata of a data set.
 
     Attributes:
         root: Its folder.
         version: Such as ``"v2.1"``.
         fps: Frames a second.
         features: The columns by name.
-        robot: What kind of robot it names; empty if none.
+        robot: The robot type; empty if there is none.
         episodes: How many episodes there should be; None if it does not say.
         frames: How many frames; likewise.
         info: All of ``info.json``.
@@ -109,15 +109,14 @@ def read_metadata(root: Path) -> Metadata:
     """Read and check ``meta/info.json``.
 
     Raises:
-        ConfigError: It is no LeRobot data set, of a version that is not known, or what it says
-            makes no sense.
+        ConfigError: It is not a LeRobot data set, has an unknown version, or makes no sense.
     """
     if not (root / INFO).is_file():
         reason = "is no LeRobot data set: it has no meta/info.json"
         if not root.exists():
             reason = "is not there; give the folder that holds meta/ and data/"
         raise refusal(root, reason)
-    info = _object(root / INFO)
+    info = read_object(root / INFO)
     version = info.get("codebase_version")
     if not isinstance(version, str) or not (version in VERSIONS or version.startswith("v3.")):
         known = ", ".join(VERSIONS)
@@ -154,20 +153,16 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def _object(path: Path) -> dict[str, Any]:
-    content = _parsed(path, _bytes(path, LARGEST_INFO), "the file")
-    if not isinstance(content, dict):
-        raise refusal(path, f"must hold an object, not {quoted(content)}")
-    return content
-
-
 def read_object(path: Path) -> dict[str, Any]:
     """Read the JSON object of a metadata file.
 
     Raises:
-        ConfigError: It cannot be read, is too large, or is none.
+        ConfigError: It cannot be read, is too large, or is not a JSON object.
     """
-    return _object(path)
+    content = _parsed(path, _bytes(path, LARGEST_INFO), "the file")
+    if not isinstance(content, dict):
+        raise refusal(path, f"must hold an object, not {quoted(content)}")
+    return content
 
 
 def _bytes(path: Path, most: int) -> bytes:

@@ -1,4 +1,4 @@
-"""What a check finds: moments of an episode at which something is wrong, the worst first."""
+"""Collect the moments of a data set at which something is wrong, and rank them."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ KINDS = {
     JUMP: "a joint is sent, or seems to go, faster than any servo can",
     CONTACT: "the arm touches itself, the table or the scene",
     MISSING: "numbers are missing or mean no angle",
-    FROZEN: "a joint seems to stand while it is led on: it is blocked, or was not read",
+    FROZEN: "a joint stands while its action moves on: it is blocked, or was not read",
     LIMIT: "a joint is beyond its travel",
     TRACKING: "a joint is far from where it was sent",
     TIME: "frames are missing or out of order",
     SPEED: "a joint is faster than the cap",
 }
-"""What can be found, the most serious first."""
+"""The kinds of moments, the most serious first."""
 
 _WEIGHT = {kind: 2.0 ** (len(KINDS) - place) for place, kind in enumerate(KINDS)}
-_HALF = 5.0  # times as much as allowed is half as bad as it can be; chosen
+_HALF = 5.0  # so many times the limit gives half of the largest severity; chosen
 
 MOST = 200
 """How many moments of a kind are kept; the others are counted. Chosen."""
 
 MOST_OF_EPISODE = 50
-"""How many moments of a kind and an episode are looked at closely; likewise."""
+"""How many moments of a kind and an episode get a sentence; the others are counted. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,9 +50,9 @@ class Moment:
         of: ``"action"`` or ``"state"``, or empty for both.
         what: The joint, or what is in contact; empty for the whole frame.
         value: How bad it is there, in ``unit``.
-        limit: What would be allowed.
+        limit: The largest value that is allowed.
         unit: Such as ``"deg"``.
-        sentence: All of it in words.
+        sentence: All of it in one sentence.
     """
 
     kind: str
@@ -70,7 +70,7 @@ class Moment:
 
     @property
     def severity(self) -> float:
-        """The larger the worse; kinds differ in weight."""
+        """How bad it is: larger is worse; kinds differ in weight."""
         ratio = abs(self.value) / self.limit
         return _WEIGHT[self.kind] * (1.0 + ratio / (ratio + _HALF))
 
@@ -90,7 +90,7 @@ class Moments:
 
     Attributes:
         counts: How many of each kind there were.
-        frames: How many frames they were long altogether, by kind.
+        frames: How many frames they had in total, by kind.
     """
 
     def __init__(self) -> None:
@@ -100,7 +100,7 @@ class Moments:
         self._order = itertools.count()
 
     def add(self, moment: Moment) -> None:
-        """Take account of a moment."""
+        """Count a moment, and keep it if it is one of the worst."""
         self.count(moment.kind, 1, moment.last - moment.first + 1)
         kept = self._kept.setdefault(moment.kind, [])
         entry = (moment.severity, -next(self._order), moment)  # of equals, the first is kept
@@ -110,7 +110,7 @@ class Moments:
             heapq.heappushpop(kept, entry)
 
     def count(self, kind: str, moments: int, frames: int) -> None:
-        """Take account of moments that are only counted."""
+        """Count moments without keeping them."""
         self.counts[kind] += moments
         self.frames[kind] += frames
 

@@ -1,7 +1,7 @@
-"""Read and write Parquet: the one door of pyarrow, which the extra ``dataset`` brings.
+"""Read and write Parquet files; the only place that uses pyarrow (extra ``dataset``).
 
-Files come from anywhere, so what a file announces is bounded before any value is looked at, only
-the columns that are wanted are read, and a few thousand rows at a time.
+Files are not trusted: the sizes that a file declares are checked before any value is read, and only
+the wanted columns are read, a few thousand rows at a time.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ MOST_FRAMES = 20_000_000
 """Most rows of a data file; 90 hours at 60 frames a second. Chosen."""
 
 MOST_BYTES = 8_000_000_000
-"""Most bytes that a file may announce to have once it is unpacked. Chosen: an episode may hold its
-images. Only the wanted columns of some thousand rows are held in memory."""
+"""Largest unpacked size that a file may declare [byte]. Chosen: an episode may hold its images.
+Only the wanted columns of some thousand rows are held in memory."""
 
 _HOW = "needs pyarrow, which is not installed; try: pip install 'so101-motion[dataset]'"
 
@@ -32,7 +32,7 @@ Table = Any  # pyarrow's, which has no types
 
 
 def with_vectors(table: Table, name: str, values: NDArray[np.float64]) -> Table:
-    """A table with other numbers in a column of lists, shape (n, length), of the same type."""
+    """Replace the numbers in a column of lists, shape (n, length); its type stays."""
     arrow, _ = _arrow()
     place, kind = table.column_names.index(name), table.schema.field(name).type
     flat = arrow.array(values.ravel(), arrow.float64()).cast(kind.value_type, safe=False)
@@ -49,14 +49,14 @@ def with_vectors(table: Table, name: str, values: NDArray[np.float64]) -> Table:
 
 
 def with_lists(table: Table, name: str, rows: Sequence[Sequence[float]]) -> Table:
-    """A table with other lists in a column, one a row, of the same type."""
+    """Replace the lists in a column, one a row; its type stays."""
     arrow, _ = _arrow()
     place, field = table.column_names.index(name), table.schema.field(name)
     return table.set_column(place, field, arrow.array([list(row) for row in rows], field.type))
 
 
 def require() -> None:
-    """Make sure that pyarrow can be used.
+    """Refuse to go on without pyarrow.
 
     Raises:
         ConfigError: It is not installed.
@@ -74,17 +74,17 @@ def _arrow() -> tuple[Any, Any]:
 
 
 class Reader:
-    """A Parquet file that is open for reading, once its claims have been looked at.
+    """A Parquet file that is open for reading; the sizes that it declares have been checked.
 
     Args:
         path: The file.
 
     Attributes:
-        rows: How many rows it announces.
+        rows: How many rows it declares.
         columns: The names of its columns.
 
     Raises:
-        ConfigError: It is no Parquet file, or announces more than any data set has.
+        ConfigError: It is not a Parquet file, or declares more rows than any data set has.
     """
 
     def __init__(self, path: Path) -> None:
@@ -98,7 +98,7 @@ class Reader:
             raise self._broken(error) from error
         if not 0 <= self.rows <= MOST_FRAMES:
             self._file.close()
-            raise refusal(path, f"announces {self.rows} rows; {MOST_FRAMES} are the most")
+            raise refusal(path, f"declares {self.rows} rows; at most {MOST_FRAMES} are read")
 
     def __enter__(self) -> Reader:
         return self
@@ -114,10 +114,10 @@ class Reader:
             vectors: Columns with a list a row and how long it must be; shape (n, length).
 
         Yields:
-            The columns by name. What is missing is NaN.
+            The columns by name. Missing numbers are NaN.
 
         Raises:
-            ConfigError: A column is missing or something else, or the file is broken.
+            ConfigError: A column is missing or has another type, or the file is broken.
         """
         wanted = (*scalars, *vectors)
         self._bound(wanted)
@@ -139,16 +139,15 @@ class Reader:
             raise self._broken(error) from error
 
     def rewrite(self, path: Path, change: Callable[[Table], Table]) -> None:
-        """Write the file anew with other columns; its row groups and its own notes stay.
+        """Write a copy of the file with changed columns; row groups and file metadata stay.
 
         Args:
-            path: Where to.
-            change: Makes of a group of rows, as pyarrow's table, another one with the same columns
-                of the same types.
+            path: The new file.
+            change: Changes a group of rows, as pyarrow's table; columns and types stay.
 
         Raises:
             ConfigError: The file is broken.
-            OSError: The new one cannot be written.
+            OSError: The new file cannot be written.
         """
         self._bound(())
         with self._parquet.ParquetWriter(str(path), self._file.schema_arrow) as writer:
@@ -163,7 +162,7 @@ class Reader:
         """A column of lists of a table of this file, shape (n, length).
 
         Raises:
-            ConfigError: It is something else.
+            ConfigError: The column has another type or length.
         """
         chunks = table.column(name).chunks
         parts = [self._vectors(name, chunk, length) for chunk in chunks]
@@ -175,14 +174,14 @@ class Reader:
             if self.columns.count(name) != 1:
                 there = ", ".join(self.columns[:12])
                 raise refusal(self._path, f'has no column "{name}"; it has {there}')
-        # Of its columns the footer says more, but looking there ends the process if it is broken.
+        # The footer has sizes of columns too, but reading those of a broken file ends the process.
         try:
             groups = range(self._file.metadata.num_row_groups)
             total = sum(int(self._file.metadata.row_group(k).total_byte_size) for k in groups)
         except Exception as error:
             raise self._broken(error) from error
         if total > MOST_BYTES:
-            raise refusal(self._path, f"unpacks to {total} byte; {MOST_BYTES} are the most")
+            raise refusal(self._path, f"unpacks to {total} byte; at most {MOST_BYTES} are read")
 
     def _scalars(self, name: str, column: Any) -> NDArray[np.float64]:
         types = self._arrow.types
@@ -213,4 +212,4 @@ class Reader:
 
     def _broken(self, error: Exception) -> ConfigError:
         said = clipped(" ".join(str(error).split()), 200)
-        return refusal(self._path, f"is no Parquet file that can be read: {said}")
+        return refusal(self._path, f"is not a readable Parquet file: {said}")

@@ -1,10 +1,10 @@
 """Replay an episode of a data set on an arm, in the time of the episode.
 
-The way to the first frame is planned. From there the arm follows the recorded numbers, a straight
-line between two frames, under its caps and its guard (``control/following.py``): a jump in the
-recording becomes a motion that the caps allow, and what would touch something is stopped short of
-it or slid along. Time is counted in control periods, so a late one skips nothing. At the end it is
-told how far the arm was from what was recorded.
+The path to the first frame is planned. From there the arm follows the recorded angles, a straight
+line between two frames, within its caps and its guard (``control/following.py``): a jump in the
+recording becomes a motion that the caps allow, and the arm stops short of an obstacle or slides
+along it. Time is counted in control periods, so a late period skips nothing. The outcome says how
+far the arm was from the recording.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ from so101_motion.tasks.datasets.metadata import refusal
 from so101_motion.tasks.datasets.units import Units
 from so101_motion.tasks.teleop.local_arms import jaw_of
 
-_REST = 0.5  # [s] for which the last frame is held, so that the arm gets there
+_REST = 0.5  # [s] that the last frame is held, so that the arm gets there
 _AHEAD = (
     0.045  # [s] that the arm is aimed ahead of time, as in teleoperation, so that it is not late
 )
-_LONGEST_LAG = 0.5  # [s] that is taken out of the deviation
-_BEYOND = to_rad(0.5)  # beyond the range is what is further out; rounding
+_LONGEST_LAG = 0.5  # [s] that may be removed from the deviation
+_BEYOND = to_rad(0.5)  # a joint farther outside the range than this counts as beyond it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EpisodeReplay:
-    """A replay that can begin.
+    """A replay that is ready to begin.
 
     Attributes:
         t: When each frame is due, from 0 on, shape (n,), [s].
         q: Where the arm joints are sent, within the arm's range, shape (n, 5), [rad].
         aperture: How far the jaw is open, 0 to 1, shape (n,); None to leave it alone.
-        approach: From where the arm stands to the first frame.
-        beyond: In how many frames each joint was recorded beyond this arm's range, where it stays
+        approach: The plan from where the arm is to the first frame.
+        beyond: In how many frames each joint was recorded beyond this arm's range, so that it stays
             at its limit; only joints that were.
     """
 
@@ -75,9 +75,9 @@ class ReplayOutcome:
     """How a replay went.
 
     Attributes:
-        differences: How far the arm was from what was recorded.
-        held_s: For how long something in the way held it back [s].
-        held_by: What that was, the most frequent first.
+        differences: How far the arm was from the recording.
+        held_s: How long obstacles held it back [s].
+        held_by: The obstacles, the most frequent first.
     """
 
     differences: Differences
@@ -86,7 +86,7 @@ class ReplayOutcome:
 
 
 def calibration_of(rig: Rig) -> Stored | None:
-    """The calibration that a rig goes by; None for a simulated one."""
+    """The calibration that a rig uses; None for a simulated one."""
     if not isinstance(rig, HardwareRig):
         return None
     rig.require_ready()
@@ -108,13 +108,13 @@ def plan_episode(
     of: str = "action",
     start: float = 0.0,
 ) -> EpisodeReplay:
-    """Prepare the replay of an episode and plan the way to its first frame; moves nothing.
+    """Prepare the replay of an episode and plan the path to its first frame; moves nothing.
 
     Args:
-        rig: The arm that shall do it; its caps, range and scene count.
-        data_set: Where the episode is.
-        number: Its number.
-        units: What the numbers mean.
+        rig: The arm; its caps, range and scene count.
+        data_set: The data set of the episode.
+        number: The episode's number.
+        units: The units of its numbers.
         of: ``"action"``, where the joints were sent, or ``"state"``, where they were.
         start: How far into the episode it begins [s].
 
@@ -153,11 +153,11 @@ def plan_episode(
 
 
 def replay_episode(rig: Rig, replay: EpisodeReplay) -> ReplayOutcome:
-    """Go to the first frame and do what was recorded; returns when the arm rests again.
+    """Move to the first frame and along the recording; returns when the arm rests again.
 
     Raises:
         Interrupted: It was stopped, or another motion took over.
-        So101Error: Why else it ended early; the arm holds.
+        So101Error: It ended early for another reason; the arm holds.
     """
     rig.arm.start_execute(replay.approach).result()
     jaw = jaw_of(rig) if replay.aperture is not None else None
@@ -175,7 +175,7 @@ def replay_episode(rig: Rig, replay: EpisodeReplay) -> ReplayOutcome:
 
 
 class _Run:
-    """Leads arm and jaw through the frames, from the I/O thread, and takes down what they do."""
+    """Leads arm and jaw through the frames, on the I/O thread, and records what they do."""
 
     def __init__(self, rig: Rig, replay: EpisodeReplay) -> None:
         self._arm, self._replay, self._dt = rig.arm, replay, rig.executor.dt
@@ -186,7 +186,7 @@ class _Run:
         self._held_calls = 0
 
     def aim(self, following: Following) -> None:
-        """Aim at what is due next; end when all of it has been."""
+        """Aim at the frame that is due next; close the following after the last one."""
         t, replay = self._calls * self._dt, self._replay
         self._calls += 1
         q = self._at(t + _AHEAD)
@@ -210,7 +210,7 @@ class _Run:
         jaw.aim(float(np.interp(self._calls * self._dt, self._replay.t, aperture)))
 
     def outcome(self) -> ReplayOutcome:
-        """How it went until now."""
+        """The outcome so far."""
         wanted, measured = np.array(self._wanted), np.array(self._measured)
         found, _ = tracking(wanted, measured, round(_LONGEST_LAG / self._dt))
         assert found is not None
@@ -226,12 +226,12 @@ class _Run:
 
 
 def _gentle(limits: MotionLimits) -> MotionLimits:
-    """Caps of the way to the first frame."""
+    """Caps of the path to the first frame."""
     return APPROACH.scaled_to(limits.velocity, limits.acceleration)
 
 
 def _wait_for(future: Future[None]) -> None:
-    """Wait for a following in small portions, so that Ctrl-C is heard."""
+    """Wait for a following in short steps, so that Ctrl-C is noticed."""
     while not future.done():
         wait((future,), LOOK_FOR_SIGNALS)
     future.result()

@@ -1,6 +1,6 @@
-"""The statistics that LeRobot keeps of each column, recalculated from the numbers.
+"""Calculate the statistics that LeRobot keeps of each column.
 
-Of an episode they are exact. Of all episodes they are put together as LeRobot does it: extremes of
+Those of an episode are exact. Those of all episodes are combined as LeRobot does it: extremes of
 extremes, means weighted by frames, the variance of all, and quantiles as the weighted mean of the
 episodes' own. Source: ``aggregate_feature_stats`` of LeRobot 0.6.1.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from so101_motion.common.geometry import Array
 
 Statistics = dict[str, list[float]]
-"""Numbers by LeRobot's name of them: ``min``, ``max``, ``mean``, ``std``, ``count``, ``q01`` ..."""
+"""Numbers by LeRobot's names: ``min``, ``max``, ``mean``, ``std``, ``count``, ``q01`` ..."""
 
 _QUANTILE = re.compile(r"q\d\d")
 
@@ -25,7 +25,7 @@ def of_episode(values: Array, names: Collection[str]) -> Statistics:
 
     Args:
         values: The rows.
-        names: Which ones; those that are not known are left out.
+        names: Names of the statistics; unknown ones are left out.
     """
     found: Statistics = {}
     for name in names:
@@ -39,11 +39,11 @@ def of_episode(values: Array, names: Collection[str]) -> Statistics:
 
 
 def together(episodes: Iterable[Statistics], names: Collection[str]) -> Statistics:
-    """The statistics of all episodes of those of each, which have count, mean and std.
+    """Combine the statistics of several episodes, which have count, mean and std.
 
     Args:
-        episodes: One at least.
-        names: Which ones; those that are not known are left out.
+        episodes: At least one.
+        names: Names of the statistics; unknown ones are left out.
     """
     every = list(episodes)
     count = np.array([each["count"][0] for each in every], dtype=float)

@@ -1,6 +1,6 @@
-"""What the numbers of a data set mean: from LeRobot's units to angles of the model and back.
+"""Convert a data set's numbers between LeRobot's units and angles of the model, and find its units.
 
-Four meanings are in use, and a data set does not say which one it has:
+Four units are in use, and a data set does not say which one it has:
 
 * ``degrees``: from the middle of each joint's recorded travel, LeRobot's default since January
   2026. It divides a turn into 4095 parts where servos count 4096.
@@ -9,10 +9,10 @@ Four meanings are in use, and a data set does not say which one it has:
   the other way round; LeRobot before June 2025.
 * ``model``: degrees with the zero of the robot model; ours.
 
-The jaw is in per cent of its travel in all of them. Each is a factor and an offset for each joint.
-Of the first two these come from the calibration of the arm that was recorded. Where its file says
-nothing of the zeros, a travel that went from stop to stop says where the model's zero is; without a
-file the travels are taken to have done so.
+The jaw is in per cent of its travel in all of them. Each unit is a factor and an offset for each
+joint. For the first two these come from the calibration of the arm that was recorded. If its file
+has no zeros, a travel from stop to stop gives the model's zero; without a file the travels are
+assumed to be from stop to stop.
 """
 
 from __future__ import annotations
@@ -51,22 +51,22 @@ IN_WORDS = {
     MODEL: "degrees with the model's zero",
 }
 
-_LEROBOTS_TURN = TICKS_PER_TURN - 1  # what it divides a turn by
-_FULL_TURN = (0, TICKS_PER_TURN - 1)  # what it writes down as wrist_roll's travel
+_LEROBOTS_TURN = TICKS_PER_TURN - 1  # LeRobot divides a turn by this
+_FULL_TURN = (0, TICKS_PER_TURN - 1)  # LeRobot's travel of wrist_roll
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Units:
-    """Turns a data set's numbers into angles of the model, and back.
+    """Converts a data set's numbers to angles of the model, and back.
 
     Attributes:
         kind: One of ``KINDS``.
         factor: The model's angle for each unit, shape (6,), [rad].
         offset: The model's angle at 0, shape (6,), [rad].
-        lower: The lowest angle that can be meant: the end of the travel, shape (6,), [rad].
-        upper: The highest, shape (6,), [rad].
-        zeros: How each arm joint's zero is known, as ``Zero.by`` says, or ``"assumed"``.
-        is_jaw_known: Whether a calibration says how far the jaw opens.
+        lower: The lower end of the travel, shape (6,), [rad].
+        upper: The upper end, shape (6,), [rad].
+        zeros: Source of each arm joint's zero, as in ``Zero.by``, or ``"assumed"``.
+        is_jaw_known: Whether a calibration gives the jaw's travel.
     """
 
     kind: str
@@ -82,11 +82,11 @@ class Units:
             object.__setattr__(self, name, frozen_array(getattr(self, name), (6,)))
 
     def to_model(self, x: Array) -> Array:
-        """Angles of the model [rad], shape (n, 6), of numbers of the data set, shape (n, 6)."""
+        """Convert numbers of the data set to angles of the model [rad], shapes (n, 6)."""
         return np.asarray(x * self.factor + self.offset)
 
     def from_model(self, q: Array) -> Array:
-        """Numbers of the data set, shape (n, 6), of angles of the model [rad], shape (n, 6)."""
+        """Convert angles of the model [rad] to numbers of the data set, shapes (n, 6)."""
         return np.asarray((q - self.offset) / self.factor)
 
     def aperture(self, q_jaw: Array) -> Array:
@@ -116,20 +116,21 @@ def units_of(kind: str, calibration: Stored | None = None) -> Units:
 
 
 def exact_units_of(kind: str, calibration: Stored | None, *, option: str) -> Units:
-    """The units of a kind, refused where only a calibration would make them exact.
+    """The units of a kind; refused if they need a calibration that is missing.
 
     Args:
         kind: One of ``KINDS``.
         calibration: The arm's; None if it is not known.
-        option: What an error calls the setting that names the calibration.
+        option: Name of the calibration's setting, for errors.
 
     Raises:
-        ConfigError: It is needed and not there, or lacks a joint; or there is no such kind.
+        ConfigError: The calibration is needed and missing, or lacks a joint; or there is no such
+            kind.
     """
     units = units_of(kind, calibration)
     if kind in (DEGREES, RANGE):
         if calibration is None:
-            reason = f"is needed for {IN_WORDS[kind]}: it says where zero is, and how long a travel"
+            reason = f"is needed for {IN_WORDS[kind]}, because it has the zeros and travels"
             raise ConfigError(option, None, reason)
         missing = [joint for joint in JOINTS if joint not in calibration.calibration]
         if missing:
@@ -176,7 +177,7 @@ def _joint(kind: str, joint: str, stored: Stored | None) -> _Joint:
 
 
 def _travel(joint: str, entry: JointCalibration | None) -> float:
-    """The recorded travel, or what it mostly is [tick]."""
+    """The recorded travel, or the usual one if there is none [tick]."""
     if entry is not None:
         return float(entry.range_max - entry.range_min)
     if joint in SWEPT:
@@ -197,7 +198,7 @@ def _zero(joint: str, entry: JointCalibration | None, stored: Stored | None) -> 
     return known, known.by
 
 
-# Which one it is
+# Finding the units
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,7 +206,7 @@ class Fit:
     """How well numbers fit the units of a kind.
 
     Attributes:
-        kind: Which.
+        kind: The kind.
         outside: The share of frames in which some arm joint is beyond its stops, 0 to 1.
         worst_deg: How far the furthest is beyond them [deg].
     """
@@ -216,11 +217,12 @@ class Fit:
 
 
 _BEYOND = math.radians(5.0)
-"""How far beyond a stop is still no contradiction [rad]: an incomplete sweep and play. Chosen."""
+"""How far beyond a stop a joint may seem to be [rad]: an incomplete calibration, and play.
+Chosen."""
 
 
 class UnitsGuess:
-    """Finds out what the numbers of a data set mean, from where the joints were.
+    """Finds the units of a data set from the angles that each unit would give.
 
     Args:
         calibration: Of the arm that was recorded; None if it is not known.
@@ -234,7 +236,7 @@ class UnitsGuess:
         self._largest = 0.0
 
     def add(self, x: Array) -> None:
-        """Take account of some frames, shape (n, 6), in the data set's units."""
+        """Add some frames, shape (n, 6), in the data set's units."""
         x = x[np.isfinite(x[:, :5]).all(axis=1), :5]
         if not len(x):
             return
@@ -257,9 +259,9 @@ class UnitsGuess:
         )
 
     def best(self) -> tuple[str, str]:
-        """The likeliest kind, and why in words."""
+        """The likeliest kind, and the reason as text."""
         if self._largest <= 100.5 and self._clipped:
-            return RANGE, "no number is beyond 100 and some are cut off there"
+            return RANGE, "no number is beyond 100, and some are exactly 100"
         outside = {fit.kind: fit.outside for fit in self.fits()}
         if outside[OLD] + 0.05 < outside[DEGREES]:
             share = f"{100.0 * outside[DEGREES]:.0f} % of the frames would be beyond the stops"

@@ -1,7 +1,7 @@
 """Guided paths: recorded while a hand guides the arm, saved and replayed.
 
-``path.py`` is the path and what is left of it within a tolerance, ``recorder.py`` records it,
-``files.py`` saves it, ``replay.py`` plans it under the arm's own caps, ``run.py`` runs that.
+``path.py`` is the path and reduces it to few points, ``recorder.py`` records it, ``files.py`` saves
+it, ``replay.py`` plans a replay within the arm's own caps, ``run.py`` moves the arm along it.
 """
 
 from so101_motion.tasks.guided.path import GuidedPath

@@ -11,8 +11,8 @@ A file looks like this::
       "aperture_percent": [40.0, 40.0]
     }
 
-Degrees with the zero of the model, the jaw in per cent of its travel, left out for an arm without
-one. A file is there whole or not at all, whenever the computer stops.
+Degrees have the model's zero; the jaw is in per cent of its travel, and left out for an arm without
+one. Files are written in one step, so that a crash leaves no half of one.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ class SavedPath:
     """A path in a folder.
 
     Attributes:
-        name: What it is called: the file's name without its ending.
+        name: Its name: the file's name without its ending.
         path: The path.
-        recorded_at: When it was recorded, as it was written down.
+        recorded_at: When it was recorded, as in the file.
     """
 
     name: str
@@ -60,7 +60,7 @@ def file_of(folder: Path, name: object) -> Path:
     """The file of the path called ``name``, existing or not.
 
     Raises:
-        ConfigError: It cannot be a name.
+        ConfigError: ``name`` cannot be a file's name.
     """
     if not isinstance(name, str) or not re.fullmatch(r"\w[\w .-]{0,79}", name):
         raise ConfigError("name", name, "must be letters, digits, spaces and _ . -, such as wave")
@@ -73,15 +73,15 @@ def write(path: GuidedPath, file: Path, *, replace: bool = False) -> None:
 
     Args:
         path: The path.
-        file: Where; ends with ``.json``.
-        replace: Whether a file that is there already may be lost.
+        file: The file; ends with ``.json``.
+        replace: Whether an existing file may be replaced.
 
     Raises:
         ConfigError: It cannot be written, or is there already.
     """
     refuse_taken(file, replace=replace)
     t = np.round(path.t, _DECIMALS)
-    kept = np.flatnonzero(np.append(True, np.diff(t) > 0.0))  # the others have no time of their own
+    kept = np.flatnonzero(np.append(True, np.diff(t) > 0.0))  # rounding may give equal times
     path, t = path.taken(kept), t[kept]
     content: dict[str, Any] = {
         "recorded_at": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -132,7 +132,7 @@ def delete(file: Path) -> None:
     Raises:
         ConfigError: There is none, or it cannot be removed.
     """
-    _read(file)  # nobody else's file is removed
+    _read(file)  # refuses files that are not ours
     try:
         file.unlink()
     except OSError as error:

@@ -1,11 +1,11 @@
-"""A recorded path, and how it is reduced to a few points.
+"""A path that was recorded by hand guiding, and its reduction to few points.
 
 How it is thinned. Between two kept points the arm will go straight, so a stretch may be replaced by
-a straight line if every point of it is near that line, *in the order of the points*: a hand that
-wipes to and fro over one place does so again. So each point is compared with the farthest place on
-the line that has been reached until then, not with the nearest. Where that is too far off, the
-worst point is kept and both halves are looked at (after Douglas and Peucker, 1973). The jaw is one
-more coordinate of the same points, so arm and jaw stay together.
+a straight line if every point of it is near that line, *in the order of the points*: if a hand
+wipes to and fro over one place, the replay must do so too. So each point is compared with the
+farthest place on the line that has been reached until then, not with the nearest. If a point is too
+far off, the worst one is kept and both halves are treated the same way (after Douglas and Peucker,
+1973). The jaw is one more coordinate of the same points, so arm and jaw stay together.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from so101_motion.common.geometry import Array, frozen_array
 
 TOLERANCE = np.radians(2.0)
-"""How far a joint may be from the path that was shown unless somebody says otherwise [rad]; chosen:
-a hand trembles by some tenths of a degree, and a wider one makes a swifter and smoother motion."""
+"""How far a joint may be from the recorded path by default [rad]; chosen: a hand trembles by some
+tenths of a degree, and a wider tolerance makes a faster and smoother motion."""
 
 JAW_TOLERANCE = 0.02
 """The same for the jaw, share of its travel; chosen."""
@@ -32,7 +32,7 @@ class GuidedPath:
     """The path along which a hand has guided the arm.
 
     Attributes:
-        t: When, from 0 on, increasing, shape (n,), n >= 1, [s].
+        t: Times, from 0 on, increasing, shape (n,), n >= 1, [s].
         q: Joint angles, shape (n, 5), [rad].
         aperture: How far the jaw was open, 0 to 1, shape (n,); None for an arm without a jaw.
     """
@@ -105,7 +105,7 @@ def corners_of(x: Array, tolerance: float) -> NDArray[np.intp]:
 
 
 def _off_line(x: Array) -> Array:
-    """How far points are from the line between the first and the last, in order, shape (m,).
+    """Distances of points from the line between the first and the last, in order, shape (m,).
 
     Args:
         x: The points, shape (m, d).
@@ -120,7 +120,7 @@ def _off_line(x: Array) -> Array:
 
 
 def along(corners: Array, points: Array) -> Array:
-    """Places on a polyline nearest to points that follow it, as corner number and share.
+    """Find the places on a polyline nearest to points that follow it, as corner number and share.
 
     Args:
         corners: Shape (m, d), m >= 2, [rad].

@@ -1,8 +1,8 @@
 """Record the path of a guided arm from the snapshots of the I/O thread.
 
-A point is taken when a joint or the jaw has moved by more than an encoder that cannot decide, so a
-hand that rests costs nothing and a recording is as long as its path. It ends by itself with manual
-mode: when its time is up, with a stop, a motion, a fault. What was shown until then is kept.
+A point is recorded when a joint or the jaw has moved by more than the noise of its encoder, so a
+hand that rests adds no points. The recording ends by itself when manual mode ends: after its time
+limit, with a stop, a motion or a fault. The path until then is kept.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ JAW_STEP = 0.01
 """The same for the jaw, share of its travel; chosen."""
 
 REST = 0.1
-"""An arm from which nothing was taken for so long rested [s]; chosen. The end of a rest is a point
-too, so that it is known what moved first."""
+"""Without a new point for so long the arm rested [s]; chosen. The end of a rest is a point as well,
+so that it is known what moved first."""
 
 MOST = 60_000
-"""So many points at most, ten minutes of unceasing motion; then the recording ends. Chosen."""
+"""The recording ends with so many points, ten minutes of constant motion. Chosen."""
 
 _ENDED = {
-    Mode.LIMP: "the arm was let go of",
+    Mode.LIMP: "the arm was released",
     Mode.FAULT: "the arm could not be reached any more",
     Mode.CALIBRATING: "the servos are being set up",
 }
@@ -78,7 +78,7 @@ class PathRecorder:
 
     @property
     def path(self) -> GuidedPath:
-        """The path so far, with the arm's present place at its end."""
+        """The path so far; the arm's present configuration is its end."""
         with self._lock:
             rows = list(self._rows)
             if rows[-1] is not self._newest and self._newest[0] > rows[-1][0]:
@@ -103,7 +103,7 @@ class PathRecorder:
         elif state.t > self._newest[0] and not state.reading.unanswered.intersection(ARM_JOINTS):
             self._take(self._row(state))
             if self.points >= MOST:
-                self._end(f"{MOST} points are as many as one recording may have")
+                self._end(f"a recording may have at most {MOST} points")
 
     def _row(self, state: JointState) -> tuple[float, ...]:
         jaw = 0.0 if self._gripper is None else min(max(self._gripper.aperture, 0.0), 1.0)

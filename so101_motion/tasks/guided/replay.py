@@ -1,15 +1,15 @@
 """Plan the replay of a guided path completely, before anything moves.
 
-The hand's own timing does not count. The path is thinned (``path.py``) and cut where the arm stood
-and only the jaw moved, where a jaw that had closed begins to open, and at either end of a stretch
-on which the jaw leads: it needs much longer than the arm. What lies between two cuts is a *leg*:
-the planner gives it time, as fast as the caps allow and without stopping at its points, and looks
-at it for contact like at any plan. Two fifths of the tolerance go to the thinning, two fifths to
-the rounding of what is left, and an arm that stays within the last fifth stands. So does one that
-stays within the tolerance where the jaw leads: a hand that closes the jaw nudges the arm.
+The hand's own timing is not replayed. The path is thinned (``path.py``) and cut where the arm stood
+and only the jaw moved, where a jaw that had closed begins to open, and at both ends of a stretch on
+which the jaw leads, that is, needs much longer than the arm. The part between two cuts is a *leg*.
+The planner times it, as fast as the caps allow and without stopping at its points, and checks it
+for contact like any plan. Two fifths of the tolerance are for the thinning, two fifths for rounding
+the corners, and an arm that stays within the last fifth counts as standing. So does one that stays
+within the tolerance where the jaw leads, because a hand that closes the jaw nudges the arm.
 
-The jaw moves with the arm: how far it is open is a matter of where on its leg the arm is, not of
-time. A leg on which it would have to be faster than it may is run slower. See ``run.py``.
+The jaw moves with the arm: its aperture depends on where on its leg the arm is, not on time. A leg
+on which the jaw would have to be too fast is slowed down. See ``run.py``.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from so101_motion.planning.timing.torque import slowed
 from so101_motion.tasks.guided.path import TOLERANCE, GuidedPath, along
 
 TOLERANCE_RANGE = (to_rad(0.5), to_rad(15.0))
-"""Tolerances that can be asked for [rad]; chosen: less follows every tremor of the hand, more is
-another path."""
+"""Allowed tolerances [rad]; chosen: with less the replay follows every tremor of the hand, with
+more it is another path."""
 
 _SHARE = 0.4  # of the tolerance, for the thinning, and for the rounding
-_STANDS = 0.2  # likewise, within which an arm is said to stand
-_RESERVE = 0.8  # share of the jaw's speed that a leg may ask for; the rest lets it catch up
+_STANDS = 0.2  # share of the tolerance within which an arm counts as standing
+_RESERVE = 0.8  # share of the jaw's speed that a leg may use; the rest lets it catch up
 _LEADS = 2.0
-"""How many times as long as the arm the jaw must need from one corner to the next to be said to
-lead there. Chosen: a whole leg is run slower for its jaw, and a hand that gives the arm a nudge of
-half a degree while the jaw closes made a path of four seconds one of four minutes."""
+"""The jaw leads if it needs so many times as long as the arm from one corner to the next. Chosen: a
+whole leg is slowed down for its jaw, and a nudge of half a degree while the jaw closed made a path
+of four seconds last four minutes."""
 
-_JAW_LOOK = to_rad(5.0)  # between two jaw angles at which a leg is looked at for contact; chosen
-_LOOKS = 25  # at a jaw that moves while the arm stands
-_STILL = 1e-3  # changes of the aperture below this are none
+_JAW_LOOK = to_rad(5.0)  # between two jaw angles at which a leg is checked for contact; chosen
+_LOOKS = 25  # jaw angles that are checked while the arm stands
+_STILL = 1e-3  # smaller changes of the aperture are ignored
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,9 +58,9 @@ class ReplayLeg:
     """A part of the path that is played as one motion.
 
     Attributes:
-        begin: How far the jaw is opened or closed before, while the arm stands; None to leave it.
-        plan: The motion of the arm; None after a last motion of the jaw.
-        aperture: How far the jaw is open at each sample of it, shape (n,); None to leave it.
+        begin: Aperture to which the jaw moves before, while the arm stands; None to leave it.
+        plan: The motion of the arm; None if only the jaw moves.
+        aperture: The jaw's aperture at each sample of the plan, shape (n,); None to leave it.
     """
 
     begin: float | None
@@ -73,10 +73,10 @@ class Replay:
     """A planned replay of a guided path.
 
     Attributes:
-        path: As it was shown.
+        path: The recorded path.
         tolerance: How far any joint may be from it [rad].
-        approach: From where the arm stands to its beginning.
-        legs: What follows.
+        approach: The plan from where the arm is to the beginning of the path.
+        legs: The motions along the path.
     """
 
     path: GuidedPath
@@ -91,7 +91,7 @@ class Replay:
 
     @property
     def duration(self) -> float:
-        """How long the arm moves [s]; what the jaw does while it stands comes on top."""
+        """How long the arm moves [s]; motions of the jaw alone are not counted."""
         return sum(plan.duration for plan in self.plans)
 
 
@@ -106,15 +106,15 @@ def plan_replay(
     """Plan to move to the beginning of a path and along it; moves nothing.
 
     Args:
-        arm: Whose caps, range and scene count.
-        path: As it was recorded. Where it is beyond the arm's range by less than ``tolerance``, as
-            a hand does that pushes against a stop, the arm goes to the limit.
+        arm: The arm; its caps, range and scene count.
+        path: The recorded path. Where it is beyond the arm's range by less than ``tolerance``,
+            because a hand pushed against a stop, the arm goes to the limit.
         gripper: The arm's; None to leave the jaw alone.
         tolerance: How far any joint may be from the path [rad].
         limits: Caps of the motion; the arm's own if not given.
 
     Raises:
-        PlanningError: The path cannot be gone, and when in the recording.
+        PlanningError: The path cannot be replayed; the message has the time in the recording.
         ConfigError: The tolerance is out of range.
     """
     lower, upper = TOLERANCE_RANGE
@@ -162,8 +162,8 @@ class _Cut:
     """The corners between two cuts.
 
     Attributes:
-        corners: One at least; their times are those of the recording.
-        begin: How far the jaw is opened or closed before; None to leave it.
+        corners: At least one; their times are those of the recording.
+        begin: Aperture to which the jaw moves before; None to leave it.
         t: When in the recording they begin and end [s].
     """
 
@@ -198,13 +198,13 @@ class _Pace:
 
 
 def _cut(corners: GuidedPath, tolerance: float, pace: _Pace | None) -> Iterator[_Cut]:
-    """Cut a path where the arm must stand or wait for the jaw; see above.
+    """Cut a path where the arm must stand or wait for the jaw; see the top of this file.
 
     Args:
         corners: The path.
-        tolerance: An arm that no joint of which moves further than a fifth of it stands [rad], and
-            where the jaw leads, than all of it.
-        pace: How fast arm and jaw may go; None without a jaw.
+        tolerance: The arm stands if no joint moves farther than a fifth of it [rad], or all of it
+            where the jaw leads.
+        pace: Speed limits of arm and jaw; None without a jaw.
     """
     if corners.aperture is None or pace is None:
         yield _Cut(corners=corners, begin=None, t=(0.0, corners.duration))
@@ -229,7 +229,7 @@ def _cut(corners: GuidedPath, tolerance: float, pace: _Pace | None) -> Iterator[
 
 
 def _without_halves(corners: GuidedPath, stands: float) -> NDArray[np.intp]:
-    """The corners that are left when the jaw moves in one go where the arm stands."""
+    """Drop corners so that the jaw moves in one go where the arm stands; returns their indices."""
     jaw = corners.aperture
     assert jaw is not None
     kept = [0]
@@ -276,7 +276,7 @@ class _LegMaker:
         """Plan the leg between two cuts, from where the one before ends, shape (5,), [rad].
 
         Raises:
-            PlanningError: It cannot be gone, and when in the recording.
+            PlanningError: It cannot be replayed; the message has the time in the recording.
         """
         try:
             if self._gripper is None or cut.begin is None or cut.corners.aperture is None:
@@ -318,7 +318,7 @@ class _LegMaker:
             if blocked is not None:
                 found = self._collision.clearance(blocked, q_jaw)
                 raise InCollision(
-                    f"with the jaw as it was there, {found.message()}; show it again further away",
+                    f"with the jaw as it was there, {found.message()}; record it with more room",
                     first=found.first,
                     second=found.second,
                     where="path",
@@ -346,5 +346,5 @@ def _apertures(plan: Plan, q: Array, jaw: Array) -> Array:
 
 
 def angles(gripper: Gripper, aperture: Array) -> Array:
-    """Jaw angles [rad] of apertures."""
+    """Convert apertures to jaw angles [rad]."""
     return np.asarray(gripper.closed + aperture * (gripper.opened - gripper.closed))

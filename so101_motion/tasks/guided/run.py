@@ -1,8 +1,8 @@
 """Run a planned replay: one motion of the arm, and a jaw that moves with it.
 
-On a leg the jaw runs after what belongs to where the arm is wanted at that instant. A stop of
-the arm stops the jaw, and a late arm has a late jaw. The jaw grips what it closes on and holds it
-until the path opens it again.
+On a leg the jaw follows the aperture that belongs to the arm's present setpoint. So a stop of the
+arm stops the jaw, and if the arm is late, so is the jaw. The jaw grips an object that it closes on
+and holds it until the path opens it again.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from so101_motion.arm.arm import Arm
-from so101_motion.arm.gripper import Gripper, set_jaw
+from so101_motion.arm.gripper import Gripper, move_jaw
 from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.geometry import Array
@@ -22,8 +22,8 @@ from so101_motion.planning.request import Plan
 from so101_motion.tasks.guided.replay import Replay
 
 _AHEAD = 4
-"""How many samples ahead the place of the arm on its leg is looked for in each period; chosen, more
-than can be left out in a row."""
+"""How many samples ahead the arm's place on its leg is searched in each period; chosen, more than
+can be left out in a row."""
 
 
 def start_replay(
@@ -34,9 +34,9 @@ def start_replay(
     A stop, a newer motion or ``Motion.interrupt`` ends it at any point, and the jaw stops too.
 
     Args:
-        arm: As it was planned for; it must stand where the plan begins.
-        gripper: Likewise.
-        replay: The plan; or begins to make it, called once the arm is at rest.
+        arm: The arm that it was planned for; it must be where the plan begins.
+        gripper: Its gripper; None to leave the jaw alone.
+        replay: The planned replay, or a function that starts planning it once the arm rests.
     """
     runs: list[_JawRun] = []
     motion = arm.start_series(_steps(arm, gripper, replay, runs))
@@ -58,7 +58,7 @@ def _steps(
     yield replay.approach
     for leg in replay.legs:
         if gripper is not None and leg.begin is not None:
-            yield partial(set_jaw, gripper, leg.begin)
+            yield partial(move_jaw, gripper, leg.begin)
         if leg.plan is None:
             continue
         if gripper is None or leg.aperture is None:
@@ -87,18 +87,18 @@ class _JawRun:
         self._following: JawFollowing | None = None
 
     def begin(self, motion: Motion) -> None:
-        """Start the jaw; a jaw that grips and shall not open keeps its grip."""
+        """Start the jaw; a jaw that grips and is not to open keeps its grip."""
         if self._gripper.is_holding and self._aperture.max() <= self._gripper.aperture:
             return
         self._following = self._gripper.open_following(each=self._aim)
 
     def end(self, motion: Motion) -> None:
-        """The arm has arrived; wait for the jaw."""
+        """Wait for the jaw, because the arm has arrived."""
         if self._following is not None:
             motion.wait_for(self._following.close())
 
     def close(self) -> None:
-        """Let the jaw come to rest; has no effect when it has."""
+        """Let the jaw come to rest, if it does not yet."""
         if self._following is not None:
             self._following.close()
 

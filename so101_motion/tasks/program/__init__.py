@@ -1,9 +1,9 @@
 """Programs: named waypoints, visited in order, once, several times, or until stopped.
 
-``program.py`` is the program as a value and how it is edited, ``loops.py`` what is repeated inside
-it, ``files.py`` keeps it,
-``rehearsal.py`` plans all of it before anything moves, ``run.py`` runs that. ``cell_program.py``
-and ``cell_run.py`` are the same for several arms. A path that a hand has shown is in ``guided``.
+``program.py`` is the program as a value and its editing, ``loops.py`` has the loops inside it,
+``files.py`` saves it, ``rehearsal.py`` plans all of it before anything moves, ``run.py`` runs that.
+``cell_program.py`` and ``cell_run.py`` do the same for several arms. Paths recorded by hand guiding
+are in ``guided``.
 """
 
 from so101_motion.tasks.program.cell_program import CellProgram, read_cell_program

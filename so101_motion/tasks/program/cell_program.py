@@ -1,6 +1,6 @@
 """Programs for several arms that share a space, and their files.
 
-Each step says which arm goes where; arms that are named in the same step go there side by side, in
+Each step has a waypoint for one arm or more. Arms that are named in the same step move together, in
 one motion that they begin and end together. Then their jaws move and they pause, and the next step
 begins when all are done. A file looks like this::
 
@@ -14,7 +14,7 @@ begins when all are done. A file looks like this::
      ]
     }
 
-What an arm does there is as in a program for one arm (``files.py``), but it stops at each.
+A waypoint is as in a program for one arm (``files.py``), but arms stop at each.
 """
 
 from __future__ import annotations
@@ -37,12 +37,11 @@ class CellProgram:
     """Steps of several arms in order, and how often they are repeated.
 
     Attributes:
-        steps: At most ``MOST``; in each a waypoint for each arm that has something to do, by its
-            name.
-        rounds: How often; None for until it is stopped.
+        steps: At most ``MOST``; each has the waypoints of the arms that move, by name.
+        rounds: How often they are repeated; None until it is stopped.
 
     Raises:
-        ConfigError: There are too many, one is empty, or one shall be passed.
+        ConfigError: There are too many steps, one is empty, or a waypoint is to be passed.
     """
 
     steps: tuple[Mapping[str, Waypoint], ...]
@@ -82,7 +81,7 @@ def read_cell_program(path: Path) -> CellProgram:
     """Read the program in a file.
 
     Raises:
-        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+        ConfigError: It cannot be read, or something in it is not valid; the message names it.
     """
     content = user_storage.read(path, schema=SCHEMA)
     Attributes(content, ("schema", "rounds", "steps"), kind="entry of a program")
@@ -99,7 +98,7 @@ def write_cell_program(program: CellProgram, path: Path) -> None:
     """Save a program; makes its folder if need be.
 
     Raises:
-        ConfigError: It cannot be written; what was there is as it was.
+        ConfigError: It cannot be written; an existing file is unchanged.
     """
     steps = [{name: waypoint_to(each) for name, each in step.items()} for step in program.steps]
     content = {"rounds": rounds_to(program.rounds), "steps": steps}

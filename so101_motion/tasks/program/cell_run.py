@@ -1,8 +1,8 @@
 """Plan a program of several arms as a whole, and run it.
 
-Each step is one motion of all arms, planned from where the step before ends; the arms that it does
-not name stand still. What moves is what was planned. Only where a jaw has gripped something, and so
-stands elsewhere than was thought, the step is planned anew when all arms are there.
+Each step is one motion of all arms, planned from where the step before ends; arms that it does not
+name stand still. The planned motions are played as they are. Only if a jaw has gripped something,
+so that it is not where the plan assumed, the step is planned again when all arms are there.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from so101_motion.arm.cell import Cell
-from so101_motion.arm.gripper import set_jaw
+from so101_motion.arm.gripper import move_jaw
 from so101_motion.arm.place import Stand
 from so101_motion.arm.team_motion import TeamStep
 from so101_motion.common.errors import Interrupted, MotionError, PlanningError, So101Error
@@ -38,7 +38,7 @@ class PlannedStep(NamedTuple):
 
     Attributes:
         plans: The plan of each arm, by its name.
-        stands: Where each arm stands before it, by its name.
+        stands: Where each arm is before the step, by its name.
     """
 
     plans: Mapping[str, Plan]
@@ -50,8 +50,8 @@ class CellRehearsal:
     """A planned program of several arms.
 
     Attributes:
-        program: What was planned.
-        first: The steps of the first round, from where the arms stand.
+        program: The program.
+        first: The steps of the first round, from where the arms are.
         again: The steps of further rounds, from where the program ends; none if there is one round.
     """
 
@@ -69,8 +69,8 @@ def rehearse_cell(cell: Cell, program: CellProgram) -> CellRehearsal:
     """Plan all of a program of several arms; moves nothing.
 
     Raises:
-        PlanningError: A step cannot be done, and which.
-        ConfigError: An arm is not there.
+        PlanningError: A step cannot be planned; the message names it.
+        ConfigError: An arm of the program is not in the cell.
     """
     stands: Mapping[str, Stand] = cell.stands()
     rounds: list[list[PlannedStep]] = [[]] if program.rounds == 1 else [[], []]
@@ -110,7 +110,7 @@ def _asked(
 def _after(
     cell: Cell, step: Mapping[str, Waypoint], stands: Mapping[str, Stand]
 ) -> dict[str, Stand]:
-    """Where the arms stand after a step."""
+    """Where the arms are after a step."""
     after = dict(stands)
     for name, waypoint in step.items():
         q_jaw = stands[name].q_jaw
@@ -124,10 +124,10 @@ class CellProgramRun:
     """A running program of several arms; made by ``start_cell_program``.
 
     Attributes:
-        program: What is run.
-        future: Completes after the last round, or raises what ended it; its message then begins
+        program: The program that runs.
+        future: Completes after the last round, or raises what ended it; the message then begins
             with the step.
-        where: Which round it is, and which step, from 0.
+        where: The round and the step under way, counted from 0.
     """
 
     def __init__(self, cell: Cell, rehearsal: CellRehearsal) -> None:
@@ -154,7 +154,7 @@ class CellProgramRun:
                 yield TeamStep(partial(self._ready, (lap, index), known), then)
 
     def _ready(self, where: tuple[int, int], planned: PlannedStep) -> Future[dict[str, Plan]]:
-        """What all arms do next, once all of them rest."""
+        """Check that all arms are where the next step begins; returns its plans."""
         self.where = where
         cell, as_planned = self._cell, True
         for name, place in cell.places.items():
@@ -163,14 +163,14 @@ class CellProgramRun:
                 raise MotionError(f"{name} has been moved meanwhile; plan the program again")
             as_planned = as_planned and abs(state.q_jaw_ref - stand.q_jaw) <= SAME_JAW
         if as_planned:
-            return cell.proven(planned.plans)
+            return cell.check_again(planned.plans)
         goals, limits = _asked(cell, self.program.steps[where[1]])
         return cell.start_plan(goals, limits=limits)
 
     def _stay(self, name: str, waypoint: Waypoint, motion: Motion) -> None:
         place = self._cell.places[name]
         if waypoint.aperture is not None:
-            set_jaw(place.gripper, waypoint.aperture, motion)
+            move_jaw(place.gripper, waypoint.aperture, motion)
         if waypoint.pause > 0.0:
             motion.pause(place.clock, waypoint.pause)
 
@@ -194,10 +194,10 @@ class CellProgramRun:
 def start_cell_program(cell: Cell, rehearsal: CellRehearsal) -> CellProgramRun:
     """Run a rehearsed program of several arms; supersedes what is under way.
 
-    Who stops one of the arms ends it for all, at any point, in a pause too.
+    Stopping one arm ends it for all, at any point, in a pause too.
 
     Args:
-        cell: As it was rehearsed with; its arms must stand where the rehearsal begins.
-        rehearsal: What is run.
+        cell: The cell that it was rehearsed with; its arms must be where the rehearsal begins.
+        rehearsal: The planned program.
     """
     return CellProgramRun(cell, rehearsal)

@@ -13,10 +13,10 @@ A file looks like this::
      ]
     }
 
-``"loops": [{"from": 2, "to": 3, "times": 4}]`` goes four times through the second and the third
-waypoint before it goes on; a loop may lie inside one other. ``"rounds": "endless"`` runs it until
-it is stopped; a jaw that is not named stays as it is. The arm stops at each waypoint, but for those
-with ``"pass": true``. ``"speed_percent"`` slows the step to a waypoint down.
+``"loops": [{"from": 2, "to": 3, "times": 4}]`` repeats the second and third waypoint four times
+before the program goes on; a loop may lie inside one other. ``"rounds": "endless"`` runs it until
+it is stopped; without ``aperture_percent`` the jaw stays as it is. The arm stops at each waypoint
+except those with ``"pass": true``. ``"speed_percent"`` slows down the step to a waypoint.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def file_of(name: str, in_folder: Path | None = None) -> Path:
     """The file of the user's program ``name``, existing or not.
 
     Args:
-        name: What the program is called.
+        name: Name of the program.
         in_folder: The folder; that of the programs of one arm if not given.
 
     Raises:
@@ -124,7 +124,7 @@ def write(program: Program, path: Path) -> None:
     """Save a program; makes its folder if need be.
 
     Raises:
-        ConfigError: It cannot be written; what was there is as it was.
+        ConfigError: It cannot be written; an existing file is unchanged.
     """
     user_storage.write(path, program_to(program), schema=SCHEMA)
 
@@ -187,7 +187,7 @@ def rounds_from(given: object) -> int | None:
         return None
     if isinstance(given, bool) or not isinstance(given, (int, float)):
         raise ConfigError("rounds", given, f'must be a whole number, or "{_ENDLESS}"')
-    return checked_count("rounds", given)  # Viam's requests know no whole numbers
+    return checked_count("rounds", given)  # Viam's requests have no whole numbers
 
 
 def waypoint_to(waypoint: Waypoint) -> dict[str, object]:
@@ -211,11 +211,11 @@ def waypoint_from(what: str, content: object) -> Waypoint:
     """A waypoint from the parsed JSON of a file.
 
     Args:
-        what: What messages call it, and its name if it has none.
+        what: Its name in messages, and by default.
         content: As ``json`` reads it.
 
     Raises:
-        ConfigError: Something in it cannot be meant.
+        ConfigError: Something in it is not valid.
     """
     if not isinstance(content, Mapping):
         raise ConfigError(what, content, 'must be {"name": ..., "q_deg": [...]}')

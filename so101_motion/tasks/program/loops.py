@@ -1,6 +1,6 @@
-"""Loops inside a program: which waypoints are gone through several times in a row.
+"""Loops inside a program: waypoints that are repeated several times in a row.
 
-A loop may lie inside one other. Its last waypoint is stopped at, because the arm turns back there.
+A loop may lie inside one other. The arm stops at its last waypoint, because it turns back there.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import ConfigError
 
 MOST_TIMES = 10_000
-"""How often a loop may be gone through, or a program that is not endless. Chosen."""
+"""Most repetitions of a loop, or of a program that is not endless. Chosen."""
 
 DEEPEST = 2
 """How many loops a waypoint may be in. Chosen."""
@@ -21,12 +21,12 @@ DEEPEST = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Loop:
-    """Waypoints that are gone through several times in a row.
+    """Waypoints that are repeated several times in a row.
 
     Attributes:
         first: Index of the first of them.
         last: Index of the last of them.
-        times: How often, 2 at least.
+        times: How often, at least 2.
 
     Raises:
         ConfigError: A value is not valid.
@@ -55,9 +55,9 @@ class Loop:
         return replace(self, first=first, last=last) if first <= last else None
 
     def moved(self, index: int, to: int) -> Loop | None:
-        """This loop when a waypoint has been put to another place; None if nothing is left in it.
+        """This loop when a waypoint has been moved; None if nothing is left in it.
 
-        A waypoint that is put between two of the loop is in the loop from then on.
+        A waypoint that is moved between two of the loop is then in the loop.
         """
         if index in self and to in self:
             return self
@@ -75,7 +75,7 @@ def checked_count(
     """``value`` as a whole number within bounds.
 
     Raises:
-        ConfigError: It is none.
+        ConfigError: It is not such a number.
     """
     number = checked_number(key, value, lower=lower, upper=upper, unit=unit)
     if number != int(number):

@@ -1,4 +1,7 @@
-"""Programs of waypoints, as immutable values; an index counts from 0, a number from 1."""
+"""A program of waypoints as an immutable value, with the edits of it.
+
+An index counts from 0, a number in messages from 1.
+"""
 
 from __future__ import annotations
 
@@ -20,27 +23,27 @@ LONGEST_PAUSE = 3600.0
 """Longest pause at a waypoint [s]. Chosen."""
 
 SLOWEST = 0.05
-"""The least share of the arm's caps that a step may be given. Chosen."""
+"""Smallest share of the arm's caps that a step may have. Chosen."""
 
 
 def check_rounds(rounds: int | None) -> None:
     """Refuse a number of rounds that is not valid; None is endless.
 
     Raises:
-        ConfigError: It is too large, too small, or no whole number.
+        ConfigError: It is too large, too small, or not a whole number.
     """
     if rounds is not None:
         checked_count("rounds", rounds)
 
 
 class Visit(NamedTuple):
-    """One arrival at a stop, in the order in which a program is gone through.
+    """One arrival at a stop while a program runs.
 
     Attributes:
-        round: Which time through the program, from 0.
-        laps: Which time through each loop that the stop is in, from 0, the outer loop first.
-        origin: Index of the stop before; None for where the arm stands at the beginning.
-        indices: The waypoints from there on: those that are passed, then the one stopped at.
+        round: The round, counted from 0.
+        laps: The repetition of each loop that the stop is in, from 0, the outer loop first.
+        origin: Index of the stop before; None for where the arm is at the beginning.
+        indices: The waypoints after it: those that are passed, then the one stopped at.
     """
 
     round: int
@@ -54,16 +57,16 @@ class Waypoint:
     """A place of the arm, the jaw's aperture there, and a pause; or a place it only passes.
 
     Attributes:
-        name: What people call it; need not be the only one of that name.
+        name: Its name; need not be unique.
         q: Joint angles, shape (5,), [rad].
-        aperture: How far the jaw is opened or closed on arrival, 0 to 1; None to leave it.
+        aperture: The jaw's aperture after arrival, 0 to 1; None to leave it.
         pause: How long to stay after that [s].
-        passes: Whether the arm goes on without stopping; then nothing else is done there.
-        speed: How fast to go there, as a share of the arm's speed and acceleration caps. Where
-            waypoints are passed, the slowest step up to the next stop counts.
+        passes: Whether the arm goes on without stopping; then there is no aperture and no pause.
+        speed: Share of the arm's speed and acceleration caps on the step to it. If waypoints are
+            passed, the slowest step up to the next stop counts.
 
     Raises:
-        ConfigError: A value is not valid, or what needs a stop is wanted in passing.
+        ConfigError: A value is not valid, or a passed waypoint has a pause or an aperture.
     """
 
     name: str
@@ -93,7 +96,7 @@ class Program:
 
     Attributes:
         waypoints: At most ``MOST``.
-        rounds: How often all of it is gone through; None for until it is stopped.
+        rounds: How often all of it is repeated; None until it is stopped.
         loops: Waypoints that are repeated within each round, in order, outer loops first.
 
     Raises:
@@ -122,7 +125,7 @@ class Program:
     def stops_at(self, index: int) -> bool:
         """Whether the arm stops at a waypoint.
 
-        At the last one of the program or of a loop it does, even if that may be passed.
+        It does at the last one of the program or of a loop, even if that is to be passed.
         """
         is_last = index == len(self.waypoints) - 1 or any(index == each.last for each in self.loops)
         return is_last or not self.waypoints[index].passes
@@ -135,8 +138,8 @@ class Program:
         """Every arrival at a stop, in order; without end if the program is endless.
 
         Args:
-            most: Loops and rounds are repeated at most so often. Two times show every path there
-                is, because a jaw that is told something in a loop is so from its second time on.
+            most: Loops and rounds are repeated at most so often. Two times give every path there
+                is, because what a loop does to the jaw holds from its second time on.
         """
         origin: int | None = None
         for lap in count():

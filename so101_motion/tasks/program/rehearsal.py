@@ -1,14 +1,13 @@
 """Plan a whole program before any of it moves.
 
-A *leg* leads from one stop to the next, through the waypoints that are passed on the path and with
-the jaw as the stop before leaves it. The first leg starts where the arm stands. Rounds and loops
-add the legs back to where they begin, and those on which the jaw stands differently the second
-time, so nothing is left to chance. What cannot be planned is refused here, by the name of its
-waypoint.
+A *leg* leads from one stop to the next, through the waypoints that are passed between them and with
+the jaw as the stop before leaves it. The first leg starts where the arm is. Rounds and loops add
+the legs back to where they begin, and legs on which the jaw is different the second time, so every
+motion is planned. A leg that cannot be planned is refused here, with the name of its waypoint.
 
-How a leg with passed waypoints is planned. The path to each of them is looked for like any other,
-around what is in the way; all these ways in a row are one path, and along that the planner makes
-one motion that may be ``PASSING`` off it. Where not even that is free, it stops.
+How a leg with passed waypoints is planned. The path to each of them is searched like any other,
+around obstacles. All these paths in a row are one path, along which the planner makes one motion
+that may be ``PASSING`` off it. If a corner cannot be rounded without contact, the arm stops there.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ from so101_motion.tasks.program.program import Program, Visit
 
 PASSING = to_rad(3.0)
 """How far any joint may be from a waypoint that is passed, and from the path between two [rad].
-Chosen: of 2, 3, 5 and 8 degrees the least with which 45 random programs, at two pairs of caps, were
-never slower than with stops; their tool was 5 mm off a waypoint at the median, 18 at the most."""
+Chosen: of 2, 3, 5 and 8 degrees the smallest with which 45 random programs, at two pairs of caps,
+were never slower than with stops; their tool was 5 mm off a waypoint at the median, 18 at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +42,7 @@ class ProgramLeg:
 
     Attributes:
         indices: Its waypoints: those that are passed, and last the one that is stopped at.
-        plan: The motion; None where the arm stands there already.
+        plan: The motion; None if the arm is there already.
         at: When each of them is passed or reached, from the beginning of the motion [s].
     """
 
@@ -53,12 +52,12 @@ class ProgramLeg:
 
 
 class LegKey(NamedTuple):
-    """What tells the legs of a program apart.
+    """The key of a leg of a program.
 
     Attributes:
-        origin: Index of the stop that it begins at; None for where the arm stood.
+        origin: Index of the stop that it begins at; None for where the arm was at the start.
         indices: Its waypoints.
-        q_jaw: Where the jaw stands [rad].
+        q_jaw: Angle of the jaw [rad].
     """
 
     origin: int | None
@@ -70,9 +69,9 @@ class PlannedVisit(NamedTuple):
     """An arrival at a stop with the path to it.
 
     Attributes:
-        visit: Which.
+        visit: The arrival.
         leg: The path.
-        times: How often it comes in a round: several times where a loop repeats it.
+        times: How often it comes in a round: several times if a loop repeats it.
     """
 
     visit: Visit
@@ -85,13 +84,13 @@ class Rehearsal:
     """A planned program.
 
     Attributes:
-        program: What was planned.
-        legs: Every path that there is, in the order in which they come.
-        visits: All arrivals, but of loops and rounds the first two times only; the second stands
-            for all later ones.
-        q_start: Where the arm stood, shape (5,), [rad].
-        q_jaw_start: Where the jaw stood [rad].
-        scene: What it was planned around; None for the arm's own scene.
+        program: The program.
+        legs: All paths, in order.
+        visits: All arrivals, but only the first two of each loop and round; later ones are like the
+            second.
+        q_start: The arm's joint angles at the start, shape (5,), [rad].
+        q_jaw_start: The jaw's angle at the start [rad].
+        scene: The scene of the plans; None for the arm's own scene.
     """
 
     program: Program
@@ -122,7 +121,7 @@ class Rehearsal:
 
 
 class LegPlanner(Protocol):
-    """Whoever plans legs: an arm, or a planner without one."""
+    """The interface for planning legs: an arm, or a planner without one."""
 
     @property
     def limits(self) -> MotionLimits:
@@ -140,7 +139,7 @@ class LegPlanner(Protocol):
 
 
 class SceneArm:
-    """Plans the legs of an arm in a scene; in the arm's own if None."""
+    """Plans the legs of an arm in a given scene; None for the arm's own."""
 
     def __init__(self, arm: Arm, scene: Scene | None) -> None:
         self._arm, self._search = arm, Search(scene=scene)
@@ -169,14 +168,14 @@ def rehearse(
     """Plan all of a program; moves nothing.
 
     Args:
-        arm: Whose caps, range and scene count, and where it begins.
+        arm: The arm; its caps, range and scene count, and the program begins where it is.
         gripper: The arm's jaw; None for an arm without one.
-        program: What is to be done.
-        scene: What is around the arm; the arm's own if not given.
+        program: The program.
+        scene: What is around the arm; the arm's own scene if not given.
 
     Raises:
-        PlanningError: A waypoint cannot be gone to, and which.
-        ConfigError: There is no waypoint, or a jaw is asked for that is not there.
+        PlanningError: A waypoint cannot be reached; the message names it.
+        ConfigError: There is no waypoint, or the program moves a jaw that the arm does not have.
     """
     if not program.waypoints:
         raise ConfigError("program", "empty", "has no waypoint; record one first")
@@ -212,14 +211,14 @@ def plan_leg(
     """Plan the path to a stop through the waypoints before it.
 
     Args:
-        arm: Whose caps, range and scene count.
-        program: Has the waypoints.
-        indices: Those to be passed, and the one to be stopped at.
-        q_start: Where the arm will stand, shape (5,), [rad].
-        q_jaw: Where the jaw will stand [rad].
+        arm: Plans; its caps, range and scene count.
+        program: The program with the waypoints.
+        indices: The waypoints to pass, and the one to stop at.
+        q_start: Joint angles at the start, shape (5,), [rad].
+        q_jaw: Angle of the jaw [rad].
 
     Raises:
-        PlanningError: A waypoint cannot be gone to, and which.
+        PlanningError: A waypoint cannot be reached; the message names it.
     """
     corners, numbers, plan = [q_start], [], None
     share = min(program.waypoints[index].speed for index in indices)

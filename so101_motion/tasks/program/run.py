@@ -1,8 +1,8 @@
 """Run a rehearsed program: one motion of the arm from its start to its end, pauses included.
 
-What moves is what was rehearsed, plan for plan. Only where a jaw has gripped something, and so
-stands elsewhere than was thought, the next leg is planned anew from how things are. If somebody
-else moves the arm meanwhile, the run ends; it does not fight.
+The rehearsed plans are played as they are. Only if a jaw has gripped something, so that it is not
+where the plan assumed, the next leg is planned again from the present state. If something else
+moves the arm meanwhile, the run ends.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from so101_motion.arm.arm import Arm
-from so101_motion.arm.gripper import set_jaw
+from so101_motion.arm.gripper import move_jaw
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import Interrupted, MotionError, PlanningError, So101Error
@@ -36,16 +36,16 @@ from so101_motion.tasks.program.rehearsal import (
 )
 
 SAME_JAW = to_rad(5.0)
-"""A jaw that stands nearer than this to what a leg was planned with is as planned [rad]; chosen:
-3 mm between the tips, less than a plan keeps clear of things by."""
+"""A jaw nearer than this to the angle that a leg was planned with counts as planned [rad]; chosen:
+3 mm between the tips, less than the clearance of plans."""
 
 ARRIVED = to_rad(2.0)
-"""An arm that stands nearer than this to its waypoint has arrived [rad], for not every arm keeps to
-the last digit where it was sent; beyond, somebody has moved it. Chosen."""
+"""An arm nearer than this to its waypoint has arrived [rad], because not every arm stops exactly
+there; farther away, something has moved it. Chosen."""
 
 _LEAST = 0.01
-"""How long a step takes at least that leads to where the arm is [s]: many of them in a row, or
-without end, would leave no time to anybody else. Chosen: a control cycle."""
+"""Shortest time of a step that does not move the arm [s]: an endless row of those would block other
+threads. Chosen: a control cycle."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,8 +53,8 @@ class Where:
     """The progress of a run.
 
     Attributes:
-        round: Which time through, from 0.
-        laps: Which time through each loop around the next stop, from 0, the outer loop first.
+        round: The round, counted from 0.
+        laps: The repetition of each loop around the next stop, from 0, the outer loop first.
         index: The waypoint it is on its way to, or at, from 0.
         doing: ``"moving"``, ``"jaw"`` or ``"pausing"``.
     """
@@ -69,12 +69,12 @@ class ProgramRun:
     """A running program; made by ``start_program`` and ``run_once_planned``.
 
     Attributes:
-        program: What is run.
-        rehearsal: How; None while that is being planned.
-        future: Completes after the last round, or raises what ended it; its message then begins
+        program: The program that runs.
+        rehearsal: Its plans; None while they are being made.
+        future: Completes after the last round, or raises what ended it; the message then begins
             with the waypoint.
-        plan: What the arm is moving along, or moved along last; None before.
-        motion: The run as the arm knows it, to wait for or to interrupt.
+        plan: The plan under way, or the last one; None before the first.
+        motion: The run as a motion of the arm, to wait for or to interrupt.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class ProgramRun:
 
     @property
     def share(self) -> float:
-        """How much of the run is done, 0 to 1; of an endless one, how much of this round."""
+        """How much of the run is done, 0 to 1; for an endless one, how much of this round."""
         rehearsal, rounds, where = self.rehearsal, self.program.rounds, self.where
         if rehearsal is None:
             return 0.0
@@ -174,7 +174,7 @@ class ProgramRun:
         waypoint, gripper = self.program.waypoints[index], self._gripper
         if gripper is not None and waypoint.aperture is not None:
             self._where = replace(self._where, index=index, doing="jaw")
-            set_jaw(gripper, waypoint.aperture, motion)
+            move_jaw(gripper, waypoint.aperture, motion)
         if pause > 0.0:
             self._where = replace(self._where, index=index, doing="pausing")
             motion.pause(self._clock, pause)
@@ -202,10 +202,10 @@ def start_program(
     too, and the jaw stops with it.
 
     Args:
-        arm: As it was rehearsed with; it must stand where the rehearsal begins.
-        gripper: Likewise.
-        clock: Whose time the pauses take.
-        rehearsal: What is run.
+        arm: The arm that it was rehearsed with; it must be where the rehearsal begins.
+        gripper: Its jaw; None for an arm without one.
+        clock: The clock that times the pauses.
+        rehearsal: The planned program.
     """
     return ProgramRun(arm, gripper, clock, rehearsal.program, lambda _: rehearsal)
 
@@ -219,13 +219,13 @@ def run_once_planned(
 ) -> ProgramRun:
     """Plan a program as a whole once the arm rests, then run it; supersedes what is under way.
 
-    What ends a run ends it while it is being planned as well.
+    It can be ended while it is being planned as well.
 
     Args:
-        arm: What moves.
+        arm: The arm.
         gripper: Its jaw; None for an arm without one.
-        clock: Whose time the pauses take.
-        program: What is to be done.
+        clock: The clock that times the pauses.
+        program: The program.
         planned: Plans it, with ``rehearse``; called on the arm's thread with the motion.
     """
     return ProgramRun(arm, gripper, clock, program, planned)

@@ -1,9 +1,9 @@
 """Sweeps: computations too large for one process, cut into shards that any executor computes.
 
-``engine.py`` runs them, ``folder.py`` keeps them, ``sweep.py`` says what one is. What there is to
-compute: ``reach.py`` (where the arm can be, and how well; asked by ``atlas.py``), ``plans.py``
-(random motions as a data set), ``check.py`` and ``program_check.py`` (its motions, or a program,
-against a changed scene or another calibration), and ``place.py`` (bases for a task;
+``sweep.py`` is the interface of a sweep, ``engine.py`` runs one, ``folder.py`` stores it. The
+sweeps: ``reach.py`` (where the arm can be, and how well; ``atlas.py`` looks it up), ``plans.py``
+(random motions as a data set), ``check.py`` and ``program_check.py`` (motions of such a data set,
+or a program, in a changed scene or with another calibration), and ``place.py`` (bases for a task;
 ``placement.py`` finds the best, ``pair_placement.py`` the best for two arms).
 """
 

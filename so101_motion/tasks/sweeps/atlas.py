@@ -1,6 +1,6 @@
 """Look up whether the arm reaches a point, and how well, in an atlas that a sweep has computed.
 
-The whole atlas is loaded at once, so looking up a point takes microseconds. The answer is that of
+The whole atlas is loaded at once, so looking up a point takes microseconds. The result is that of
 the nearest point of the grid, at most 0.87 spacings away.
 """
 
@@ -37,13 +37,13 @@ class Reach(NamedTuple):
     """How well the arm reaches a point of the grid.
 
     Attributes:
-        limits: The branches that keep the joint limits there, as bits of ``BRANCH_BITS``.
-        branches: Those of them that have a way that is free of contact.
-        ways: How many of the poses that were looked at are free of contact.
-        clearance: How close bodies are in the best of them [m].
-        torque_left: Share of what a servo may hold that is left in it; negative: too heavy.
+        limits: The branches within the joint limits there, as bits of ``BRANCH_BITS``.
+        branches: Those of them with a configuration that is free of contact.
+        ways: How many of the sampled configurations are free of contact.
+        clearance: Smallest distance between bodies in the best of them [m].
+        torque_left: Share of the servos' holding torque that it leaves; negative: too heavy.
         manipulability: Volume of the tool's velocity ellipsoid in it [m^3/rad^3].
-        q: Its joint angles, [rad].
+        q: Its joint angles [rad].
     """
 
     limits: int
@@ -56,7 +56,7 @@ class Reach(NamedTuple):
 
     @property
     def reachable(self) -> bool:
-        """Whether the arm can be there without contact and stay."""
+        """Whether the arm can be there without contact and hold itself."""
         return self.ways > 0 and self.torque_left >= 0.0
 
     @property
@@ -70,18 +70,17 @@ class Reach(NamedTuple):
 
 
 NOWHERE = Reach(0, 0, 0, np.nan, np.nan, np.nan, (np.nan,) * 5)
-"""No joint angles within the limits bring the arm there."""
+"""The entry of a point that no joint angles within the limits reach."""
 
 
 class Atlas:
-    """What a sweep of the arm's reach has found.
+    """The result of a sweep of the arm's reach.
 
     Attributes:
-        facts: What was asked for.
-        grid: The points.
+        facts: The parameters of the sweep.
+        grid: The grid of points.
         points: The numbers of the points within the joint limits, ascending, shape (n,).
-        rows: What is known of them, shape (n,), with fields as in ``Reach``,
-            and ``q0`` to ``q4``.
+        rows: Their figures, shape (n,), with fields as in ``Reach``, and ``q0`` to ``q4``.
     """
 
     def __init__(
@@ -105,7 +104,7 @@ class Atlas:
         """Read the atlas in a folder.
 
         Raises:
-            ConfigError: There is none, or it is not complete.
+            ConfigError: There is no atlas, or it is not complete.
         """
         place = SweepFolder(Path(folder))
         manifest: dict[str, Any] = place.manifest()
@@ -117,7 +116,7 @@ class Atlas:
         if missing:
             raise ConfigError(
                 "atlas", str(folder),
-                f"lacks {missing} of {count} shards; the so101 sweep that began it goes on with it",
+                f"lacks {missing} of {count} shards; run the same so101 sweep again to complete it",
             )  # fmt: skip
         whole = [shard for shard in shards if shard is not None]
         points = np.concatenate([shard["point"] for shard in whole])
@@ -150,10 +149,10 @@ class Atlas:
         return Reach._make((*values[:6], values[6:]))
 
     def summary(self) -> dict[str, float]:
-        """The atlas in a few figures.
+        """A summary in a few figures.
 
-        Points of the grid; those within the joint limits, free of contact, and reachable; the
-        volume that is reachable [m^3]; medians over what is reachable.
+        How many points the grid has, and how many are within the joint limits, free of contact and
+        reachable; the reachable volume [m^3]; medians over the reachable points.
         """
         rows = self.rows
         free = rows["ways"] > 0

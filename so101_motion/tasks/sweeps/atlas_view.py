@@ -1,4 +1,4 @@
-"""What an atlas looks like: the points that are shown, their colours, and a picture of a slice."""
+"""Choose and colour the points of an atlas for display, and draw a slice as SVG."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from so101_motion.tasks.sweeps.atlas import Atlas, Reach
 
 
 class Figure(NamedTuple):
-    """Something that is known of a point.
+    """A figure of a point that can be shown as its colour.
 
     Attributes:
-        name: As in ``Reach``.
-        unit: In which people read it.
-        scale: From SI to that unit.
-        low: What gets the first colour, in SI.
-        high: What gets the last.
+        name: Its field in ``Reach``.
+        unit: The unit for display.
+        scale: Factor from SI to that unit.
+        low: The value of the first colour, in SI.
+        high: The value of the last colour.
     """
 
     name: str
@@ -38,7 +38,7 @@ FIGURES = {
     "Manipulability": Figure("manipulability", "l", 1e3, 0.0, 0.012),
     "Ways to be there": Figure("ways", "", 1.0, 0.0, 40.0),
 }
-"""What can be shown, by what people call it."""
+"""The figures that can be shown, by their names on the page."""
 
 AXES = "xyz"
 
@@ -50,12 +50,12 @@ _COLOURS = np.array(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """Which points are shown.
+    """A choice of points to show.
 
     Attributes:
         figure: One of ``FIGURES``.
         at_least: Points with less of it are left out, in SI.
-        axis: Of a slice, one of ``AXES``; None for all.
+        axis: The normal of a slice, one of ``AXES``; None for all points.
         at: Where the slice is [m].
     """
 
@@ -66,13 +66,13 @@ class Shown:
 
 
 class Voxels(NamedTuple):
-    """Points as they are shown.
+    """Points with their colours.
 
     Attributes:
         rows: Their rows in the atlas, shape (n,).
-        p: Where they are, shape (n, 3), [m].
-        colours: Shape (n, 3), 0 to 255.
-        total: How many there are, those inside included that nobody can see.
+        p: Their positions, shape (n, 3), [m].
+        colours: Their colours, shape (n, 3), 0 to 255.
+        total: How many were chosen, with those that are hidden inside.
     """
 
     rows: NDArray[np.int64]
@@ -91,7 +91,7 @@ def shades(figure: str, values: Array) -> NDArray[np.uint8]:
 
 
 def voxels(atlas: Atlas, shown: Shown) -> Voxels:
-    """The points of an atlas that can be seen: those on the outside of what is shown."""
+    """The chosen points of an atlas that can be seen, because they are not surrounded by others."""
     steps = _steps(atlas)
     rows = _chosen(atlas, shown, steps)
     nx, ny, nz = atlas.grid.counts
@@ -107,7 +107,7 @@ def voxels(atlas: Atlas, shown: Shown) -> Voxels:
 
 
 def in_words(reach: Reach, p: Array) -> str:
-    """What is known of a point, shape (3,), [m], in lines."""
+    """Text that describes a point, shape (3,), [m], in three lines."""
     x, y, z = to_mm(p).tolist()
     return "\n".join(
         [
@@ -120,10 +120,10 @@ def in_words(reach: Reach, p: Array) -> str:
 
 
 def picture(atlas: Atlas, shown: Shown) -> str:
-    """A slice as SVG; a square a point.
+    """Draw a slice as SVG, one square a point.
 
     Raises:
-        ConfigError: It is no slice.
+        ConfigError: ``shown`` is not a slice.
     """
     if shown.axis is None:
         raise ConfigError("axis", None, f"must be one of {', '.join(AXES)}")
@@ -153,7 +153,7 @@ def picture(atlas: Atlas, shown: Shown) -> str:
 
 
 def _steps(atlas: Atlas) -> NDArray[np.int64]:
-    """Where the points of an atlas are in its grid, shape (n, 3)."""
+    """The grid indices of an atlas's points, shape (n, 3)."""
     nx, ny, _ = atlas.grid.counts
     numbers = atlas.points
     return np.stack([numbers % nx, numbers // nx % ny, numbers // (nx * ny)], axis=1)

@@ -1,4 +1,4 @@
-"""Choose one configuration at each stop, so that the whole cycle takes the least time."""
+"""Choose one configuration at each stop so that the whole cycle takes the least time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from so101_motion.common.geometry import Array
 def least_time(distance: Array, velocity: float, acceleration: float, jerk: float) -> Array:
     """The shortest time from rest to rest over distances, any shape, [rad] to [s].
 
-    No motion of an arm takes less than that of the joint that turns furthest.
+    No motion of an arm takes less than the joint that turns farthest.
 
     Source: L. Biagiotti and C. Melchiorri, Trajectory Planning for Automatic Machines and Robots,
     2008, section 3.4, the double S with both ends at rest.
@@ -30,15 +30,15 @@ def least_time(distance: Array, velocity: float, acceleration: float, jerk: floa
 
 
 def cheapest(costs: list[Array], *, closed: bool) -> tuple[float, list[int]]:
-    """The cheapest choice of one option at each stop.
+    """Choose one option at each stop so that the sum of costs is least.
 
     Args:
-        costs: From each option of a stop to each of the next, arrays (n_k, n_k+1); of a closed way
-            the last leads back to the first stop.
-        closed: Whether the way ends where it began, with the same option.
+        costs: Costs from each option of a stop to each of the next, arrays (n_k, n_k+1); for a
+            cycle the last leads back to the first stop.
+        closed: Whether it is a cycle, which ends where it began with the same option.
 
     Returns:
-        What it costs, infinite if there is none, and the option at each stop.
+        The cost, infinite if there is no choice, and the option at each stop.
     """
     n = len(costs[0])
     reached = np.where(np.eye(n, dtype=bool), 0.0, np.inf) if closed else np.zeros((1, n))

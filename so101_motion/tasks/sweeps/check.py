@@ -1,8 +1,8 @@
 """Check the motions of a data set in a scene, or with another calibration: which fail, and why.
 
-A motion is the straight joint lines through its setpoints, and the verdict on it is a proof. Shards
-are those of the data set, which every worker reads from its folder: on a cluster it must be one
-that all computers see.
+A motion is the straight joint lines through its setpoints, and all of it is checked, not samples.
+Shards are those of the data set. Every worker reads its folder, so on a cluster all computers must
+have access to it.
 """
 
 from __future__ import annotations
@@ -29,15 +29,16 @@ from so101_motion.tasks.sweeps.plans import Episode, episodes_of
 
 @dataclass(frozen=True, kw_only=True)
 class CheckSweep:
-    """Plain data that says which motions are checked against what; made by ``of``.
+    """A check of motions, as plain data; made by ``of``.
 
     Attributes:
         source: The folder of the motions.
-        source_sha256: What is in it.
-        shards: Into how many shards it is cut.
-        items: How many problems it holds.
+        source_sha256: The SHA-256 of its content.
+        shards: How many shards it has.
+        items: How many problems it has.
         scene: What is around the arm now, as the JSON text of a scene.
-        reading: What the numbers mean for the arm that shall do them; None for the model's own.
+        reading: Converts the recorded numbers to angles of the arm that is to move; None if they
+            are the model's.
     """
 
     source: str
@@ -55,13 +56,15 @@ class CheckSweep:
         """The check of the motions in a folder; other arguments as the attributes.
 
         Raises:
-            ConfigError: It is no folder of a sweep of plans, or of one that is not complete.
+            ConfigError: The folder has no sweep of plans, or one that is not complete.
         """
         manifest: dict[str, Any] = SweepFolder(folder).manifest()
         if manifest.get("kind") != "plans":
             raise ConfigError("plans", str(folder), f"is a sweep of {manifest.get('kind')}")
         if manifest.get("sha256") is None:
-            raise ConfigError("plans", str(folder), "is not complete; the same sweep goes on")
+            raise ConfigError(
+                "plans", str(folder), "is not complete; run the same sweep again to complete it"
+            )
         return cls(
             source=str(folder.resolve()),
             source_sha256=manifest["sha256"],
@@ -72,7 +75,7 @@ class CheckSweep:
         )
 
     def facts(self) -> Mapping[str, object]:
-        """What is asked for; the data set is the same wherever its folder is."""
+        """Its parameters, without the folder: a moved data set is still the same."""
         facts = {**asdict(self), "scene": json.loads(self.scene)}
         del facts["source"]
         return facts
@@ -108,7 +111,7 @@ class CheckSweep:
     def _failure(
         self, collision: CollisionModel, episode: Episode
     ) -> tuple[float, tuple[str, str]]:
-        """When a motion first fails [s], and by which two things."""
+        """The time at which a motion first fails [s], and the two things that cause it."""
         x = episode.action[:, :5].astype(np.float64)
         found, end = list[tuple[float, tuple[str, str]]](), len(x)
         if self.reading is None:
@@ -131,10 +134,10 @@ class CheckSweep:
 
 
 def check_summary(folder: Path) -> tuple[dict[str, float], list[int]]:
-    """How many motions a check has looked at, how many fail, by what; and which those are.
+    """Count the motions of a check and those that fail, by cause; and list those that fail.
 
     Raises:
-        ConfigError: It is no folder of such a sweep.
+        ConfigError: The folder has no such sweep.
     """
     place = SweepFolder(folder)
     manifest: dict[str, Any] = place.manifest()

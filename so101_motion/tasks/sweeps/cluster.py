@@ -1,4 +1,4 @@
-"""Connect to a cluster: the one door of Dask, which the extra ``cluster`` brings."""
+"""Connect to a Dask cluster; the only place that uses Dask (extra ``cluster``)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from so101_motion.common.errors import ConfigError, MachineUnavailable
 
 _AHEAD = 4
-"""Shards under way for each thread of the cluster. Chosen: the way there takes some of them."""
+"""Shards under way for each thread of the cluster. Chosen: some are always on the network."""
 
 _PATIENCE = 10.0
 """How long a scheduler may take to answer [s]. Chosen."""
@@ -44,5 +44,5 @@ def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
         if not threads:
             reason = f"its Dask scheduler has no workers; start some: dask worker {address}"
             raise MachineUnavailable(address, reason)
-        # pure=False: Dask would otherwise answer a shard that it knows from its memory.
+        # pure=False: Dask would otherwise return a cached result for a shard that it knows.
         yield client.get_executor(pure=False), _AHEAD * threads

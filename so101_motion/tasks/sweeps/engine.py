@@ -1,15 +1,15 @@
-"""Run a sweep: hand out its shards, write what comes back, go on where an earlier run ended.
+"""Run a sweep: hand out its shards, write the results, and resume where an earlier run ended.
 
-How it works. An executor of ``concurrent.futures`` computes; this process alone writes. So workers
+How it works. An executor of ``concurrent.futures`` computes; only this process writes. So workers
 need no common file system, and nothing is written twice. A few shards more than there are workers
-are under way at any time, which keeps all of them busy and memory flat. Anything that can stop
-leaves whole shards behind: the same sweep into the same folder computes only what is missing.
+are under way at any time, which keeps all of them busy and bounds memory. An interruption leaves
+only whole shards behind: the same sweep into the same folder computes only those that are missing.
 
-- A shard that fails says why and the others go on; the next run tries it again.
-- A worker process that dies (``kill -9``, no memory) takes its pool with it: the pool is replaced,
-  and what was under way runs again, one at a time, so that a shard that kills is found out.
-- Ctrl-C: nothing new is handed out, what is under way ends and is written, then the interrupt goes
-  on its way. Should this process be killed, its workers notice and leave.
+- A shard that fails is recorded with the reason and the others go on; the next run tries it again.
+- A worker process that dies (``kill -9``, out of memory) breaks its pool: the pool is replaced, and
+  shards that were under way run again, one at a time, so that one that kills its process is found.
+- Ctrl-C: no new shards are handed out, those under way end and are written, then the interrupt is
+  raised. If this process is killed, its workers notice and end.
 """
 
 from __future__ import annotations
@@ -46,25 +46,25 @@ from so101_motion.tasks.sweeps.packed import digest
 from so101_motion.tasks.sweeps.sweep import Outcome, Sweep, compute
 
 _AHEAD = 3
-"""Shards under way for each worker: one in work, and what it takes up next. Chosen."""
+"""Shards under way for each worker: one in work, and the next ones. Chosen."""
 
 _DEATHS = 2
-"""How often a shard may take its process with it while it runs alone. Chosen."""
+"""A shard fails when its process has died so often while it ran alone. Chosen."""
 
 _IN_A_ROW = 4
-"""So many shards in a row that get lost mean that the executor is at fault. Chosen."""
+"""If so many shards in a row get lost, the executor is at fault. Chosen."""
 
-_KEPT = "; what is done is kept, and the same sweep into the same folder goes on"
+_KEPT = "; finished shards are kept: run the same sweep into the same folder to go on"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Progress:
-    """How far a sweep has come.
+    """The progress of a sweep.
 
     Attributes:
-        done: Shards that are there.
+        done: Finished shards.
         failed: Shards that failed.
-        shards: All of them.
+        shards: All shards.
         rate: Items a second since this run began; 0 before the first.
         left: How long the rest takes at that rate [s]; None before the first.
     """
@@ -78,14 +78,14 @@ class Progress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepResult:
-    """What came of a sweep.
+    """The result of a run.
 
     Attributes:
-        folder: Where its shards are.
-        shards: How many there should be.
+        folder: The folder of its shards.
+        shards: How many shards the sweep has.
         computed: How many this run has computed; the others were there.
-        failed: Why some are missing, by their numbers.
-        sha256: Of the result.
+        failed: Why shards are missing, by number.
+        sha256: The SHA-256 of the result.
     """
 
     folder: Path
@@ -110,25 +110,25 @@ def run_sweep(
     on_progress: Callable[[Progress], None] | None = None,
     now: Callable[[], float] = time.monotonic,
 ) -> SweepResult:
-    """Run a sweep, or what an earlier run left of it.
+    """Run a sweep, or the rest of it after an interrupted run.
 
-    The result is the same, bit for bit, whatever computes it, on computers of one kind (processor,
-    system, versions).
+    The result is the same, bit for bit, on all computers of one kind (processor, system, versions)
+    and with any number of workers.
 
     Args:
-        sweep: What to compute.
-        folder: Where the shards go; a new folder, or that of the same sweep.
-        workers: So many processes of this computer, or an open pool of them. A script that asks
-            for some has its own work behind ``if __name__ == "__main__":``, because Python's
-            processes read it again.
+        sweep: The sweep.
+        folder: The folder for the shards; a new one, or that of the same sweep.
+        workers: How many processes of this computer, or an open pool of them. A script that uses
+            this needs ``if __name__ == "__main__":`` around its own work, because Python's
+            processes import it again.
         executor: Computes instead: any ``concurrent.futures.Executor``, for example
             ``dask.distributed.Client(...).get_executor()``. It stays open.
         ahead: How many shards are under way in it at a time.
         on_progress: Called after each shard.
-        now: Tells the time [s].
+        now: Returns the time [s].
 
     Returns:
-        What came of it; shards that failed are in it.
+        The result, with the shards that failed.
 
     Raises:
         ConfigError: The folder belongs to another sweep, or cannot be written.
@@ -144,11 +144,11 @@ def run_sweep(
             columns = place.read(shard)
             if columns is not None:
                 digests[shard] = digest(columns)
-        pool: _Computers
+        pool: _Backend
         if workers is not None:
             pool = WorkerPool(workers) if isinstance(workers, int) else workers
         else:
-            pool = _Here() if executor is None else _Given(executor, ahead or 32)
+            pool = _InProcess() if executor is None else _GivenExecutor(executor, ahead or 32)
         run = _Run(sweep, place, digests, pool, on_progress, now)
         with pool.opened():
             return run.go()
@@ -162,7 +162,7 @@ class _Run:
         sweep: Sweep,
         folder: SweepFolder,
         digests: dict[int, str],
-        pool: _Computers,
+        pool: _Backend,
         on_progress: Callable[[Progress], None] | None,
         now: Callable[[], float],
     ) -> None:
@@ -178,7 +178,7 @@ class _Run:
         self._began = now()
 
     def go(self) -> SweepResult:
-        """Compute what is missing."""
+        """Compute the missing shards."""
         try:
             while self._todo or self._alone or self._under_way:
                 self._hand_out()
@@ -209,14 +209,14 @@ class _Run:
                 return
 
     def _collect(self) -> None:
-        """Take what is ready; wait for it if nothing is."""
+        """Take results that are ready; wait for one if none is."""
         if not self._under_way:
             return
         ready, _ = wait(self._under_way, LOOK_FOR_SIGNALS, FIRST_COMPLETED)
         for future in ready:
             shard = self._under_way.pop(future, None)
             if shard is None:
-                continue  # it went down with the pool
+                continue  # it was lost with the pool
             try:
                 outcome = future.result()
             except BrokenExecutor as error:
@@ -277,7 +277,7 @@ class _Run:
         self._take(shard, Outcome(None, why))
 
     def _give_up(self, *, finish: bool) -> None:
-        """Take back what waits; with ``finish`` let what is in work end, and keep it."""
+        """Cancel shards that wait; with ``finish`` let those in work end, and keep them."""
         for future in self._under_way:
             future.cancel()
         kept = {each: shard for each, shard in self._under_way.items() if not each.cancelled()}
@@ -290,8 +290,8 @@ class _Run:
         self._folder.describe(self._sweep, done=done, failed=self._failed, sha256=sha256)
 
 
-class _Computers:
-    """Who computes.
+class _Backend:
+    """Computes shards.
 
     Attributes:
         ahead: How many shards to have under way.
@@ -304,21 +304,21 @@ class _Computers:
         raise NotImplementedError
 
     def replace(self, error: BrokenExecutor) -> None:
-        """Go on with a new one.
+        """Replace a broken executor.
 
         Raises:
-            WorkerError: There is none.
+            WorkerError: It cannot be replaced.
         """
         raise WorkerError(f"the executor broke ({error}){_KEPT}") from error
 
     @contextmanager
     def opened(self) -> Iterator[None]:
-        """Have it for a block."""
+        """Keep it open for a block."""
         yield
 
 
-class _Here(_Computers):
-    """This process, at once."""
+class _InProcess(_Backend):
+    """Computes in this process, at once."""
 
     ahead = 1
 
@@ -328,8 +328,8 @@ class _Here(_Computers):
         return future
 
 
-class _Given(_Computers):
-    """Somebody's executor."""
+class _GivenExecutor(_Backend):
+    """Computes on an executor of the caller."""
 
     def __init__(self, executor: Executor, ahead: int) -> None:
         self._executor, self.ahead = executor, ahead
@@ -342,8 +342,8 @@ class _Given(_Computers):
 class _Call:
     """Computes a shard where it is unpickled.
 
-    Who only hands it on, as a scheduler does, has bytes, and needs nothing of this package. Dask's
-    unpickles whatever is no bytes: it loaded robot model and all, two seconds of its one core.
+    A scheduler that only passes it on sees bytes and need not load this package. Dask's scheduler
+    unpickles everything but bytes: it loaded the robot model, two seconds of its one core.
     """
 
     def __init__(self, sweep: Sweep, shard: int) -> None:
@@ -353,11 +353,11 @@ class _Call:
         return compute, self._arguments
 
 
-class WorkerPool(_Computers):
+class WorkerPool(_Backend):
     """Processes of this computer, which are replaced when one of them dies.
 
     Args:
-        workers: How many.
+        workers: How many processes.
     """
 
     def __init__(self, workers: int) -> None:
@@ -366,7 +366,7 @@ class WorkerPool(_Computers):
 
     @contextmanager
     def opened(self) -> Iterator[None]:
-        """Have them for a block, in which several sweeps may run; inside, this does nothing."""
+        """Keep them for a block, in which several sweeps may run; nested calls do nothing."""
         if self._is_open:
             yield
             return
@@ -382,10 +382,10 @@ class WorkerPool(_Computers):
         return self._pool.submit(compute, sweep, shard)
 
     def replace(self, error: BrokenExecutor) -> None:
-        """Go on with new processes.
+        """Replace the processes.
 
-        The old ones are killed: a pool waits for ever for a process that was being started when
-        another died (seen with Python 3.11, whose pool tells only the others to end).
+        The old ones are killed: a pool waits for ever for a process that was starting when another
+        died (seen with Python 3.11).
         """
         for process in self._spawned.made:
             with suppress(ValueError):  # closed already
@@ -400,10 +400,10 @@ class WorkerPool(_Computers):
 
 
 class _Spawned(SpawnContext):
-    """Starts processes anew, for a fork would copy threads' locks, and what libraries hold.
+    """Spawns processes and remembers them; a fork would copy locks of threads and libraries.
 
     Attributes:
-        made: All of them.
+        made: All processes.
     """
 
     def __init__(self) -> None:
@@ -411,14 +411,14 @@ class _Spawned(SpawnContext):
         self.made: list[BaseProcess] = []
 
     def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]
-        """Make one, and remember it."""
+        """Make a process, and remember it."""
         made = SpawnProcess(*args, **kwargs)
         self.made.append(made)
         return made
 
 
 def _begin() -> None:
-    """In a worker: leave Ctrl-C to the parent, and end when the parent has."""
+    """Set up a worker: ignore Ctrl-C, which is the parent's, and end when the parent has."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -1,17 +1,17 @@
-"""The folder of a sweep: a manifest that says what it is, and one file a shard.
+"""The folder of a sweep: a manifest with its parameters, and one file a shard.
 
 ::
 
-    ATLAS/sweep.json          what the sweep is; how far it came; the SHA-256 of its result
+    ATLAS/sweep.json          parameters of the sweep; its progress; the SHA-256 of its result
     ATLAS/shards/000000.npz   arrays by name
 
-A shard's file is there whole or not at all, so the files themselves are the list of what is done,
-and a process that is killed at any instant leaves nothing to repair. Shards are npz: numpy reads
-and writes them without another dependency, types and shapes stay as they are, and each array comes
-with a checksum. (Parquet would want pyarrow, for tables that nobody joins.)
+A shard's file is there whole or not at all, so the files themselves are the list of finished
+shards, and a process that is killed at any moment leaves nothing to repair. Shards are npz: numpy
+reads and writes them without another dependency, types and shapes are kept, and each array has a
+checksum. (Parquet would need pyarrow, and no tables are joined here.)
 
-The result's SHA-256 is made from the arrays, not from the bytes of the files: another version of
-the compressor changes nothing about it.
+The SHA-256 of the result is made from the arrays, not from the bytes of the files, so that another
+version of the compressor does not change it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _SCHEMA = "so101/sweep/1"
 
 
 class SweepFolder:
-    """Where a sweep keeps its shards.
+    """The folder of a sweep.
 
     Args:
         path: The folder.
@@ -51,11 +51,11 @@ class SweepFolder:
 
     @contextmanager
     def opened_for(self, sweep: Sweep) -> Iterator[None]:
-        """Make the folder this sweep's, and keep other programs from writing there meanwhile.
+        """Claim the folder for this sweep, and lock it for the block.
 
         Raises:
-            ConfigError: It belongs to another sweep or to something else, somebody is at work in
-                it, or nothing can be written there.
+            ConfigError: It belongs to another sweep or to something else, another program uses it,
+                or it cannot be written.
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -87,19 +87,19 @@ class SweepFolder:
             left.unlink(missing_ok=True)
 
     def manifest(self) -> dict[str, object]:
-        """What the manifest says.
+        """Read the manifest.
 
         Raises:
-            ConfigError: There is none, or it is no manifest.
+            ConfigError: There is none, or it is not a manifest.
         """
         try:
             content = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
         except FileNotFoundError as error:
-            raise self._refused("holds no sweep; so101 sweep makes one") from error
+            raise self._refused("has no sweep; make one with so101 sweep") from error
         except (OSError, ValueError, RecursionError) as error:
             raise self._refused(f"has a manifest that cannot be read: {error}") from error
         if not isinstance(content, dict) or content.get("schema") != _SCHEMA:
-            raise self._refused(f"has a {MANIFEST} that is no manifest of a sweep")
+            raise self._refused(f"has a {MANIFEST} that is not the manifest of a sweep")
         return content
 
     def describe(
@@ -108,10 +108,10 @@ class SweepFolder:
         """Write the manifest.
 
         Args:
-            sweep: What the sweep is.
-            done: How many shards there are.
-            failed: Why there are none of these.
-            sha256: Of the result, once nothing is left to do.
+            sweep: The sweep.
+            done: How many shards are finished.
+            failed: Why others failed, by number.
+            sha256: The SHA-256 of the result, once no shard is left.
         """
         state = {
             "done": done,
@@ -127,7 +127,7 @@ class SweepFolder:
         atomic.write(self._file(shard), packed.data)
 
     def read(self, shard: int) -> dict[str, np.ndarray] | None:
-        """The arrays of a shard; None if there is none, or a damaged one."""
+        """Read the arrays of a shard; None if its file is missing or damaged."""
         try:
             with np.load(self._file(shard), allow_pickle=False) as file:
                 return {name: file[name] for name in file.files}
@@ -142,7 +142,7 @@ class SweepFolder:
 
 
 def combined(digests: Mapping[int, str], shards: int) -> str:
-    """The SHA-256 of a result, from the digests of its shards; those that failed count as such."""
+    """The SHA-256 of a result, from the digests of its shards, with failed ones marked."""
     lines = (f"{shard} {digests.get(shard, 'failed')}\n" for shard in range(shards))
     whole = hashlib.sha256()
     for line in lines:
@@ -151,7 +151,7 @@ def combined(digests: Mapping[int, str], shards: int) -> str:
 
 
 def _identity(sweep: Sweep) -> dict[str, object]:
-    """What makes a sweep this one, as its manifest says it."""
+    """The entries of the manifest that identify a sweep."""
     facts = json.loads(json.dumps(sweep.facts()))  # tuples become lists, as they are read back
     made_by = {"so101_motion": __version__, "compiled": native().library is not None}
     return {"kind": sweep.kind, "facts": facts, "shards": sweep.shards, "made_by": made_by}
@@ -160,14 +160,14 @@ def _identity(sweep: Sweep) -> dict[str, object]:
 def _difference(
     manifest: Mapping[str, object], wanted: Mapping[str, object], keys: list[str]
 ) -> str:
-    """In which way a folder's sweep is another one."""
+    """Text that says how a folder's sweep differs from the wanted one."""
     was, now = manifest.get(keys[0]), wanted[keys[0]]
     name = keys[0]
     if isinstance(was, dict) and isinstance(now, dict):
         name = next(key for key in (*now, *was) if was.get(key) != now.get(key))
         was, now = was.get(name), now.get(name)
     if any(len(str(each)) > 60 for each in (was, now)):
-        how = f"its {name} is another one"
+        how = f"its {name} is different"
     else:
         how = f"its {name} is {json.dumps(was)}, and {json.dumps(now)} is asked for"
     return f"belongs to another sweep: {how}; name a new folder, or ask for the same again"

@@ -19,15 +19,15 @@ from so101_motion.rig.joint_setup import joint_map
 from so101_motion.tasks.datasets.units import DEGREES, exact_units_of
 
 _ROUNDING = 1e-4
-"""How far beyond a travel is still inside [rad]: what data sets and files round."""
+"""Angles this far beyond a travel count as inside [rad], because files are rounded."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointReading:
-    """The joint angles that numbers mean, and the travel of the joints: plain data.
+    """A conversion from recorded numbers to joint angles, with the joints' travels, as plain data.
 
     Attributes:
-        factor: An angle for each unit, of five joints [rad].
+        factor: The angle of one unit, for five joints [rad].
         offset: The angles at 0 [rad].
         lower: The lowest angles that the arm goes to [rad].
         upper: The highest [rad].
@@ -39,11 +39,11 @@ class JointReading:
     upper: tuple[float, ...]
 
     def angles(self, x: Array) -> Array:
-        """The joint angles of numbers, both of shape (n, 5), [rad]."""
+        """Convert numbers to joint angles [rad], shapes (n, 5)."""
         return np.asarray(x * np.array(self.factor) + np.array(self.offset))
 
     def beyond(self, q: Array) -> tuple[str, float] | None:
-        """The joint that leaves its travel furthest, and by how much [rad]; None if none does.
+        """The joint that is farthest outside its travel, and by how much [rad]; None if none is.
 
         Args:
             q: Joint angles, shape (5,), [rad].
@@ -56,10 +56,10 @@ class JointReading:
 
 
 def as_lerobot(stored: Stored) -> JointReading:
-    """What LeRobot's degrees mean for the arm of a calibration.
+    """The conversion of LeRobot's degrees for the arm of a calibration.
 
     Raises:
-        ConfigError: It lacks a joint.
+        ConfigError: The calibration lacks a joint.
     """
     units = exact_units_of(DEGREES, stored, option="calibration")
     columns = (units.factor, units.offset, units.lower, units.upper)
@@ -68,9 +68,9 @@ def as_lerobot(stored: Stored) -> JointReading:
 
 
 def since(taught: Stored, now: Stored) -> JointReading:
-    """How an arm that is calibrated anew reads where it stood at angles of before [rad].
+    """The conversion from angles of an old calibration to those of a new one [rad].
 
-    The servos' encoders tell the same as before; what a calibration says of them is different.
+    The same encoder counts mean different angles under the two calibrations.
 
     Raises:
         ConfigError: A calibration lacks a joint, or they count in different directions.

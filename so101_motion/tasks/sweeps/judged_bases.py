@@ -1,7 +1,7 @@
-"""The bases of one arm that a search has screened and planned so far, and which are promising.
+"""Screen and plan bases of one arm in a search, and rank them.
 
-Each step is a sweep with a folder of its own, ``01-screen``, ``02-place``, and so on: a search that
-is interrupted goes on where it was.
+Each step is a sweep with a folder of its own, ``01-screen``, ``02-place``, and so on, so that an
+interrupted search resumes where it was.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from so101_motion.tasks.sweeps.place import Placed, PlaceSweep, Screened
 from so101_motion.tasks.sweeps.placement_task import task_from
 
 Key = tuple[float, ...]
-"""What bases are compared by, the smaller the better."""
+"""Sort key of bases; smaller is better."""
 
 RunStep = Callable[[PlaceSweep, Path], SweepResult]
 """Runs a step of a search in a folder."""
 
 
 class Base(NamedTuple):
-    """A base that was found, in the order in which they are compared.
+    """A base that was found.
 
     Attributes:
         cell: Its place on the lattice.
-        x: Where it is in the cell [m].
-        y: Likewise [m].
-        z: Likewise [m].
+        x: Its position in the cell [m].
+        y: Its position in the cell [m].
+        z: Its position in the cell [m].
         turn: Its turn about its own z axis [rad].
-        time: Once around [s].
-        clearance: Beyond the margins, on all of the way [m].
-        torque_left: The least share of what a servo may hold that is left.
-        robust: From how many of eight bases 5 mm and 2 degrees off all can still be reached.
+        time: Time of one cycle [s].
+        clearance: Smallest clearance beyond the margins on the whole path [m].
+        torque_left: Smallest share of the servos' holding torque that is left.
+        robust: Share of eight bases, 5 mm and 2 degrees off, from which all can still be reached.
         q: The joint angles at each pose, shape (n, 5), [rad].
     """
 
@@ -65,14 +65,14 @@ class JudgedBases:
     """The bases of one arm.
 
     Args:
-        sweep: What is asked for.
-        folder: Where the steps go.
-        run: Runs them.
+        sweep: The parameters of the search.
+        folder: The folder for the steps.
+        run: Runs a step.
 
     Attributes:
-        sweep: What is asked for.
-        screened: What is known of each base that was screened.
-        placed: Likewise of those that were planned.
+        sweep: The parameters of the search.
+        screened: The result of each base that was screened.
+        placed: The result of each base that was planned.
         failed: Why shards failed, by folder and number.
     """
 
@@ -87,14 +87,14 @@ class JudgedBases:
 
     @property
     def sha256(self) -> str:
-        """Of all steps."""
+        """The SHA-256 of the results of all steps."""
         return self._digest.hexdigest()
 
     def first_round(self) -> tuple[Screened, ...]:
         """Screen the bases of the region's first round.
 
         Raises:
-            PlanningError: From none of them all poses can be reached; says which is missed most.
+            PlanningError: From no base all poses can be reached; names the pose that is missed.
         """
         self._screened_by(self.sweep)
         first = tuple(self.screened.values())
@@ -103,7 +103,7 @@ class JudgedBases:
             further = max(each.missed for each in first)
             if further < 0:
                 raise PlanningError(
-                    f"each of {len(first)} bases would stand in something; give another region"
+                    f"each of {len(first)} bases would be inside an obstacle; give another region"
                 )
             raise PlanningError(
                 f"from none of {len(first)} bases all poses can be reached; the best ones miss pose"
@@ -113,7 +113,7 @@ class JudgedBases:
         return first
 
     def screen(self, cells: Iterable[Cell]) -> None:
-        """Screen those that have not been."""
+        """Screen the bases that have not been screened."""
         new = tuple(dict.fromkeys(cell for cell in cells if cell not in self.screened))
         if new:
             self._screened_by(replace(self.sweep, cells=new))
@@ -124,7 +124,7 @@ class JudgedBases:
             self.screened[cell] = Screened(cell, *row[1:])
 
     def promising(self, cells: Iterable[Cell], than: Key) -> list[Cell]:
-        """Bases not planned yet whose bounds are better than something, the best first."""
+        """Bases not planned yet whose bounds are better than a key, the best first."""
         left = [
             cell
             for cell in cells
@@ -135,7 +135,7 @@ class JudgedBases:
         return sorted(left, key=self._bound)
 
     def plan(self, cells: Iterable[Cell], *, jittered: bool = False) -> None:
-        """Plan some, once more if they have been."""
+        """Plan bases, again if they have been planned."""
         wanted = tuple(dict.fromkeys(cells))
         if not wanted:
             return
@@ -143,20 +143,20 @@ class JudgedBases:
         for row in self._rows(replace(self.sweep, cells=wanted, planned=True, jittered=jittered)):
             cell = _cell(row[0])
             self.placed[cell] = Placed(cell, *row[1:])
-        for cell in wanted:  # of shards that failed, as that is told at the end
+        for cell in wanted:  # of shards that failed; those are reported at the end
             self.placed.setdefault(cell, Placed.nowhere(cell, "failed", 1))
         ratios = (self.placed[cell].time / self.screened[cell].time for cell in wanted)
         self._ratio = min(self._ratio, *ratios)
 
     def ranked(self, cells: Iterable[Cell]) -> list[Cell]:
-        """Those that are planned, the best first."""
+        """The bases that have a plan, the best first."""
         good = [
             cell for cell in cells if cell in self.placed and math.isfinite(self.placed[cell].time)
         ]
         return sorted(good, key=self.key)
 
     def key(self, cell: Cell) -> Key:
-        """What a planned base is compared by."""
+        """The sort key of a planned base."""
         it = self.placed[cell]
         return (*first_of(self.sweep.by, it.time, it.clearance, it.torque_left, it.robust), *cell)
 
@@ -169,13 +169,13 @@ class JudgedBases:
 
     def _bound(self, cell: Cell) -> Key:
         it = self.screened[cell]
-        # A base that cannot gain more than GAIN is not worth planning, nor one that would have to
-        # come nearer to its bound than any has: where poses are passed, bounds are far off.
+        # A base is not worth planning if it cannot gain more than GAIN, or if its plan would have
+        # to be nearer to its bound than any plan is: with passed poses, bounds are far off.
         time = it.time * (1.0 if self._ratio == math.inf else self._ratio) / (1.0 - GAIN)
         return first_of(self.sweep.by, time, it.clearance, it.torque_left, 1.0)
 
     def _rows(self, step: PlaceSweep) -> Iterator[list[Any]]:
-        """Run a step; its rows as plain values, but for arrays."""
+        """Run a step and yield its rows, as plain values and arrays."""
         self._steps += 1
         place = self._folder / f"{self._steps:02d}-{step.kind}"
         result = self._run(step, place)
@@ -193,7 +193,7 @@ class JudgedBases:
 
 
 def first_of(by: str, time: float, clearance: float, left: float, robust: float) -> Key:
-    """The figures that are compared, the one that is wanted most first."""
+    """The figures to compare, that of the criterion first; smaller is better."""
     if by == "clearance":
         return -clearance, time
     if by == "torque":

@@ -1,6 +1,6 @@
-"""What motions are asked for: problems from a file, and scenes whose obstacles are scattered.
+"""Read motion problems from a file, and scatter the obstacles of scenes.
 
-A file of problems is, in degrees::
+A file of problems has starts and goals in degrees::
 
     {
      "schema": "so101/problems/1",
@@ -24,10 +24,10 @@ from so101_motion.files import user_storage
 SCHEMA = "so101/problems/1"
 
 MOST_GIVEN = 10_000
-"""More problems than that are not taken from a file: all of them go with every shard. Chosen."""
+"""Most problems of a file: all of them are sent with every shard. Chosen."""
 
 _SCATTER = 1
-"""Tells the random numbers of scenes from those of problems."""
+"""Keeps the random numbers of scenes different from those of problems."""
 
 Problem = tuple[tuple[float, ...], tuple[float, ...]]
 """Five joint angles at the start and at the goal [rad]."""
@@ -37,14 +37,14 @@ def read_problems(path: Path) -> tuple[Problem, ...]:
     """Read the problems in a file.
 
     Raises:
-        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+        ConfigError: It cannot be read, or something in it is not valid; the message names it.
     """
     content = Attributes(
         user_storage.read(path, schema=SCHEMA), ("schema", "problems"), kind="entry of problems"
     )
     problems = content.objects("problems")
     if not problems:
-        raise ConfigError("problems", [], "must be one problem at least")
+        raise ConfigError("problems", [], "must have at least one problem")
     return tuple(_problem(number, each) for number, each in enumerate(problems))
 
 
@@ -62,14 +62,14 @@ def _problem(number: int, entry: Mapping[str, object]) -> Problem:
 def scene_of_shard(
     scenes: Sequence[Mapping[str, Any]], scatter: float, seed: int, shard: int
 ) -> Mapping[str, Any]:
-    """What is around the arm in a shard, as the JSON values of a scene.
+    """The scene of a shard, as JSON values.
 
     Args:
         scenes: Shards take them in turn.
-        scatter: By how much each obstacle is moved at most, anew in each shard, along x and
-            along y [m].
-        seed: Of the sweep.
-        shard: Its number.
+        scatter: How far each obstacle is moved at most along x and y, differently in each shard
+            [m].
+        seed: The sweep's seed.
+        shard: The shard's number.
     """
     scene = scenes[shard % len(scenes)]
     if scatter == 0.0:

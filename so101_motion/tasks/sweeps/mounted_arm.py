@@ -1,13 +1,13 @@
-"""An arm at a base: the configurations it has for a task's poses, and the fastest way through them.
+"""Find the configurations of a mounted arm at a task's poses, and the fastest cycle through them.
 
-*Choice.* All configurations at each pose that keep the tolerances, the joint limits, clear of
-everything and within what servos may hold.
+*Choice.* All configurations at each pose that keep the tolerances and the joint limits, are free of
+contact and can be held by the servos.
 
-*Bound.* No motion takes less time than that of the joint that turns furthest, so the cheapest way
-around with such times takes less than any plan.
+*Bound.* No motion takes less time than the joint that turns farthest, so the cheapest cycle with
+such times takes less than any plan.
 
-*Plan.* The legs of the cheapest way are planned, and the durations that they really take put in the
-place of the bounds; then the way that is now the cheapest, until that is one planned throughout.
+*Plan.* The legs of the cheapest cycle are planned, and their real durations replace the bounds.
+This is repeated with the cycle that is then the cheapest, until all its legs are planned.
 """
 
 from __future__ import annotations
@@ -40,37 +40,37 @@ from so101_motion.tasks.sweeps.reach import STEPS
 from so101_motion.tasks.sweeps.scene_legs import SceneLegs, jaw_angles
 
 CRITERIA = ("time", "clearance", "torque", "robust")
-"""What bases can be compared by."""
+"""The criteria for comparing bases."""
 
 _ROUNDS = 4
-"""So often the cheapest way from a base is planned. Chosen: mostly the first stays."""
+"""How often the cheapest cycle from a base is planned at most. Chosen: mostly the first stays."""
 
 GAIN = 0.002
-"""Less of the time than this is not looked for any more. Chosen: a fifth of what a search may
+"""A smaller gain, as a share of the time, is not searched for. Chosen: a fifth of what a search may
 miss."""
 
 _TORQUE_STEP = 0.05
-"""Configurations that leave less torque than the best possible by up to this share are as good, if
-bases are compared by torque. Chosen."""
+"""When bases are compared by torque, configurations within this share of the best count as equally
+good. Chosen."""
 
 _LOOKED_AT = 10
-"""Clearance along a motion is measured at each tenth setpoint."""
+"""Clearance along a motion is measured at every tenth setpoint."""
 
 _FAR = 1.0
-"""Stands for more clearance than is looked for [m]."""
+"""Stands for more clearance than is measured [m]."""
 
 _Leg = tuple[int, int, int]
 """The pose where a leg begins, and the configurations at both its ends."""
 
 
 class MountedCaps(NamedTuple):
-    """How fast the arm may be, and what it bears.
+    """The caps and the load of a mounted arm.
 
     Attributes:
-        velocity: Cap of the joints [rad/s].
-        acceleration: Likewise [rad/s^2].
-        jerk: Likewise [rad/s^3].
-        payload: What the hand carries, at the jaw's tip [kg].
+        velocity: Velocity cap of the joints [rad/s].
+        acceleration: Acceleration cap [rad/s^2].
+        jerk: Jerk cap [rad/s^3].
+        payload: Mass in the hand, at the jaw's tip [kg].
         voltage: The servos' rated voltage [V].
     """
 
@@ -86,8 +86,8 @@ class Choice(NamedTuple):
 
     Attributes:
         q: Shapes (n_k, 5), [rad].
-        level: How much clearance each has, in steps, shapes (n_k,), [m].
-        left: The share of torque that is left, shapes (n_k,).
+        level: Clearance of each, in steps, shapes (n_k,), [m].
+        left: Share of the holding torque that each leaves, shapes (n_k,).
     """
 
     q: list[Array]
@@ -95,13 +95,13 @@ class Choice(NamedTuple):
     left: list[Array]
 
     def bounds(self) -> tuple[float, float]:
-        """The most clearance [m] and the largest share of torque that any way can keep."""
+        """The largest clearance [m] and share of torque that any cycle can keep."""
         level = min(float(each.max()) for each in self.level)
         wider = [step for step in STEPS if step > level]
         return min(wider, default=_FAR), min(float(each.max()) for each in self.left)
 
     def narrowed(self, by: str) -> Choice:
-        """Without what would spoil the figure that is wanted most."""
+        """Drop the configurations that would worsen the figure of the criterion."""
         if by not in ("clearance", "torque"):
             return self
         column, slack = (self.level, 0.0) if by == "clearance" else (self.left, _TORQUE_STEP)
@@ -111,10 +111,10 @@ class Choice(NamedTuple):
 
 
 class Cycle(NamedTuple):
-    """A planned way through all poses.
+    """A planned cycle through all poses.
 
     Attributes:
-        time: Pauses included [s].
+        time: Its duration, pauses included [s].
         q: The joint angles at each pose, shape (n, 5), [rad].
         motions: The plans in order, each with the jaw's angle [rad]; None where the arm stays.
     """
@@ -128,11 +128,11 @@ class MountedArm:
     """An arm with a task. Belongs to one thread.
 
     Args:
-        task: Its poses.
-        caps: What the arm may do.
-        R_world_base: How its base is turned, for torques, shape (3, 3).
+        task: The task with its poses.
+        caps: The arm's caps and load.
+        R_world_base: Orientation of its base, for torques, shape (3, 3).
         attached: What it holds.
-        by: What is wanted most, one of ``CRITERIA``.
+        by: The criterion, one of ``CRITERIA``.
 
     Attributes:
         model: The arm as it is mounted, without a load.
@@ -166,7 +166,7 @@ class MountedArm:
         self._jaws = jaw_angles(apertures, goes_around=self._closed)
 
     def choice(self, T_cell_base: SE3, scene: Scene) -> tuple[Choice | None, int]:
-        """What there is to choose from at a base, else the pose without (``Screened.missed``).
+        """The configurations at a base; else the pose that has none (``Screened.missed``).
 
         Args:
             T_cell_base: The base.
@@ -187,7 +187,7 @@ class MountedArm:
         return choice.narrowed(self._by), -1
 
     def reaches(self, T_cell_base: SE3, scene: Scene) -> bool:
-        """Whether every pose can be had from a base; arguments as for ``choice``."""
+        """Whether every pose can be reached from a base; arguments as for ``choice``."""
         return self._free(T_cell_base, scene)[1] == -1
 
     def _free(self, T_cell_base: SE3, scene: Scene) -> tuple[list[tuple[Array, Array]], int]:
@@ -214,11 +214,11 @@ class MountedArm:
         return free, -1
 
     def least_time(self, choice: Choice) -> float:
-        """What any way around takes at least [s]."""
+        """A lower bound on the time of any cycle [s]."""
         return self._cheapest(choice, {})[0]
 
     def planned(self, choice: Choice, scene: Scene) -> Cycle | str:
-        """The fastest way around that is found, or why there is none."""
+        """Plan the fastest cycle; returns the name of the error if there is none."""
         legs = _Legs(self, scene)
         known: dict[_Leg, float] = {}
         best: Cycle | None = None
@@ -249,7 +249,7 @@ class MountedArm:
         return room, left
 
     def way(self, cycle: Cycle) -> Array:
-        """Where joints and jaw are all the way around, as of ``evenly``, shape (n, 6), [rad]."""
+        """Joints and jaw along the whole cycle, spaced by ``evenly``, shape (n, 6), [rad]."""
         q, rows = cycle.q[0], [np.append(cycle.q[0], self._jaws[-1])[None]]
         for plan, jaw in cycle.motions:
             q = q if plan is None else plan.trajectory.q[-1]
@@ -267,7 +267,7 @@ class MountedArm:
         )
 
     def legs(self, scene: Scene) -> SceneLegs:
-        """What plans its legs in a scene."""
+        """The planner of its legs in a scene."""
         return SceneLegs(
             self.model, scene, self.limits, payload=self._payload, strength=self._strength
         )
@@ -275,14 +275,14 @@ class MountedArm:
     def _along(
         self, choice: Choice, options: list[int], legs: _Legs, known: dict[_Leg, float]
     ) -> Cycle:
-        """Plan the legs through one configuration at each pose, and note what they take."""
+        """Plan the legs through one configuration at each pose, and note their durations."""
         n = len(options)
         q = np.array([of[option] for of, option in zip(choice.q, options, strict=True)])
         time, motions = self._pauses, list[tuple[Plan | None, float]]()
         for indices in self._stretches():
             through = [(indices[0] - 1) % n, *indices]
             begin, end = through[-2], through[-1]
-            # What a stretch takes beyond its other legs is put down to the last of them.
+            # The time that a stretch takes beyond its other legs is attributed to its last leg.
             other = sum(
                 float(self._passing(np.abs(q[a] - q[b]).max(), 1 + (a != through[0])))
                 for a, b in pairwise(through[:-1])
@@ -298,7 +298,7 @@ class MountedArm:
         return Cycle(time, q, motions)
 
     def _cheapest(self, choice: Choice, known: Mapping[_Leg, float]) -> tuple[float, list[int]]:
-        """The cheapest way around, with pauses, and its configuration at each pose."""
+        """Time of the cheapest cycle, with pauses, and its configuration at each pose."""
         poses, n, caps = self._task.poses, len(choice.q), self._caps
         costs = []
         for k in range(n if self._closed else n - 1):
@@ -315,7 +315,7 @@ class MountedArm:
         return time + self._pauses, options
 
     def _passing(self, off: Array, passed: int) -> Array:
-        """What a leg takes at least of whose ends some are passed, for joint angles apart [rad]."""
+        """Lower bound on the time of a leg with passed ends, over a joint distance [rad] to [s]."""
         velocity, acceleration = self._caps.velocity, self._caps.acceleration
         d = np.maximum(off - passed * PASSING, 0.0)
         if passed == 2:
@@ -335,7 +335,7 @@ class MountedArm:
 
 
 class _Legs:
-    """Plans legs from one base, each once."""
+    """Plans legs from one base and caches them."""
 
     def __init__(self, arm: MountedArm, scene: Scene) -> None:
         self._planner = arm.legs(scene)
@@ -345,13 +345,13 @@ class _Legs:
         """The motion through some poses, from the one before them; None if there is nothing to do.
 
         Args:
-            task: The poses.
+            task: The task with the poses.
             q: The joint angles at each, shape (n, 5), [rad].
-            indices: Those of the leg.
-            q_jaw: The jaw's angle on the way [rad].
+            indices: The poses of the leg.
+            q_jaw: The jaw's angle meanwhile [rad].
 
         Raises:
-            PlanningError: There is none.
+            PlanningError: There is no such motion.
         """
         q_start = q[(indices[0] - 1) % len(q)]
         key = np.array([indices[0], q_jaw, *q_start, *q[indices].ravel()]).tobytes()

@@ -1,7 +1,7 @@
-"""Where a base may be screwed down, and the scene of the cell, other arms included, from there.
+"""The lattice of positions where a base may be mounted, and the scene as seen from a base.
 
-Bases lie on a lattice: x, y, z and the turn about the base's own z axis. A search begins with every
-eighth step of it (``COARSE``) and ends with single steps. The cell's frame is that of
+The lattice has x, y, z and the turn about the base's own z axis. A search begins with every eighth
+step of it (``COARSE``) and ends with single steps. The cell's frame is that of
 ``placement_task.py``.
 """
 
@@ -20,19 +20,19 @@ from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene, StandingArm
 
 COARSE = 8
-"""So many steps of the lattice are one of the first round. A power of two."""
+"""The first round uses every so many steps of the lattice. A power of two."""
 
 TABLE = "table"
-"""What messages call the table of an arm that does not stand on it."""
+"""Name of the table in messages, for an arm that does not stand on it."""
 
 MOUNTS = ("table", "wall", "upside-down")
 """How a base may be mounted: standing, on a wall, hanging from above."""
 
 JITTER, JITTER_TURN = 0.005, math.radians(2.0)
-"""How far off a base may be screwed down in practice [m], [rad]."""
+"""How inexactly a base is mounted in practice [m], [rad]."""
 
 _MOST = 100_000
-"""More bases than that in the first round are refused. Chosen: some minutes' work."""
+"""Most bases in the first round. Chosen: some minutes' work."""
 
 _TABLE_SIZE = np.array([3.0, 3.0, 0.05])
 
@@ -42,14 +42,14 @@ Cell = tuple[int, int, int, int]
 
 @dataclass(frozen=True, kw_only=True)
 class FixedArm:
-    """Another SO-101 of the cell, which stays where it stands: plain data.
+    """Another SO-101 of the cell that is an obstacle, as plain data.
 
     Attributes:
-        name: What messages call it.
-        position: Where its base is in the cell, x, y, z [m].
-        rpy: How it is turned [rad].
+        name: Its name in messages.
+        position: Position of its base in the cell, x, y, z [m].
+        rpy: Orientation of its base [rad].
         q: Its five joints and its jaw [rad], in one or several configurations. Plans keep clear of
-            it in each of them, not of what it does between them.
+            it in each of them, but not between them.
     """
 
     name: str
@@ -59,28 +59,28 @@ class FixedArm:
 
     @property
     def T_cell_base(self) -> SE3:
-        """Where its base is."""
+        """Pose of its base."""
         return SE3.from_rpy(np.array(self.rpy), np.array(self.position))
 
     def standing(self) -> StandingArm:
-        """It as an obstacle in the cell, with the room that planned arms keep."""
+        """This arm as an obstacle in the cell, with the room that planned arms keep."""
         q = np.array(self.q)
         return StandingArm(name=self.name, T_base_arm=self.T_cell_base, q=q, room=ROOM)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """What a base may do: plain data.
+    """Where a base may be mounted, as plain data.
 
     Attributes:
-        x: From, to, in the cell [m].
-        y: Likewise.
-        z: Likewise; 0 is on the table.
-        turn: From, to, about the base's own z axis [rad]; 0 faces along the cell's x axis.
+        x: Smallest and largest x in the cell [m].
+        y: The same for y.
+        z: The same for z; 0 is on the table.
+        turn: The same for the turn about the base's own z axis [rad]; 0 faces along the cell's x.
         mount: One of ``MOUNTS``.
-        facing: Where a wall's normal points, counted from x towards y [rad].
-        spacing: Between the bases of the first round [m].
-        turn_step: Likewise [rad].
+        facing: Direction of a wall's normal, counted from x towards y [rad].
+        spacing: Distance between the bases of the first round [m].
+        turn_step: Turn between the bases of the first round [rad].
     """
 
     x: tuple[float, float]
@@ -135,7 +135,7 @@ class Region:
         return max(off) > COARSE
 
     def place(self, cell: Cell) -> tuple[float, float, float, float]:
-        """Where a base of the lattice is, x, y, z [m], and its turn [rad]."""
+        """Position of a base of the lattice, x, y, z [m], and its turn [rad]."""
         ends = (self.x, self.y, self.z, self.turn)
         steps = (self.spacing,) * 3 + (self.turn_step,)
         x, y, z, turn = (
@@ -153,16 +153,16 @@ class Region:
         return SE3(self._R_mount @ rot_z(turn), np.array(p))
 
     def jittered(self, T_cell_base: SE3) -> Iterator[SE3]:
-        """A base as it may come out: 5 mm off along both axes of its plate, and 2 degrees."""
+        """A base as it may be mounted in practice: 5 mm off along both axes, and 2 degrees."""
         for x, y, turn in itertools.product((-1.0, 1.0), repeat=3):
             off = np.array([x * JITTER, y * JITTER, 0.0])
             yield T_cell_base @ SE3(rot_z(turn * JITTER_TURN), off)
 
     def seen_from(self, scene: Scene, T_cell_base: SE3) -> Scene:
-        """The scene of the cell as an arm at a base sees it.
+        """The scene of the cell in the frame of a base.
 
-        A standing arm may stand on something that is not looked at; an arm on a wall or overhead
-        has that as its floor, and the table as an obstacle.
+        For a standing arm the floor is the table, however high its base. An arm on a wall or
+        overhead has that surface as its floor, and the table as an obstacle.
         """
         T_base_cell = T_cell_base.inverse
         obstacles = [

@@ -1,4 +1,4 @@
-"""A shard as it goes into its file. Workers pack it, for only one process writes."""
+"""Pack the arrays of a shard into the bytes of its file, and hash them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Columns = Mapping[str, NDArray[Any]]
 
 
 class Packed(NamedTuple):
-    """A shard.
+    """A packed shard; workers make it, and one process writes it.
 
     Attributes:
         data: The bytes of its file.
-        digest: Of its arrays, see ``digest``.
+        digest: The digest of its arrays.
     """
 
     data: bytes
@@ -27,7 +27,7 @@ class Packed(NamedTuple):
 
 
 def packed(columns: Columns) -> Packed:
-    """The arrays of a shard as an npz file."""
+    """Pack the arrays of a shard as an npz file."""
     file = io.BytesIO()
     np.savez_compressed(file, **columns)  # type: ignore[arg-type]  # arrays by name only
     return Packed(file.getvalue(), digest(columns))

@@ -1,13 +1,13 @@
 """Find bases for two arms, each with a task of its own, that may work side by side.
 
-Both go round at their own pace, and neither ever waits: wherever on its way the one is, it keeps as
-far off wherever the other may be as planned arms do (``planning/collision/anytime.py``). Nothing
-has to know of both, so they may be run by two computers.
+Both repeat their cycles at their own speed, and neither waits: wherever one arm is on its path, it
+keeps as far off every configuration of the other as planned arms do
+(``planning/collision/anytime.py``). So two computers may run them without knowing of each other.
 
 How it works. Bases of each arm are screened and planned as for one (``placement.py``), some more
-whenever they may still give better pairs. All pairs of planned bases are held against each other,
-the best first, until ten are found. Then the bases of each pair move by themselves, one arm after
-the other, at half the distance, a quarter and an eighth.
+while they may still give better pairs. All pairs of planned bases are checked against each other,
+the best first, until ten are found. Then the bases of each pair are refined, one arm after the
+other, in steps of half the distance, a quarter and an eighth.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from so101_motion.tasks.sweeps.placement import (
 from so101_motion.tasks.sweeps.placement_task import task_from
 
 _HELD = 5000
-"""So many pairs are held against each other between two looks at the bounds. Chosen: a minute."""
+"""So many pairs are checked before more bases are planned. Chosen: a minute."""
 
 Pair = tuple[Cell, Cell]
 
@@ -57,11 +57,11 @@ class BasePair(NamedTuple):
     """Bases of two arms that may work side by side.
 
     Attributes:
-        bases: Of the first arm and the second.
-        time: Once around, of the slower of the two [s].
-        clearance: The smaller of both [m].
-        torque_left: Likewise.
-        robust: Likewise.
+        bases: The base of the first arm and of the second.
+        time: Cycle time of the slower of the two [s].
+        clearance: The smaller one of both [m].
+        torque_left: The smaller one of both.
+        robust: The smaller one of both.
     """
 
     bases: tuple[Base, Base]
@@ -73,13 +73,13 @@ class BasePair(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairPlacement:
-    """What came of a search for pairs.
+    """The result of a search for pairs.
 
     Attributes:
         best: The best pairs, the best first, at most ten.
-        each: What came of it for each arm: its bases are those of the pairs, in their order.
-        held: How many pairs were held against each other.
-        sha256: Of all steps, and of the pairs.
+        each: The result for each arm: its bases are those of the pairs, in their order.
+        held: How many pairs were checked against each other.
+        sha256: The SHA-256 of all steps, and of the pairs.
     """
 
     best: tuple[BasePair, ...]
@@ -97,19 +97,19 @@ def find_pairs(
     ahead: int | None = None,
     on_step: OnStep | None = None,
 ) -> PairPlacement:
-    """Find the best pairs of bases for two tasks, or go on with such a search.
+    """Find the best pairs of bases for two tasks, or resume such a search.
 
     Args:
-        sweeps: What is asked for of each arm; both by the same criterion.
-        folder: Where the steps go.
+        sweeps: The parameters of each arm; both with the same criterion.
+        folder: The folder for the steps.
         workers: As for ``find_bases``.
-        executor: Likewise.
-        ahead: Likewise.
-        on_step: Likewise.
+        executor: As for ``find_bases``.
+        ahead: As for ``find_bases``.
+        on_step: As for ``find_bases``.
 
     Raises:
         ConfigError: The folder belongs to another search, or cannot be written.
-        PlanningError: No pair was found, and why.
+        PlanningError: No pair was found; the error says why.
         WorkerError: As for ``run_sweep``.
     """
     if sweeps[0].by != sweeps[1].by:
@@ -131,7 +131,7 @@ class _PairSearch:
         self._known: dict[Pair, bool] = {}
 
     def go(self) -> PairPlacement:
-        """All rounds."""
+        """Run all rounds."""
         first = [each.first_round() for each in self._arms]
         pairs: list[Pair] = []
         for _ in range(BATCHES):
@@ -174,7 +174,7 @@ class _PairSearch:
         )
 
     def _best(self, known: list[Pair]) -> list[Pair]:
-        """The best ten pairs of planned bases, or as many as a number of looks gives."""
+        """The best ten pairs of planned bases, or those found in a limited number of checks."""
         looked = len(self._known) + _HELD
         able = islice(
             (pair for pair in self._in_order() if self._keep_apart(pair, looked)), 100 * BEST
@@ -188,7 +188,7 @@ class _PairSearch:
         yield from sorted(product(first, second), key=self._key)
 
     def _distinct(self, ranked: Iterable[Pair]) -> list[Pair]:
-        """The first ten of which none has both bases next to those of a better one."""
+        """The first ten pairs that are not next to a better one with both bases."""
         chosen: list[Pair] = []
         for pair in ranked:
             if all(self._differ(pair, other) for other in chosen):
@@ -204,7 +204,7 @@ class _PairSearch:
         )
 
     def _closer(self, pairs: list[Pair], which: int, step: int) -> None:
-        """Move one arm of each pair to the best of what is ``step`` around it."""
+        """Move one arm of each pair to the best base ``step`` around it."""
         arm = self._arms[which]
         around = [list(arm.sweep.region.around(pair[which], step)) for pair in pairs]
         arm.screen(cell for cells in around for cell in cells)
@@ -222,7 +222,7 @@ class _PairSearch:
             pairs[k] = next((each for each in better if self._keep_apart(each)), pair)
 
     def _keep_apart(self, pair: Pair, most: float = math.inf) -> bool:
-        """Whether two arms there may work side by side; of too many new pairs, no."""
+        """Whether two arms there may work side by side; False once ``most`` pairs are checked."""
         if pair not in self._known:
             if len(self._known) >= most:
                 return False
@@ -266,7 +266,7 @@ class _PairSearch:
 
 
 def _refuse_same_places(sweeps: Sequence[PlaceSweep]) -> None:
-    """Raise if a pose of the one task is where one of the other is."""
+    """Refuse tasks that have poses in the same place."""
     tasks = [task_from(json.loads(each.task)) for each in sweeps]
     for one, other in product(tasks[0].poses, tasks[1].poses):
         apart = float(np.linalg.norm(one.p - other.p))

@@ -1,7 +1,7 @@
-"""Judge bases for a task: is every pose reachable from there, and what does the whole task take.
+"""Judge bases for a task: whether every pose is reachable from there, and how long the task takes.
 
 Bases are screened first, which gives bounds, then the promising ones are planned; see
-``mounted_arm.py``. Which those are is decided in ``placement.py``.
+``mounted_arm.py``. ``placement.py`` decides which are promising.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.placement_task import task_from
 
 SCREENED, PLANNED = 64, 4
-"""Bases of a shard. Chosen: some tenths of a second of work."""
+"""How many bases a shard has. Chosen: some tenths of a second of work."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceSweep:
-    """Plain data that says which bases are judged.
+    """The bases to judge and the parameters, as plain data.
 
     Attributes:
-        task: As JSON text; see ``placement_task.task_text``.
+        task: The task as JSON text; see ``placement_task.task_text``.
         region: The lattice.
         cells: The bases; None for those of the region's first round.
-        planned: Whether they are planned, or screened only.
-        jittered: Whether bases near them are looked at as well, if they are planned.
-        by: What is wanted most, one of ``CRITERIA``.
+        planned: Whether they are planned, or only screened.
+        jittered: Whether bases near them are judged as well, if they are planned.
+        by: The criterion, one of ``CRITERIA``.
         scene: The cell, as the JSON text of a scene.
-        others: Arms that stay where they stand in the cell.
-        velocity: Cap of the joints [rad/s].
-        acceleration: Likewise [rad/s^2].
-        jerk: Likewise [rad/s^3].
-        payload: What the hand carries, at the jaw's tip [kg].
+        others: Other arms in the cell, as obstacles.
+        velocity: Velocity cap of the joints [rad/s].
+        acceleration: Acceleration cap [rad/s^2].
+        jerk: Jerk cap [rad/s^3].
+        payload: Mass in the hand, at the jaw's tip [kg].
         voltage: The servos' rated voltage [V].
     """
 
@@ -70,7 +70,7 @@ class PlaceSweep:
 
     @property
     def kind(self) -> str:
-        """What is done with them."""
+        """Whether bases are screened, planned, or planned with bases near them."""
         return ("jitter" if self.jittered else "place") if self.planned else "screen"
 
     @property
@@ -80,12 +80,12 @@ class PlaceSweep:
 
     @property
     def shards(self) -> int:
-        """Into how many shards they are cut."""
+        """How many shards there are."""
         return max(1, -(-self.items // self._of_a_shard))
 
     @property
     def bases(self) -> tuple[Cell, ...]:
-        """All of them."""
+        """All bases."""
         return tuple(self.region.cells()) if self.cells is None else self.cells
 
     @property
@@ -93,7 +93,7 @@ class PlaceSweep:
         return PLANNED if self.planned else SCREENED
 
     def facts(self) -> Mapping[str, object]:
-        """What is asked for."""
+        """Its parameters."""
         parsed = {"task": json.loads(self.task), "scene": json.loads(self.scene)}
         return {**asdict(self), **parsed, "of_a_shard": self._of_a_shard}
 
@@ -103,15 +103,15 @@ class PlaceSweep:
 
 
 class Screened(NamedTuple):
-    """What screening says of a base.
+    """The result of screening a base: bounds that no plan can beat.
 
     Attributes:
-        cell: Which.
-        time: No plan takes less [s]; infinite if a pose cannot be reached.
-        clearance: No plan keeps more beyond the margins [m].
-        torque_left: No plan leaves a larger share of what a servo may hold.
-        missed: The first pose that cannot be reached; -1 for none, -2 if the base stands in
-            something.
+        cell: The base.
+        time: Lower bound on the cycle time [s]; infinite if a pose cannot be reached.
+        clearance: Upper bound on the clearance beyond the margins [m].
+        torque_left: Upper bound on the share of the servos' holding torque that is left.
+        missed: The first pose that cannot be reached; -1 for none, -2 if the base is inside an
+            obstacle.
     """
 
     cell: Cell
@@ -122,19 +122,18 @@ class Screened(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """What planning says of a base.
+    """The result of planning a base.
 
     Attributes:
-        cell: Which.
-        time: Once around, pauses included, the jaw's own time left out [s]; infinite without plan.
-        clearance: How far the arm stays away from contact beyond the margins, looked at every
-            tenth of a second [m].
-        torque_left: The least share of what a servo may hold that is left.
-        robust: From how many of eight bases 5 mm and 2 degrees off every pose can still be had, 0
-            to 1; not a number if that was not looked at.
-        why: There is no plan; empty if there is one.
+        cell: The base.
+        time: Cycle time with pauses, without the jaw's own time [s]; infinite without a plan.
+        clearance: Smallest clearance beyond the margins, measured every tenth of a second [m].
+        torque_left: Smallest share of the servos' holding torque that is left.
+        robust: Share of eight bases, 5 mm and 2 degrees off, from which every pose can still be
+            reached, 0 to 1; NaN if that was not checked.
+        why: The name of the error if there is no plan; empty if there is one.
         q: The joint angles at each pose, shape (n, 5), [rad].
-        way: Joints and jaw all the way around, shape (m, 6), [rad]; the last row may be repeated.
+        way: Joints and jaw along the whole cycle, shape (m, 6), [rad]; the last row may repeat.
     """
 
     cell: Cell
@@ -172,7 +171,7 @@ class _Judge:
         )
 
     def shard(self, number: int) -> Columns:
-        """The columns of a shard, one row for each base; the fields of the tuples below."""
+        """The columns of a shard, one row a base: the fields of ``Screened`` or ``Placed``."""
         planned = self._sweep.planned
         count = PLANNED if planned else SCREENED
         cells = self._bases[number * count : (number + 1) * count]

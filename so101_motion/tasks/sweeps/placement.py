@@ -1,12 +1,11 @@
-"""Find the bases from which a task is done best: screen, plan the promising ones, look closer.
+"""Find the bases from which a task is done best: screen, plan the promising ones, refine.
 
-How it works. Round one screens a coarse lattice of bases. What screening says is a bound that no
+How it works. The first round screens a coarse lattice of bases. Screening gives a bound that no
 plan can beat (``mounted_arm.py``), so bases are planned in the order of their bounds, until the
-next bound is no better than the tenth best place that is planned. Each of the ten best then moves
-by itself: its neighbours at half the distance are screened, those that may be better planned, and
-the best of them takes its place, a few times; then at a quarter of the distance, and at an eighth.
-The ten are ten places: none lies next to a better one. What is planned never depends on how many
-workers there are.
+next bound is no better than the tenth best planned base. Each of the ten best is then refined: its
+neighbours at half the distance are screened, the promising ones are planned, and the best of them
+takes its place, a few times; then at a quarter of the distance, and at an eighth. None of the ten
+lies next to a better one. The result does not depend on the number of workers.
 """
 
 from __future__ import annotations
@@ -24,35 +23,35 @@ from so101_motion.tasks.sweeps.mounting import COARSE, Cell
 from so101_motion.tasks.sweeps.place import PlaceSweep, Screened
 
 BEST = 10
-"""So many bases are kept."""
+"""How many bases are kept."""
 
 BATCH = 48
-"""So many bases are planned before the bounds are looked at again. Chosen: a few seconds' work."""
+"""How many bases are planned before the bounds are compared again. Chosen: a few seconds' work."""
 
 BATCHES = 8
-"""So many batches the first round has at the most. Chosen."""
+"""Most batches of the first round. Chosen."""
 
 _MOVES = 3
-"""So often a place moves at the same distance to its neighbours. Chosen."""
+"""How often a base moves at most at the same distance to its neighbours. Chosen."""
 
 OF_A_PLACE, _CLOSER = 4, 2
-"""So many neighbours of a place are planned before their bounds are looked at again, and so often.
+"""How many neighbours of a base are planned before their bounds are compared again, and how often.
 Chosen."""
 
 OnStep = Callable[[PlaceSweep], Callable[[Progress], None]]
-"""Called with a step before it begins; what it returns is told its progress."""
+"""Called with a step before it begins; returns the function that is called with its progress."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Placement:
-    """What came of a search.
+    """The result of a search.
 
     Attributes:
         best: The best bases, the best first, at most ten.
-        screened: What is known of every base of the first round.
+        screened: The result of every base of the first round.
         planned: How many bases were planned.
         failed: Why shards failed, by folder and number; then bases may be missing.
-        sha256: Of all steps.
+        sha256: The SHA-256 of all steps.
     """
 
     best: tuple[Base, ...]
@@ -71,20 +70,19 @@ def find_bases(
     ahead: int | None = None,
     on_step: OnStep | None = None,
 ) -> Placement:
-    """Find the best bases for a task, or go on with such a search.
+    """Find the best bases for a task, or resume such a search.
 
     Args:
-        sweep: What is asked for; its ``cells``, ``planned`` and ``jittered`` are the search's.
-        folder: Where the steps go.
-        workers: As for ``run_sweep``; a pool, for there are some dozens of steps.
-        executor: Likewise.
-        ahead: Likewise.
-        on_step: Is told each step.
+        sweep: The parameters; the search sets ``cells``, ``planned`` and ``jittered`` itself.
+        folder: The folder for the steps.
+        workers: As for ``run_sweep``; better a pool, because there are some dozens of steps.
+        executor: As for ``run_sweep``.
+        ahead: As for ``run_sweep``.
+        on_step: Called before each step.
 
     Raises:
         ConfigError: The folder belongs to another search, or cannot be written.
-        PlanningError: From no base of the first round all poses can be reached; says which is
-            missed most.
+        PlanningError: From no base all poses can be reached; names the pose that is missed.
         WorkerError: As for ``run_sweep``.
     """
     run = runner(workers, executor, ahead, on_step)
@@ -97,7 +95,7 @@ def runner(
     ahead: int | None,
     on_step: OnStep | None,
 ) -> RunStep:
-    """What runs the steps of a search; arguments as for ``find_bases``."""
+    """Make the function that runs the steps of a search; arguments as for ``find_bases``."""
 
     def run(step: PlaceSweep, place: Path) -> SweepResult:
         shown = None if on_step is None else on_step(step)
@@ -115,7 +113,7 @@ class _Search:
         self._bases, self._region = bases, bases.sweep.region
 
     def go(self) -> Placement:
-        """All rounds."""
+        """Run all rounds."""
         bases = self._bases
         first = bases.first_round()
         self._plan([each.cell for each in first])
@@ -127,7 +125,7 @@ class _Search:
                 moving = self._closer(middles, moving, step)
             step //= 2
         if not middles:
-            raise PlanningError("all poses can be reached from some bases, but not planned")
+            raise PlanningError("some bases reach all poses, but no plan between them was found")
         best = self._places()
         if bases.sweep.by != "robust":
             bases.plan(best, jittered=True)
@@ -140,7 +138,7 @@ class _Search:
         )
 
     def _plan(self, cells: list[Cell]) -> None:
-        """Plan bases until none is left that may be among the best."""
+        """Plan bases until no other one can be among the best."""
         for _ in range(BATCHES):
             best = self._places()
             worst = self._bases.key(best[-1]) if len(best) == BEST else (math.inf,)
@@ -150,7 +148,7 @@ class _Search:
             self._bases.plan(promising)
 
     def _closer(self, middles: list[Cell], which: list[int], step: int) -> list[int]:
-        """Move some middles to the best of what is ``step`` around them; those that moved."""
+        """Move some bases to the best one ``step`` around them; returns those that moved."""
         bases = self._bases
         around = {k: list(self._region.around(middles[k], step)) for k in which}
         bases.screen(cell for cells in around.values() for cell in cells)
@@ -171,12 +169,12 @@ class _Search:
         return moved
 
     def _places(self) -> list[Cell]:
-        """The best ten that are planned, none of them next to a better one."""
+        """The best ten planned bases, none of them next to a better one."""
         return distinct(self._bases.ranked(self._bases.placed), self._region.are_apart)
 
 
 def distinct(ranked: Iterable[Cell], are_apart: Callable[[Cell, Cell], bool]) -> list[Cell]:
-    """The first ten of those that are apart from all before them."""
+    """The first ten bases that are apart from all before them."""
     chosen: list[Cell] = []
     for each in ranked:
         if all(are_apart(each, other) for other in chosen):

@@ -1,4 +1,4 @@
-"""Write what a search for bases found: a table, a map, and a program with its scene for each."""
+"""Write the result of a search for bases: a table, a map, and a program and scene for each base."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def write_placement(
 ) -> None:
     """Write ``placement.json``, ``map.svg``, and the ten best into ``best/``.
 
-    ``best/01.json`` is the program for an arm at the best base, ``best/01-scene.json`` what is
-    around it, both seen from there. With other arms, ``best/01-cell.json`` is the cell with all
-    of them, in which this one is called ``arm``.
+    ``best/01.json`` is the program for an arm at the best base, ``best/01-scene.json`` its scene,
+    both in the frame of that base. With other arms, ``best/01-cell.json`` is the cell with all of
+    them, in which this one has the name ``arm``.
 
     Raises:
         ConfigError: A file cannot be written.
@@ -128,12 +128,12 @@ def _figures(it: Base | BasePair) -> dict[str, Any]:
 
 
 def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
-    """The first round and the best bases as a picture, SVG.
+    """Draw the first round and the best bases as SVG.
 
-    Seen from above, x to the right; of bases on a wall from the side. Each field
-    is the best that its bases promise, whatever their turns: the greener the faster. Circles with a
-    number are the best bases, their strokes where they face; dots are the poses, black squares
-    other arms.
+    Seen from above, x to the right; bases on a wall from the side. The colour of a field is the
+    best bound of its bases, over all turns: greener is faster. Circles with a number are the best
+    bases, with a stroke in the direction that they face; dots are the poses, black squares other
+    arms.
     """
     task = task_from(json.loads(sweep.task))
     places = {each.cell: sweep.region.place(each.cell) for each in placement.screened}
@@ -200,7 +200,7 @@ def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
 
 
 def _axes(sweep: PlaceSweep) -> tuple[int, int]:
-    """The two of x, y, z to be drawn, across and up."""
+    """The axes to draw, across and up, as indices of x, y, z."""
     region = sweep.region
     if region.mount != "wall":
         return 0, 1

@@ -35,7 +35,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
-from so101_motion.tasks.sweeps.counted_patience import NEVER, CountedPatience
+from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
 from so101_motion.tasks.sweeps.folder import SweepFolder
 from so101_motion.tasks.sweeps.motion_problems import MOST_GIVEN, Problem, scene_of_shard
 from so101_motion.tasks.sweeps.packed import Columns
@@ -136,7 +136,7 @@ class _Source:
             x, y, z = place_in_hand(self._model).tolist()
             self._payload = Payload(mass=sweep.payload, com=(x, y, z))
         self._scenes = [json.loads(each) for each in sweep.scenes]
-        self._patience = CountedPatience(_LOOKS)
+        self._patience = WorkBudget(_LOOKS)
 
     def shard(self, number: int) -> Columns:
         """The columns of a shard.
@@ -204,7 +204,7 @@ class _Source:
             seed=problem,
             time_budget=NEVER,
         )
-        self._patience.renew(compiled=collision.batch is not None)
+        self._patience.reset(compiled=collision.batch is not None)
         try:
             plan = planner.plan(request)
         except So101Error as error:

@@ -13,7 +13,7 @@ from so101_motion.planning.native.library import native
 from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
-from so101_motion.tasks.sweeps.counted_patience import NEVER, CountedPatience
+from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
 
 _LOOKS = 100
 """After how many checkpoints a leg is given up. Chosen: some tenths of a second."""
@@ -41,7 +41,7 @@ class SceneLegs:
     ) -> None:
         self.limits = limits
         self._scene, self._payload, self._strength = scene, payload, strength
-        self._patience = CountedPatience(_LOOKS)
+        self._patience = WorkBudget(_LOOKS)
         # A fresh one: its looks are counted in batches that go on from plan to plan.
         self._planner = Planner(model, self._patience)
 
@@ -56,7 +56,7 @@ class SceneLegs:
         """Plan from joint angles, shape (5,), [rad]."""
         assert q_start is not None
         assert q_jaw is not None
-        self._patience.renew(compiled=native().library is not None)
+        self._patience.reset(compiled=native().library is not None)
         request = PlanRequest(
             q_start=q_start,
             goal=goal,

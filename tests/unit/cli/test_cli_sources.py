@@ -62,7 +62,7 @@ def test_an_atlas_is_shown_without_an_arm(tmp_path):
     asked = ["view", "--no-browser", "--atlas", str(tmp_path)]
     result = CliRunner().invoke(main, asked, env={"SO101_PORT": None, "SO101_MACHINE": None})
     assert result.exit_code == 2
-    assert "holds no sweep" in result.stderr
+    assert "has no sweep" in result.stderr
 
 
 def test_a_key_comes_from_the_environment_and_is_never_shown():

@@ -169,7 +169,7 @@ def test_what_lerobot_stores_in_a_follower_makes_a_follower():
 
 def test_anything_else_is_unknown():
     assert role(seen_on(low_voltage())) == (
-        "unknown", "7.4 V servos are in leaders and in followers, and nothing else tells",
+        "unknown", "leaders and followers both have 7.4 V servos, and nothing tells them apart",
     )  # fmt: skip
     bus = LentBus({1: 1, 2: 2})
     assert role(seen_on(bus))[0] == "unknown"

@@ -150,7 +150,7 @@ def test_a_scan_finds_everybody_at_every_rate():
         (5, 57_600, None),
     ]
     assert found.unexpected_count == 2
-    assert found.sentence == "6 servos answer, 2 of them not as the servos of an arm"
+    assert found.sentence == "6 servos answer, 2 of them with ids or rates that an arm does not use"
     assert setup.view.status == found.sentence
     assert {s.model for s in found.servos} == {"sts3215"}
 

@@ -94,7 +94,7 @@ def test_a_roll_whose_zero_is_far_off_its_middle_is_asked_about():
     expected = round(zero.expected_travel("wrist_roll"))
     said = assess("wrist_roll", TravelArc(100, expected), expected=expected, home=100 + 1000)
     assert said.is_usable
-    assert "was the gripper opening upwards?" in said.sentence
+    assert "did the gripper open upwards?" in said.sentence
 
 
 def test_a_roll_without_stops_counts_as_a_full_turn():

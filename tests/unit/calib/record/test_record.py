@@ -77,7 +77,7 @@ def test_a_wrist_that_turns_all_the_way_round_may_say_so():
         ({"range_min": True}, "whole number"),
         ({"range_min": float("nan")}, "range_min must be a whole number, not nan"),
         ({"range_max": float("inf")}, "range_max must be a whole number, not inf"),
-        ({"homing_offset": 10**400}, "homing_offset is 10.*beyond all reason"),
+        ({"homing_offset": 10**400}, "homing_offset is 10.*which is impossible"),
         ({"homing_offset": None}, "homing_offset must be a whole number, not None"),
     ],
 )

@@ -48,7 +48,7 @@ def test_the_zero_of_another_record_is_not_used_and_that_is_said(file, change):
 
     assert set(zeros) == {"shoulder_pan"}
     assert len(notes) == 1
-    assert notes[0].startswith("elbow_flex: calibrated anew by another program")
+    assert notes[0].startswith("elbow_flex: another program has calibrated")
 
 
 def test_while_saving_the_old_record_and_the_new_each_have_their_own(file):

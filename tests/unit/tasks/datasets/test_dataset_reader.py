@@ -171,7 +171,7 @@ def test_a_file_that_announces_more_than_any_data_set_is_refused_before_it_is_re
     numbers = pa.array(np.zeros(many, np.int8))
     with pq.ParquetWriter(path, pa.schema([("episode_index", pa.int8())])) as writer:
         writer.write_table(pa.table({"episode_index": numbers}))
-    assert f"announces {many} rows" in broken(root)
+    assert f"declares {many} rows" in broken(root)
 
 
 def test_a_data_set_without_data_is_refused(root):

@@ -80,7 +80,7 @@ def test_it_ends_when_the_arm_is_let_go_of_or_lost(guided):
     recorder = recorded(guided)
     guided.rig.executor.release().result()
     guided.clock.advance(0.1)
-    assert recorder.ended_by == "the arm was let go of"
+    assert recorder.ended_by == "the arm was released"
     recorder = recorded(guided)  # an arm without torque is led by hand as well
     guided.lead(CORNERS[0])
     guided.rig.executor.call(lambda driver: driver.disconnect(ConnectionError("cable")))

@@ -111,7 +111,7 @@ def test_no_base_stands_in_an_obstacle(tmp_path):
         T_base_obstacle=SE3.from_translation((0.0, 0.0, 0.02)),
     )
     scene = scene_text(Scene(obstacles=(block,)))
-    with pytest.raises(PlanningError, match="would stand in something"):
+    with pytest.raises(PlanningError, match="would be inside an obstacle"):
         find_bases(replace(SMALL, scene=scene), tmp_path / "out")
 
 
@@ -123,7 +123,7 @@ LEFT = FixedArm(name="left", position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0), q=(F
 def test_no_base_stands_in_another_arm(tmp_path):
     near = replace(LEFT, position=(-0.05, 0.0, 0.0))
     here = replace(SMALL, region=ORIGIN, others=(near,))
-    with pytest.raises(PlanningError, match="would stand in something"):
+    with pytest.raises(PlanningError, match="would be inside an obstacle"):
         find_bases(here, tmp_path / "out")
 
 

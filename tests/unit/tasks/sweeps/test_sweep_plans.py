@@ -98,7 +98,7 @@ def test_mcap_of_some_motions_leaves_the_others_out(folder, tmp_path):
     assert write_mcap(folder, tmp_path / "two.mcap", first=2, count=2)[0] == 2
     with pytest.raises(ConfigError, match="cannot be written"):
         write_mcap(folder, tmp_path / "no" / "such.mcap")
-    with pytest.raises(ConfigError, match="holds no sweep"):
+    with pytest.raises(ConfigError, match="has no sweep"):
         write_mcap(tmp_path, tmp_path / "none.mcap")
     assert not (tmp_path / "none.mcap").exists()
 

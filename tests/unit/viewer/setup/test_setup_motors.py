@@ -35,7 +35,11 @@ def view(**states: dict[str, Any]) -> SetupView:
 
 DONE = {"state": "configured", "found_id": 6, "baud": 1_000_000, "sentence": "done"}
 NEW = {"state": "found", "found_id": 1, "baud": 1_000_000, "sentence": "found a servo with id 1"}
-NOBODY = {"state": "failed", "sentence": "the adapter is there, but no servo answers", "fix": "x"}
+NOBODY = {
+    "state": "failed",
+    "sentence": "the adapter is connected, but no servo answers",
+    "fix": "x",
+}
 TWO = {"state": "failed", "sentence": "several servos answer", "fix": "unplug the others; y"}
 
 
