@@ -35,11 +35,11 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
-from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
 from so101_motion.tasks.sweeps.folder import SweepFolder
 from so101_motion.tasks.sweeps.motion_problems import MOST_GIVEN, Problem, scene_of_shard
 from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.reach import STEPS
+from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
 
 PROBLEMS = 100
 """Problems of a shard. Chosen: a second or two of work, some hundred kilobytes."""
