@@ -1,9 +1,8 @@
 """Compute how well each joint followed its goals in a move test, and the verdict.
 
-For each joint: how far off it stands at rest, how much that depends on the side it came from
-(friction, dead band and play of the gears together; one encoder cannot tell them apart), how far
-behind it runs while it moves, and how long it takes to settle. Nothing here moves anything;
-``move_test`` does.
+For each joint: its error at rest, how much that depends on the side it came from (friction, dead
+band and play of the gears together; one encoder cannot tell them apart), its lag while it moves,
+and how long it takes to settle. Nothing here moves anything; ``move_test`` does.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ SCHEMA = "so101/move-test/1"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """The figures from which on there is a warning, and a failure."""
+    """Above ``warn`` there is a warning, above ``fail`` a failure."""
 
     warn: float
     fail: float
@@ -60,11 +59,11 @@ class JointAccuracy:
     """How well one joint followed its goals.
 
     Attributes:
-        error: How far off it stood at most, at rest [rad]; None if it never came to rest.
-        hysteresis: By how much that differs with the side it came from [rad]; None if not known.
-        lag: How far behind it ran [s]; None where nobody tells where it should have been.
-        settle: How long it took at most to come to rest [s]; None likewise.
-        tool: How far the tool was off at most through all joints together [m]; None for the jaw.
+        error: Largest error at rest [rad]; None if it never came to rest.
+        hysteresis: How much that differs with the side it came from [rad]; None if not known.
+        lag: How far behind its setpoints it ran [s]; None if those are not known.
+        settle: How long it took at most to come to rest [s]; None if setpoints are not known.
+        tool: Largest error of the tool through all joints together [m]; None for the jaw.
         trouble: Why it could not be tested to the end; empty if it was.
     """
 
@@ -118,11 +117,11 @@ class MoveReport:
     """The result of a move test.
 
     Attributes:
-        began_at: When, as an ISO date and time with its zone.
+        began_at: Its begin, as an ISO date and time with its zone.
         seconds: How long it took [s].
         ended_by: Why it ended early; empty if it did not.
-        as_shown: Whether a person saw the arm do what its picture did, which no encoder tells;
-            None if nobody said.
+        as_shown: Whether the user saw the arm move as its picture did, which no encoder can tell;
+            None without an answer.
     """
 
     arm: str

@@ -1,8 +1,8 @@
-"""Find out where one arm's base stands, from places that two arms have touched with their tips.
+"""Fit the pose between the bases of two arms from points that their tips have touched.
 
-Both arms are led by hand so that the tips of their jaws meet, at five places or more that are well
-spread. Each touch gives the same point in both base frames; the pose between the frames that fits
-them best is found by least squares, and what remains says how well that can be believed.
+Both arms are guided by hand so that the tips of their jaws meet, at five points or more that are
+well spread. Each touch gives the same point in both base frames; the pose between the frames that
+fits them best is found by least squares, and the residuals show how good it is.
 
 Source: W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta
 Crystallographica A 1976.
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
 
 FEWEST = 5
-"""So many touches are needed: three fix a pose, two more show how well they agree. Chosen."""
+"""Fewest touches: three fix a pose, two more show how well they agree. Chosen."""
 
 SPREAD = 0.02
-"""How far touches must be from one line, root mean square [m]; chosen: at six of them, errors of a
-millimetre then turn the base about that line by one degree or so."""
+"""How far touches must be from one line, root mean square [m]; chosen: with six of them, errors of
+a millimetre then turn the base about that line by about one degree."""
 
 WORST = 0.006
-"""Largest residual of a touch that is believed [m]. Chosen: tips of 3 mm that are held together by
-hand, and a calibration that is off by half a degree at 300 mm."""
+"""Largest residual of a touch [m]. Chosen: tips of 3 mm that are held together by hand, and a
+calibration that is off by half a degree at 300 mm."""
 
 TIP = 0.0063
 """How far the tip of the fixed jaw is beyond the frame ``jaw_tip`` [m]; see ``urdf/README.md``."""
@@ -40,10 +40,10 @@ TIP = 0.0063
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BaseFit:
-    """Where a base stands, and how well that fits.
+    """A fitted pose between two bases, and its residuals.
 
     Attributes:
-        T_first_second: Where the second arm's base is in that of the first.
+        T_first_second: Pose of the second arm's base in that of the first.
         residuals: How far the tips would be apart at each touch, shape (n,), [m].
     """
 
@@ -60,11 +60,11 @@ class BaseFit:
 
 
 def fit_base(p_first: Array, p_second: Array) -> BaseFit:
-    """The pose between two bases that fits some touches best.
+    """Fit the pose between two bases to some touches.
 
     Args:
-        p_first: Where the tips met in the first arm's base frame, shape (n, 3), [m].
-        p_second: The same in the second's, shape (n, 3), [m].
+        p_first: The touched points in the first arm's base frame, shape (n, 3), [m].
+        p_second: The same points in the second's, shape (n, 3), [m].
 
     Raises:
         CalibrationError: The touches are too few, too near to one line, or do not agree.
@@ -106,22 +106,22 @@ def fit_base(p_first: Array, p_second: Array) -> BaseFit:
 def measure_bases(
     arms: Mapping[str, Arm], count: int, touch: Callable[[str, str, int], object]
 ) -> dict[str, BaseFit]:
-    """Where the bases of arms are, from touches that a hand brings about.
+    """Measure the poses of arms' bases from touches by hand.
 
-    All arms yield to hands meanwhile and are held again in the end.
+    All arms are in manual mode meanwhile and are held again in the end.
 
     Args:
-        arms: The arms by name; the first is the one whose base is known.
-        count: So many touches of each other arm with the first.
-        touch: Returns when a person has let the tips of two arms meet: the first arm's name, the
-            other's, and which touch it is, from 1.
+        arms: The arms by name; the base of the first is known.
+        count: How many touches of each other arm with the first.
+        touch: Called for each touch with the first arm's name, the other's, and the number of the
+            touch, from 1; returns when the user has let the tips meet.
 
     Returns:
         The fit for each arm but the first.
 
     Raises:
         CalibrationError: The touches of an arm are too few, near one line, or do not agree.
-        So101Error: An arm cannot be let go of.
+        So101Error: An arm cannot be put into manual mode.
     """
     first, *others = arms
     fits = {}

@@ -1,8 +1,8 @@
-"""The task that a base is looked for: poses of the tool in the cell, in order, with tolerances.
+"""A task for the placement search: poses of the tool in the cell, in order, with tolerances.
 
-A file looks like this, in the frame of the cell: millimetres, z up, z = 0 where the base frame of
-an arm that stands on the table has it. It is the base frame of an arm at the origin, so a program
-that was taught on such an arm is a task as it is::
+A file looks like this, in millimetres in the frame of the cell. That is the base frame of an arm
+that stands on the table at the origin, with z up, so a program that was taught on such an arm can
+be used as a task::
 
     {
      "schema": "so101/task/1",
@@ -17,9 +17,9 @@ that was taught on such an arm is a task as it is::
      ]
     }
 
-The position, of the ``frame`` ``"tool"`` or ``"jaw_tip"``, is kept exactly. ``approach`` is where
-the tool's z axis points, ``rpy_deg`` how the tool is turned; without ``roll_tolerance_deg`` it may
-be turned about its approach as it likes, and without both only the point counts.
+The position, of the ``frame`` ``"tool"`` or ``"jaw_tip"``, is kept exactly. ``approach`` is the
+direction of the tool's z axis, ``rpy_deg`` the tool's orientation. Without ``roll_tolerance_deg``
+the rotation about the approach is free; without ``approach`` and ``rpy_deg`` only the point counts.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ from so101_motion.tasks.program.program import LONGEST_PAUSE
 SCHEMA = "so101/task/1"
 
 APPROACH_TOLERANCE = to_rad(10.0)
-"""How far the tool's approach may be off unless somebody says otherwise [rad]. Chosen."""
+"""How far the tool's approach may be off by default [rad]. Chosen."""
 
 FRAMES = ("tool", "jaw_tip")
-"""What can be brought to a task's points."""
+"""The frames that can be brought to a task's points."""
 
 _ENDLESS = "endless"
 _KNOWN = (
@@ -70,14 +70,14 @@ class TaskPose:
     """A pose of the tool in the cell.
 
     Attributes:
-        name: What messages call it.
-        p: Where the task's frame is, shape (3,), [m].
-        R: How the tool is turned, shape (3, 3); None if only the point counts.
+        name: Its name in messages.
+        p: Position of the task's frame, shape (3,), [m].
+        R: Orientation of the tool, shape (3, 3); None if only the point counts.
         approach_tolerance: How far its z axis may be off [rad].
-        roll_tolerance: How far it may be turned about that axis [rad]; None for as it likes.
-        aperture: As of a program's waypoint.
-        pause: Likewise [s].
-        passes: Likewise.
+        roll_tolerance: How far it may be turned about that axis [rad]; None if that is free.
+        aperture: As in a program's waypoint.
+        pause: As in a program's waypoint [s].
+        passes: As in a program's waypoint.
     """
 
     name: str
@@ -98,7 +98,7 @@ class TaskPose:
         self.waypoint(np.zeros(5))  # refuses what no waypoint can be
 
     def waypoint(self, q: Array) -> Waypoint:
-        """It as a program's waypoint, from joint angles, shape (5,), [rad]."""
+        """This pose as a program's waypoint, with joint angles, shape (5,), [rad]."""
         return Waypoint(
             name=self.name, q=q, aperture=self.aperture, pause=self.pause, passes=self.passes
         )
@@ -110,8 +110,8 @@ class PlacementTask:
 
     Attributes:
         poses: At least two.
-        rounds: As of a program. Unless it is 1 the way back to the first pose counts as well.
-        frame: What is brought to the points: ``"tool"`` or ``"jaw_tip"``.
+        rounds: As in a program. Unless it is 1, the path back to the first pose counts as well.
+        frame: The frame that is brought to the points: ``"tool"`` or ``"jaw_tip"``.
     """
 
     poses: tuple[TaskPose, ...]
@@ -120,11 +120,11 @@ class PlacementTask:
 
     def __post_init__(self) -> None:
         if len(self.poses) < 2:
-            raise ConfigError("poses", len(self.poses), "must be two at least")
+            raise ConfigError("poses", len(self.poses), "must be at least two")
         self.program(np.zeros((len(self.poses), 5)))  # refuses what no program can be
 
     def program(self, q: Array) -> Program:
-        """It as a program, from the joint angles at each pose, shape (n, 5), [rad]."""
+        """This task as a program, with the joint angles at each pose, shape (n, 5), [rad]."""
         waypoints = (pose.waypoint(each) for pose, each in zip(self.poses, q, strict=True))
         return Program(waypoints=tuple(waypoints), rounds=self.rounds)
 
@@ -149,17 +149,17 @@ def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> 
 
 
 def task_of(program: Program, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:
-    """A program that was taught on an arm at the origin, as a task for an arm anywhere.
+    """Make a task for an arm anywhere from a program that was taught on an arm at the origin.
 
-    The tool comes to the points of the waypoints again with its approach as it was, within
-    ``approach_tolerance`` [rad], turned about it as it likes.
+    The tool goes to the points of the waypoints with the same approach within
+    ``approach_tolerance`` [rad]; the rotation about it is free.
 
     Raises:
-        ConfigError: It has loops, which a task does not know.
+        ConfigError: It has loops, which a task cannot have.
     """
     if program.loops:
         raise ConfigError(
-            "loops", len(program.loops), "are not known here; save the program without them"
+            "loops", len(program.loops), "are not possible in a task; save the program without them"
         )
     model = RobotModel.load()
     poses = []

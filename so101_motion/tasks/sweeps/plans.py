@@ -1,12 +1,12 @@
-"""Motions as a data set: problems drawn from a seed, or given, planned, timed and verified.
+"""Sweep that plans many motions as a data set; the problems are random or given.
 
-A random problem is two configurations that are free of contact and bearable. What comes of it
-depends on the seed and the problem's number alone. So a search is not given up by the clock, which
-would make results depend on how busy a computer is, but after a number of looks; and each shard
-begins with a fresh planner, because the looks are counted in batches that go on from plan to plan.
+A random problem is two configurations that are free of contact and that the servos can hold. The
+result depends only on the seed and the problem's number. So a search ends after an amount of work,
+not after a time, which would depend on the computer's load; and each shard begins with a fresh
+planner, because the work is counted in batches that continue from plan to plan.
 
-Joints are named as LeRobot names them and in its units: degrees from the middles of the travels,
-per cent for the gripper.
+Joints have LeRobot's names and units: degrees from the middles of the travels, per cent for the
+gripper.
 """
 
 from __future__ import annotations
@@ -42,37 +42,37 @@ from so101_motion.tasks.sweeps.reach import STEPS
 from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
 
 PROBLEMS = 100
-"""Problems of a shard. Chosen: a second or two of work, some hundred kilobytes."""
+"""How many problems a shard has. Chosen: a second or two of work, some hundred kilobytes."""
 
 NAMES = tuple(f"{joint}.pos" for joint in (*ARM_JOINTS, GRIPPER_JOINT))
-"""What the columns of ``action`` are called, as in LeRobot."""
+"""Names of the columns of ``action``, as in LeRobot."""
 
 _LOOKS = 2000
-"""After how many checkpoints of the compiled library a plan is given up. Chosen: some seconds."""
+"""A plan is given up after so many checkpoints of the compiled library. Chosen: some seconds."""
 
 _TRIES = 100_000
-"""After how many random configurations a scene is said to leave no room. Chosen."""
+"""A scene is refused if so many random configurations are not free. Chosen."""
 
 SOLVED = ""
-"""What is said of a problem that has a motion."""
+"""The value of ``why`` for a problem that has a motion."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlansSweep:
-    """Plain data that says which motions are asked for.
+    """The motions to plan and the parameters, as plain data.
 
     Attributes:
         count: Number of problems.
-        seed: Of all that is random.
+        seed: Seed of the random numbers.
         problems: The problems; none for random ones.
         scenes: What is around the arm, each the JSON text of a scene; shards take them in turn.
-        scatter: By how much each obstacle is moved at most, anew in each shard [m].
-        velocity: Cap of the joints [rad/s].
-        acceleration: Likewise [rad/s^2].
-        jerk: Likewise [rad/s^3].
-        fps: Setpoints that are kept, a second.
-        payload: What the hand carries, at the jaw's tip [kg].
-        voltage: The servos' rated voltage [V]; None not to look at torques.
+        scatter: How far each obstacle is moved at most, differently in each shard [m].
+        velocity: Velocity cap of the joints [rad/s].
+        acceleration: Acceleration cap [rad/s^2].
+        jerk: Jerk cap [rad/s^3].
+        fps: Setpoints a second in the data set.
+        payload: Mass in the hand, at the jaw's tip [kg].
+        voltage: The servos' rated voltage [V]; None to ignore torques.
     """
 
     count: int
@@ -89,9 +89,11 @@ class PlansSweep:
 
     def __post_init__(self) -> None:
         if not self.scenes:
-            raise ConfigError("scenes", self.scenes, "must be one scene at least")
+            raise ConfigError("scenes", self.scenes, "must have at least one scene")
         if self.problems and self.count != len(self.problems):
-            raise ConfigError("count", self.count, f"must be {len(self.problems)}, as are given")
+            raise ConfigError(
+                "count", self.count, f"must be {len(self.problems)}, the number of given problems"
+            )
         bounds = (("count", 1, MOST_GIVEN if self.problems else 10**9), ("fps", 1, 100))
         for key, least, most in (*bounds, ("seed", 0, 2**63), ("scatter", 0, 1)):
             value = getattr(self, key)
@@ -108,11 +110,11 @@ class PlansSweep:
 
     @property
     def shards(self) -> int:
-        """Into how many shards it is cut."""
+        """How many shards there are."""
         return -(-self.count // PROBLEMS)
 
     def facts(self) -> Mapping[str, object]:
-        """What is asked for, and the names of the joints."""
+        """Its parameters, and the names of the joints."""
         scenes = [json.loads(scene) for scene in self.scenes]
         names = {"action_names": NAMES, "action_units": "degrees, gripper per cent"}
         return {**asdict(self), "scenes": scenes, **names, "problems_of_a_shard": PROBLEMS}
@@ -183,7 +185,7 @@ class _Source:
                 return q
             if np.abs(loaded.holding_torques(q[None])).max() <= self._strength.holding:
                 return q
-        raise ConfigError("scene", None, "leaves the arm no room to stand in")
+        raise ConfigError("scene", None, "leaves the arm no free configuration")
 
     def _planned(
         self,
@@ -232,7 +234,7 @@ class _Source:
 
 
 class _Motion(NamedTuple):
-    """A problem and what came of it; see ``_Source.shard``."""
+    """A problem and its result; see ``_Source.shard``."""
 
     start: Array
     goal: Array
@@ -274,15 +276,15 @@ class Episode(NamedTuple):
 
 
 def episodes(folder: Path | str, *, first: int = 0, count: int | None = None) -> Iterator[Episode]:
-    """The motions in the folder of a sweep of plans, as many as there are so far, one by one.
+    """Read the motions in the folder of a sweep of plans, one by one, complete or not.
 
     Args:
-        folder: Where they are.
+        folder: The folder.
         first: The number of the first problem.
         count: How many problems; None for all.
 
     Raises:
-        ConfigError: It is no folder of such a sweep.
+        ConfigError: The folder has no such sweep.
     """
     end = 10**9 if count is None else first + count
     for shard in _shards(folder, first // PROBLEMS, -(-end // PROBLEMS)):
@@ -304,10 +306,10 @@ def episodes_of(shard: Mapping[str, NDArray[Any]]) -> Iterator[Episode]:
 
 
 def plans_summary(folder: Path | str) -> dict[str, float]:
-    """Statistics of a sweep of plans: problems, solved, why not; durations [s]; room [m]; frames.
+    """Statistics of a sweep of plans: problems, solved, failures; durations [s]; room [m]; frames.
 
     Raises:
-        ConfigError: It is no folder of such a sweep.
+        ConfigError: The folder has no such sweep.
     """
     whys: Counter[str] = Counter()
     durations, rooms, frames = [], [], 0

@@ -1,13 +1,13 @@
 """Write the motions of ``so101 sweep plans`` as MCAP, for Foxglove, Rerun and PlotJuggler.
 
-ROS 2 messages, radians, one motion after the other on one time line that begins at 0:
+ROS 2 messages, radians, one motion after the other, with times that begin at 0:
 
-- ``/joint_commands`` (``sensor_msgs/msg/JointState``): the five arm joints and the gripper, their
-  setpoints and velocities;
-- ``/motion`` (``std_msgs/msg/String``), where each begins: JSON with the number of its problem, its
-  ``duration_s``, ``room_mm`` and the number of its scene;
-- ``/scene``, where it changes: the scene file that was planned in, as JSON;
-- ``/sweep``, once: what the data set is, as its manifest says, without scenes and given problems.
+- ``/joint_commands`` (``sensor_msgs/msg/JointState``): setpoints and velocities of the five arm
+  joints and the gripper;
+- ``/motion`` (``std_msgs/msg/String``), at the begin of each: JSON with the number of its problem,
+  its ``duration_s``, ``room_mm`` and the number of its scene;
+- ``/scene``, when it changes: the scene file of the plans, as JSON;
+- ``/sweep``, once: the parameters of the data set, without scenes and given problems.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from so101_motion.tasks.sweeps.motion_problems import scene_of_shard
 from so101_motion.tasks.sweeps.plans import Episode, episodes
 
 PAUSE = 1.0
-"""Between two motions, which do not begin where the one before ended [s]. Chosen."""
+"""Pause between two motions, because the next one begins somewhere else [s]. Chosen."""
 
 _NAMES = (*ARM_JOINTS, GRIPPER_JOINT)
 
@@ -43,8 +43,8 @@ def write_mcap(
     """Write motions of a sweep of plans to one file; memory does not grow with their number.
 
     Args:
-        folder: Of the sweep; as many motions as it holds so far are there.
-        path: The file; what was there is replaced in one step.
+        folder: The folder of the sweep, complete or not.
+        path: The file; an existing one is replaced in one step.
         first: The number of the first problem.
         count: How many problems; None for all. Those without a motion are left out.
 
@@ -52,7 +52,7 @@ def write_mcap(
         How many motions were written, and how long they take with the pauses between them [s].
 
     Raises:
-        ConfigError: It is no folder of such a sweep, the file cannot be written, or MCAP needs a
+        ConfigError: The folder has no such sweep, the file cannot be written, or MCAP needs a
             package that is not installed.
     """
     manifest: dict[str, Any] = SweepFolder(folder).manifest()
@@ -68,11 +68,11 @@ def write_mcap(
 
 
 class _Lines:
-    """What has been written so far.
+    """Writes motions to an open MCAP file.
 
     Attributes:
-        motions: How many.
-        now: Where the next one begins [ns].
+        motions: How many have been written.
+        now: Time at which the next one begins [ns].
     """
 
     def __init__(self, out: Any, facts: Mapping[str, Any]) -> None:

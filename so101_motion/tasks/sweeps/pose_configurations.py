@@ -1,4 +1,4 @@
-"""All configurations for a pose with tolerances, in closed form."""
+"""Find the arm's configurations for a pose with tolerances, in closed form."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.sweeps.placement_task import TaskPose
 
 MOST = 24
-"""So many configurations of a pose are kept, evenly spread. Chosen."""
+"""How many configurations of a pose are kept, evenly spread. Chosen."""
 
 _PITCHES: Array = 2.0 * math.pi / 16 * np.arange(-8.0, 8.0)
-"""Pitches that are tried where only the point counts [rad]. Chosen."""
+"""Pitches that are tried if only the point counts [rad]. Chosen."""
 
 _ROLLS = np.radians([-90.0, 0.0, 90.0])
-"""Rolls that are tried where the tool may be turned about its approach [rad]. Chosen."""
+"""Rolls that are tried if the rotation about the approach is free [rad]. Chosen."""
 
 _SHARES = (-0.9, 0.0, 0.9)
-"""So much of its tolerance the approach is tilted to either side. Chosen."""
+"""Tilts of the approach that are tried, as shares of its tolerance. Chosen."""
 
 _EXACT = 1e-5
-"""A configuration whose frame is further off its point is none [m]."""
+"""A configuration whose frame is farther off its point is dropped [m]."""
 
 
 class PoseConfigurations:
@@ -42,7 +42,7 @@ class PoseConfigurations:
 
     Args:
         model: The arm.
-        frame: What is brought to the points: ``"tool"`` or ``"jaw_tip"``.
+        frame: The frame that is brought to the points: ``"tool"`` or ``"jaw_tip"``.
     """
 
     def __init__(self, model: RobotModel, frame: str = "tool") -> None:
@@ -53,8 +53,8 @@ class PoseConfigurations:
         """Configurations that bring the frame to a pose, shape (n, 5), [rad], within the limits.
 
         Args:
-            pose: In the cell.
-            T_base_cell: Where the cell is, seen from the base.
+            pose: The pose in the cell.
+            T_base_cell: Pose of the cell in the base frame.
         """
         p = T_base_cell @ pose.p
         if not self._is_near(p):
@@ -83,7 +83,7 @@ class PoseConfigurations:
         return math.hypot(max(out, 0.0), z - m.shoulder[1]) < self._structure.longest(self._frame)
 
     def _fanned(self, p: Array, pitches: Array) -> Array:
-        """At a point, with pitches [rad] and no roll."""
+        """Configurations at a point, with given pitches [rad] and no roll."""
         pitch, roll = pitches[None, None], np.zeros((1, 1, len(pitches)))
         hand = hands(self._structure, self._frame, roll)
         target = facing(self._structure, p[None], hand.lateral)
@@ -91,7 +91,7 @@ class PoseConfigurations:
         return found.q[found.excess <= 0.0]
 
     def _approaching(self, p: Array, axis: Array, tolerance: float) -> Array:
-        """At a point, with the approach near an axis and a few rolls."""
+        """Configurations at a point, with the approach near an axis and a few rolls."""
         roll = np.tile(_ROLLS, len(_SHARES))[None, None]
         tilt = np.repeat(tolerance * np.array(_SHARES), len(_ROLLS))[None, None]
         hand = hands(self._structure, self._frame, roll)
@@ -101,7 +101,7 @@ class PoseConfigurations:
         return found.q[found.excess <= 0.0]
 
     def _turned(self, p: Array, R: Array) -> Array:
-        """At a point, turned as near to a rotation as five joints can."""
+        """Configurations at a point, with the orientation as near as five joints can."""
         target, pitch = facing_turned(self._structure, self._frame, p[None], R[None], 0.0)
         roll = roll_for(self._structure, target.pan, pitch, R[None])
         hand = hands(self._structure, self._frame, roll)

@@ -1,9 +1,9 @@
 """Check a program in another scene, or with another calibration: which waypoints and paths fail.
 
-A program is planned anew whenever it runs, so what counts is whether each waypoint can still be
-stood at, and whether there still is a way to it. A shard is the way to one stop, or back to where a
-loop begins. The way to the first stop of a program that runs once begins wherever the arm stands,
-so only its waypoints are looked at.
+A program is planned again whenever it runs. So this checks whether each waypoint can still be
+reached and whether there still is a path to it. A shard is the path to one stop, or back to where a
+loop begins. The path to the first stop of a program that runs once begins wherever the arm is, so
+only its waypoints are checked.
 """
 
 from __future__ import annotations
@@ -37,16 +37,17 @@ from so101_motion.tasks.sweeps.scene_legs import SceneLegs, jaw_angles
 
 @dataclass(frozen=True, kw_only=True)
 class ProgramCheckSweep:
-    """Plain data that says which program is checked against what.
+    """A check of a program, as plain data.
 
     Attributes:
-        program: As JSON text; see ``program_text``.
+        program: The program as JSON text; see ``program_text``.
         scene: What is around the arm now, as the JSON text of a scene.
-        reading: What its joint angles mean now; None for the same as before.
-        velocity: Cap of the joints [rad/s].
-        acceleration: Likewise [rad/s^2].
-        jerk: Likewise [rad/s^3].
-        payload: What the hand carries, at the jaw's tip [kg].
+        reading: Converts its joint angles to those of the present calibration; None if it is the
+            same.
+        velocity: Velocity cap of the joints [rad/s].
+        acceleration: Acceleration cap [rad/s^2].
+        jerk: Jerk cap [rad/s^3].
+        payload: Mass in the hand, at the jaw's tip [kg].
         voltage: The servos' rated voltage [V].
     """
 
@@ -69,13 +70,13 @@ class ProgramCheckSweep:
 
     @property
     def items(self) -> int:
-        """How many ways from stop to stop it has."""
+        """How many paths from stop to stop it has."""
         return len(_ways(self.taught))
 
     shards = items
 
     def facts(self) -> Mapping[str, object]:
-        """What is asked for."""
+        """Its parameters."""
         parsed = {"program": json.loads(self.program), "scene": json.loads(self.scene)}
         return {**asdict(self), **parsed}
 
@@ -90,7 +91,7 @@ def program_text(program: Program) -> str:
 
 
 class _Check:
-    """Checks the ways of a program. Belongs to one thread."""
+    """Checks the paths of a program. Belongs to one thread."""
 
     def __init__(self, sweep: ProgramCheckSweep) -> None:
         self._reading, program = sweep.reading, sweep.taught
@@ -108,9 +109,9 @@ class _Check:
     def shard(self, number: int) -> Columns:
         """The columns of a shard.
 
-        Of each of the n waypoints up to a stop: ``waypoint``, its index; ``why`` the arm cannot be
-        there, empty if it can. Of the way to the stop: ``way``, why there is none, empty if there
-        is, or if it was not looked for because of a waypoint; ``duration`` [s], 0 without a way.
+        For each of the n waypoints up to a stop: ``waypoint``, its index; ``why`` the arm cannot be
+        there, empty if it can. For the path to the stop: ``way``, why there is none, empty if there
+        is one or if a waypoint failed; ``duration`` [s], 0 without a path.
         """
         origin, indices = self._ways[number]
         whys = [
@@ -118,7 +119,7 @@ class _Check:
             for index, before in zip(indices, (origin, *indices), strict=False)
         ]
         way, duration = "", 0.0
-        # Of a program that runs once, nobody knows where the arm comes from.
+        # Where the arm comes from is not known if the program runs once.
         begin, leg = (indices[0], indices[1:]) if origin is None else (origin, indices)
         if len(leg) and not any(whys) and not self._blocked(begin, None):
             way, duration = self._planned(leg, self._program.waypoints[begin].q, self._jaws[begin])
@@ -163,9 +164,10 @@ class _Check:
 
 
 def _ways(program: Program) -> list[tuple[int | None, range]]:
-    """The ways of a program: the stop that each begins at, and the waypoints on it.
+    """The paths of a program: the stop that each begins at, and the waypoints on it.
 
-    None is where the arm stands; a program of several rounds comes from its last stop.
+    The stop is None for the arm's own position; a program of several rounds comes from its last
+    stop.
     """
     first = None if program.rounds == 1 else len(program) - 1
     ways = ((each.origin, each.indices) for each in program.visits(most=2))
@@ -175,10 +177,10 @@ def _ways(program: Program) -> list[tuple[int | None, range]]:
 def program_check_summary(
     folder: Path, program: Program
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """How many waypoints and ways a check has looked at, and how many fail; and which, why.
+    """Count the waypoints and paths of a check and those that fail; and list the reasons.
 
     Raises:
-        ConfigError: It is no folder of such a sweep.
+        ConfigError: The folder has no such sweep.
     """
     place = SweepFolder(folder)
     manifest: dict[str, Any] = place.manifest()
@@ -195,7 +197,7 @@ def program_check_summary(
             if why:
                 failed[program.called(index)] = why
         if shard["way"][0]:
-            failed[f"the way to {program.called(shard['waypoint'].tolist()[-1])}"] = str(
+            failed[f"the path to {program.called(shard['waypoint'].tolist()[-1])}"] = str(
                 shard["way"][0]
             )
     figures: dict[str, float] = {

@@ -1,13 +1,13 @@
-"""What the arm reaches: every point of a grid, and how well.
+"""Sweep that computes which points of a grid the arm reaches, and how well.
 
-At each point all poses of a fan are looked at: pitches all around (or, with an approach, the one
-that it asks for), a few rolls, the pan from the front and from the back, the elbow up and down.
-Those within the joint limits and free of contact count as ways to be there, and the best of them is
-kept with its figures. "Best" means, in this order: bearable for the servos, further from contact
-(in steps, ``STEPS``), more torque left. The clearance that is kept is exact for that pose.
+At each point a fan of configurations is checked: pitches all around (or, with an approach, the one
+that it needs), a few rolls, the pan from the front and from the back, the elbow up and down. Those
+within the joint limits and free of contact are counted, and the best of them is stored with its
+figures. "Best" means, in this order: the servos can hold it, farther from contact (in steps,
+``STEPS``), more torque left. The stored clearance is exact for that configuration.
 
 The grid's points are whole multiples of the spacing in the base frame, so that atlases of different
-extent share their points.
+size share their points.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ from so101_motion.planning.timing.torque import Payload, Strength, place_in_hand
 from so101_motion.tasks.sweeps.packed import Columns
 
 POINTS = 4096
-"""Points of a shard. Chosen: a quarter of a second of work, and some fifty kilobytes."""
+"""How many points a shard has. Chosen: a quarter of a second of work, and some fifty kilobytes."""
 
 _AT_ONCE = 256
-"""Points that are looked at together. Chosen: what they need stays in the caches, and little of
-it is given back to the system each time, which takes a tenth of a Dask worker's time at 1,024."""
+"""Points that are computed together. Chosen: their arrays fit in the caches, and little memory is
+returned to the system each time, which takes a tenth of a Dask worker's time at 1,024."""
 
 PITCHES = 24
 """Pitches that are tried at a point, all around. Chosen: 15 degrees apart."""
 
 STEPS = (0.005, 0.01, 0.02, 0.04)
-"""Distances beyond the margins by which ways to be at a point are told apart [m]. Chosen."""
+"""Steps of clearance beyond the margins by which configurations are compared [m]. Chosen."""
 
 FINEST, COARSEST = 0.001, 0.2
 """Bounds of the spacing [m]."""
@@ -67,8 +67,8 @@ class Grid:
     """Points in a box, whole multiples of the spacing, x counting fastest.
 
     Attributes:
-        spacing: [m].
-        first: The least multiples, x, y, z.
+        spacing: Distance between neighbours [m].
+        first: The smallest multiples, x, y, z.
         counts: How many along x, y, z.
     """
 
@@ -90,13 +90,13 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class ReachSweep:
-    """Plain data that says which atlas is asked for.
+    """The parameters of an atlas, as plain data.
 
     Attributes:
-        spacing: Between the points of the grid [m].
+        spacing: Distance between the points of the grid [m].
         scene: What is around the arm, as the JSON text of a scene file; see ``scene_text``.
         frame: The frame of the gripper that is brought to the points.
-        approach: Where the tool's z axis shall point, in the base frame; None for anywhere.
+        approach: Direction of the tool's z axis in the base frame; None for any.
         tolerance: How far the approach may be off [rad].
         rolls: The roll angles that are tried [rad].
         q_jaw: The jaw's angle [rad].
@@ -121,24 +121,24 @@ class ReachSweep:
         if self.approach is not None and not 1e-6 < math.hypot(*self.approach) < math.inf:
             raise ConfigError("approach", self.approach, "must be a direction, such as 0,0,-1")
         if not self.rolls:
-            raise ConfigError("rolls", self.rolls, "must be one angle at least")
+            raise ConfigError("rolls", self.rolls, "must have at least one angle")
 
     kind = "reach"
     unit = "points"
 
     @property
     def items(self) -> int:
-        """How many points are looked at."""
+        """How many points there are."""
         return self.grid.size
 
     @property
     def shards(self) -> int:
-        """Into how many shards it is cut."""
+        """How many shards there are."""
         return -(-self.grid.size // POINTS)
 
     @cached_property
     def grid(self) -> Grid:
-        """The points: all that the arm could be long enough for, whatever its joints."""
+        """The grid: all points that the arm is long enough for, whatever its joint limits."""
         model = RobotModel.load()
         structure = IkSolver(model).structure
         model.check_gripper_frame(self.frame)
@@ -154,7 +154,7 @@ class ReachSweep:
         return Grid(self.spacing, (x, y, z), (nx, ny, nz))
 
     def facts(self) -> Mapping[str, object]:
-        """What is asked for, and the grid."""
+        """Its parameters, and the grid."""
         fields = asdict(self)
         return {
             **fields,
@@ -176,11 +176,11 @@ def scene_text(scene: Scene) -> str:
 
 
 class _Ways(NamedTuple):
-    """Ways to be at points, within the joint limits.
+    """Configurations at points, within the joint limits.
 
     Attributes:
         q: Joint angles, shape (n, 5), [rad].
-        point: Which point each is at, shape (n,); ascending.
+        point: Number of the point of each, shape (n,); ascending.
         bit: The bit of its branch, shape (n,).
     """
 
@@ -190,7 +190,7 @@ class _Ways(NamedTuple):
 
 
 class _Fan:
-    """Looks at points for one sweep. Belongs to one thread."""
+    """Computes points for one sweep. Belongs to one thread."""
 
     def __init__(self, sweep: ReachSweep) -> None:
         self._sweep, self._grid = sweep, sweep.grid
@@ -216,10 +216,11 @@ class _Fan:
         """The columns of a shard, one row for each point within the joint limits.
 
         ``point`` is its number in the grid; ``limits`` and ``branches`` are the bits of the
-        branches that keep the joint limits, and of those that are free of contact as well; ``ways``
-        counts the latter. The figures are those of the best way ``q`` (n, 5) [rad]: ``clearance``
-        [m], ``torque_left`` (share of what a servo may hold), ``manipulability`` [m^3/rad^3], the
-        volume of the tool's velocity ellipsoid by Yoshikawa (1985). Not a number without any way.
+        branches within the joint limits, and of those that are free of contact as well; ``ways``
+        counts the free configurations. The figures are those of the best one, ``q`` (n, 5) [rad]:
+        ``clearance`` [m], ``torque_left`` (share of the servos' holding torque),
+        ``manipulability`` [m^3/rad^3], the volume of the tool's velocity ellipsoid by Yoshikawa
+        (1985). NaN without a free configuration.
         """
         begin = number * POINTS
         end = min(begin + POINTS, self._grid.size)
@@ -257,7 +258,7 @@ class _Fan:
     def _figures(
         self, n: int, place: NDArray[np.int64], q: Array, left: Array
     ) -> dict[str, NDArray[np.generic]]:
-        """The columns about the best ways; ``place`` says in which of ``n`` rows each belongs."""
+        """The columns of the best configurations; ``place`` has the row of each, of ``n``."""
         J = self._chain.positions_and_jacobians(q)[1]
         volumes = np.sqrt(np.maximum(np.linalg.det(J @ J.transpose(0, 2, 1)), 0.0))
         jaw, collision = self._sweep.q_jaw, self._collision
@@ -304,7 +305,7 @@ class _Fan:
 
 
 def in_words(sweep: ReachSweep) -> str:
-    """What is asked for, in a line."""
+    """The parameters as one line of text."""
     nx, ny, nz = sweep.grid.counts
     held = f", {sweep.payload * 1e3:g} g in the hand" if sweep.payload else ""
     approach = ""

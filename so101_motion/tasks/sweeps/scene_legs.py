@@ -1,4 +1,4 @@
-"""Plan legs of a program in one scene; given up after a number of looks, not by the clock."""
+"""Plan legs of a program in one scene, with a limit on work instead of time."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from so101_motion.planning.timing.torque import Payload, Strength
 from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
 
 _LOOKS = 100
-"""After how many checkpoints a leg is given up. Chosen: some tenths of a second."""
+"""A leg is given up after so many checkpoints. Chosen: some tenths of a second."""
 
 
 class SceneLegs:
-    """What ``plan_leg`` plans with: a fresh planner. Belongs to one thread.
+    """The planner for ``plan_leg``; always a fresh one. Belongs to one thread.
 
     Args:
         model: The arm.
         scene: What is around it.
         limits: The caps of its motions.
-        payload: What it carries.
-        strength: What its servos bear.
+        payload: The load in its hand.
+        strength: The strength of its servos.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class SceneLegs:
         self.limits = limits
         self._scene, self._payload, self._strength = scene, payload, strength
         self._patience = WorkBudget(_LOOKS)
-        # A fresh one: its looks are counted in batches that go on from plan to plan.
+        # A fresh one: checkpoints are counted in batches that continue from plan to plan.
         self._planner = Planner(model, self._patience)
 
     def plan(
@@ -71,11 +71,11 @@ class SceneLegs:
 
 
 def jaw_angles(apertures: Sequence[float | None], *, goes_around: bool) -> list[float]:
-    """The jaw's angle after each stop [rad]; a jaw that is never told stays closed.
+    """The jaw's angle after each stop [rad]; closed before the first aperture.
 
     Args:
-        apertures: What it is told there, 0 to 1; None for nothing.
-        goes_around: Whether the first stop comes after the last; else nothing is known before it.
+        apertures: Its aperture at each stop, 0 to 1; None to leave it.
+        goes_around: Whether the first stop comes again after the last.
     """
     given = [each for each in apertures if each is not None]
     aperture = given[-1] if given and goes_around else 0.0

@@ -1,9 +1,9 @@
-"""What a sweep is: plain data that says what to compute, cut into shards.
+"""The interface of a sweep: plain data that describes work, cut into shards; computes one shard.
 
 A sweep is a frozen dataclass of numbers, text and tuples, so that it can be sent to any process on
 any computer. Live objects (a model, a planner) are made from it where the work is done, once a
-thread. What a shard holds depends on the sweep and the shard's number alone: not on who computes
-it, in which order, or beside how many others.
+thread. The content of a shard depends only on the sweep and the shard's number, not on the process,
+the order or the number of workers.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ class Sweep(Protocol):
 
     @property
     def kind(self) -> str:
-        """What it does, one word."""
+        """Its kind, one word."""
 
     @property
     def shards(self) -> int:
-        """Into how many shards it is cut."""
+        """How many shards there are."""
 
     @property
     def items(self) -> int:
-        """How many things it looks at in all."""
+        """How many items it computes in total."""
 
     @property
     def unit(self) -> str:
-        """What those things are, in the plural."""
+        """Name of the items, in the plural."""
 
     def facts(self) -> Mapping[str, object]:
-        """What it is, as JSON values: two sweeps with the same facts are the same sweep."""
+        """Its parameters as JSON values: two sweeps with the same facts are the same sweep."""
 
     def open(self) -> Callable[[int], Columns]:
-        """Load what the work needs; what comes back computes the shard of a number."""
+        """Load what the work needs; returns a function that computes the shard of a number."""
 
 
 class Outcome(NamedTuple):
-    """What became of one shard.
+    """The result of one shard.
 
     Attributes:
-        shard: What goes into its file, or None.
-        why: Why there are none.
+        shard: The content of its file; None if it failed.
+        why: Why it failed.
     """
 
     shard: Packed | None

@@ -1,8 +1,8 @@
 """Teleoperation: one arm follows another that is guided by hand.
 
-``session.py`` has the whole story; ``predictor``, ``mirror``, ``gate`` and ``pilot`` say where the
-follower goes, ``sides`` bring arms of this process to do so, ``recording`` writes it down. The
-motion itself is a ``Following``.
+``session.py`` runs a teleoperation; ``predictor``, ``mirror``, ``gate`` and ``pilot`` compute the
+follower's targets, ``sides`` connects arms of this process, ``recording`` records them. The motion
+itself is a ``Following``.
 """
 
 from so101_motion.tasks.teleop.mirror import Mirror

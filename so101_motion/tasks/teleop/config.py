@@ -23,11 +23,11 @@ from so101_motion.tasks.teleop.mirror import Mirror
 from so101_motion.tasks.teleop.pilot import FULL_JERK, Pace
 
 RATE = 100.0
-"""How often an arm elsewhere is asked unless somebody says otherwise [1/s]; the published module's
-later default. Arms of this process go at the rate of their bus."""
+"""How often an arm of another module is read by default [1/s]; the published module's later
+default. Arms of this process run at the rate of their bus."""
 
 FACTOR_RANGE = (0.1, 3.0)
-"""By how much the leader's motion may be scaled, either way round; chosen."""
+"""Range of the scale of the leader's motion, in either direction; chosen."""
 
 ATTRIBUTES = (
     Attribute("leader_arm", "the arm that leads", kind="text", form="name", otherwise="required"),
@@ -41,19 +41,19 @@ ATTRIBUTES = (
     ),
     Attribute("follower_gripper", "the follower's gripper", kind="text", form="name"),
     Attribute(
-        "rate_hz", "how often an arm of another module is asked; ours go at the rate of their bus",
+        "rate_hz", "how often an arm of another module is read; ours run at the rate of their bus",
         unit="Hz", range=(0.0, 1000.0), default=RATE, zero_is_none=True,
     ),
     Attribute(
         "manage_leader_torque",
-        "whether the leader is let go of when it starts, and held again when it ends",
+        "whether the leader is released when it starts, and held again when it ends",
         kind="flag", default=True,
     ),
     Attribute(
         "auto_start", "whether it starts by itself with the module", kind="flag", default=False
     ),
     Attribute(
-        "scale", "by how much the leader's motion is made larger; minus turns a joint round",
+        "scale", "factor of the leader's motion; a negative one reverses the joint",
         kind="own", form="0.1 to 3, a number or five", otherwise="1", ours=True,
     ),
     Attribute(
@@ -82,11 +82,11 @@ ATTRIBUTES = (
     ),
     Attribute(
         "max_consecutive_errors", "checked, without effect", range=(0.0, 1e9), default=0.0,
-        otherwise="none", idle="who is lost is held for at once, not after some errors",
+        otherwise="none", idle="the follower holds at once when the leader is lost",
     ),
 )  # fmt: skip
-"""What ``devrel:so101:teleop`` takes. The follower is as fast as motions may be at all unless
-somebody says otherwise, for a hand is fast; the arm's own caps are for motions that are planned."""
+"""The attributes of ``devrel:so101:teleop``. By default the follower may use the largest caps there
+are, because a hand is fast; the arm's own caps are for planned motions."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,11 +96,11 @@ class TeleopConfig:
     leader_arm: str
     follower_arm: str
     grippers: tuple[str, str] | None  # the leader's and the follower's; None to leave both alone
-    rate: float  # how often an arm elsewhere is asked [1/s]
-    lets_go: bool  # whether the leader is let go of while it leads
+    rate: float  # how often an arm of another module is read [1/s]
+    lets_go: bool  # whether the leader is released while it leads
     auto_start: bool
-    mirror: Mirror  # which angles of the follower belong to the leader's
-    pace: Pace  # how fast the follower goes
+    mirror: Mirror  # maps the leader's angles to the follower's
+    pace: Pace  # the follower's caps
     guarded: bool  # whether the follower keeps clear of itself and its surroundings
     asks_for_guard: bool  # whether that was given, and is not just the default
     dependencies: tuple[str, ...]  # the names it needs, in the published module's order
@@ -111,7 +111,7 @@ class TeleopConfig:
         given = Attributes(attributes, ATTRIBUTES)
         leader, follower = (_required(given, f"{side}_arm") for side in ("leader", "follower"))
         if leader == follower:
-            raise ConfigError("follower_arm", follower, "leads already; give another arm")
+            raise ConfigError("follower_arm", follower, "is the leader already; give another arm")
         grippers = (given.value("leader_gripper"), given.value("follower_gripper"))
         given.value("max_consecutive_errors")  # only checked
         return cls(
@@ -165,7 +165,7 @@ def read_pace(attributes: Mapping[str, object]) -> Pace:
 def _required(given: Attributes, key: str) -> str:
     name: str | None = given.value(key)
     if name is None:
-        raise ConfigError(key, None, "is missing; the name of an arm of this machine")
+        raise ConfigError(key, None, "is missing; give the name of an arm of this machine")
     return name
 
 

@@ -8,14 +8,14 @@
                                                  v        |
                        (from anywhere: stop)   WAITING ---+
 
-*Close enough*: no joint further than ``GATE`` from where the leader wants it. How fast the follower
-goes is its own matter: see ``control/following.py``.
+*Close enough*: every joint is within ``GATE`` of where the leader wants it. The speed of the
+follower is not decided here: see ``control/following.py``.
 
-Only a person who says so (``begin``) makes the follower come to the leader, at its own slow pace.
-After trouble nothing moves by itself: the follower holds until the leader is led back to it, or
-somebody begins anew. A pause is less than trouble: nothing was heard for a moment, as happens on a
-busy computer. The follower holds, and when the leader is heard again, where it was to be expected,
-the follower comes to it as after a beginning.
+The follower comes to the leader, slowly, only after the user has asked for it (``begin``). After
+trouble nothing moves by itself: the follower holds until the leader is brought back to it, or the
+user begins again. A pause is less than trouble: the leader did not answer for a moment, as happens
+on a busy computer. The follower holds, and when the leader answers again near where it was
+expected, the follower comes to it as after ``begin``.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ class Gate:
     """Decides in every period whether and how fast the follower may move. For one thread at a time.
 
     Attributes:
-        phase: What the follower does.
+        phase: The phase of the follower.
         reason: Why it waits; empty otherwise.
-        gap: The joint that is furthest off and by how much [rad], as of the last decision.
-        is_paused: Whether it waits for no more than an answer.
+        gap: The joint that is farthest off and by how much [rad], as of the last decision.
+        is_paused: Whether it only waits for an answer of the leader.
     """
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ class Gate:
         return self.gap[1] <= GATE
 
     def lets_go(self, off: Array) -> bool:
-        """Whether the follower may go to where the leader wants it; otherwise it holds.
+        """Whether the follower may move to where the leader wants it; otherwise it holds.
 
         Args:
             off: How far each joint is from there, shape (5,), [rad].

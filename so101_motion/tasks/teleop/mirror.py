@@ -10,7 +10,7 @@ from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
 
 MIRRORED = ("shoulder_pan", "wrist_roll")
-"""The joints that turn the other way in a mirror that stands upright in front of the arm."""
+"""The joints that turn the other way in an upright mirror in front of the arm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,7 +34,7 @@ class Mirror:
             raise ValueError(f"must be finite, got {self.factors}, {self.offsets}")
 
     def facing(self) -> Mirror:
-        """The same for arms that face each other, as one sees oneself in a mirror."""
+        """This mapping for arms that face each other, as in a mirror."""
         signs = np.where(np.isin(ARM_JOINTS, MIRRORED), -1.0, 1.0)
         return Mirror(factors=signs * self.factors, offsets=self.offsets)
 

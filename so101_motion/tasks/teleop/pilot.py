@@ -1,8 +1,8 @@
-"""Decide in every period where the follower goes.
+"""Compute the follower's target in every period, from predictor, mirror and gate.
 
-The pilot puts the parts together: the predictor says where the leader will be, the mirror which
-angles of the follower that is, the gate whether it may go there. It is asked before each setpoint
-of a follower of this process, or by what sends goals to an arm elsewhere.
+The predictor gives the leader's expected angles, the mirror maps them to the follower's, the gate
+decides whether it may go there. A follower of this process asks before each setpoint; for an arm of
+another module, ``teleop_remote`` asks.
 """
 
 from __future__ import annotations
@@ -24,18 +24,19 @@ from so101_motion.tasks.teleop.mirror import Mirror
 from so101_motion.tasks.teleop.predictor import LONGEST, Predictor
 
 HORIZON = 0.006
-"""How far ahead of now the leader is aimed at [s]. What the follower's servos are behind, their
-driver makes up for, who is told how the target moves on."""
+"""How far ahead the leader is predicted [s]. The driver compensates for the lag of the follower's
+servos itself, because it knows the target's velocity and acceleration."""
 
 JAW_HORIZON = 0.066
-"""The same for the jaw, whose lag nobody makes up for [s]; by trial."""
+"""The same for the jaw, whose lag is not compensated [s]; by trial."""
 
 LOST_AFTER = 0.05
-"""After how long without an answer from all joints of the leader the follower holds [s]. With the
-period after, it brakes within 0.06 s. Single lost replies are asked for again long before."""
+"""The follower holds when a joint of the leader has not answered for so long [s]. With the period
+after, it brakes within 0.06 s. Single lost replies are asked for again long before."""
 
 BEYOND = to_rad(0.5)
-"""How far beyond the follower's range the leader must be for it to be told [rad]; chosen."""
+"""The user is told when the leader is farther than this beyond the follower's range [rad];
+chosen."""
 
 FULL_JERK = 500.0
 """Jerk cap while mirroring [rad/s^3]: full acceleration within two periods. Chosen; a lower one
@@ -60,12 +61,12 @@ class Pace:
 
 
 class Target(NamedTuple):
-    """Where the follower is wanted.
+    """A target of the follower.
 
     Attributes:
         q: Joint angles, shape (5,), [rad].
-        qd: How fast they move, shape (5,), [rad/s].
-        qdd: How that changes, shape (5,), [rad/s^2].
+        qd: Their velocities, shape (5,), [rad/s].
+        qdd: Their accelerations, shape (5,), [rad/s^2].
     """
 
     q: Array
@@ -77,16 +78,16 @@ class Pilot:
     """Computes the follower's targets. Several threads may use it.
 
     Args:
-        clock: What time it is, for both sides.
-        predictor: Where the leader will be.
-        mirror: Which angles of the follower that is.
-        pace: How fast to go.
-        horizon: How far ahead to aim [s].
-        lost_after: After how long without an answer of the leader to hold [s].
+        clock: The clock of both sides.
+        predictor: Predicts the leader's angles.
+        mirror: Maps them to the follower's.
+        pace: The follower's caps.
+        horizon: How far ahead to predict [s].
+        lost_after: Hold when the leader has not answered for so long [s].
 
     Attributes:
-        gate: Whether the follower may go there.
-        pace: As given.
+        gate: Decides whether the follower may move.
+        pace: The follower's caps.
         beyond: The joints that the leader wants beyond the follower's range, by name.
     """
 
@@ -109,7 +110,7 @@ class Pilot:
         self._lock = threading.Lock()
 
     def fit(self, lower: Array, upper: Array) -> None:
-        """Learn the follower's range, shapes (5,), [rad]."""
+        """Set the follower's range, shapes (5,), [rad]."""
         with self._lock:
             self._lower, self._upper = lower, upper
 
@@ -123,12 +124,12 @@ class Pilot:
             self.gate.begin()
 
     def stop(self) -> None:
-        """Hold for good."""
+        """Hold until ``begin``."""
         with self._lock:
             self.gate.stop()
 
     def trouble(self, reason: str) -> None:
-        """Hold until the gate opens."""
+        """Hold because of trouble, until the gate opens."""
         with self._lock:
             self.gate.trouble(reason)
 
@@ -148,10 +149,10 @@ class Pilot:
     # Aiming
 
     def arm(self, q: Array, *, rests: bool) -> Target | None:
-        """Where the arm goes; None to hold.
+        """The arm's next target; None to hold.
 
         Args:
-            q: Where it is wanted now, shape (5,), [rad].
+            q: Its present setpoint, shape (5,), [rad].
             rests: Whether it is at rest.
         """
         with self._lock:
@@ -165,7 +166,7 @@ class Pilot:
             return None
 
     def jaw(self) -> tuple[float, float] | None:
-        """The aperture that is wanted, 0 to 1, and how fast it changes [1/s]; None to hold."""
+        """The wanted aperture, 0 to 1, and its rate [1/s]; None to hold."""
         with self._lock:
             seen = self._seen(max(self._horizon, JAW_HORIZON))
             if seen is None or self.gate.phase not in (Phase.APPROACHING, Phase.MIRRORING):
@@ -176,7 +177,7 @@ class Pilot:
     # How
 
     def _target(self) -> Target | None:
-        """Where the follower is wanted, within its range; None to hold."""
+        """The target within the follower's range; None to hold."""
         seen = self._seen(self._horizon)
         if seen is None:
             return None
@@ -200,7 +201,7 @@ class Pilot:
         if track.jumps != self._jumps:
             self._jumps = track.jumps
             self.gate.trouble(
-                f"the leader was suddenly elsewhere; bring it to within {to_deg(GATE):g} deg of"
-                " the follower, or start again"
+                f"the leader's angles jumped; bring it to within {to_deg(GATE):g} deg of the"
+                " follower, or start again"
             )
         return self._predictor.at(now + horizon)

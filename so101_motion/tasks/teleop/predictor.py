@@ -1,15 +1,15 @@
 """Predict where the guided leader will be a moment from now, with a Kalman filter per joint.
 
-A measurement is up to a period old when it is used, the follower's servos take up a goal some
-30 ms after it was sent, and it takes time to tell motion from noise. All of that is made up for by
-knowing how the leader moves on.
+A measurement is up to a period old when it is used, the follower's servos react to a goal some
+30 ms after it was sent, and it takes time to tell motion from noise. Prediction makes up for all of
+that.
 
-A Kalman filter per joint holds angle, velocity and acceleration; what it expects of a hand is an
-acceleration that changes at random (``JERK``) and dies down within ``LASTING``, as in Singer's
-model of a vehicle that turns. What rests is not predicted but taken to stay where it is
+A Kalman filter per joint estimates angle, velocity and acceleration. It models a hand's
+acceleration as one that changes at random (``JERK``) and decays within ``LASTING``, as in Singer's
+model of a manoeuvring vehicle. A joint that rests is not predicted but taken to stay where it is
 (``WAVER``).
 
-One thread takes measurements, another asks: what was learnt is replaced whole.
+One thread adds measurements, another one asks; the result is replaced whole.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ N = 6
 """The arm's five joints [rad], and the aperture of the jaw, 0 to 1."""
 
 JERK = 120.0
-"""What the filter expects of a hand [rad/s^3], root mean square. Chosen by trial on reaches of up
-to 350 deg/s^2 with 0.08 deg of tremor: more follows the tremor, less lags behind in the reaches."""
+"""Jerk of a hand that the filter expects [rad/s^3], root mean square. Chosen by trial on reaches of
+up to 350 deg/s^2 with 0.08 deg of tremor: with more it follows the tremor, with less it lags."""
 
 LASTING = 0.2
-"""How long an acceleration lasts [s]; chosen by trial likewise."""
+"""Time constant with which an acceleration decays [s]; chosen by trial as well."""
 
 NOISE = to_rad(360.0 / 4096.0) / 12.0**0.5
-"""What a measurement is off [rad]: an encoder tick, evenly spread."""
+"""Standard deviation of a measurement [rad]: an encoder tick, evenly distributed."""
 
 WAVER = 1.6 * to_rad(360.0 / 4096.0)
-"""A joint that stays within this [rad] for ``RESTING`` is at rest, and goes on resting until it
-leaves it: an encoder that wavers between two or three ticks is no motion. Chosen."""
+"""A joint that stays within this [rad] for ``RESTING`` is at rest until it leaves it: an encoder
+that wavers between two or three ticks is not motion. Chosen."""
 
 RESTING = 0.15
 """How long a joint must have stayed there [s]; chosen."""
@@ -47,24 +47,24 @@ LONGEST = 0.15
 """How far ahead of a measurement a prediction goes at most [s]."""
 
 JUMP = to_rad(15.0)
-"""How far a joint may be from where it was expected [rad]. Nobody does that in 10 ms; it was put
-down elsewhere while nobody looked, or its calibration has changed. Chosen."""
+"""A joint farther than this from its prediction has jumped [rad]. A hand does not do that in 10 ms;
+it was moved while it did not answer, or its calibration has changed. Chosen."""
 
 USUAL = 0.1
-"""What is asked less often may be further from where it was expected [s]; chosen."""
+"""After a longer interval a joint may be farther from its prediction [s]; chosen."""
 
 
 class Track(NamedTuple):
-    """What the predictor knows of the leader.
+    """The estimated state of the leader.
 
     Attributes:
-        t: When [s].
-        x: Joint angles [rad] and aperture then, shape (6,).
-        xd: How fast they changed, shape (6,).
-        xdd: And how fast that changed, shape (6,).
+        t: Time of the last measurement [s].
+        x: Joint angles [rad] and aperture at that time, shape (6,).
+        xd: Their velocities, shape (6,).
+        xdd: Their accelerations, shape (6,).
         rest: Where each rests, shape (6,); NaN for one that moves.
         t_heard: When all joints of the arm had answered last [s].
-        jumps: How often it was suddenly elsewhere.
+        jumps: How often its angles have jumped.
     """
 
     t: float
@@ -80,10 +80,10 @@ class Predictor:
     """Takes measurements of the leader and predicts its angles.
 
     Args:
-        longest: After how long a silence the leader may be anywhere [s].
+        longest: After so long a silence the prediction starts again [s].
 
     Attributes:
-        track: What is known; None before the first measurement. Replaced whole.
+        track: The estimate; None before the first measurement. Replaced whole.
     """
 
     def __init__(self, longest: float = LONGEST) -> None:
@@ -105,7 +105,7 @@ class Predictor:
         Args:
             t: When it was made [s]; later than the one before, or it is ignored.
             x: Joint angles [rad] and aperture, shape (6,).
-            heard: Which of them have been measured, shape (6,); the others are what they were.
+            heard: Which of them have been measured, shape (6,); the others are old values.
         """
         last = self.track
         if last is None:
@@ -171,9 +171,9 @@ class Predictor:
     # The thread that asks
 
     def at(self, t: float) -> tuple[Array, Array, Array] | None:
-        """Where the leader will be at ``t`` [s], how fast, and how that changes; shapes (6,).
+        """Predict angles, velocities and accelerations at ``t`` [s], shapes (6,).
 
-        None if it has never been seen.
+        None before the first measurement.
         """
         track = self.track
         if track is None:

@@ -1,22 +1,22 @@
 """Record both arms of a teleoperation: MCAP for viewers, CSV for learning.
 
-**MCAP** holds ROS 2 messages, ``sensor_msgs/msg/JointState``, radians with the zero of the model:
-``joint_states`` as measured and ``joint_commands`` as wanted, of ``/leader`` and ``/follower``. A
-limp leader is wanted where it is. The jaw is the sixth joint, as a share of its travel, 0 to 1. In
-the field for efforts stands what share of its drive each servo uses, -1 to 1, as the servos report
-it ten times a second. ``/follower/state`` (``std_msgs/msg/String``) says what the follower does.
-The stamps are the wall clock's, so that cameras can be laid beside it.
+**MCAP** has ROS 2 messages, ``sensor_msgs/msg/JointState``, radians with the zero of the model:
+``joint_states`` as measured and ``joint_commands`` as commanded, of ``/leader`` and ``/follower``.
+The commands of a limp leader are its measured angles. The jaw is the sixth joint, as a share of its
+travel, 0 to 1. The efforts are the share of its drive that each servo uses, -1 to 1, as the servos
+report it ten times a second. ``/follower/state`` (``std_msgs/msg/String``) is the phase of the
+follower. Times are the wall clock's, to match those of cameras.
 
 **CSV** holds the joint part of a LeRobot data set under LeRobot's own names and in its own units:
 ``action.shoulder_pan.pos`` is the leader, ``observation.state.shoulder_pan.pos`` the follower as
 measured, in degrees from the middle of the joint's recorded travel (LeRobot with
-``use_degrees=True``), the gripper in per cent. An action is what the leader asked of the follower:
-with arms that mirror or scale, in the follower's angles. ``frame_index`` counts from 0 without
-holes and ``timestamp`` is ``frame_index / fps``, as LeRobot wants it. Columns of ours follow: the
-leader's own angles, goals and loads of both, such as ``leader.shoulder_pan.load``, and ``state``:
-rows in which the follower does not mirror are no actions.
+``use_degrees=True``), the gripper in per cent. An action is the target that the leader gave the
+follower, in the follower's angles, also with mirror and scale. ``frame_index`` counts from 0
+without gaps and ``timestamp`` is ``frame_index / fps``, as LeRobot needs it. Further columns are
+ours: the leader's own angles, goals and loads of both, such as ``leader.shoulder_pan.load``, and
+``state``: rows in which the follower does not mirror are not actions.
 
-Rows come from an I/O thread, which must not wait for a disk. A thread of its own writes them.
+Rows come from an I/O thread, which must not wait for a disk, so another thread writes them.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ _log = logging.getLogger(__name__)
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 
 FPS = 100.0
-"""Rows a second unless somebody says otherwise [1/s]: each period of the bus."""
+"""Rows a second by default [1/s]: each period of the bus."""
 
 _BACKLOG = 6000
-"""Rows that may wait for the disk, a minute's; what comes then is counted and left out."""
+"""Rows that may wait for the disk, a minute's; further ones are counted and dropped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,12 +57,11 @@ class RecordedSample:
     """One row of a recording.
 
     Attributes:
-        t: When, on the session's clock [s].
-        leader: How the leader stands.
-        action: What it asks of the follower: joint angles [rad] and aperture, shape (6,).
-        follower: How the follower stands.
-        state: What it does, as ``Status.phase`` says: only while it mirrors is what the leader asks
-            an action.
+        t: Time on the session's clock [s].
+        leader: The leader's state.
+        action: The target it gives the follower: joint angles [rad] and aperture, shape (6,).
+        follower: The follower's state.
+        state: Its phase, as in ``Status.phase``; only while it mirrors is the target an action.
     """
 
     t: float
@@ -116,7 +115,7 @@ class Recorder:
         if self._t0 is None:
             self._t0 = row.t
         due = math.floor((row.t - self._t0) * self._fps + 0.5) + 1
-        # A hole in time is filled with what came after it: frames are counted without holes.
+        # A gap in time is filled with the row after it, because frames are counted without gaps.
         for _ in range(due - self._taken):
             try:
                 self._queue.put_nowait(row)

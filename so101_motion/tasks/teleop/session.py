@@ -1,14 +1,13 @@
 """Run a teleoperation from start to stop, and handle the loss of either side.
 
 How it works. The leader's I/O thread pushes every measurement into the predictor; the follower's
-asks the pilot for its next setpoint. Nothing else is needed while all goes well, so a session has
-no loop of its own: the follower calls ``look`` in every period, and what ``look`` finds to be done
-(to set off, to resume after a fault, to stop) is done by one worker thread, step by step, because
-it may take a while.
+asks the pilot for its next target. That is enough while all goes well, so a session has no loop of
+its own: the follower calls ``look`` in every period. What ``look`` finds to do (start to follow,
+resume after a fault, stop) is done by one worker thread, step by step, because it may take a while.
 
-What ends a motion of the follower decides what comes next. A fault, a blocked joint or a servo's
-alarm are trouble: the session goes on, and the follower sets off again when it can be reached and
-the leader has been brought back to it. A stop, or a motion that somebody else asked for, is meant:
+When a motion of the follower ends, the reason decides what comes next. After a fault, a blocked
+joint or a servo's alarm the session goes on, and the follower starts again when it can be reached
+and the leader has been brought back to it. After a stop, or a motion that another caller asked for,
 the session is over.
 """
 
@@ -35,11 +34,11 @@ from so101_motion.tasks.teleop.sides import Follower, Leader
 _log = logging.getLogger(__name__)
 
 RETRY = 0.5
-"""How long to wait after an attempt to set off that failed [s]; chosen."""
+"""How long to wait after a failed attempt to follow [s]; chosen."""
 
 MISSED = 0.5
-"""A period in which the leader has been silent for so large a share of what makes it lost counts as
-failed; chosen."""
+"""A period counts as failed when the leader has been silent for this share of ``lost_after``;
+chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,14 +46,14 @@ class Status:
     """The state of a session.
 
     Attributes:
-        phase: What the follower does.
+        phase: The phase of the follower.
         reason: Why it waits, or why the session ended; empty otherwise.
         cycles: Periods since the start.
         consecutive_errors: Periods in a row, up to now, in which one side did not answer.
-        last_error: What went wrong last, however long ago; empty if nothing.
-        gap: The joint that is furthest from where the leader wants it, and by how much [rad].
+        last_error: The last error, however long ago; empty if there was none.
+        gap: The joint that is farthest from where the leader wants it, and by how much [rad].
         beyond: Joints that the leader wants beyond the follower's range.
-        is_held: Whether something in the way holds the follower back.
+        is_held: Whether an obstacle holds the follower back.
         is_gripping: Whether its jaw has closed on something.
         leader_is_limp: Whether the leader can be moved by hand.
         recorded: Rows written to the record; None without one.
@@ -84,16 +83,16 @@ class Teleop:
     Use it in a ``with`` block or call ``close``.
 
     Args:
-        leader: What leads.
-        follower: What follows.
-        clock: What time it is, for both.
-        mirror: Which angles of the follower belong to those of the leader.
-        pace: How fast the follower goes.
-        horizon: How far ahead of now the leader is aimed at [s].
-        lost_after: After how long without an answer of the leader the follower holds [s].
+        leader: The leader.
+        follower: The follower.
+        clock: The clock of both.
+        mirror: Maps the leader's angles to the follower's.
+        pace: The follower's caps.
+        horizon: How far ahead the leader is predicted [s].
+        lost_after: The follower holds when the leader has not answered for so long [s].
 
     Attributes:
-        job: What its own thread did last of itself, or is doing; None before.
+        job: The last job that the worker thread got from ``look``; None before the first.
     """
 
     def __init__(
@@ -131,7 +130,7 @@ class Teleop:
         """Release the leader and bring the follower to it; does nothing while it runs.
 
         Args:
-            recorder: Takes down what happens; closed when the session ends.
+            recorder: Records both arms; closed when the session ends.
 
         Raises:
             So101Error: One side cannot be used.

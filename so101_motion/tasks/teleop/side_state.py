@@ -14,7 +14,7 @@ class SideState:
 
     Attributes:
         x: Joint angles [rad], and the aperture of the jaw, 0 to 1, shape (6,).
-        x_goal: Where they are wanted, likewise; what was measured where nothing is driven.
+        x_goal: Their setpoints, likewise; the measured values where nothing is driven.
         loads: Share of full drive of each servo, base to jaw, -1 to 1; empty where not known.
     """
 

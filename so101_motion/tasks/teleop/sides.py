@@ -1,11 +1,11 @@
 """The two sides of a teleoperation: the leader and the follower.
 
-``Leader`` and ``Follower`` are what a session needs of them; here are those for arms of this
-process, which are reached without a detour. For arms elsewhere see
+``Leader`` and ``Follower`` are the interfaces that a session needs; ``LocalLeader`` and
+``LocalFollower`` are arms of this process. For arms of other modules see
 ``viam/models/teleop_remote.py``.
 
-A ``Station`` is an arm or a gripper with the thread that moves it. Both are usually of one port,
-and then one station is both.
+A ``Station`` is an arm or a gripper with the thread that moves it. If both are on one port, one
+station is both.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ JAW_APPROACH = 0.2
 """Share of the jaw's speed until it is near the leader's; chosen."""
 
 FRESH = 0.05
-"""How old a snapshot may be for its arm to be there [s]; chosen, some periods."""
+"""An arm answers if its last snapshot is not older than this [s]; chosen, some periods."""
 
 
 class Leader(ABC):
@@ -174,7 +174,7 @@ class LocalLeader(Leader):
 
     Args:
         arm: The arm.
-        lets_go: Whether its joints are let go of while it leads, and held again afterwards.
+        lets_go: Whether its joints are released while it leads, and held again afterwards.
     """
 
     def __init__(self, arm: LocalArm, *, lets_go: bool = True) -> None:
@@ -203,7 +203,7 @@ class LocalLeader(Leader):
                 executor.hold().result()
 
     def recover(self) -> None:
-        """See ``Leader.recover``: after a fault the joints are let go of again."""
+        """See ``Leader.recover``: after a fault the joints are released again."""
         for executor in self._arm.executors:
             executor.release().result()
 

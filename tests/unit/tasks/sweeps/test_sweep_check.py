@@ -80,8 +80,8 @@ def test_a_waypoint_in_something_new_is_named_with_what_it_is(tmp_path):
 
 def test_a_way_that_servos_cannot_bear_is_told_though_its_ends_are_free(tmp_path):
     _, failed = checked(tmp_path / "out", PROGRAM, payload=1.5)
-    assert list(failed) == ["the way to waypoint 1 (left)", "the way to waypoint 3 (right)"]
-    assert "waypoint 1 (left): " in failed["the way to waypoint 1 (left)"]
+    assert list(failed) == ["the path to waypoint 1 (left)", "the way to waypoint 3 (right)"]
+    assert "waypoint 1 (left): " in failed["the path to waypoint 1 (left)"]
 
 
 def test_what_comes_before_the_first_stop_of_a_single_run_is_not_looked_at(tmp_path):
@@ -100,7 +100,7 @@ def test_the_way_back_to_where_a_loop_begins_is_looked_at(tmp_path):
     assert failed == {}
     assert (figures["waypoints"], figures["stops"]) == (4, 4)  # one of the ways leads back
     _, failed = checked(tmp_path / "heavy", looped, payload=5.0)
-    assert any("the way to waypoint 1 " in each for each in failed)
+    assert any("the path to waypoint 1 " in each for each in failed)
 
 
 def test_an_arm_that_is_calibrated_anew_reads_where_it_stood_at_the_same_ticks():

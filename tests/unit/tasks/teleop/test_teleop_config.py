@@ -63,7 +63,7 @@ def test_the_approach_is_never_faster_than_the_rest():
     ("attributes", "says"),
     [
         ({"leader_arm": ""}, "leader_arm"),
-        ({"follower_arm": "left"}, "leads already"),
+        ({"follower_arm": "left"}, "is the leader already"),
         ({"rate_hz": -1.0}, "rate_hz"),
         ({"rate_hz": 1001.0}, "rate_hz"),
         ({"max_consecutive_errors": -1.0}, "max_consecutive_errors"),
