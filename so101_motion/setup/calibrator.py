@@ -1,13 +1,13 @@
 """Calibrate and set up motors on a serial port that an arm may be using at the same time.
 
-``calib`` knows how a calibration goes and how a servo is set up; ``rig`` knows who has the port.
-Here the two meet. The bus is borrowed when a calibration starts, and for the length of each motor
-setup request. It goes back when the calibration is saved, aborted or reset, whoever asks for that,
-and what it finds then is in force at once: a saved calibration for a running arm, with the joints
-held where they stand; after an abort the former calibration, with the joints held if they were.
+``calib`` has the calibration procedure and the motor setup; ``rig`` has the port. This file
+connects them. The bus is borrowed when a calibration starts, and for each request of the motor
+setup. It is given back when the calibration is saved, aborted or reset, and the result is in force
+at once: after a save the new calibration, with the joints held where they are; after an abort the
+former one, with the joints held if they were before.
 
-Commands may come from any thread, are carried out one at a time, and take as long as they take.
-``situation`` never waits.
+Commands may come from any thread, are carried out one at a time, and may take long. ``situation``
+never waits.
 """
 
 from __future__ import annotations
@@ -49,8 +49,9 @@ class StepResult:
     """The result of a calibration step.
 
     Attributes:
-        stored: What the file says now; None if nothing was saved.
-        trouble: Why the arm does not do what it should now; None if it does.
+        stored: The content of the file now; None if nothing was saved.
+        holds: Whether the joints are held now.
+        trouble: Why the arm is not held as it should be; None if it is.
     """
 
     stored: Stored | None = None
@@ -59,13 +60,13 @@ class StepResult:
 
     @property
     def put_back(self) -> str:
-        """How the arm is left after an abort, in words."""
+        """Text that says how the arm is left after an abort."""
         trouble = f". But: {self.trouble}" if self.trouble else ""
         return f"the motors hold what they held before; {about_torque(self.holds)}{trouble}"
 
 
 def about_torque(holds: bool | None) -> str:
-    """Whether the joints are held, in words; None if no motor answers."""
+    """Text that says whether the joints are held; ``holds`` is None if no motor answers."""
     if holds is None:
         return "no motor answers"
     if holds:
@@ -78,10 +79,10 @@ class Situation:
     """The state of calibration, motor setup and arm at one instant.
 
     Attributes:
-        joints: The joints that are calibrated, base to jaw: of the calibration under way, else of
-            the one in force.
-        angles: Where they are [rad], those that are known. From ``set_homing`` on that is counted
-            from the middle of the joint's limits, for no calibration is in force then.
+        joints: The calibrated joints, base to jaw: of the calibration under way, else of the one in
+            force.
+        angles: Their angles [rad], as far as known. From ``set_homing`` on they are counted from
+            the middle of the joint's limits, because no calibration is in force then.
         calibration_file: Where a calibration is saved, absolute.
         holds: Whether any joint is driven; None if no servo answers.
     """
@@ -103,7 +104,7 @@ class Situation:
 
     @property
     def untouched(self) -> str:
-        """How the arm is left when no calibration is under way, in words."""
+        """Text that says how the arm is left when no calibration was under way."""
         return f"nothing is under way, so nothing was changed; {about_torque(self.holds)}"
 
 
@@ -136,7 +137,7 @@ class BaseCalibrator(ABC):
     @property
     @abstractmethod
     def situation(self) -> Situation:
-        """Everything there is to know now; never waits."""
+        """The present state; never waits."""
 
     @abstractmethod
     def step(self, command: Command, *, accept: Collection[str] = ()) -> StepResult:
@@ -148,7 +149,7 @@ class BaseCalibrator(ABC):
 
     @abstractmethod
     def restore(self, number: int | None = None) -> StepResult:
-        """Let the file and the servos hold a former version; the last other one by default."""
+        """Restore an earlier version in file and servos; the last one that differs by default."""
 
     @abstractmethod
     def close(self) -> None:
@@ -156,7 +157,7 @@ class BaseCalibrator(ABC):
 
     @property
     def is_under_way(self) -> bool:
-        """Whether a calibration is."""
+        """Whether a calibration is under way."""
         return self.situation.view.state is not State.IDLE
 
 
@@ -206,7 +207,7 @@ class Calibrator(BaseCalibrator):
 
     @property
     def situation(self) -> Situation:
-        """Everything there is to know now; never waits."""
+        """The present state; never waits."""
         session, servos = self._session, self._rig.servos
         view, is_active = session.view, session.is_active
         joints = view.joints  # none yet while a start is on its way
@@ -227,12 +228,12 @@ class Calibrator(BaseCalibrator):
     # Calibrating
 
     def step(self, command: Command, *, accept: Collection[str] = ()) -> StepResult:
-        """Carry out a step. ``start`` borrows the bus; whatever ends the calibration returns it.
+        """Carry out a step. ``start`` borrows the bus; the end of the calibration returns it.
 
-        After ``save`` the arm has the new calibration, and the joints are held where they stand.
+        After ``save`` the arm has the new calibration, and the joints are held where they are.
 
         Raises:
-            MotionError: Something moves, or the bus is lent to somebody else.
+            MotionError: Something moves, or the bus is lent already.
             BusError: As ``Session.step``; so are CalibrationError and ConfigError.
         """
         with self._lock:
@@ -251,7 +252,7 @@ class Calibrator(BaseCalibrator):
 
         Raises:
             CalibrationError: A calibration is under way.
-            MotionError: Something moves, or the bus is lent to somebody else.
+            MotionError: Something moves, or the bus is lent already.
         """
         with self._lock:
             self._refuse_active("hold the joints")
@@ -262,11 +263,11 @@ class Calibrator(BaseCalibrator):
         """Restore an earlier version of the calibration, in the file and in the servos.
 
         Args:
-            number: Which version; the last that says something else if not given.
+            number: Number of the version; the last one that differs if not given.
 
         Raises:
             CalibrationError: A calibration is under way, or there is no such version.
-            MotionError: Something moves, or the bus is lent to somebody else.
+            MotionError: Something moves, or the bus is lent already.
         """
         with self._lock:
             self._refuse_active("go back")
@@ -291,7 +292,7 @@ class Calibrator(BaseCalibrator):
     def _file(self) -> Path:
         settings = self._rig.settings
         file = settings.calibration_file or settings.fallback_file
-        assert file is not None  # who calibrates has said where to
+        assert file is not None  # a calibrator's settings always have one
         return file
 
     def _refuse_active(self, then: str) -> None:

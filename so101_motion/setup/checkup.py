@@ -1,7 +1,7 @@
 """Check whether an arm is fit to move: a list of checks, each with a verdict and what to do.
 
-A check judges ``Findings`` and touches nothing, so the terminal, the page and a request over the
-network show the same list. A failed check means that the arm must not or cannot be moved as it is.
+A check only judges ``Findings``, so the terminal, the page and a request over the network show the
+same list. A failed check means that the arm must not or cannot be moved as it is.
 A warning means that it works, but not as well as it could.
 """
 
@@ -25,8 +25,8 @@ Verdict = Literal["ok", "warn", "fail"]
 
 _PERIOD = 0.01  # [s], the control loop's
 _FREE_SPEED = {7.4: to_rad(312.0), 12.0: to_rad(270.0)}
-"""What a servo turns at without load at its rated voltage [rad/s]: data sheets of the C001 and the
-C018. It is proportional to the voltage."""
+"""Speed of a servo without load at its rated voltage [rad/s]: data sheets of the C001 and the C018.
+It is proportional to the voltage."""
 _USABLE = 0.7  # share of it that is left under the arm's loads; chosen
 
 
@@ -51,7 +51,7 @@ def ok(name: str, sentence: str) -> Check:
 
 
 def warn(name: str, sentence: str, fix: str) -> Check:
-    """A check that found a problem the arm works with, but not as well as it could."""
+    """A check with a warning: the arm works, but not as well as it could."""
     return Check(name=name, verdict="warn", sentence=sentence, fix=fix)
 
 
@@ -61,7 +61,7 @@ def fail(name: str, sentence: str, fix: str) -> Check:
 
 
 def check_up(seen: Findings) -> tuple[Check, ...]:
-    """Run all checks, in the order in which to fix what they find."""
+    """Run all checks, in the order in which problems should be fixed."""
     return tuple(check for checks in _CHECKS for check in checks(seen))
 
 
@@ -250,7 +250,7 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
     if missing:
         yield fail(
             "calibration",
-            f"{stored.path} does not know {', '.join(missing)}",
+            f"{stored.path} lacks {', '.join(missing)}",
             f"so101 calibrate --joint {missing[0]}",
         )
     there = {joint: held(facts) for joint, facts in seen.facts.items()}

@@ -19,7 +19,14 @@ from so101_motion.drivers.feetech.servo_judgement import lossy_share, sag
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Examination:
-    """What an examination of the servos read."""
+    """The result of reading the servos.
+
+    Attributes:
+        names: The joint of each servo that should be there, by id.
+        heard: Ids of all servos that answer.
+        servos: Their registers, by id.
+        counters: Counters of replies and losses, by id.
+    """
 
     names: Mapping[int, str]
     heard: tuple[int, ...]
@@ -33,7 +40,7 @@ class Examination:
 
 
 def examine(bus: Bus, names: Mapping[int, str]) -> Examination:
-    """Read what the servos hold."""
+    """Read all servos."""
     heard = set(bus.scan())
     servos = {}
     for servo_id in names:
@@ -83,8 +90,8 @@ def _missing(seen: Examination) -> list[str]:
     unexpected = [i for i in seen.heard if i not in seen.names]
     if unexpected:
         found.append(
-            f"unexpected servos answer: {', '.join(map(str, unexpected))}; a servo as new has id 1,"
-            " so one was perhaps never set up: run the motor setup"
+            f"unexpected servos answer: {', '.join(map(str, unexpected))}; a new servo has id 1, so"
+            " one was perhaps never set up: run the motor setup"
         )
     return found
 
@@ -113,14 +120,14 @@ def _each(seen: Examination) -> list[str]:
         found += [f"{seen.label(servo_id)}: {problem}" for problem in problems]
     if is_everyone:
         found.append(
-            f"{100 * min(lost.values()):.1f} % of the questions got no answer, from whichever"
-            " servo: this computer is too busy to listen, or the first cable is loose"
+            f"{100 * min(lost.values()):.1f} % of the questions got no answer, with every servo:"
+            " this computer is too busy, or the first cable is loose"
         )
     return found
 
 
 def _about_settings(facts: ServoFacts) -> list[str]:
-    """The settings with which a servo does not do what the driver expects."""
+    """List the settings that keep a servo from working with the driver."""
     found = [f"{odd}; reinitialize, or set it up again" for odd in facts.odd_settings]
     if not facts.is_sts3215:
         found.append(f"is a {facts.model}, not an STS3215; replace it")

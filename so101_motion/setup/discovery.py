@@ -1,12 +1,12 @@
 """Find the arms that are plugged in, and suggest a configuration for each.
 
-Every port is looked at in a thread of its own, so that one that hangs or fails hides no other. A
-port that a component of this process uses is not opened; its rig says what is on it. A port that
-another program has open is left alone as well. What is opened is only asked, never written to.
+Every port is checked in a thread of its own, so that one that hangs or fails hides no other. A port
+that a component of this process uses is not opened; its rig knows what is on it. A port that
+another program has open is left alone as well. Servos are only read, never written to.
 
-An arm is suggested once all five of its servos answer, a gripper if its servo does as well. For
-anything less there is the calibration sensor, with which motors are set up. Names go by the
-adapter's serial number, and ports are called by the name that stays, so what was configured from a
+An arm is suggested if all five of its servos answer, a gripper if its servo does as well. Otherwise
+only the calibration sensor is suggested, with which motors are set up. Names are made from the
+adapter's serial number, and ports have their lasting names, so that a configuration made from a
 suggestion still fits when the adapters are plugged in differently.
 """
 
@@ -49,13 +49,13 @@ _log = logging.getLogger(__name__)
 OpenBus = Callable[[str, int], Bus]
 
 APART = 0.5
-"""How far apart arms are said to stand [m]; chosen, so that two arms that are configured as they
-were found are not in one place. Where they really stand has to be measured."""
+"""Distance between arms in the suggested frames [m]; chosen, so that two arms are not in the same
+place. Their real positions have to be measured."""
 
 LONGEST = 8.0
-"""How long all ports together are looked at [s]. An arm takes 0.1 s, an adapter without servos
-0.6 s, a port that hangs all of it. Chosen: a computer with ten programs for each processor was seen
-to take 2.4 s for an arm."""
+"""Time limit for all ports together [s]. An arm takes 0.1 s, an adapter without servos 0.6 s, a
+port that hangs all of it. Chosen: a computer with ten programs for each processor took 2.4 s for an
+arm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +123,7 @@ def discover(
 
 
 def _side_by_side(reports: Sequence[PortReport]) -> list[PortReport]:
-    """Give each arm a place beside the others."""
+    """Give each arm a suggested position beside the others."""
     arms = [report.port for report in reports if report.has_arm]
     return [
         replace(report, stands_at=APART * arms.index(report.port)) if report.has_arm else report
@@ -255,21 +255,21 @@ def _calibration(
 ) -> tuple[Path | None, str]:
     """Choose the calibration file to configure, with a sentence about it.
 
-    One that says what the servos hold; else one that carries this adapter's name. Only files of
-    this module are configured: the calibration sensor will write to them, and LeRobot does not read
-    what others wrote into its files.
+    It is one that agrees with the servos; else one with this adapter's name. Only files of this
+    module are configured: the calibration sensor will write to them, and LeRobot does not read
+    files of other programs.
     """
     own = [found for found in fitting if _is_own(found)]
     if own:
-        return _place(own[0]), f"its servos hold what {_place(own[0])} says"
+        return _place(own[0]), f"its servos agree with {_place(own[0])}"
     for found in files:
         place = _place(found)
         if found.stored is not None and _is_own(found) and place.name == file_name(port):
             return place, f"{place} is its calibration file, though its servos hold something else"
     if fitting:
-        return None, f"its servos hold what {fitting[0].path} says"
+        return None, f"its servos agree with {fitting[0].path}"
     if any(seen.servos[i].is_calibrated for i in SERVO_IDS.values() if i in seen.servos):
-        return None, "its servos hold a calibration, no file does"
+        return None, "its servos are calibrated, but no calibration file was found"
     return None, "it is not calibrated"
 
 
@@ -288,7 +288,7 @@ def _place(found: FoundFile) -> Path:
 def _about_no_arm(seen: ServosOnBus) -> str:
     if seen.is_empty:
         return (
-            "the adapter is there, but no servo answers; check that the arm's power supply is on"
+            "the adapter is connected, but no servo answers; check that the arm's power is on"
             " and that the first cable is plugged in"
         )
     others = [facts for facts in seen.servos.values() if not facts.is_sts3215]

@@ -1,7 +1,7 @@
-"""Findings about an arm before they are judged; ``examine`` measures its servos and bus.
+"""Measure an arm's servos and bus, and hold all findings for the check-up.
 
-``examine`` asks the servos and writes nothing; the caller fills in the port and the file.
-``checkup`` judges all of it.
+``examine`` reads the servos and writes nothing; the caller fills in the port and the file.
+``checkup.py`` judges all of it.
 """
 
 from __future__ import annotations
@@ -52,19 +52,19 @@ class BusQuality:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Findings:
-    """What was found out about an arm. What could not be found out is None or empty.
+    """The findings about an arm; unknown ones are None or empty.
 
     Attributes:
-        software: Versions of what matters, by name; empty text for what is missing.
+        software: Versions of this package and others, by name; empty text for missing ones.
         port: The serial port; None for the simulated arm.
         supply_trouble: What is wrong with the supply of the first servo and what to do about it, as
             long as not all servos were looked at.
-        latency_timer: For how long the adapter holds bytes back [s].
+        latency_timer: How long the adapter holds bytes back [s].
         file: The calibration file; None when there is none.
-        stored: What it says; None when it cannot be used.
-        servo_changes: How servos differ from when they were identified the time before.
-        speed: Joint speed that is planned with [rad/s]; None when nothing can be moved.
-        acceleration: Joint acceleration that is planned with [rad/s^2]; likewise.
+        stored: Its content; None when it cannot be used.
+        servo_changes: How servos have changed between the last two identifications.
+        speed: Joint speed cap of plans [rad/s]; None when nothing can be moved.
+        acceleration: Joint acceleration cap of plans [rad/s^2]; None when nothing can be moved.
         planning_time: How long a motion took to plan [s].
     """
 
@@ -101,7 +101,7 @@ class Findings:
 def software() -> dict[str, str]:
     """The versions of this package and its dependencies, by name; empty text if missing.
 
-    What only some systems need is there if it is installed.
+    Dependencies of some systems only are listed if they are installed.
     """
     names, sometimes = ["so101-motion"], set()
     with contextlib.suppress(metadata.PackageNotFoundError):
@@ -133,7 +133,7 @@ def examine(access: BusAccess) -> tuple[Verification, BusQuality | None]:
     """Measure the servos and how well they answer; takes a second and writes nothing.
 
     Returns:
-        The second is None when nobody answers.
+        The bus quality is None when no servo answers.
     """
     with Tuner(access) as tuner:
         servos = chain_check.verify(tuner)

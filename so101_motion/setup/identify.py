@@ -1,12 +1,12 @@
-"""Let an arm find out how its servos differ from their type, and what its hand carries.
+"""Move an arm's joints to identify how its servos differ from their type, and the load in its hand.
 
-From a pose with the hand up and forward one joint after the other goes to and fro through a wide
-part of its range, once slowly and once less slowly, clear of everything that is known; the shoulder
-once more with the wrist folded either way. Goals, positions and supply are recorded;
-``identify_figures.py`` makes figures of them.
+From a pose with the hand up and forward, one joint after the other moves to and fro through a wide
+part of its range, once slowly and once faster, clear of all known obstacles; the shoulder once more
+with the wrist folded either way. Goals, positions and supply are recorded, and
+``identify_figures.py`` computes the figures from them.
 
-``Identification.outline`` plans all of it and moves nothing; a person is told what will move how
-far and agrees. ``move_and_record`` moves; Stop and ``cancel`` end it at any instant.
+``Identification.outline`` plans all of it and moves nothing; the user is told what will move how
+far and has to agree. ``move_and_record`` moves; Stop and ``cancel`` end it at any moment.
 """
 
 from __future__ import annotations
@@ -45,19 +45,19 @@ SWEEPS = {
     "shoulder_pan": (-25.0, 25.0), "shoulder_lift": (-45.0, 35.0), "elbow_flex": (-88.0, 5.0),
     "wrist_flex": (-70.0, 50.0), "wrist_roll": (-60.0, 60.0),
 }  # fmt: skip
-"""From where to where each joint goes [deg]."""
+"""The ends between which each joint moves [deg]."""
 
 FOLDS = {"shoulder_lift": (to_rad(-80.0), to_rad(80.0))}
-"""At which further angles of the wrist a joint goes to and fro once more, slowly [rad]. The hand is
-nearer to the shoulder then, or farther, which tells how heavy a load is from where its centre is:
-by the covariance of the fit, 100 g to 3.5 g instead of 5.5, and along the hand 5 mm, not 11."""
+"""Further wrist angles at which a joint moves to and fro once more, slowly [rad]. The hand is then
+nearer to the shoulder, or farther, which separates a load's mass from its centre: by the covariance
+of the fit, 100 g to 3.5 g instead of 5.5, and along the hand 5 mm instead of 11."""
 
 SPEEDS = (to_rad(15.0), to_rad(45.0))
-"""Of a sweep [rad/s]. Chosen: above the slowest speed of a servo's own set-point, 9 deg/s, and fast
-enough for dead time and friction to be told apart."""
+"""Speeds of a sweep [rad/s]. Chosen: above the slowest speed of a servo's own set-point, 9 deg/s,
+and fast enough for dead time and friction to be told apart."""
 
 ACCELERATION = to_rad(150.0)
-"""At the ends of a sweep [rad/s^2]; chosen."""
+"""Acceleration at the ends of a sweep [rad/s^2]; chosen."""
 
 _WRIST = ARM_JOINTS.index("wrist_flex")
 _RAISED = JointGoal(q=BASE)
@@ -70,9 +70,9 @@ class Sweep:
     """The motion of one joint.
 
     Attributes:
-        ends: From where to where [rad].
-        folds: At which further angles of the wrist as well [rad].
-        duration: How long that takes about [s].
+        ends: The ends between which it moves [rad].
+        folds: Further wrist angles at which it moves as well [rad].
+        duration: How long that takes, roughly [s].
     """
 
     joint: str
@@ -81,7 +81,7 @@ class Sweep:
     duration: float
 
     def __str__(self) -> str:
-        """What will move how far."""
+        """Text that says what will move how far."""
         folds = " and ".join(f"{to_deg(fold):.0f}°" for fold in self.folds)
         far = f"{self.joint} from {to_deg(self.ends[0]):.0f}° to {to_deg(self.ends[1]):.0f}°"
         return f"{far}, also with the wrist at {folds}" if folds else far
@@ -89,10 +89,10 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentificationOutline:
-    """What will be moved, for the person who agrees to it.
+    """The motions of an identification, for the user to agree to.
 
     Attributes:
-        raising: How long the arm takes to where the sweeps begin [s].
+        raising: How long the arm takes to the pose in which the sweeps begin [s].
     """
 
     raising: float
@@ -119,8 +119,8 @@ class Identification:
 
     Args:
         rig: The arm, on a port of this computer.
-        joints: Which joints are looked at.
-        search: How its motions are planned, and in which scene if not the arm's own.
+        joints: The joints to identify.
+        search: Options of the search for its motions, with a scene if not the arm's own.
     """
 
     def __init__(
@@ -170,10 +170,11 @@ class Identification:
 
         Args:
             outline: What ``outline`` returned; the arm still stands there.
-            on_progress: Hears which joint moves and what share is done, on this thread.
+            on_progress: Called with the joint that moves and the share that is done, on this
+                thread.
 
         Returns:
-            What each joint did.
+            The record of each joint.
 
         Raises:
             So101Error: The arm could not finish; it holds.
@@ -201,18 +202,18 @@ class Identification:
         return self._records
 
     def report(self, *, hand_is_empty: bool, keeps: bool) -> IdentifyReport:
-        """Compute the figures from what was recorded, and keep them beside the calibration.
+        """Compute the figures from the records, and save them beside the calibration.
 
-        It takes some seconds of a processor, in a process of its own: an arm may be moving.
+        It takes some seconds of a processor, in a separate process, because an arm may be moving.
 
         Args:
-            hand_is_empty: Whether it is known that the hand carries nothing.
-            keeps: Whether to keep them; else the figures that are kept are compared with the arm.
+            hand_is_empty: Whether the hand is known to be empty.
+            keeps: Whether to save them; else the saved figures are compared with the arm.
 
         Raises:
-            CalibrationError: What is kept cannot be used.
-            OSError: They cannot be kept.
-            WorkerError: It was cancelled, or there is no process to compute in.
+            CalibrationError: The saved figures cannot be used.
+            OSError: They cannot be saved.
+            WorkerError: It was cancelled, or the process could not be started.
         """
         file = self._rig.settings.file
         before = None if file is None else servo_file.read(file)
@@ -225,7 +226,7 @@ class Identification:
         return IdentifyReport(found=now, before=before, predictions=told, file=kept)
 
     def write_recordings(self, folder: Path, *, hand_is_empty: bool) -> tuple[Path, ...]:
-        """Write what was recorded into ``folder``, one file a joint; see ``write_recordings``."""
+        """Write the records into ``folder``, one file a joint; see ``write_recordings``."""
         load = None if hand_is_empty else self._load
         weights = weights_of(self._records, gravity_of, load)
         return write_recordings(folder, self._records, weights)
@@ -253,7 +254,7 @@ class Identification:
         raise trouble
 
     def _limits(self, speed: float) -> MotionLimits:
-        """A pace of at most ``speed`` [rad/s], within the arm's own caps."""
+        """Caps with at most ``speed`` [rad/s], within the arm's own."""
         acceleration = min(ACCELERATION, self._rig.arm.acceleration)
         return MotionLimits.uniform(
             velocity=min(speed, self._rig.arm.speed),
@@ -272,11 +273,11 @@ class Identification:
 
 
 class _Tape:
-    """What the joint that moves does, and what its servo is sent.
+    """Records the moving joint's states and the commands to its servo.
 
     Attributes:
-        joint: Which joint moves; empty before the first.
-        listener: Who else hears the commands.
+        joint: The joint that moves; empty before the first.
+        listener: Called with the commands as well.
     """
 
     def __init__(self, rig: HardwareRig) -> None:
@@ -333,7 +334,7 @@ class _Tape:
 
 
 def _legs(sweep: Sweep) -> Iterator[tuple[Array, float]]:
-    """The motions of a sweep: to which configurations [rad], and how fast [rad/s]."""
+    """The motions of a sweep: goal configurations [rad] and speeds [rad/s]."""
     i = ARM_JOINTS.index(sweep.joint)
     for fold in (None, *sweep.folds):
         base = BASE if fold is None else _with(BASE, _WRIST, fold)

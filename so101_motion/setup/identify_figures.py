@@ -1,7 +1,7 @@
-"""Compute what an identification found, from what it recorded; numbers in, numbers out.
+"""Compute the figures of an identification from its records; numbers in, numbers out.
 
-It takes some seconds of a processor, so it is done in a process of its own. Nothing here knows of
-an arm or a port; that keeps the start of that process short.
+It takes some seconds of a processor, so it runs in a separate process. It imports neither arm nor
+port, which keeps the start of that process short.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Prediction:
 
     Attributes:
         as_sold: With the figures of the servo's type.
-        as_known: With the figures that are kept, or were just found.
+        as_known: With the saved figures, or those just found.
     """
 
     as_sold: float
@@ -40,20 +40,20 @@ def figures(
     known: Mapping[str, ServoFigures],
     judges_found: bool,
 ) -> tuple[Identified, dict[str, Prediction]]:
-    """What the records say of the servos, and how well figures predict what the joints did.
+    """Identify the servos from records, and test how well the figures predict the joints' motion.
 
     Args:
-        records: What each joint did, by name; those of all joints are needed to weigh a load.
-        hand_is_empty: Whether it is known that the hand carries nothing.
-        known: Figures of an earlier time with an empty hand; with something in it only a load is
-            then looked for with an open mind.
-        judges_found: Whether the predictions are of what was found; else of what was known.
+        records: The record of each joint, by name; a load's mass needs those of all joints.
+        hand_is_empty: Whether the hand is known to be empty.
+        known: Earlier figures, from an empty hand; with a load in the hand they stay nearly fixed,
+            and only the load is identified freely.
+        judges_found: Whether the predictions use the new figures; else the known ones.
     """
     found = identify(
         records,
         gravity_of,
         hand=None if hand_is_empty else place_in_hand(RobotModel.load()),
-        known=None if hand_is_empty else known,  # an empty hand leaves no doubt, so look anew
+        known=None if hand_is_empty else known,  # with an empty hand the servos are identified anew
     )
     weights = weights_of(records, gravity_of, found.load)
     servos = found.servos if judges_found else known

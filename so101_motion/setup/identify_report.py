@@ -1,4 +1,4 @@
-"""What an identification found, compared with the last one, and how well it predicts the arm."""
+"""Report an identification: its figures, the changes since the last one, and its predictions."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from so101_motion.drivers.emulator.hardware import SO101
 from so101_motion.setup.identify_figures import Prediction
 
 CHANGED = 0.25
-"""By which share friction or torque must differ from the last time to be worth a word. Chosen:
-twice what two identifications of one arm differ by."""
+"""Friction or torque must differ from the last time by this share to be reported. Chosen: twice as
+much as two identifications of one arm differ."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,10 +30,10 @@ class IdentifyReport:
     """The result of an identification.
 
     Attributes:
-        found: What is known now.
-        before: What was known before; None if nothing was.
-        predictions: By joint.
-        file: Where it is kept; None if it is not.
+        found: The new figures.
+        before: The figures before; None if there were none.
+        predictions: How well figures predict each joint, by name.
+        file: The file that it is saved in; None if it is not saved.
     """
 
     found: ServoRecord
@@ -56,7 +56,7 @@ class IdentifyReport:
         }
 
     def text(self) -> str:
-        """For people."""
+        """The report as a table."""
         lines = [
             f"{'joint':<15}{'torque':>8}{'friction':>10}{'dead time':>11}{'play':>8}"
             f"{'off, as sold':>14}{'as known':>10}"
@@ -75,8 +75,8 @@ class IdentifyReport:
         return "\n".join(lines) + "\n"
 
     def remarks(self) -> list[str]:
-        """What else there is to say: supply, load, and what has changed since the last time."""
-        said = [f"supply {self.found.volts:.1f} V; shares are of what the servo's type has"]
+        """Sentences about supply, load, and changes since the last time."""
+        said = [f"supply {self.found.volts:.1f} V; shares are of the servo type's figures"]
         load = self.found.load
         if load is not None:
             x, y, z = (to_mm(each) for each in load.com)
@@ -99,7 +99,7 @@ class IdentifyReport:
 
 
 def changes(before: ServoRecord | None, now: ServoRecord) -> Iterator[str]:
-    """Say by how much servos differ from the last time, as far as that is worth a word."""
+    """Describe how servos differ from the last time, if by more than ``CHANGED``."""
     if before is None:
         return
     for joint, each in now.servos.items():
@@ -116,7 +116,7 @@ def changes(before: ServoRecord | None, now: ServoRecord) -> Iterator[str]:
 
 
 def changes_since(calibration: Path) -> tuple[str, ...]:
-    """What is kept of the servos of a calibration, compared with what was kept before."""
+    """Describe the changes between the last two saved identifications of a calibration."""
     try:
         now = servo_file.read(calibration)
     except CalibrationError as error:
@@ -125,7 +125,7 @@ def changes_since(calibration: Path) -> tuple[str, ...]:
 
 
 def record_of(found: Identified) -> ServoRecord:
-    """What is kept of it."""
+    """The record to save."""
     load = found.load
     return ServoRecord(
         at=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -143,8 +143,8 @@ def write_recordings(
     They hold goals, positions, supply and weight, and neither a serial number nor a date.
 
     Args:
-        folder: Where to; it is made.
-        records: What each joint did.
+        folder: The folder; it is made.
+        records: The record of each joint.
         weights: The torque that held it at each sample, shape (k,), [N m].
 
     Raises:

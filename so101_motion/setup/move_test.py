@@ -1,15 +1,14 @@
 """Test an arm by small slow motions of each joint, and measure how well each follows its goals.
 
-One joint after the other leaves its place by ``SWING`` to one side, comes back, does the same to
-the other side, and comes back again. So it stands in one place three times, once from either side,
-and at both ends of its swing. At each stop its angle is averaged for a moment. The jaw opens a
-little and closes again.
+One joint after the other moves by ``SWING`` to one side, comes back, does the same to the other
+side, and comes back again. So it stops three times in its middle position, from either side, and at
+both ends of its swing. At each stop its angle is averaged for a moment. The jaw opens a little and
+closes again.
 
-Nothing moves before ``outline`` has found, for every joint, a swing that keeps within its range and
-clear of everything. A person is told what will move how far and agrees; then ``move_and_measure``
-runs it as one motion, so that a stop ends all of it whenever it comes. Each leg is planned once
-more from where the arm then stands. The first trouble ends the test, and so does ``cancel``; the
-arm holds where it is.
+Nothing moves before ``outline`` has found, for every joint, a swing within its range and free of
+contact. The user is told what will move how far and has to agree; then ``move_and_measure`` runs it
+as one motion, so that a stop ends all of it at any time. Each leg is planned again from where the
+arm then is. The first trouble ends the test, and so does ``cancel``; the arm holds where it is.
 """
 
 from __future__ import annotations
@@ -41,19 +40,19 @@ from so101_motion.rig.protocols import GripperLike
 from so101_motion.setup.accuracy import JointAccuracy, Measurements, MoveReport
 
 SWING = to_rad(6.0)
-"""How far a joint leaves its place [rad]; chosen: 40 mm at the jaws of an arm at full stretch."""
+"""How far a joint moves to either side [rad]; chosen: 40 mm at the jaws of a stretched arm."""
 
 JAW_SWING = 0.12
 """How far the jaw opens, share of its travel; chosen: 13 deg."""
 
 LIMITS = MotionLimits.uniform(velocity=to_rad(15.0), acceleration=to_rad(60.0), jerk=to_rad(600.0))
-"""How fast; chosen: a hand can get out of the way."""
+"""Caps of the motions; chosen: a hand can get out of the way."""
 
 AVERAGED = 0.3
-"""For how long a standing joint is averaged [s]; chosen: 30 readings."""
+"""How long a standing joint is averaged [s]; chosen: 30 readings."""
 
-_MARGIN = to_rad(1.0)  # [rad] of its range that a joint is not sent into
-_SLOW = 0.4  # [s] that a stop takes about, beyond being measured: to slow down and to settle
+_MARGIN = to_rad(1.0)  # [rad] that a joint keeps from the ends of its range
+_SLOW = 0.4  # [s] that a stop takes beyond the measurement: to slow down and to settle
 _SHIFTS = (0.0, 1.0, -1.0)  # where the middle of a swing may be, in swings from where it stands
 _LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
 
@@ -63,9 +62,9 @@ class Swing:
     """The test motion of one joint.
 
     Attributes:
-        stops: Where it will stand, one after the other: angles [rad], of the jaw apertures. It
-            begins and ends where it stands now.
-        duration: How long that takes about [s].
+        stops: Where it will stop, one after the other: angles [rad], for the jaw apertures. It
+            begins and ends where it is now.
+        duration: How long that takes, roughly [s].
     """
 
     joint: str
@@ -75,7 +74,12 @@ class Swing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
-    """The motions of a test, for the person who agrees to them."""
+    """The motions of a test, for the user to agree to.
+
+    Attributes:
+        swings: The motions, in order.
+        obstacles: Joints that cannot be tested, each with the reason.
+    """
 
     swings: tuple[Swing, ...]
     obstacles: tuple[tuple[str, str], ...]
@@ -92,7 +96,7 @@ class Outline:
             return ""
         joints = " and ".join(joint for joint, _ in self.obstacles)
         if self.obstacles[0][0] == GRIPPER_JOINT:
-            return f"Left out is the {joints}: {self.obstacles[0][1]}."
+            return f"The {joints} is left out: {self.obstacles[0][1]}."
         return (
             f"Too little room to test: {joints}. To test them too, let go, move the arm to a more"
             " open pose, and have it held again."
@@ -167,10 +171,10 @@ class MoveTest:
 
         Args:
             outline: What ``outline`` returned; the arm still stands there.
-            on_progress: Hears how far the test is, on this thread.
+            on_progress: Called with the progress, on this thread.
 
         Returns:
-            What was measured. Troubles of the arm are in it, not raised.
+            The measurements. Troubles of the arm are in it, not raised.
         """
         began_at, t_begin = datetime.now(UTC), self._clock.now()
         run = _Run(self._arm, self._gripper, outline, on_progress)
@@ -227,8 +231,8 @@ class _Stop:
 class _Run:
     """One run of the test, from the first motion to the last.
 
-    The motion's own thread goes through ``steps``; whoever called looks at the arm meanwhile
-    (``look``) and measures. At each stop the motion waits until that is done.
+    The motion's own thread runs ``steps``; the caller's thread reads the arm meanwhile (``look``)
+    and measures. At each stop the motion waits until that is done.
     """
 
     def __init__(

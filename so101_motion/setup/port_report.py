@@ -1,11 +1,11 @@
 """Report what was found on a port, and suggest components to configure for it.
 
-Suggestions have the published module's names and shape, with these differences. A gripper gets a
-port of its own, as in that module's documentation, so that it works whatever the arm ends up being
-called. The calibration sensor always gets a file of its own, so that two arms on one machine do not
-write to the same one; the file need not exist before the first calibration. And an arm and a
-gripper get a frame, without which no motion service knows where they are. What a component has
-already is not suggested again.
+Suggestions have the published module's names and form, with these differences. A gripper gets a
+port of its own, as in that module's documentation, so that it works whatever the arm's name. The
+calibration sensor always gets a file of its own, so that two arms on one machine do not write to
+the same one; the file need not exist before the first calibration. An arm and a gripper get a
+frame, because a motion service needs their positions. Parts that are configured already are not
+suggested again.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ PART_BY_MODEL = {
     "devrel:so101:gripper": "gripper",
     "devrel:so101:calibration": "calibration",
 }
-"""Which part of an arm a component of each model is."""
+"""The part of an arm that each model is for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +36,8 @@ class Frame:
     """The frame of a suggested component.
 
     Attributes:
-        y: How far to the left of it [m].
+        parent: Name of the frame that it is in.
+        y: How far to the left of that frame [m].
     """
 
     parent: str
@@ -50,7 +51,7 @@ class Suggestion:
     Attributes:
         api: Its API, such as ``"rdk:component:arm"``.
         model: Its model, such as ``"devrel:so101:arm"``.
-        frame: Where it is; None for what is nowhere.
+        frame: Its frame; None if it has none.
     """
 
     name: str
@@ -65,14 +66,14 @@ class PortReport:
     """What was found on a port.
 
     Attributes:
-        baudrate: At which rate [bit/s].
+        baudrate: The bus's rate [bit/s].
         configured: The parts that components of this process have on the port: ``"arm"``,
             ``"gripper"``, ``"calibration"``.
-        arm_name: What the arm on the port is called; empty for what is suggested.
-        stands_at: How far the arm is said to stand to the left of the first one [m].
-        volts: What the first servo is fed with [V]; None if none answers.
-        nominal_volts: What it is made for [V]: 7.4 or 12; likewise.
-        supply_trouble: What is wrong with that and what to do about it; None if nothing is.
+        arm_name: Name of the arm on the port; empty to suggest one.
+        stands_at: Suggested position of the arm, to the left of the first one [m].
+        volts: Supply of the first servo [V]; None if none answers.
+        nominal_volts: Its rated supply [V]: 7.4 or 12; None if none answers.
+        supply_trouble: What is wrong with the supply and what to do; None if nothing is.
         calibration: The calibration file to configure; None if there is none.
     """
 
@@ -174,8 +175,8 @@ def file_name(port: FoundPort) -> str:
 def name_in_data(file: Path) -> str | None:
     """The name in a configuration of a file in the module's data directory.
 
-    None for any other file, which has to be called by its path, and where there is no such
-    directory: on the command line a name means what lies in the current one.
+    None for any other file, which needs its full path, and if there is no such directory: on the
+    command line a plain name means a file in the working directory.
     """
     if not os.environ.get("VIAM_MODULE_DATA"):
         return None

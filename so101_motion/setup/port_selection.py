@@ -1,6 +1,6 @@
-"""Choose the port the arm is on, or say what is wrong with it, by looking at all ports.
+"""List the ports that an arm may be on, with their problems, and choose its calibration file.
 
-The terminal, the doctor and the setup page all ask here. Nothing is written to a servo.
+The terminal, the doctor and the setup page use this. Nothing is written to a servo.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ class PortsSeen:
 
     Attributes:
         candidates: The ports with servo adapters and those that were named, the likeliest first.
+        nothing: Findings to show if there is no candidate.
     """
 
     candidates: tuple[Candidate, ...] = ()
@@ -66,7 +67,7 @@ def look(named: Collection[str] = (), *, reply_timeout: float = REPLY_TIMEOUT) -
     """Look at the adapters that are plugged in; takes as long as ``discover``.
 
     Args:
-        named: Ports that are looked at whatever they are. If there are any, no other is.
+        named: Ports to look at, of any kind; if there are any, no others are looked at.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
     """
     found = discover(named, reply_timeout=reply_timeout)
@@ -105,12 +106,12 @@ def about(report: PortReport) -> Findings:
 def calibration_file(report: PortReport, name: str = "") -> Path:
     """The path of the calibration of the arm on a port.
 
-    That is the file that is this arm's already, by what its servos hold or by its name; else one in
-    the user's own data directory, named after the adapter.
+    That is the arm's present file, if one agrees with its servos or has its name; else one in the
+    user's data directory, named after the adapter.
 
     Args:
-        report: What was found on the port.
-        name: What the user calls the arm, such as ``"leader"``; a file of that name, if not empty.
+        report: The report of the port.
+        name: The user's name for the arm, such as ``"leader"``; if not empty, a file of that name.
 
     Raises:
         CalibrationError: This user has no home.

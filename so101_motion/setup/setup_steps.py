@@ -1,9 +1,9 @@
 """The steps from a box of parts to a moving arm, and whether each is done.
 
 The page, the terminal, the calibration sensor and ``so101 doctor`` all use this list. Each step
-judges a ``SetupState`` and touches nothing.
+only judges a ``SetupState``.
 
-A check that fails means that one cannot go on yet: its sentence says what is missing, its fix what
+A failed check means that the user cannot go on yet: its sentence says what is missing, its fix what
 to do.
 """
 
@@ -31,9 +31,11 @@ class SetupState:
     """The state of a setup, which the steps judge.
 
     Attributes:
-        seen: What was looked at: the port, and the servos of the finished chain.
-        saved: Where the calibration that counts is kept; None before it is saved.
-        tested: What the final test has found; None before it.
+        seen: The findings about the port and the servos of the finished chain.
+        setup: The state of the motor setup.
+        view: The state of the calibration.
+        saved: The file of the calibration in force; None before it is saved.
+        tested: The result of the final test; None before it.
     """
 
     seen: Findings = field(default_factory=Findings)
@@ -70,7 +72,7 @@ class SetupStep:
     """One step of a setup.
 
     Attributes:
-        minutes: How long it takes somebody who does it for the first time. Chosen.
+        minutes: How long it takes a beginner. Chosen.
     """
 
     name: str
@@ -96,7 +98,7 @@ class Workflow:
 
     @property
     def extent(self) -> str:
-        """The number of steps and how long they take, in words."""
+        """The number of steps and how long they take, as text."""
         return f"{len(self.steps)} steps, about {self.minutes} minutes"
 
     def place(self, name: str) -> int | None:
@@ -112,7 +114,7 @@ class Workflow:
 
 
 def worst(name: str, checks: Iterable[Check]) -> Check | None:
-    """The first of the worst of ``checks``, under another name; None if there is none."""
+    """The worst of ``checks``, the first one of equals, under another name; None without checks."""
     ranked = sorted(checks, key=lambda check: ("fail", "warn", "ok").index(check.verdict))
     if not ranked:
         return None
@@ -170,19 +172,19 @@ def _complete(known: SetupState) -> Check:
         )
     about_chain = check_up(Findings(servos=servos))
     found = worst("chain", (check for check in about_chain if check.name != "calibration"))
-    assert found is not None  # of servos that were looked at something is always told
+    assert found is not None  # servos that were examined always give a check
     return found
 
 
 def _assembled(known: SetupState) -> Check:
     if known.saved is not None:
-        return ok("assembly", "the arm is together, for it is calibrated")
+        return ok("assembly", "the arm is calibrated, so it is assembled")
     text = "this program cannot see whether the arm is assembled"
     return warn("assembly", text, "screw it together, then check joint by joint")
 
 
 def _reached(known: SetupState, name: str, *states: State, left: str) -> Check:
-    """Whether a calibration has come this far."""
+    """Check whether a calibration has reached one of these states."""
     view = known.view
     if known.saved is not None:
         return ok(name, f"calibrated: {known.saved}")
@@ -329,4 +331,4 @@ CALIBRATION_ONLY = Workflow(
 )
 
 WORKFLOWS = (FULL, MOTORS_ONLY, CALIBRATION_ONLY)
-"""Which there are, by what a beginner wants first."""
+"""All workflows, in the order in which they are offered."""

@@ -1,8 +1,8 @@
 """Convert a calibrator's situation to the calibration sensor's readings and back.
 
-Keys and types are the published module's, and a few more. Nulls are not sent, for they read back
-as 0: what is not known has no key. The published module sends the extremes of a 32-bit number for
-a travel that was not recorded yet; here it is absent.
+Keys and types are the published module's, and a few more. Nulls are not sent, because they read
+back as 0: unknown values have no key. The published module sends the extremes of a 32-bit number
+for a travel that is not recorded yet; here it has no key.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ _SERVO: Mapping[str, _Row] = {
     "firmware": ("firmware", _same, _same),
     "volts": ("volts", _tenths, _same),
 }
-"""The same for what a ``MotorView`` has of the servo that was found."""
+"""The same for the fields of a ``MotorView`` about the servo that was found."""
 
 _MOTOR: Mapping[str, _Row] = {
     **_SERVO,
@@ -139,18 +139,18 @@ def from_readings(values: Json, angles: Mapping[str, float]) -> Situation:
 
     Args:
         values: The readings.
-        angles: Where the joints are [rad].
+        angles: The joint angles [rad].
 
     Raises:
-        CalibrationError: They are no calibration sensor's.
+        CalibrationError: They are not from a calibration sensor.
     """
     try:
         return _situation(values, angles)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise CalibrationError(
             None,
-            f"what the sensor reads is not what so101_motion's calibration sensor does: {error!r}",
-            "name the sensor of the model devrel:so101:calibration, and update its module",
+            f"the readings are not those of so101_motion's calibration sensor: {error!r}",
+            "name a sensor of the model devrel:so101:calibration, and update its module",
         ) from error
 
 

@@ -1,7 +1,7 @@
-"""All attributes of all models: read by ``component_config``, used by ``migration`` and docs.
+"""The attributes of all models, for ``component_config``, ``migration`` and the documentation.
 
-A test holds the tables of ``docs/`` against it. The rows of teleoperation are in
-``tasks/teleop/config.py``, for the command line uses them too.
+A test compares the tables of ``docs/`` with it. The rows of teleoperation are in
+``tasks/teleop/config.py``, because the command line uses them too.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from so101_motion.common.attributes import (
 from so101_motion.drivers.bus.defaults import BAUDRATE, GRIPPER_ID
 
 CALIBRATION_FILE = "so101_calibration.json"
-"""Where a calibration is saved when nobody says where; the published module's default."""
+"""Where a calibration is saved by default; the published module's default."""
 
 _RATES = (50.0, 200.0)  # setpoints a second; 200 leave the bus a third of its time; chosen
 

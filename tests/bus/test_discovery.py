@@ -291,7 +291,7 @@ def test_the_file_that_says_what_the_servos_hold_is_configured(table):
     ]  # fmt: skip
     for report, name in zip(reports, ("one.json", "two.json"), strict=True):
         assert all(s.attributes["calibration_file"] == name for s in report.suggestions)
-        assert f"its servos hold what {table.data / name} says" in report.sentence
+        assert f"its servos agree with {table.data / name}" in report.sentence
 
 
 def test_another_arms_file_is_not_taken(table):
@@ -300,7 +300,7 @@ def test_another_arms_file_is_not_taken(table):
     table.calibrate(emulator, 50)
     report = table.only()
     assert report.calibration is None
-    assert "its servos hold a calibration, no file does" in report.sentence
+    assert "its servos are calibrated, but no calibration file was found" in report.sentence
 
 
 def test_the_file_with_the_adapters_name_is_taken_even_so_and_it_is_said(table):

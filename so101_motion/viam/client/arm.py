@@ -15,7 +15,7 @@ class MachineArm(Arm):
     """The arm of a machine. ``set_speed`` and ``set_acceleration`` set the machine's as well."""
 
     tell: Callable[[Mapping[str, Any]], object] | None = None
-    """Sends a request to the machine's arm; None for one that knows no such caps."""
+    """Sends a request to the machine's arm; None if that arm has no such caps."""
 
     def set_speed(self, speed: float) -> None:
         """See ``Arm.set_speed``; if the machine refuses, nothing changes."""

@@ -1,13 +1,13 @@
 """Make a running machine move its arm along a trajectory that was planned here.
 
-A module that takes time-stamped points (ours does) is streamed the trajectory's own setpoints, all
-of them at once, so no network delay can make it run dry; it plays them by its own clock, and the
-path and the speed are those of the plan. A module without such a call gets the corners of the path,
-one after the other, with the caps of the plan: it stops at each and times each leg itself. Sending
-it all waypoints in one call would be shorter, but there are modules that hasten to the last one and
-cut every corner, and the path was planned around things.
+A module that takes time-stamped points (ours does) gets all setpoints of the trajectory at once, so
+that no network delay can interrupt it; it plays them by its own clock, with the path and the speed
+of the plan. A module without such a call gets the corners of the path, one after the other, with
+the caps of the plan: it stops at each and times each leg itself. All waypoints in one call would be
+shorter, but some modules go straight to the last one and cut every corner, and the path was planned
+around obstacles.
 
-Stop does not wait for anything: it goes out at once beside what is under way.
+Stop never waits: it is sent at once, in parallel to calls under way.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ BATCH = 100
 STOPPING = 5.0
 """How long a machine may take to come to rest [s]; chosen, ten times what an arm needs."""
 
-OFF_WAY = to_rad(1.0)
+OFF_PATH = to_rad(1.0)
 """How far the straight legs between corners may be off the planned path [rad]; chosen."""
 
 ARRIVED = to_rad(5.0)
 """How far a joint may be from its goal when the arm has come to rest [rad]; chosen: a hanging arm
-sags by a few degrees. Counts where a module does not itself say that the arm arrived."""
+sags by a few degrees. Used if a module does not itself report that the arm has arrived."""
 
 _LOOK = 0.03
 """How often to look whether the arm rests [s]; chosen."""
@@ -59,14 +59,14 @@ class MachineExecutor(MotionRunner):
     """Makes a machine move its arm.
 
     Args:
-        link: To the machine.
-        find: The arm's client; raises ``MachineUnavailable`` while there is none.
-        state: The newest snapshot.
-        look: Brings it up to date.
+        link: The connection to the machine.
+        find: Returns the arm's client; raises ``MachineUnavailable`` while there is none.
+        state: Returns the newest snapshot.
+        look: Updates it.
     """
 
     dt = TICK
-    is_resting = False  # somebody else may move it at any time
+    is_resting = False  # other clients may move it at any time
 
     def __init__(
         self,
@@ -89,11 +89,11 @@ class MachineExecutor(MotionRunner):
         return self.begin(lambda: self._execute(trajectory))
 
     def stop_limits(self, channel: Channel) -> MotionLimits:
-        """See ``Executor.stop_limits``; those of our arms."""
+        """See ``Executor.stop_limits``; the limits of our own arms."""
         return HARD_STOP
 
     def turn(self, following: Following, *, channel: Channel = Channel.ARM) -> Future[None]:
-        """See ``Executor.turn``; the machine makes the path to its target smooth, and guards it."""
+        """See ``Executor.turn``; the machine itself smooths the motion and guards it."""
         q_goal, limits = following.target, following.limits
         assert q_goal is not None, "it is made with a target"
 
@@ -102,7 +102,7 @@ class MachineExecutor(MotionRunner):
                 await self._find().move_through_joint_positions(
                     [convert.to_joint_positions(q_goal)],
                     convert.to_move_options(limits.velocity, limits.acceleration),
-                    # Does not wait: giving up a call that does would brake before the next goal.
+                    # Does not wait: cancelling a call that waits would brake before the next goal.
                     extra={"interpolate": False, "waitAtEnd": False},
                 )
             await self._rest()
@@ -111,14 +111,14 @@ class MachineExecutor(MotionRunner):
         return self.begin(turn)
 
     def play(self, source: S) -> S:
-        """Not offered.
+        """Not possible with the arm of a machine.
 
         Raises:
             MotionError: Always; says what to do instead.
         """
         raise MotionError(
-            "the arm of a machine cannot be led over the network, by hand or by single points; plan"
-            " a motion, or send goals with start_retarget"
+            "the arm of a machine cannot be jogged, streamed to or led over the network; plan a"
+            " motion, or send goals with start_retarget"
         )
 
     def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
@@ -160,7 +160,7 @@ class MachineExecutor(MotionRunner):
                 await self._find().set_manual_mode(False, timeout=STOPPING)
 
     async def _set_torque(self, on: bool) -> None:
-        what = "holding the joints" if on else "letting go of the joints"
+        what = "holding the joints" if on else "releasing the joints"
         with self._link.asking(what):
             await self._find().do_command({"command": "set_torque", "enable": on}, timeout=STOPPING)
 
@@ -195,7 +195,7 @@ class MachineExecutor(MotionRunner):
         if off[i] > ARRIVED:
             raise MotionError(
                 f"the arm of the machine came to rest, but {ARM_JOINTS[i]} is"
-                f" {to_deg(float(off[i])):.1f} deg from its goal; see what held or stopped it"
+                f" {to_deg(float(off[i])):.1f} deg from its goal; check what blocked or stopped it"
             )
 
 
@@ -221,7 +221,7 @@ async def _stream(arm: Arm, trajectory: Trajectory) -> None:
 async def _corner_by_corner(arm: Arm, trajectory: Trajectory) -> None:
     """Send the corners of the path one after the other; returns when the arm has arrived."""
     options = convert.to_move_options(_peaks(trajectory.qd), _peaks(trajectory.qdd))
-    for q in trajectory.q[corners_of(trajectory.q, OFF_WAY)[1:]]:
+    for q in trajectory.q[corners_of(trajectory.q, OFF_PATH)[1:]]:
         await arm.move_through_joint_positions([convert.to_joint_positions(q)], options)
 
 

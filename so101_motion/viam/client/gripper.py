@@ -17,17 +17,18 @@ from so101_motion.viam.client.reports import GripperReport
 from so101_motion.viam.client.runner import MotionRunner
 
 _LOOK = 0.05
-"""How often to look whether a jaw has arrived that did not wait for it [s]; chosen."""
+"""How often to ask whether the jaw has arrived, if its command did not wait [s]; chosen."""
 
 
 class MachineGripper(MotionRunner):
     """Opens and closes the jaw. A new motion takes over from the one under way.
 
     Args:
-        link: To the machine.
-        find: The gripper's client; raises ``MachineUnavailable`` or ``ConfigError`` without one.
-        newest_report: What it said last.
-        look: Brings that up to date.
+        link: The connection to the machine.
+        find: Returns the gripper's client; raises ``MachineUnavailable`` or ``ConfigError`` without
+            one.
+        newest_report: Returns its last report.
+        look: Updates that.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class MachineGripper(MotionRunner):
         """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
 
         Args:
-            aperture: What counts as closed. The machine has its own notion of it; only 0 is used.
+            aperture: Ignored, because the machine decides itself what counts as closed.
         """
         return self._send(None)
 
