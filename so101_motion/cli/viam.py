@@ -138,7 +138,7 @@ def _compare(migration: Migration, *, with_new: bool) -> None:
     for note in migration.notes:
         echo(f"note: {note}", err=True)
     click.echo("to go back:", err=True)
-    for line in migration.way_back():
+    for line in migration.steps_back():
         echo(f"- {line}", indent="  ", err=True)
     click.echo("paste these, each in place of the entry with its name; leave the rest:", err=True)
 
@@ -183,5 +183,5 @@ def _facts(migration: Migration) -> dict[str, Any]:
         ],
         "notes": list(migration.notes),
         "configuration": migration.configuration(),
-        "way_back": list(migration.way_back()),
+        "steps_back": list(migration.steps_back()),
     }

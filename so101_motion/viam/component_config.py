@@ -1,8 +1,8 @@
-"""Convert the attributes of a component or service into settings in SI units.
+"""Check the attributes of a component or service, and convert them into settings in SI units.
 
-They are the published module's, those of its later versions included, so a machine's configuration
+The published module's attributes, of all its versions, are accepted, so a machine's configuration
 works as it is; ``attribute_table`` lists them. A duration may be a number or text, and a gripper
-may name its own port or the arm it belongs to.
+may have a port of its own or name the arm it belongs to.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from so101_motion.drivers.bus.defaults import SERVO_IDS, TIMEOUT
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.viam import attribute_table as table
 
-_NANOSECONDS = 1e5  # from here up a bare number was meant for the published module
+_NANOSECONDS = 1e5  # a bare number from here up is in nanoseconds, as the published module has it
 _SECONDS = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "h": 3600.0}
 _PART = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(ns|us|µs|ms|s|m|h)")
 
@@ -39,8 +39,8 @@ class PortConfig:
 
     port: str  # the serial port, however spelled
     baudrate: int  # [bit/s]
-    timeout: float  # how long silent servos are asked at the start [s]
-    calibration_file: str | None  # as given; None to ask the servos
+    timeout: float  # how long to keep asking silent servos at the start [s]
+    calibration_file: str | None  # as given; None to read the servos' registers
     rate: float | None = None  # setpoints a second; None for the usual 100
 
     @classmethod
@@ -78,7 +78,7 @@ class PortConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensesConfig:
-    """What else of the machine is asked for what is around."""
+    """The resources of the machine that report the arm's surroundings."""
 
     store: str | None  # a world-state store
     camera: str | None
@@ -89,12 +89,12 @@ class SensesConfig:
         """Read the attributes that arms and motion services share."""
         names = {key: _short(given.value(key)) for key in ("camera", "vision")}
         if names["vision"] and not names["camera"]:
-            raise ConfigError("vision", names["vision"], 'looks through which "camera"? name it')
+            raise ConfigError("vision", names["vision"], 'needs a camera; name it in "camera"')
         return cls(store=_short(given.value("world_state_store")), **names)
 
     @property
     def resources(self) -> list[str]:
-        """Their full names; the machine may lack them."""
+        """The full names of those that are configured; the machine may lack them."""
         named = {
             "rdk:service:world_state_store": self.store,
             "rdk:component:camera": self.camera,
@@ -126,10 +126,10 @@ class ArmConfig:
     """The settings of every arm, real or simulated."""
 
     speed: float  # cap of each joint [rad/s]
-    acceleration: float  # likewise [rad/s^2]
-    max_speed: float  # what no request exceeds [rad/s]
-    max_acceleration: float  # likewise [rad/s^2]
-    motion: str | None  # the service that plans MoveToPosition; None when we plan it
+    acceleration: float  # cap of each joint [rad/s^2]
+    max_speed: float  # no request may ask for more [rad/s]
+    max_acceleration: float  # no request may ask for more [rad/s^2]
+    motion: str | None  # the service that plans MoveToPosition; None for our planner
     visualize_ee_frame: bool
     guarded: bool  # whether moves that do not wait keep clear of the arm and its surroundings
     use_urdf: bool
@@ -137,7 +137,7 @@ class ArmConfig:
     obstacles: tuple[Mapping[str, object], ...]  # as in a scene file
     load: LoadConfig
     position_tolerance: float | None  # [m]; None for the planner's
-    approach_tolerance: float | None  # [rad]; likewise
+    approach_tolerance: float | None  # [rad]; None for the planner's
     ignored: tuple[str, ...]  # components of the machine that are not planned around
     senses: SensesConfig
     unused: tuple[str, ...]  # given, understood, and without effect here
@@ -180,7 +180,7 @@ class ArmConfig:
 
 
 def _cap(given: Attributes, attributes: Mapping[str, object], key: str) -> tuple[float, float]:
-    """The arm's own cap and the ceiling of all requests; the first may not be above the second."""
+    """The arm's own cap and the most a request may ask for; refuses a cap above that."""
     cap, most = given.value(key), given.value(f"max_{key}")
     if attributes.get(key) and cap > most:
         reason = f"is above max_{key}, {to_deg(most):g}; lower it, or raise that"
@@ -203,7 +203,7 @@ def _load(given: Attributes) -> LoadConfig:
 class SimulatedArmConfig(ArmConfig):
     """Settings of ``devrel:so101:simulated``."""
 
-    simulate_time: bool  # whether time passes by itself
+    simulate_time: bool  # whether simulated motions take time; if not, they end at once
 
     TABLE = table.SIMULATED_ARM
 
@@ -218,9 +218,9 @@ class HardwareArmConfig(ArmConfig):
 
     connection: PortConfig
     servo_ids: tuple[int, ...]  # base to wrist
-    zero_offsets: Mapping[str, float] | None  # the model's angles in the middle of travels [rad]
+    zero_offsets: Mapping[str, float] | None  # the model's angle mid-travel, by joint [rad]
     compliance: Compliance  # how it yields to a hand in manual mode
-    releases_at_end: bool  # whether its joints go limp when the process ends in order
+    releases_at_end: bool  # whether its joints go limp when the process ends normally
 
     TABLE = table.ARM
 
@@ -257,7 +257,7 @@ class SimulatedGripperConfig:
 class HardwareGripperConfig(SimulatedGripperConfig):
     """Settings of ``devrel:so101:gripper``."""
 
-    connection: PortConfig | None  # None when the arm says it
+    connection: PortConfig | None  # None for the arm's
     arm: str | None  # its name; None for a gripper with a port of its own
     servo_id: int
 
@@ -267,7 +267,7 @@ class HardwareGripperConfig(SimulatedGripperConfig):
         given = Attributes(attributes, table.GRIPPER)
         arm = given.value("arm")
         if given.value("articulated_jaw"):
-            reason = "is not done here: a planner that may move the jaw drops what it holds; leave"
+            reason = "is not supported: a planner that may move the jaw drops what it holds; leave"
             raise ConfigError("articulated_jaw", True, f"{reason} it out, and use open and grab")
         if arm is None and not given.given("port"):
             raise ConfigError(
@@ -286,7 +286,7 @@ class HardwareGripperConfig(SimulatedGripperConfig):
 class CalibrationConfig:
     """Settings of ``devrel:so101:calibration``."""
 
-    connection: PortConfig  # its file is where a calibration is saved
+    connection: PortConfig  # a calibration is saved in its file
     joints: tuple[str, ...]  # those to calibrate, base to jaw
     unused: tuple[str, ...]  # given, understood, and without effect here
 
@@ -305,16 +305,16 @@ def arm_served(attributes: Mapping[str, object]) -> str | None:
     """The arm that a service names; None for the only one.
 
     Raises:
-        ConfigError: There are other attributes, or it is no name.
+        ConfigError: There are other attributes, or it is not a name.
     """
     return _short(Attributes(attributes, table.FOR_AN_ARM).value("arm"))
 
 
 def duration(key: str, value: object) -> float:
-    """A time span [s] in words.
+    """Read a duration [s].
 
-    Text has its units with it: ``"5s"``, ``"500ms"``, ``"1m30s"``. A number is seconds; a huge one
-    is nanoseconds, because the published module took nothing else.
+    Text has units: ``"5s"``, ``"500ms"``, ``"1m30s"``. A number is in seconds; a huge one is in
+    nanoseconds, because the published module took nothing else.
 
     Raises:
         ConfigError: It is neither, or not positive.
@@ -338,7 +338,7 @@ def compliance(given: Attributes, otherwise: Compliance | None = None) -> Compli
     Args:
         given: With any of the keys of ``MANUAL_RANGES``; 0 counts as not given, as in the published
             module.
-        otherwise: What holds where nothing is given; the defaults if None.
+        otherwise: Used for keys that are not given; the defaults if None.
 
     Raises:
         ConfigError: A value is outside its range.

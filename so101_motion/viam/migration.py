@@ -1,9 +1,8 @@
 """Migrate a machine's configuration from the published ``devrel:so101`` to this module.
 
-The configuration is read, never changed: each attribute is put beside what it means here, and the
-same resources come out again, ready to paste. Names, models and attributes stay. What else the
-configuration holds (keys, other modules) is not looked at and never shown; of an unknown attribute
-only the name is.
+The configuration is read, never changed: each attribute is listed with its meaning here, and the
+same resources are written for this module, ready to paste. Names, models and attributes stay. Keys
+and other modules in the configuration are never shown; of an unknown attribute only the name is.
 
 Two generations of the published module are in use: the gripper of the older one has a port of its
 own, that of the newer one names its arm. Both are understood.
@@ -25,14 +24,14 @@ from so101_motion.viam.published_models import MEANINGS, MODELS, OURS, Model
 from so101_motion.viam.suggested_config import own_module
 
 FAMILY = "devrel:so101:"
-"""What the models of both modules begin with."""
+"""The beginning of the model names of both modules."""
 
 PUBLISHED = "devrel:so101-arm"
 """The published module's id in the registry."""
 
 
 class Outcome(Enum):
-    """What becomes of an attribute."""
+    """What happens to an attribute."""
 
     KEPT = "kept"
     IDLE = "no effect"
@@ -43,13 +42,13 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MigratedAttribute:
-    """One attribute, side by side.
+    """An attribute before and after the migration.
 
     Attributes:
         attribute: Its name.
-        there: What the configuration says, as JSON; empty for one that is new.
-        here: What it means here; for a new one what holds while it is not given.
-        outcome: What becomes of it.
+        there: Its value in the configuration, as JSON; empty for a new one.
+        here: Its meaning here; for a new one its default and use.
+        outcome: What happens to it.
     """
 
     attribute: str
@@ -69,8 +68,8 @@ class MigratedResource:
         rows: Its attributes: those given, then those that are new here.
         problem: Why it cannot be used as it is; empty if it can.
         differences: What behaves differently here, and why, a line each.
-        calibration: What was found of its calibration file; empty if it names none.
-        config: The same part for this module.
+        calibration: Whether its calibration file can be used; empty if it names none.
+        config: The resource's configuration for this module.
     """
 
     kind: str
@@ -90,7 +89,7 @@ class Migration:
     Attributes:
         parts: Its components and services of the family.
         old_modules: The entries of the published module, without what is not needed to go back.
-        notes: What else one should know.
+        notes: Further hints for the user.
     """
 
     parts: tuple[MigratedResource, ...]
@@ -108,18 +107,18 @@ class Migration:
         whole["modules"] = [{**entry, "name": name or entry["name"]} for entry in own_module()]
         return whole
 
-    def way_back(self) -> tuple[str, ...]:
-        """How to get the published module back, a line each."""
+    def steps_back(self) -> tuple[str, ...]:
+        """The steps that bring the published module back, a line each."""
         added = sorted({key for part in self.parts for key in part.config["attributes"]} & OURS)
-        back = ["point the module back: names, models and attributes are the same"]
+        back = ["use the published module again: names, models and attributes are the same"]
         if self.old_modules:
             back = [
                 f'put its entry under "modules" back: {json.dumps(module)}'
                 for module in self.old_modules
             ]
         if added:
-            back.append(f"take out what only this module knows: {', '.join(added)}")
-        back.append("calibration files need nothing: both modules read them")
+            back.append(f"take out the attributes that only this module knows: {', '.join(added)}")
+        back.append("keep the calibration files: both modules read them")
         return tuple(back)
 
 
@@ -130,7 +129,7 @@ def migrate(content: object) -> Migration:
         content: A whole configuration, or a component or a list of components out of one.
 
     Raises:
-        ConfigError: It is none, or has nothing of the family.
+        ConfigError: It is not a configuration, or has no model of the family.
     """
     whole = _whole(content)
     parts = tuple(_part(kind, entry) for kind, entry in _entries(whole))
@@ -139,8 +138,8 @@ def migrate(content: object) -> Migration:
         raise ConfigError(
             "configuration",
             None,
-            f"there is nothing of {FAMILY}* in it"
-            + (f"; {hint}" if whole.get("fragments") else ", so there is nothing to take over"),
+            f"it has no model of {FAMILY}*"
+            + (f"; {hint}" if whole.get("fragments") else ", so there is nothing to migrate"),
         )
     return Migration(
         parts=parts, old_modules=tuple(_old_modules(whole)), notes=_notes(whole, parts)
@@ -196,12 +195,13 @@ def _notes(whole: Mapping[str, Any], parts: tuple[MigratedResource, ...]) -> tup
         )
     if any(part.calibration for part in parts):
         notes.append(
-            "keep the module's name: viam-server calls the directory of its calibration files by it"
+            "keep the module's name: viam-server names the directory of the calibration files after"
+            " it"
         )
     return tuple(notes)
 
 
-# One part
+# One resource
 
 
 def _part(kind: str, entry: Mapping[str, Any]) -> MigratedResource:
@@ -256,8 +256,8 @@ def _given(given: Mapping[str, Any], known: Model, problem: str) -> Iterator[Mig
             hint, _, listed = suggest(key, rows).partition(" known: ")
             yield MigratedAttribute(
                 attribute=key,
-                there="(given)",  # what is not known may be a secret
-                here=f"not known, left out{f'; {hint}' if listed else ''}",
+                there="(given)",  # an unknown value may be a secret
+                here=f"unknown, left out{f'; {hint}' if listed else ''}",
                 outcome=Outcome.UNSUPPORTED,
             )
             continue
@@ -277,7 +277,7 @@ def _new(given: Mapping[str, Any], known: Model) -> Iterator[MigratedAttribute]:
 
 
 def _calibration(given: Mapping[str, Any]) -> str:
-    """What is known here of the calibration file."""
+    """Whether the calibration file can be used, as a sentence; empty without one."""
     name = given.get("calibration_file")
     if not isinstance(name, str) or not name:
         return ""

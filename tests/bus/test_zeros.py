@@ -117,7 +117,7 @@ def test_a_calibration_that_viam_server_deleted_is_in_force_again_and_that_is_sa
     rig = bench.open(calibration_file=path)
 
     assert np.abs(error_deg(rig, bench)).max() < 0.5
-    assert "brought back" in rig.servos.notes[0]
+    assert "restored" in rig.servos.notes[0]
 
 
 def test_a_file_that_lies_where_the_published_module_put_it_is_pointed_out(

@@ -48,7 +48,7 @@ def rig(machine):
 def test_a_camera_that_the_machine_has_not_is_refused_by_its_name(rig):
     with pytest.raises(ConfigError, match=r"'top'.*is not on the machine"):
         rig.picture("top")
-    with pytest.raises(ConfigError, match=r"'gripper'.*is no camera"):
+    with pytest.raises(ConfigError, match=r"'gripper'.*is not a camera"):
         rig.picture("gripper")
 
 

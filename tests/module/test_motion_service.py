@@ -231,7 +231,7 @@ async def test_contacts_can_be_allowed_by_name(arm, motion):
     [
         ("arm", at(900, 0, 100), {}, "reach"),
         ("arm", at(200, 0, 100, "moon"), {}, "moon"),
-        ("camera", at(200, 0, 100), {}, "does not hang from arm"),
+        ("camera", at(200, 0, 100), {}, "is not attached to arm"),
         ("arm", at(200, 0, 100), {"goal_metric_type": "positon_only"}, "position_only"),
         ("arm", at(200, 0, 100), {"timeout": -1}, "timeout"),
         ("arm", at(float("nan"), 0, 100), {}, "finite"),

@@ -1,15 +1,13 @@
 """The connection to a running machine, and the thread that owns it.
 
-The thread has an event loop. On it a *keeper* dials the machine and hands the client to whoever
-watches it; the watch lasts as long as the machine answers. When it does not any more, the client is
-thrown away, everybody is told, and the keeper dials again, at first soon, then less and less often.
-Reconnecting brings back the picture and nothing else: what was under way has failed with the
-connection, and nobody repeats it.
+The thread has an event loop. A task on it, the *keeper*, dials the machine and passes the client to
+``poll``, which runs as long as the machine answers. When it stops answering, the keeper drops the
+client, calls ``lost`` and dials again, at first soon, then less and less often. Reconnecting brings
+back the state and nothing else: motions that were under way have failed and are not repeated.
 
-Two ways in. With an API key the machine is dialled as Viam's SDK does it, over TLS and, for an
-address in the cloud, WebRTC; the key is never sent over a plain connection. Without one the
-connection is plain and direct, which is how a ``viam-server`` without a cloud configuration, or one
-on this computer, is reached.
+With an API key the machine is dialled as Viam's SDK does it, over TLS and, for an address in the
+cloud, WebRTC; the key is never sent over a plain connection. Without a key the connection is plain
+and direct, as a ``viam-server`` on this computer or without a cloud configuration needs it.
 """
 
 from __future__ import annotations
@@ -37,13 +35,13 @@ from so101_motion.rig.protocols import ArmConnection
 T = TypeVar("T")
 
 LOSSES = (OSError, TimeoutError, ConnectionError, ProtocolError, StreamTerminatedError, ViamError)
-"""What a connection that is not there raises; a machine that answers raises ``GRPCError``."""
+"""The errors of a lost connection; a machine that answers raises ``GRPCError``."""
 
 PATIENCE = 2.0
-"""How long a machine may take to say how it is [s]; chosen, thrice what a bad network takes."""
+"""How long a machine may take to report its state [s]; chosen, thrice what a bad network takes."""
 
 DIALLING = 10.0
-"""How long a connection may take to come about [s]; chosen. WebRTC takes a few seconds."""
+"""How long connecting may take [s]; chosen. WebRTC takes a few seconds."""
 
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 10.0
 """How long to wait before dialling again [s]; it doubles from the first to the longest. Chosen."""
@@ -57,7 +55,7 @@ class Access:
 
     Attributes:
         address: As on the machine's CONNECT page, or host and port.
-        api_key_id: The key's id; None for a machine that asks for no key.
+        api_key_id: The key's id; None for a machine that needs no key.
         api_key: The key.
     """
 
@@ -76,7 +74,7 @@ class Access:
         """The credentials for the SDK.
 
         Raises:
-            ConfigError: The id is none.
+            ConfigError: The id is not valid.
         """
         if self.api_key is None or self.api_key_id is None:
             dialling = DialOptions(disable_webrtc=True, insecure=True)
@@ -103,9 +101,9 @@ class Link:
     Args:
         access: Which machine.
         clock: What time it is.
-        poll: Looks at the machine as long as it answers, then raises one of ``LOSSES``. Calls its
-            second argument once it has seen what it needs.
-        lost: Told on the loop's thread that the machine does not answer, and why.
+        poll: Reads the machine as long as it answers, then raises one of ``LOSSES``. Calls its
+            second argument after the first complete reading.
+        lost: Called on the loop's thread with the reason when the machine stops answering.
     """
 
     def __init__(
@@ -137,7 +135,7 @@ class Link:
 
         Raises:
             MachineUnavailable: It cannot be reached.
-            So101Error: What the watch found wrong.
+            So101Error: ``poll`` cannot use the machine.
         """
         self._thread.start()
         try:
@@ -174,7 +172,7 @@ class Link:
         """The machine's client.
 
         Raises:
-            MachineUnavailable: It is not there at the moment.
+            MachineUnavailable: It is not connected at the moment.
         """
         if self._client is None:
             raise MachineUnavailable(self.access.address, self.connection.problem or "closed")
@@ -185,7 +183,7 @@ class Link:
         """Turn the SDK's errors in this block into ours.
 
         Args:
-            what: What the machine is asked for, in words.
+            what: Names the request in the error message.
 
         Raises:
             MachineRefused: The machine answered that it will not or cannot.
@@ -208,7 +206,7 @@ class Link:
             self._loop.close()
 
     async def _end(self) -> None:
-        """Last until the keeper has ended, then end whatever else there is."""
+        """Wait until the keeper has ended, then end all other tasks."""
         assert self._keeper is not None
         await asyncio.wait([self._keeper])
         rest = asyncio.all_tasks() - {asyncio.current_task()}
@@ -231,7 +229,7 @@ class Link:
             except LOSSES as error:
                 pause = FIRST_PAUSE if self.connection.is_up else pause
                 self._note_loss(_why(error))
-            except Exception as error:  # found wrong at the first look: whoever opens is told
+            except Exception as error:  # at the first connection ``open`` raises it
                 if self._ready.done():
                     self._note_loss(str(error))
                 else:
@@ -255,7 +253,7 @@ class Link:
             self._client = None
             if client is not None:
                 await client.close()  # type: ignore[no-untyped-call]  # the SDK's
-            channel.close()  # type: ignore[no-untyped-call]  # likewise
+            channel.close()  # type: ignore[no-untyped-call]  # the SDK's
 
     def _connected(self, client: RobotClient) -> None:
         if self._client is client:
@@ -294,7 +292,7 @@ def _why(error: BaseException) -> str:
     elif isinstance(error, ConnectionRefusedError):
         reason = "no program listens at this address"
     elif isinstance(error, GRPCError) and error.status is Status.UNIMPLEMENTED:
-        reason = "what answers there is no Viam machine"
+        reason = "the program that answers there is not a Viam machine"
     else:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
     return f"{reason}; check that the machine runs and that this is its address"

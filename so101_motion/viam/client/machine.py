@@ -11,7 +11,7 @@ import viam.components.generic
 import viam.services.discovery
 import viam.services.generic
 import viam.services.motion
-import viam.services.worldstatestore  # noqa: F401  # importing registers what can be asked
+import viam.services.worldstatestore  # noqa: F401  # importing registers the client classes
 from viam.components.camera import Camera
 from viam.components.sensor import Sensor
 from viam.errors import ViamError
@@ -36,8 +36,8 @@ class Resource:
     """A resource of a machine.
 
     Attributes:
-        name: As it is configured.
-        api: What it is: ``"component:arm"``.
+        name: Its name in the configuration.
+        api: Type and subtype, such as ``"component:arm"``.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Machine(ABC):
     """A connection to a machine; ``_link.open`` makes it, close it after use.
 
     Attributes:
-        clock: What time it is here.
+        clock: The clock of this computer.
     """
 
     def __init__(self, access: Access) -> None:
@@ -65,7 +65,7 @@ class Machine(ABC):
         """The machine's resources.
 
         Raises:
-            MachineUnavailable: It is not there at the moment.
+            MachineUnavailable: It is not connected at the moment.
         """
         return tuple(
             Resource(name=each.name, api=f"{each.type}:{each.subtype}")
@@ -120,7 +120,7 @@ class Machine(ABC):
         async def look() -> bytes:
             client = self._client_of(camera)
             if not isinstance(client, Camera):
-                raise ConfigError("camera", camera, "is no camera")
+                raise ConfigError("camera", camera, "is not a camera; name one of the machine's")
             with self._link.asking(f"{camera}: picture"):
                 return await picture_of(client)
 
@@ -156,7 +156,9 @@ class Machine(ABC):
         try:
             return get(found)
         except ViamError as error:
-            raise ConfigError("resource", name, f"is a {found.subtype}: not for us") from error
+            raise ConfigError(
+                "resource", name, f"is a {found.subtype}, which Viam's SDK here does not know"
+            ) from error
 
 
 async def picture_of(camera: Camera) -> bytes:

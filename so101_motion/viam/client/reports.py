@@ -1,11 +1,11 @@
-"""Turn the readings of a machine's arm and gripper into a snapshot.
+"""Read a machine's arm and gripper, and turn the readings into a snapshot.
 
-Our own module tells all of it in one answer: mode, joints, faults. Another module is asked for its
-joints and whether it moves, and the rest is taken to be well.
+Our own module reports mode, joints and faults in one answer. Another module is asked for its joints
+and whether it moves; it is assumed to have no fault.
 
-A machine tells where its joints are, not where they are wanted. Plans start from where they are
-wanted, and a joint at rest that trembles by a tick must not spoil a plan. So ``q_ref`` stays where
-it is while the resting joints are within ``AT_REST`` of it, and moves to them when they leave.
+A machine reports measured joint angles, not the references. Plans start from the references, and a
+joint at rest that trembles by a tick must not spoil a plan. So ``q_ref`` stays the same while the
+resting joints are within ``AT_REST`` of it, and is set to the measured angles when they are not.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from so101_motion.common.units import to_rad
 from so101_motion.viam.conversion import convert
 
 AT_REST = to_rad(1.0)
-"""How far a resting joint may be from where it is wanted [rad]: gravity pulls a servo that nobody
-corrects about this far. Chosen."""
+"""How far a resting joint may be from its reference [rad]; chosen: gravity pulls a servo about this
+far if nothing corrects it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmReport:
-    """What an arm reported.
+    """The state that an arm reported.
 
     Attributes:
         q: Measured joint angles, shape (5,), [rad].
-        mode: What it is doing.
-        status: All of its status, as it came.
+        mode: Its mode.
+        status: Its whole status, as received.
     """
 
     q: Array
@@ -48,7 +48,7 @@ class ArmReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperReport:
-    """What a gripper reported.
+    """The state that a gripper reported.
 
     Attributes:
         aperture: 0 closed, 1 open.
@@ -65,8 +65,8 @@ async def ask_arm(arm: Arm) -> ArmReport:
     """Read the state of an arm.
 
     Raises:
-        GRPCError: It cannot tell.
-        ConfigError: It has not five joints, or what it says of one is no angle.
+        GRPCError: It refused.
+        ConfigError: It does not report five joints, or a value is not an angle.
     """
     try:
         status = await arm.get_status()
@@ -94,7 +94,7 @@ def _mode(status: Mapping[str, Any]) -> Mode:
 
 
 async def ask_gripper(gripper: Gripper | None) -> GripperReport:
-    """Read the state of a gripper; what it does not report counts as absent."""
+    """Read the state of a gripper: closed and at rest where it reports nothing."""
     if gripper is None:
         return GripperReport()
     try:
@@ -114,9 +114,9 @@ def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: f
 
     Args:
         last: The one before; None for the first.
-        arm: What the arm said.
-        jaw: What the gripper said.
-        t: When, on our clock [s].
+        arm: The arm's report.
+        jaw: The gripper's report.
+        t: When they were read, on our clock [s].
     """
     status = arm.status
     moving = bool(status.get("is_moving", arm.mode in (Mode.MOVING, Mode.STOPPING)))

@@ -1,11 +1,11 @@
 """The arm and gripper of a running machine, with the interface of a rig (``RigLike``).
 
-Goals are planned here, by the same planner as for an arm on this computer, from where the machine
-says that its joints are, around what ``arm.scene`` holds.
+Goals are planned on this computer, by the same planner as for a local arm, from the joint angles
+that the machine reports and around the obstacles in ``arm.scene``.
 
-What a module of ours knows of the arm is taken over when the connection first comes about: its
-surroundings, its calibrated ranges, its speed and acceleration caps. Setting the caps sets the
-machine's; the scene may be replaced here, and stays here.
+When the connection is first made and the machine runs our module, its surroundings, calibrated
+ranges, speed and acceleration caps are read. Setting the caps here sets them on the machine;
+setting the scene here changes it only here.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from so101_motion.viam.client.machine import Machine
 from so101_motion.viam.client.reports import GripperReport, ask_arm, ask_gripper, next_state
 
 BUSY, IDLE = 1.0 / 30.0, 0.1
-"""How often the machine is asked how it is while something moves, and while nothing does [s].
-Chosen: what the eye wants, and what costs next to nothing."""
+"""Time between two readings of the machine's state, while something moves and at rest [s]. Chosen:
+fast enough for the eye, and nearly free."""
 
 _RANGE_KEYS = ("joint_min_deg", "joint_max_deg")
 
@@ -50,8 +50,8 @@ class MachineRig(Machine):
 
     Attributes:
         arm: The arm.
-        gripper: Its jaw.
-        clock: What time it is here.
+        gripper: Its gripper.
+        clock: The clock of this computer.
     """
 
     def __init__(self, access: Access, *, arm: str | None, gripper: str | None) -> None:
@@ -127,7 +127,7 @@ class MachineRig(Machine):
             arm.tell = lambda command: self.do_command(self._arm_name, command)
         return arm
 
-    # How it is
+    # State
 
     @property
     def state(self) -> JointState:
@@ -154,7 +154,7 @@ class MachineRig(Machine):
         """Read the machine's state now.
 
         Raises:
-            MachineRefused: It cannot tell.
+            MachineRefused: It refused.
             MachineUnavailable: It does not answer.
         """
         self._link.run(self._refresh()).result()
@@ -162,7 +162,7 @@ class MachineRig(Machine):
 
     @property
     def takes_streams(self) -> bool:
-        """Whether the machine plays our trajectories; else it gets the path's corners."""
+        """Whether the machine can play our trajectories; if not, it gets the path's corners."""
         return self._executor.takes_streams
 
     def close(self) -> None:
@@ -192,7 +192,7 @@ class MachineRig(Machine):
             try:
                 await self._ask()
             except GRPCError as error:
-                refusal = f"cannot tell how it is: {error.message}"
+                refusal = f"cannot report its state: {error.message}"
                 if self._state is None:
                     raise MachineRefused(arm.name, error.status.name, refusal) from error
                 await _is_there(client)
@@ -203,7 +203,7 @@ class MachineRig(Machine):
 
     async def _ask(self) -> None:
         arm, gripper = self._arm, self._gripper
-        assert arm is not None  # the watch has found it
+        assert arm is not None  # ``_poll`` has found it
         begin = self.clock.now()
         async with asyncio.timeout(PATIENCE):
             answered, self._jaw = await asyncio.gather(ask_arm(arm), ask_gripper(gripper))
@@ -214,7 +214,7 @@ class MachineRig(Machine):
 
     async def _refresh(self) -> None:
         self._link.client()
-        with self._link.asking("how it is"):
+        with self._link.asking("its state"):
             await self._ask()
 
     def _on_loss(self, problem: str) -> None:
@@ -257,14 +257,14 @@ class MachineRig(Machine):
             several = f"the machine has several; name one of {', '.join(sorted(there))}"
             if what == "arm":
                 raise ConfigError(what, None, several)
-            self._no_gripper = several  # matters only to whoever moves the jaw
+            self._no_gripper = several  # raised when the jaw is to move
             return None
         chosen = wanted or next(iter(there), None)
         return None if chosen is None else client.get_component(there[chosen])
 
 
 async def _is_there(client: RobotClient) -> None:
-    """Return if the machine answers, if not its arm; raise one of ``LOSSES`` otherwise."""
+    """Raise one of ``LOSSES`` if the machine itself does not answer."""
     try:
         async with asyncio.timeout(PATIENCE):
             await client.get_version()
@@ -274,7 +274,7 @@ async def _is_there(client: RobotClient) -> None:
 
 
 async def _answer(arm: ViamArm, command: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What the arm answers; nothing if it does not know the request."""
+    """Send a DoCommand to the arm; an empty answer if it does not know the command."""
     try:
         return await arm.do_command(command, timeout=PATIENCE)
     except GRPCError:

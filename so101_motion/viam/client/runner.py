@@ -1,8 +1,8 @@
 """Run one motion at a time on a machine; each is a call that lasts as long as the motion.
 
-A call that is given up ends its motion: the module at the other end stops when its caller goes
-away, and to be sure it is told to stop as well. A new motion that takes over does not brake the old
-one. Futures complete on the loop's thread, after the snapshot that shows their effect.
+Cancelling the call ends the motion: our module stops the arm when its caller goes away, and Stop is
+sent as well to be sure. A new motion takes over from the old one without a stop between them.
+Futures complete on the loop's thread, after the snapshot that shows their effect.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ class MotionRunner(ABC):
     """Runs one motion at a time of a component on a machine. Any thread may call.
 
     Args:
-        link: To the machine.
-        look: Brings the snapshot up to date.
+        link: The connection to the machine.
+        refresh: Reads the machine's state now.
     """
 
-    def __init__(self, link: Link, look: Work) -> None:
-        self._link, self._refresh = link, look
+    def __init__(self, link: Link, refresh: Work) -> None:
+        self._link, self._refresh = link, refresh
         self._job: _Job | None = None
 
     @abstractmethod
     async def _brake(self) -> None:
-        """Tell the machine to stop; returns at rest."""
+        """Stop the machine; returns at rest."""
 
     def begin(self, work: Work) -> Future[None]:
-        """Run ``work``, which raises our errors; takes over from what is under way.
+        """Run ``work``, which raises our errors; it replaces the motion under way.
 
         Returns:
-            Raises what ``work`` raised, or ``Interrupted``.
+            A future that raises what ``work`` raised, or ``Interrupted``.
         """
         job = _Job(work=work)
         self._link.post(lambda: self._start(job))
@@ -75,9 +75,9 @@ class MotionRunner(ABC):
         return over
 
     def bring_to_rest(self, by: str) -> Future[None]:
-        """Stop the machine, whoever moves it; done at rest.
+        """Stop the machine, also a motion that another client began; done at rest.
 
-        The future raises ``MachineUnavailable`` when the machine could not be told.
+        The future raises ``MachineUnavailable`` when the machine could not be reached.
         """
         return self._link.run(self._stop(by))
 
@@ -115,7 +115,7 @@ class MotionRunner(ABC):
         except asyncio.CancelledError:
             problem = Interrupted(job.ending or "shutdown")
             if job.brakes:
-                with suppress(So101Error):  # lost: the machine stops what nobody waits for
+                with suppress(So101Error):  # lost: the machine stops when its caller goes away
                     await self._brake()
         except Exception as error:
             problem = error

@@ -1,7 +1,7 @@
-"""The calibration sensor of a machine that has no arm yet.
+"""A connection to a machine that has a calibration sensor but no arm yet.
 
-``MachineRig`` needs an arm. Before the motors have their ids no arm can be configured, so for that
-long the connection is to the sensor alone.
+``MachineRig`` needs an arm, and no arm can be configured before the motors have their ids. Until
+then this class connects to the sensor alone.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.viam.client.link import PATIENCE, Access
 from so101_motion.viam.client.machine import Machine
 
-_PERIOD = 1.0  # [s] between two questions whether the machine is there
+_PERIOD = 1.0  # [s] between two readings
 
 MARK = "calibration_state"
-"""What only a calibration sensor's readings hold."""
+"""A key that only a calibration sensor's readings have."""
 
 
 class MachineSensor(Machine):
     """A machine's calibration sensor. ``connect`` makes it; close it after use.
 
     Attributes:
-        name: What the machine calls it.
+        name: The sensor's name in the configuration.
     """
 
     def __init__(self, access: Access) -> None:
@@ -39,7 +39,7 @@ class MachineSensor(Machine):
     def connect(
         cls, address: str, *, api_key_id: str | None = None, api_key: str | None = None
     ) -> MachineSensor:
-        """Connect to a machine; asks nothing of its motors.
+        """Connect to a machine; its motors are not touched.
 
         Args:
             address: As on the machine's CONNECT page, or host and port.
@@ -69,10 +69,10 @@ class MachineSensor(Machine):
                 sensor = client.get_component(each)
                 assert isinstance(sensor, Sensor)  # by its subtype
                 try:
-                    told = await sensor.get_readings(timeout=PATIENCE)
+                    readings = await sensor.get_readings(timeout=PATIENCE)
                 except GRPCError:
                     continue
-                if MARK in told:
+                if MARK in readings:
                     return sensor
         raise ConfigError(
             "sensor",
@@ -82,4 +82,4 @@ class MachineSensor(Machine):
         )
 
     def _on_loss(self, problem: str) -> None:
-        """See ``Machine._on_loss``; ``connection`` tells it."""
+        """Do nothing: ``connection`` has the reason."""

@@ -1,9 +1,8 @@
 """Convert between Viam's units and ours, and from our errors to gRPC statuses.
 
-Three habits of the wire shape
-what is here: a null in a struct reads back as 0 and a NaN as text, so neither is ever sent; an
-absent limit arrives as a present zero, so zeros count as absent; and an exception that is
-not a status reaches the user with file and line, so ours are translated first.
+A null in a struct reads back as 0 and a NaN as text, so neither is ever sent. A limit that nobody
+set arrives as zero, so zero counts as not set. An exception that is not a gRPC status reaches the
+user with file and line, so our errors are converted.
 """
 
 from __future__ import annotations
@@ -111,7 +110,7 @@ def from_joint_values(values: Sequence[float], *, what: str = "positions") -> Ar
     return to_rad(np.array(values, dtype=np.float64))
 
 
-# How fast
+# Caps
 
 
 def from_move_options(options: MoveOptions | None, base: MotionLimits) -> MotionLimits:
@@ -122,7 +121,7 @@ def from_move_options(options: MoveOptions | None, base: MotionLimits) -> Motion
     zeros. What exceeds the range of ``set_speed`` and ``set_acceleration`` is lowered to it.
 
     Args:
-        options: What the caller asked for.
+        options: The request's.
         base: The arm's own caps.
 
     Raises:
@@ -163,7 +162,7 @@ def to_move_options(velocity: Array, acceleration: Array) -> MoveOptions:
 
 
 _SLOWEST_DEG = 0.1  # [deg/s] and [deg/s^2]; chosen: a full sweep then takes an hour
-_SLOWEST_TOOL = 1e-4  # [m/s]; chosen likewise
+_SLOWEST_TOOL = 1e-4  # [m/s]; chosen for the same reason
 
 
 def _caps(
@@ -193,14 +192,14 @@ def _caps(
     return caps
 
 
-# What a request says beside its pose
+# Extra parameters
 
 
 def from_goal_metric(extra: Mapping[str, object]) -> GoalMetric:
     """Read how much of a pose counts from ``extra.goal_metric_type``.
 
-    Position only when nothing is said: five joints cannot reach most full poses.
-    ``squared_norm``, the builtin motion service's name for everything, is understood.
+    Position only by default, because five joints cannot reach most full poses. ``squared_norm``,
+    the builtin motion service's name for the full pose, is accepted too.
 
     Raises:
         ConfigError: The metric is not known.
@@ -295,14 +294,14 @@ STATUS: dict[type[So101Error], Status] = {
     SurroundingsUnknown: Status.UNAVAILABLE,
     WorkerError: Status.INTERNAL,
 }
-"""What each error is to a gRPC client; a motion that was ``Interrupted``, see ``grpc_error``."""
+"""The gRPC status of each error; for ``Interrupted`` see ``grpc_error``."""
 
 
 def grpc_error(error: So101Error) -> GRPCError:
     """The gRPC status and message for ``error``.
 
-    A motion that had to make way for a newer one is ABORTED; one that was stopped, given up by its
-    caller or ended with its component is CANCELLED.
+    A motion that a newer one replaced is ABORTED; one that was stopped, cancelled by its caller or
+    ended with its component is CANCELLED.
     """
     status = next(STATUS[cls] for cls in type(error).__mro__ if cls in STATUS)
     if isinstance(error, Interrupted) and error.by != SUPERSEDED:

@@ -1,9 +1,9 @@
 """Find where the machine's frames are in one arm's base frame.
 
-What the arm itself knows is answered here: its base (``<arm>_origin``), its tool (``<arm>``), and
-transforms that a request brings along. For everything else, the world and other components, the
-machine is asked over the module's connection to it. A frame is *held* when it hangs from the arm's
-tool: what is in it moves with the arm.
+The arm's base (``<arm>_origin``), its tool (``<arm>``) and the transforms of a request are known
+here. For other frames, such as the world and other components, the machine is asked over the
+module's connection to it. A frame is *held* when it is attached to the arm's tool, directly or
+through other frames.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.viam.conversion import convert
 
 WORLD = "world"
-"""The frame everything hangs from."""
+"""The root of all frames."""
 
 
 class Machine(Protocol):
@@ -30,10 +30,10 @@ class Machine(Protocol):
 
     @property
     def resource_names(self) -> list[ResourceName]:
-        """What it has, as of the last ``refresh``."""
+        """The names of its resources, as of the last ``refresh``."""
 
     async def refresh(self) -> None:
-        """Ask what it has."""
+        """Read the names of its resources again."""
 
     def get_component(self, name: ResourceName) -> ComponentBase:
         """A client of one of its components."""
@@ -45,7 +45,7 @@ class Machine(Protocol):
         """The frames and their parents."""
 
     async def get_machine_status(self) -> GetMachineStatusResponse:
-        """Which of its resources run."""
+        """The state of its resources."""
 
     async def get_pose(
         self, component_name: str, destination_frame: str, supplemental_transforms: list[Transform]
@@ -85,9 +85,9 @@ async def carrier(
     """The arm to which ``frame`` is attached; None if to none.
 
     Args:
-        frame: A frame of the machine or of the request; an arm hangs from itself.
+        frame: A frame of the machine or of the request; an arm's own frame gives that arm.
         arms: The arms in question.
-        transforms: What the request brings along.
+        transforms: Those of the request.
     """
     if frame in arms:
         return frame
@@ -102,12 +102,12 @@ async def carrier(
 
 
 LONGEST_CHAIN = 100
-"""So many frames may hang from each other. Chosen."""
+"""Most frames between a frame and the root. Chosen."""
 
 
 def _refuse_long(trail: Sequence[str]) -> None:
     if len(trail) > LONGEST_CHAIN:
-        raise ConfigError("transforms", trail[0], f"hangs from more than {LONGEST_CHAIN} others")
+        raise ConfigError("transforms", trail[0], f"has more than {LONGEST_CHAIN} parents")
 
 
 class Frames:
@@ -120,13 +120,13 @@ class Frames:
     Args:
         arm: The arm's short name.
         T_base_tool: Where its tool is.
-        transforms: What the request brings along.
-        placed: Where frames of the machine are in the base frame, None for those it does not
-            know; for these the machine is asked.
-        parents: What its frames hang from, by name; None to ask the machine.
+        transforms: Those of the request.
+        placed: Gives the pose of a frame of the machine in the base frame, or None if it does not
+            know it; then the machine is asked.
+        parents: The parent of each frame of the machine; None to ask the machine.
 
     Raises:
-        ConfigError: A transform has no name, no pose, or that of another frame.
+        ConfigError: A transform has no name, no pose, or the name of another frame.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class Frames:
             self._brought[name] = transform
 
     async def T_base(self, frame: str) -> SE3:
-        """Where ``frame`` is now, in the arm's base frame.
+        """The pose of ``frame`` now, in the arm's base frame.
 
         Raises:
             ConfigError: There is no such frame, or it cannot be asked for.
@@ -160,14 +160,14 @@ class Frames:
         return await self._resolve(frame, ())
 
     async def T_tool(self, frame: str) -> SE3:
-        """Where ``frame`` is in the arm's tool frame.
+        """The pose of ``frame`` in the arm's tool frame.
 
         Raises:
             ConfigError: There is no such frame, or it does not move with the tool.
         """
         if not await self.is_held(frame):
             raise ConfigError(
-                "component_name", frame, f"does not hang from {self.arm}, so it cannot be moved"
+                "component_name", frame, f"is not attached to {self.arm}, so it cannot be moved"
             )
         if frame in self._brought:
             seen = self._brought[frame].pose_in_observer_frame
@@ -211,8 +211,8 @@ class Frames:
     async def _ask(self, frame: str, seen_from: str) -> SE3:
         machine = machine_here()
         if machine is None:
-            raise self._unknown(frame, "no machine can be asked")
-        # The identity, spelled so that an orientation vector of zeros is not what is sent.
+            raise self._unknown(frame, "there is no connection to the machine")
+        # The identity; an orientation vector of zeros is not sent.
         origin = PoseInFrame(reference_frame=frame, pose=Pose(o_z=1.0))
         try:
             seen = await machine.transform_pose(origin, seen_from)

@@ -27,10 +27,10 @@ LONGEST_LABEL = 200
 
 
 def from_geometry(geometry: Geometry) -> Shape | ShapeFile:
-    """The shape of a geometry, around its own centre; a mesh or a cloud as the file it is.
+    """The shape of a geometry, around its own centre; a mesh or a cloud as a file.
 
     Raises:
-        ConfigError: It has none, or one that is not valid; the message has its label.
+        ConfigError: It has no shape, or one that is not valid; the message has its label.
     """
     label = geometry.label or "a geometry without a label"
     if len(label) > LONGEST_LABEL:
@@ -81,7 +81,7 @@ def _lengths(key: str, *lengths_mm: float) -> Array:
 
 
 def _cloud(geometry: Geometry, label: str) -> ShapeFile:
-    """A cloud's file. A centre that is not turned may be where its points are already."""
+    """A cloud's file, with its centre unless that is turned; viam-server may send either."""
     centre = convert.from_pose(geometry.center)
     is_turned = not np.allclose(centre.R, np.eye(3), atol=1e-9)
     data = content_of(geometry.pointcloud.point_cloud)

@@ -1,10 +1,10 @@
 """Write the kinematics for viam-server: the five-joint chain, as SVA JSON or as URDF.
 
-Everything is read from the robot description, so what the server plans with is what we plan with;
-only the names are the published module's (links ``base`` .. ``wrist`` and ``tool``, joints ``1`` ..
-``5``), because frame systems in the field refer to them. What viam-server insists on shapes the
-rest: one leaf, an ``<origin>`` on every joint and a ``<limit>`` on every revolute one (without them
-it panics), one collision geometry a link, and the jaw left out, for it would be a second leaf.
+Everything is read from the robot description, so viam-server and our planner use the same arm; only
+the names are the published module's (links ``base`` .. ``wrist`` and ``tool``, joints ``1`` ..
+``5``), because the frame systems of existing machines refer to them. viam-server requires the rest:
+one leaf, an ``<origin>`` on every joint and a ``<limit>`` on every revolute one (without them it
+panics), one collision geometry a link. The jaw is left out, because it would be a second leaf.
 
 In SVA a link is the path from one joint to the next, and its geometry sits in the frame the link
 starts in; that frame is the URDF link of the same part. A gripper is a chain of links without
@@ -44,7 +44,7 @@ class Box:
     """An axis-aligned box.
 
     Attributes:
-        center: In the frame it belongs to, shape (3,), [m].
+        center: In the frame of its part, shape (3,), [m].
         size: Lengths of its edges, shape (3,), [m].
     """
 
@@ -231,8 +231,8 @@ def _xyz_mm(p: Array) -> dict[str, float]:
 def arm_urdf(name: str) -> bytes:
     """The arm as URDF: metres and radians, one box a link, one leaf.
 
-    The turn of the tool needs a link of its own to start from, ``tool_mount``, for in URDF a
-    joint's origin belongs to the joint and not to the link before it.
+    The fixed turn of the tool needs a link of its own, ``tool_mount``, because in URDF the origin
+    belongs to a joint and not to the link before it.
     """
     robot = ET.Element("robot", name=name)
     segments = chain()

@@ -1,15 +1,15 @@
 """Write geometries and 3D models of arm and gripper for Viam's 3D viewer.
 
-Viam's viewer draws one node for every geometry a component reports and hangs the 3D model of the
-same label on it, at the geometry's own pose. So every part needs a geometry, the
-arm's labels are ``<arm>:<part>`` with the very ``<part>`` that keys the model, and a model's origin
-is the centre of its box. Our mesh files have theirs in the link frame; the shift is one number in
-the file's header and is written when the file is served.
+Viam's viewer draws one node for every geometry a component reports, and draws the 3D model of the
+same label at the geometry's own pose. So every part has a geometry, the arm's geometries are
+labelled ``<arm>:<part>`` with the model's key as ``<part>``, and a model's origin is the centre of
+its box. Our mesh files have their origin in the link frame; the shift is written into the file's
+header when the file is served.
 
-A gripper's parts are sent as meshes themselves, in the tool frame of the arm they are fixed to,
-because the jaw must be seen to move. viam-server reads meshes as PLY only. They are sent with every
-answer, so they are the visual meshes made coarse: vertices are welded on a grid, wide for ``low``
-detail and fine for ``high``.
+A gripper's parts are sent as meshes, in the tool frame of the arm they are fixed to, so that the
+viewer shows the jaw move. viam-server reads meshes as PLY only. They are sent with every answer, so
+they are the visual meshes made coarse: vertices are merged on a grid, wide for ``low`` detail and
+fine for ``high``.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ TOOL_MARKER = "tool"
 """The part that shows the tool frame, when it is asked for."""
 
 MARKER_BOX = Box(center=np.zeros(3), size=np.full(3, 0.001))
-"""What the marker hangs on [m]; small, for it is nothing one could collide with."""
+"""The geometry of the marker [m]; small, because the marker is not a body."""
 
 _URDF_LINK = {part: link for link, part in so101_description.PARTS.items()}
 

@@ -3,10 +3,9 @@
 An orientation vector is a direction ``o`` and a turn ``theta`` about it. With longitude and
 latitude of ``o`` (latitude counted from +z) the rotation is ``Rz(lon) Ry(lat) Rz(theta)``, so ``o``
 is its third column. Near the poles longitude and theta turn about almost the same axis, and
-viam-server fixes the longitude to zero there, in both directions. The price is its own: within
-0.8 degrees of straight up or down the direction of the tilt is lost. The rule is kept here because
-client and server must mean the same rotation by the same four numbers; inside, everything is
-computed with matrices and converted once, at this edge.
+viam-server fixes the longitude to zero there, in both directions. So within 0.8 degrees of straight
+up or down the direction of the tilt is lost. The same rule is used here because client and server
+must mean the same rotation by the same four numbers. Everywhere else rotations are matrices.
 
 Source: viam-server's spatialmath, checked against its frame system on 240 poses.
 """

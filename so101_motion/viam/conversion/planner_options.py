@@ -1,7 +1,7 @@
 """Read the planner's options from a request's ``extra``.
 
-Our own options and those of viam-server's planner that mean something here are honoured; its others
-are known and ignored, each with one warning. A wrong value of a known option is refused, because a
+Our own options and the options of viam-server's planner that our planner has too are used; the
+others are ignored, each with one warning. A wrong value of a known option is refused, because a
 misspelt metric that silently means "the whole pose" costs people an afternoon.
 """
 
@@ -40,7 +40,7 @@ _IGNORED = frozenset(
         "start_state",
     }
 )
-"""Options of viam-server's planner that mean nothing to ours."""
+"""Options of viam-server's planner that have no effect on ours."""
 
 _OPTIONS = (
     Attribute("goal_metric_type", "how much of a pose counts", kind="own"),
@@ -62,9 +62,9 @@ _OPTIONS = (
         zero_is_none=True,
     ),
 )  # fmt: skip
-"""Options that count."""
+"""Options that have an effect."""
 
-_HONOURED = tuple(each.name for each in _OPTIONS)
+_USED = tuple(each.name for each in _OPTIONS)
 
 _MOST_LOOKED_AT = 20  # unknown options of a request that are compared with ours; chosen
 
@@ -99,14 +99,14 @@ class PlannerOptions:
         Raises:
             ConfigError: A value cannot be used.
         """
-        given = Attributes({key: extra[key] for key in _HONOURED if key in extra}, _OPTIONS)
+        given = Attributes({key: extra[key] for key in _USED if key in extra}, _OPTIONS)
         return cls(
             metric=convert.from_goal_metric(extra),
             position_tolerance=given.value("position_tolerance_mm"),
             orientation_tolerance=given.value("orientation_tolerance_deg"),
             seed=given.value("rseed"),
             time_budget=given.value("timeout"),
-            # Theirs is on top of touching, ours is the whole distance; ours is never undercut.
+            # ``search`` uses it only if it is wider than the scene's own margin.
             margin=given.value("collision_buffer_mm"),
             cloud=cloud_in(extra),
         )
@@ -125,7 +125,7 @@ class PlannerOptions:
         """The options of the search for a plan.
 
         Args:
-            scene: What is around; with the margin that was asked for, if it is the wider one.
+            scene: The surroundings; the requested margin replaces theirs if it is wider.
             frames: Frames that the goal may name.
         """
         search = Search(
@@ -137,7 +137,7 @@ class PlannerOptions:
 
 
 def from_goal_cloud(cloud: ViamCloud) -> PoseCloud:
-    """Viam's cloud around a pose: millimetres and degrees become metres and radians.
+    """Convert Viam's pose cloud to ours: metres and radians.
 
     Raises:
         ConfigError: A tolerance is negative or not finite.
@@ -147,7 +147,7 @@ def from_goal_cloud(cloud: ViamCloud) -> PoseCloud:
 
 
 def to_goal_cloud(cloud: PoseCloud) -> ViamCloud:
-    """The same back to Viam's units."""
+    """Convert a pose cloud to Viam's: millimetres and degrees."""
     lengths_mm = {name: to_mm(getattr(cloud, name)) for name in ("x", "y", "z")}
     shares = {name: getattr(cloud, name) for name in ("o_x", "o_y", "o_z")}
     return ViamCloud(**lengths_mm, **shares, theta=to_deg(cloud.theta))
@@ -164,7 +164,7 @@ def cloud_in(extra: Mapping[str, object]) -> PoseCloud | None:
         return None
     if "goal_metric_type" in extra:
         raise ConfigError(
-            "pose_cloud", value, "and goal_metric_type answer the same question; give one"
+            "pose_cloud", value, "and goal_metric_type exclude each other; give one of them"
         )
     if not isinstance(value, Mapping):
         raise ConfigError("pose_cloud", value, 'must be an object such as {"x": 3, "theta": 180}')
@@ -187,7 +187,7 @@ class OptionWarnings:
     """Warns once of each option that has no effect, misspelt ones included.
 
     Args:
-        logger: Where to say so.
+        logger: Gets the warnings.
     """
 
     def __init__(self, logger: logging.Logger) -> None:
@@ -199,9 +199,9 @@ class OptionWarnings:
         for key in sorted(_IGNORED & extra.keys() - self._said):
             self._said.add(key)
             self._logger.warning('planner option "%s" has no effect on our planner', key)
-        unknown = sorted(extra.keys() - self._said - {*_HONOURED})
+        unknown = sorted(extra.keys() - self._said - {*_USED})
         for key in unknown[:_MOST_LOOKED_AT]:
-            hint = suggest(key, _HONOURED)
+            hint = suggest(key, _USED)
             if hint.startswith("did you mean"):  # others may be meant for somebody else
                 self._said.add(key)
                 self._logger.warning('"%s" is unknown and has no effect; %s', key, hint)

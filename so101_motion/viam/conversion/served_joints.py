@@ -1,10 +1,10 @@
 """Report joints that rest outside the served limits as just inside, so that viam-server plans.
 
-The limits in the served kinematics are those of the robot's description, and viam-server holds
-every arm of a machine against them before it plans for any: one joint a tick outside, and its
-builtin motion service moves no arm at all. Real joints do rest outside, for where zero is is known
-to some degrees only. So what ``GetJointPositions`` tells is brought in, by ``FARTHEST`` at most,
-and said. The pose, the geometries, the status and our own plans go by what was measured.
+The served kinematics have the joint limits of the robot's description, and viam-server checks every
+arm of a machine against them before it plans: with one joint a tick outside, its builtin motion
+service moves no arm at all. Real joints do rest outside, because a joint's zero is known to a few
+degrees only. So ``GetJointPositions`` moves the angle inside, by ``FARTHEST`` at most, and the
+status has a note. The pose, the geometries, the status and our own plans use the measured angles.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from so101_motion.control.limit_recovery import FARTHEST_OUT
 from so101_motion.viam.conversion.kinematics import chain
 
 FARTHEST = FARTHEST_OUT
-"""How far a joint may be told from where it is [rad]. One farther out is most likely not
-calibrated; then nobody should plan around where it is said to be, and the truth is told."""
+"""By how much a reported angle may differ from the measured one [rad]. A joint farther out is most
+likely not calibrated, and its measured angle is reported."""
 
 
 def served_limits() -> tuple[Array, Array]:

@@ -1,9 +1,9 @@
 """Read Viam's path constraints, and check whether a plan keeps them.
 
-A line constraint asks for a straight line of the component. A pseudolinear one allows a share of
-the distance to either side, an orientation constraint limits how far the component may be turned
-from the steady turn between start and goal. Whatever was asked for is measured on the setpoints of
-the plan; a plan that breaks it is refused, with how far the path was kept.
+A line constraint keeps the component on a straight line. A pseudolinear one allows a share of the
+distance to either side. An orientation constraint limits how far the component may be turned from
+the steady turn between start and goal. The constraints are measured on the setpoints of the plan; a
+plan that breaks one is refused, and the error says where and by how much.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.geometry import SE3, Array, interpolated, rotation_angle
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
-_LOOK_EVERY = 4  # setpoints between two that are measured
-_ROUNDING = 1e-4  # [m] and [rad] that are not held against a plan: 0.1 mm, as goals have it
+_LOOK_EVERY = 4  # every fourth setpoint is measured
+_ROUNDING = 1e-4  # [m] and [rad] added to what is allowed: 0.1 mm, as for goals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,10 +31,11 @@ class ToolConstraints:
     Attributes:
         line: How far it may leave the straight line [m]; infinite for no such constraint.
         line_share: The same as a share of the distance.
-        turn: How far it may be turned from between start and goal [rad]; infinite likewise.
+        turn: How far it may be turned from the steady turn between start and goal [rad]; infinite
+            for no such constraint.
         turn_share: The same as a share of the turn from start to goal.
         axis_only: Whether turns about its own z axis are free.
-        wants_line: Whether a straight line was asked for by name.
+        wants_line: Whether there is a line constraint.
     """
 
     line: float = math.inf
@@ -49,9 +50,9 @@ class ToolConstraints:
         """Read the constraints of a request; the tightest of each kind counts.
 
         Args:
-            constraints: As they came.
-            counts_turn: Whether the goal says how the component shall be turned; without that a
-                line leaves it free.
+            constraints: The request's.
+            counts_turn: Whether the goal has an orientation; if not, a line constraint leaves it
+                free.
 
         Raises:
             ConfigError: A tolerance is negative or no number.
@@ -105,7 +106,7 @@ class ToolConstraints:
             component: Where the component is in the base frame, of joint angles.
 
         Raises:
-            PlanningError: What is broken, where and by how much.
+            PlanningError: A constraint is broken; the message says where and by how much.
         """
         if not self.is_any:
             return

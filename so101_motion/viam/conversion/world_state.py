@@ -1,8 +1,8 @@
 """Turn a Viam WorldState into the planner's scene.
 
-Obstacles stand where they are when the request comes. The physical object of a transform belongs
-to its frame: if that hangs from the tool, it is held and moves along, and it may touch the hand
-that holds it; otherwise it is an obstacle.
+Obstacles stay where they are when the request comes. If the frame of a transform is attached to the
+tool, its physical object is held: it moves along and may touch the hand. Otherwise the object is an
+obstacle.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ async def scene_with(scene: Scene, world: WorldState | None, frames: Frames) -> 
     """Add a request's world state to ``scene``.
 
     Args:
-        scene: What is known of the surroundings.
-        world: What the request says.
-        frames: Where its frames are; knows its transforms already.
+        scene: The known surroundings.
+        world: The request's.
+        frames: The frames of the request, with its transforms.
 
     Raises:
         ConfigError: Something is not valid, or its frame is not known.
@@ -76,8 +76,8 @@ def _refuse_many(count: int) -> None:
 async def allowing(scene: Scene, specifications: CollisionSpecification, frames: Frames) -> Scene:
     """``scene`` with the contacts that a request allows.
 
-    A part of the arm is called ``<arm>:<part>``; the name of the arm means all its parts, and that
-    of a gripper or whatever else hangs from the tool means the hand.
+    A part of the arm is called ``<arm>:<part>``. The name of the arm means all its parts; the name
+    of a gripper, or of anything else attached to the tool, means the hand.
 
     Args:
         scene: The surroundings, those of the request included.

@@ -1,8 +1,8 @@
 """Write a scene as the JSON of a Viam WorldState, for planning with another motion service.
 
-Plain values in the form that protobuf gives such a message in JSON (millimetres, degrees,
-orientation vectors; binary as base64), made without Viam's package, which a page does not load.
-Obstacles are seen from the arm's base, ``<arm>_origin``, and what is held from its tool, ``<arm>``.
+The values are as protobuf writes such a message in JSON (millimetres, degrees, orientation vectors;
+binary as base64). Viam's package is not used, because the viewer runs without it. Obstacles are in
+the frame of the arm's base, ``<arm>_origin``, and held objects in that of its tool, ``<arm>``.
 
 A WorldState cannot say everything that a scene can: it has no floor, no weight, no permitted
 contacts, and a keep-out zone is an obstacle in it like any other.
@@ -22,15 +22,15 @@ from so101_motion.viam.conversion.orientation import from_rotation
 Json = dict[str, object]
 
 _AT_ONCE = 1_000
-"""So many rows are formatted at a time, so that no other thread waits for long. Chosen."""
+"""Rows that are formatted at a time, so that no other thread waits for long. Chosen."""
 
 
 def world_state_json(scene: Scene, *, arm: str = "arm") -> Json:
     """The WorldState for a scene.
 
     Args:
-        scene: What is.
-        arm: What the machine calls the arm.
+        scene: Obstacles and held objects.
+        arm: The arm's name on the machine.
     """
     world: Json = {}
     if scene.obstacles:

@@ -75,8 +75,8 @@ def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(file):
     [
         ("{", "is not JSON"),
         ("[" * 100_000, "is not JSON"),
-        ("{}", "nothing to take over"),
-        ("[1]", "nothing to take over"),
+        ("{}", "nothing to migrate"),
+        ("[1]", "nothing to migrate"),
     ],
 )
 def test_what_is_no_configuration_is_a_sentence(given, says):

@@ -75,7 +75,7 @@ def test_all_that_later_versions_know_is_taken():
         ({**PORT, "waypoint_lookahead_deg": 46}, "0.1 to 45"),
         ({**PORT, "disable_servo_gains": 1}, "true or false"),
         ({**PORT, "servo_gains": {}}, "unknown attribute"),
-        ({**PORT, "vision": "finder"}, 'which "camera"'),
+        ({**PORT, "vision": "finder"}, 'name it in "camera"'),
         ({**PORT, "ignore_components": "crate"}, "list of names"),
         ({**PORT, "speed_degs_per_sec": math.nan}, "finite"),
         ({**PORT, "acceleration_degs_per_sec_per_sec": 501}, "10 to 500"),
@@ -119,7 +119,7 @@ def test_a_gripper_names_its_port_or_its_arm():
         HardwareGripperConfig.from_attributes({"gripper_type": "leader"})
     with pytest.raises(ConfigError, match="gripper_type"):
         HardwareGripperConfig.from_attributes({**PORT, "gripper_type": "claw"})
-    with pytest.raises(ConfigError, match=r"articulated_jaw.*is not done here"):
+    with pytest.raises(ConfigError, match=r"articulated_jaw.*is not supported"):
         HardwareGripperConfig.from_attributes({**PORT, "articulated_jaw": True})
     assert HardwareGripperConfig.from_attributes({**PORT, "articulated_jaw": False}).servo_id == 6
 

@@ -82,7 +82,7 @@ def test_what_is_known_stays_and_what_is_not_is_named():
 
 def test_nothing_secret_is_told():
     found = migrate(machine(part("devrel:so101:arm", {"port": "/dev/a", "token": "a secret"})))
-    told = repr(found) + json.dumps(found.configuration()) + repr(found.way_back())
+    told = repr(found) + json.dumps(found.configuration()) + repr(found.steps_back())
     for secret in ("TOPSECRET", "HIDDEN", "PASSWORD", "a secret"):
         assert secret not in told
 
@@ -120,9 +120,9 @@ def test_a_model_that_is_not_here_is_named_with_the_nearest():
 
 def test_the_way_back_holds_the_old_entry_and_what_to_take_out():
     entry = part("devrel:so101:arm", {"port": "/dev/a", "floor_z_mm": 0.0})
-    back = "\n".join(migrate(machine(entry)).way_back())
+    back = "\n".join(migrate(machine(entry)).steps_back())
     assert '"version": "0.1.5"' in back
-    assert "take out what only this module knows: floor_z_mm" in back
+    assert "take out the attributes that only this module knows: floor_z_mm" in back
 
 
 def test_the_module_keeps_its_name_for_its_data():
@@ -154,10 +154,10 @@ def test_a_calibration_file_that_is_here_is_checked(tmp_path, monkeypatch):
     ("content", "says"),
     [
         ("text", "must be a JSON object"),
-        ({"components": []}, "nothing to take over"),
-        ({"components": "none"}, "nothing to take over"),
+        ({"components": []}, "nothing to migrate"),
+        ({"components": "none"}, "nothing to migrate"),
         ({"fragments": ["x"]}, "fragments"),
-        ([{"model": None}, 3], "nothing to take over"),
+        ([{"model": None}, 3], "nothing to migrate"),
     ],
 )
 def test_what_has_nothing_to_take_over_is_refused_in_a_sentence(content, says):

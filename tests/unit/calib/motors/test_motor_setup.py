@@ -200,7 +200,7 @@ def test_twins_whose_very_pings_collide_are_refused():
 
 def test_an_id_that_is_taken_is_refused():
     setup = MotorSetup(LentBus({5: 1, 6: 6}, calibrated=False).lent)
-    refused(lambda: setup.assign("gripper"), "id taken", "id 6 of gripper")
+    refused(lambda: setup.assign("gripper"), "id taken", "id of gripper, 6")
 
 
 def test_a_whole_arm_is_told_to_be_verified():
@@ -355,7 +355,7 @@ def test_what_was_done_is_logged(caplog):
     _, setup = loose(17, 57_600)
     with caplog.at_level(logging.INFO, "so101_motion"):
         setup.assign("gripper")
-    assert "servo 17 at 57600 baud is servo 6 at 1000000 baud now" in caplog.text
+    assert "servo 17 at 57600 baud is now servo 6 at 1000000 baud" in caplog.text
 
 
 def test_a_servo_that_falls_silent_is_reported_as_such():

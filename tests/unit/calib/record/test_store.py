@@ -260,7 +260,7 @@ def test_a_calibration_comes_back_after_viam_server_deleted_it(module_file):
     assert (found.calibration, found.zeros) == (before.calibration, before.zeros)
     assert store.load(module_file).notes == ()
     assert "was gone" in found.notes[0]
-    assert "brought back" in found.notes[0]
+    assert "restored" in found.notes[0]
 
 
 def test_a_file_of_the_published_module_has_a_second_copy_once_it_was_used(module_file):

@@ -217,7 +217,7 @@ def test_nothing_is_left_of_a_conversion_that_fails(tmp_path):
     path.write_bytes(path.read_bytes()[:-3] + b"???")
     before = sorted(tmp_path.rglob("*"))
     units = units_of("model")
-    with pytest.raises(ConfigError, match="no Parquet file"):
+    with pytest.raises(ConfigError, match="not a readable Parquet file"):
         convert_data_set(open_data_set(root), tmp_path / "new", source=units, target=units)
     assert sorted(tmp_path.rglob("*")) == before
 

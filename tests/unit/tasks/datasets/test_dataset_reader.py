@@ -178,7 +178,7 @@ def test_a_data_set_without_data_is_refused(root):
     (root / "data/chunk-000/file-000.parquet").unlink()
     assert "no data files" in broken(root)
     (root / "data/chunk-000/file-000.parquet").write_bytes(b"PAR1 nothing else PAR1")
-    assert "no Parquet file" in broken(root)
+    assert "not a readable Parquet file" in broken(root)
 
 
 def test_files_with_bytes_changed_at_random_are_read_or_refused(tmp_path):

@@ -133,7 +133,7 @@ def test_a_folder_with_other_things_is_refused(tmp_path):
 
 
 def test_an_executor_that_loses_everything_is_given_up(tmp_path):
-    with pytest.raises(WorkerError, match=r"no such computer.*goes on"):
+    with pytest.raises(WorkerError, match=r"no such computer.*to go on"):
         run_sweep(TOY, tmp_path / "out", executor=Broken())
 
 

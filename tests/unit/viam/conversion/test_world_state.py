@@ -267,5 +267,5 @@ async def test_frames_that_hang_from_too_many_others_are_refused():
     ]
     frames = Frames("arm", TOOL, chain)
     for look in (frames.T_base, frames.is_held):
-        with pytest.raises(ConfigError, match="hangs from more than 100 others"):
+        with pytest.raises(ConfigError, match="has more than 100 parents"):
             await look("frame 0")
