@@ -32,10 +32,11 @@ ZIG_MACHINES = ("x86_64", "aarch64", "arm64")
 
 FLAGS = ("-std=c11", "-O3", "-fPIC", "-fno-math-errno", "-w")
 WIDTHS = (
-    ("-ffp-contract=fast", "-march=haswell"),
-    ("-ffp-contract=fast", "-march=skylake-avx512", "-mprefer-vector-width=512"),
+    ("lanes.c", "-ffp-contract=fast", "-march=haswell"),
+    ("lanes.c", "-ffp-contract=fast", "-march=skylake-avx512", "-mprefer-vector-width=512"),
+    ("furthest.c", "-ffp-contract=off", "-march=haswell"),
 )
-"""For lanes.c once more each, on x86-64; the plain one is compiled everywhere."""
+"""What is compiled once more for wider vectors on x86-64, and how."""
 TIME_LIMIT = 300.0
 """Of one call of the compiler [s]."""
 
@@ -83,12 +84,12 @@ def build(target: str | None = None) -> Path | None:
             compiler += ["-target", target]
         widths = WIDTHS if machine.lower() in ("x86_64", "amd64") else ()
         objects = []
-        for k, flags in enumerate(widths):
-            objects.append(f"{folder}/lanes{k}.o")
+        for k, (name, *flags) in enumerate(widths):
+            objects.append(f"{folder}/wide{k}.o")
             # zig wants the name of the processor with an underscore.
             named = [flag.replace("skylake-", "skylake_") for flag in flags if "prefer" not in flag]
-            chosen = named if "ziglang" in compiler else list(flags)
-            source = str(SOURCES / "lanes.c")
+            chosen = named if "ziglang" in compiler else flags
+            source = str(SOURCES / name)
             if not _succeeds([*compiler, *FLAGS, *chosen, "-c", source, "-o", objects[-1]]):
                 return None
         sources = [str(each) for each in sorted(SOURCES.glob("*.c"))]

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -97,6 +97,7 @@ class Place:
         self._course: Course | None = None
         self._planned: Course | None = None
         self._beside: dict[str, Beside] = {}  # by name of the other arm
+        self._known: tuple[Mapping[str, Place], list[Place]] = ({}, [])  # of the cell; minded of it
         bodies_of()  # made before the control loop needs it
 
     @property
@@ -171,7 +172,7 @@ class Place:
 
     def near(self) -> list[NearArms]:
         """What of other arms was near at the last call of ``admits``; see ``Neighbours``."""
-        known = ((other.name, self._beside.get(other.name)) for other in self._neighbours())
+        known = [(other.name, self._beside.get(other.name)) for other in self._neighbours()]
         return [each.near(name) for name, each in known if each is not None and each.count]
 
     def admits(self, q: Array, dt: float) -> bool:
@@ -234,15 +235,15 @@ class Place:
         return max(state.q_jaw, state.q_jaw_ref)
 
     def _stop(self, q: Array, dt: float, now: float) -> Course:
-        path = np.empty((len(q), 6))
-        path[:, :5], path[:, 5] = q, self._q_jaw
-        return Course(t=now, dt=dt, q=path)
+        return Course.stop(q, self._q_jaw, t=now, dt=dt)
 
     def _neighbours(self) -> list[Place]:
-        if ALL in self._ignores:
-            return []
-        unminded = {self.name, *self._ignores}
-        return [each for key, each in self.cell.places.items() if key not in unminded]
+        places, (known, minded) = self.cell.places, self._known
+        if known is not places:
+            unminded = {*places} if ALL in self._ignores else {self.name, *self._ignores}
+            minded = [each for key, each in places.items() if key not in unminded]
+            self._known = places, minded
+        return minded
 
 
 @lru_cache(maxsize=64)

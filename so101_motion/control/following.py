@@ -379,7 +379,7 @@ class Following(LedMotion):
             others = () if self._neighbours is None else self._neighbours.near()
             allowed = self._guard.within_reach(self.now.q, q, others)
             if allowed is not q:
-                q, qd, qdd = np.clip(allowed, self._least, self._most), np.zeros_like(qd), None
+                q, qd, qdd = allowed.clip(self._least, self._most), np.zeros_like(qd), None
             self._held = tuple(map(self._guard.words, self._guard.against))
         arrival: online.Arrival = "each"
         if not qd.any() and (is_gentle or self._ends_there or self.is_approaching):

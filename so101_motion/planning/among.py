@@ -45,7 +45,7 @@ WAIT = 0.05
 
 SURELY = 0.7
 """Who is nearer than this share of what must stay free is refused by every proof; chosen, a proof
-leaves three quarters of it."""
+leaves seven eighths of it."""
 
 COARSE = 4
 """So many times as long are the steps in which a wait is looked for first; chosen."""

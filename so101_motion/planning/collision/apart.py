@@ -41,7 +41,7 @@ PARTING, TENTH = 5e-4, 1e-4
 """Arms that are too near already may come so much nearer [m], because parts that slide along each
 other do; distances are known to the second. Chosen."""
 
-_PART, UNKNOWN = 0.5, 2  # as in apart.c and native.h
+_PART, UNKNOWN = 0.25, 2  # as in apart.c and native.h
 
 _Found = tuple[float, float, int, int] | None
 """When, how near, and which bodies of either arm."""
@@ -94,7 +94,7 @@ def first_meeting(
         second: Another's.
         T_first_second: Where the second's base is in the first's.
         since: From when on to look [s].
-        room: How far they must stay apart [m]; between two looks at a pair, three quarters of it.
+        room: How far they must stay apart [m]; between two looks at a pair, seven eighths of it.
         early: How much one may be ahead of the other [s]: the faster both are, the further apart
             they must stay.
     """
@@ -305,19 +305,6 @@ def _told(
     figures: tuple[float, ...],
 ) -> Meeting | None:
     """What the compiled library answers about two courses."""
-    found, out = answer(question, first, second, T, figures)
-    return meeting(found, out, first[0], second[0])
-
-
-def answer(
-    question: str,
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
-    T: SE3,
-    figures: tuple[float, ...],
-    *more: ctypes.c_void_p,
-) -> tuple[int, Array]:
-    """The library's verdict on two courses; when, how near, which bodies."""
     (a, one), (b, other) = first, second
     library, n, m = native().library, one.q.size, other.q.size
     assert library is not None
@@ -330,12 +317,12 @@ def answer(
     )
     found = getattr(library, question)(
         a.handle, b.handle, placed, a.levers_pointer, b.levers_pointer,
-        times, n // 6, qa, others, m // 6, qb, *map(ctypes.c_double, figures), *more, out,
+        times, n // 6, qa, others, m // 6, qb, *map(ctypes.c_double, figures), out,
     )  # fmt: skip
-    return int(found), given[16 + n + m :]
+    return meeting(int(found), given[16 + n + m :], a, b)
 
 
-def meeting(found: int, out: Array, a: ArmBodies, b: ArmBodies) -> Meeting | None:
+def meeting(found: int, out: Sequence[float] | Array, a: ArmBodies, b: ArmBodies) -> Meeting | None:
     """What an answer of the library says; None if the arms do not meet."""
     met = _found(found, out)
     return None if met is None else Meeting(met[0], met[1], a.names[met[2]], b.names[met[3]])
@@ -365,7 +352,7 @@ def _meet(
     return _found(found, given)
 
 
-def _found(found: int, out: Array) -> _Found:
+def _found(found: int, out: Sequence[float] | Array) -> _Found:
     if found == UNKNOWN:
         raise MemoryError("there is no memory to prove that two arms keep apart")
     return (float(out[0]), float(out[1]), int(out[2]), int(out[3])) if found else None

@@ -32,7 +32,7 @@ MOST_ARMS = 8
 FEW = 64
 """Up to so many waypoints are handed over in an array whose address is known."""
 
-NEAR_ROW = 16
+NEAR_ROW, BOUND = 16, 7
 """As in ``native.h``."""
 
 FREE, TOUCHING = 0, 1
@@ -85,8 +85,13 @@ class BatchCheck:
         arguments, pair_of = packed(model, bodies, floor_z or 0.0)
         self._pair_of = np.zeros(1 + max(pair_of, default=0), dtype=int)
         self._pair_of[list(pair_of)] = list(pair_of.values())
-        self._near = np.zeros((max(1, len(bodies.pairs)), NEAR_ROW))
-        self._at_near = pointer(self._near)
+        count = max(1, len(bodies.pairs))
+        self._near, self._bounds = np.zeros((count, NEAR_ROW)), np.zeros((count, BOUND))
+        self._margins, self._numbers = np.zeros(len(self._pair_of)), self._pair_of.astype(float)
+        if len(bodies.pairs):
+            self._margins[:] = bodies.margins[self._pair_of]
+        self._at_near, self._at_bounds = pointer(self._near), pointer(self._bounds)
+        self._at_margins, self._at_numbers = pointer(self._margins), pointer(self._numbers)
         handle = library.so101_new(*(_argument(each) for each in arguments), self._ask)
         if not handle:
             raise MemoryError("no memory for the bodies of a scene")
@@ -124,23 +129,21 @@ class BatchCheck:
         self.raise_error()
         return np.asarray(verdicts == TOUCHING)
 
-    def near(self, q: Array, q_jaw: float, within: float) -> Array | None:
+    def near(
+        self, q: Array, q_jaw: float, within: float, gap: float = 0.0
+    ) -> tuple[Array, Array] | None:
         """The pairs of bodies within a distance [m] of each other; None if coal has to say.
 
         Returns:
-            A row for each: which pair, the distance, the point of the first, that of the second,
-            the normal, the gradient; shape (n, 16).
+            As ``CollisionModel.near_bounds``; the bounds until this is asked again.
         """
         self._one[:5] = q
         self._one[5] = q_jaw
-        n = self.library.so101_nearest(
-            self.scene, self._at_one, ctypes.c_double(within), len(self._near), self._at_near
-        )
-        if n < 0:
-            return None
-        rows = self._near[:n].copy()
-        rows[:, 0] = self._pair_of[rows[:, 0].astype(int)]
-        return rows
+        n = self.library.so101_near_bounds(
+            self.scene, self._at_one, ctypes.c_double(within), len(self._near), self._at_near,
+            self._at_margins, self._at_numbers, ctypes.c_double(gap), self._at_bounds,
+        )  # fmt: skip
+        return None if n < 0 else (self._near[:n].copy(), self._bounds[:n])
 
     def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool | None:
         """As ``CollisionModel.lacks_more``; None if coal has to say."""

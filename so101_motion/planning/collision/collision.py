@@ -192,9 +192,9 @@ class CollisionModel:
         """How much each pair lacks of a margin, both of shape (len(pairs),), [m]; 0 of most."""
         self.checkpoint()
         lack, widest = np.zeros(len(self.pairs)), float(margins.max(initial=0.0))
-        rows = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, widest)
-        if rows is not None:
-            pairs = rows[:, 0].astype(int)
+        near = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, widest)
+        if near is not None:
+            rows, pairs = near[0], near[0][:, 0].astype(int)
             lack[pairs] = np.maximum(margins[pairs] - rows[:, 1], 0.0)
             return lack
         self._q[:5] = q
@@ -241,31 +241,42 @@ class CollisionModel:
         Raises:
             ValueError: ``within`` is out of range.
         """
-        rows = self.near_rows(q, q_jaw, within=within)
+        rows, _ = self.near_bounds(q, q_jaw, within=within)
         return [self.described(row) for row in rows[np.argsort(rows[:, 1], kind="stable")]]
 
     def described(self, row: Array) -> ClosePair:
-        """A row of ``near_rows`` in words and vectors."""
+        """A row of ``near_bounds`` in words and vectors."""
         k = int(row[0])
         p_first, p_second, normal, gradient = row[2:5], row[5:8], row[8:11], row[11:]
         vectors = p_first, p_second, normal, gradient
         return ClosePair(float(row[1]), *self.pairs[k], *vectors, float(self.margins[k]), k)
 
-    def near_rows(self, q: ArrayLike, q_jaw: float = 0.0, *, within: float) -> Array:
+    def near_bounds(
+        self, q: ArrayLike, q_jaw: float = 0.0, *, within: float, gap: float = 0.0
+    ) -> tuple[Array, Array]:
         """The same as numbers, in any order, for whoever asks in every control cycle.
+
+        Args:
+            gap: What a step shall leave free beyond the margins, where it is free now [m].
 
         Returns:
             A row for each pair of bodies: its place in ``pairs``, distance, ``p_first``,
-            ``p_second``, normal, gradient; shape (n, 16).
+            ``p_second``, normal, gradient; shape (n, 16). And the bounds of such a step
+            (``nearest_within.py``), shape (n, 7), which count until this is asked again.
 
         Raises:
             ValueError: ``within`` is out of range.
         """
         if not 0.0 < within <= NEAR:
             raise ValueError(f"within must be more than 0 and at most {NEAR} m, got {within}")
-        rows = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, within)
-        if rows is not None:
-            return rows
+        said = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, within, gap)
+        if said is not None:
+            return said
+        rows = self._near_by_coal(q, q_jaw, within)
+        rooms = rows[:, 1] - self.margins[rows[:, 0].astype(int)]
+        return rows, np.column_stack((rows[:, -5:], np.minimum(0.0, gap - rooms), rooms))
+
+    def _near_by_coal(self, q: ArrayLike, q_jaw: float, within: float) -> Array:
         self._q[:5] = q
         self._q[5] = q_jaw
         found: list[tuple[int, float, Any]] = []

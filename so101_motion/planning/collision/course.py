@@ -44,18 +44,26 @@ class Course:
     q: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", frozen_array(self.q, (-1, 6)))
+        if self.q.flags.writeable:  # else it is taken as it is: one is made in every control cycle
+            object.__setattr__(self, "q", frozen_array(self.q, (-1, 6)))
+
+    @classmethod
+    def stop(cls, q: Array, q_jaw: float, *, t: float, dt: float) -> Course:
+        """Of an arm that goes through ``q``, shape (n, 5), with the jaw at ``q_jaw`` [rad]."""
+        path = np.empty((len(q), 6))
+        path[:, :5], path[:, 5] = q, q_jaw
+        path.setflags(write=False)
+        return cls(t=t, dt=dt, q=path)
 
     @classmethod
     def resting(cls, q: Array, q_jaw: float) -> Course:
         """Of an arm that stays at ``q``, shape (5,), with the jaw at ``q_jaw`` [rad]."""
-        return cls(t=0.0, dt=1.0, q=np.append(q, q_jaw)[None])
+        return cls.stop(q[None], q_jaw, t=0.0, dt=1.0)
 
     @classmethod
     def along(cls, motion: Samples, q_jaw: float, *, t: float = 0.0) -> Course:
         """Of an arm that begins a motion at ``t`` [s] with the jaw at ``q_jaw`` [rad]."""
-        path = np.column_stack([motion.q, np.full(len(motion.q), q_jaw)])
-        return cls(t=t, dt=motion.dt, q=path)
+        return cls.stop(motion.q, q_jaw, t=t, dt=motion.dt)
 
     @property
     def end(self) -> float:
@@ -121,13 +129,12 @@ class NearArms(NamedTuple):
     """Bodies of an arm that are near those of another one, and how the joints bring them nearer.
 
     Attributes:
-        rooms: How much nearer they may come, shape (n,), [m].
-        gradients: What each joint adds to that, shape (n, 5), [m/rad].
+        bounds: Of a step that brings them no nearer than they may come, shape (n, 7); see
+            ``nearest_within.py``.
         words: Which they are, by number, such as ``"the jaw close to left's wrist"``.
     """
 
-    rooms: Array
-    gradients: Array
+    bounds: Array
     words: Callable[[int], str]
 
 

@@ -12,18 +12,18 @@ from operator import is_
 
 import numpy as np
 
-from so101_motion.common.geometry import SE3
+from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.apart import (
     GUARDED,
     GUARDED_EARLY,
     PARTING,
     UNKNOWN,
     Meeting,
-    answer,
     first_meeting,
     gaps,
     meeting,
     nearness,
+    placement,
 )
 from so101_motion.planning.collision.arm_bodies import ArmBodies
 from so101_motion.planning.collision.batch_check import pointer
@@ -32,15 +32,51 @@ from so101_motion.planning.native.library import native
 
 PUSHED = 0.7
 """Arms that are nearer than this share of what they have gained were moved by others; chosen, a
-proof leaves three quarters of it."""
+proof leaves seven eighths of it."""
 
 RANGE = 0.03
 """From how near on, beyond ``GUARDED``, arms approach each other more slowly [m]; as guard.py's."""
 
-_ROW = 8  # numbers of a body that is near, as in nearest.c
+GAP = 0.002
+"""What stays free beyond what must when something is approached [m], and what is left, as a share,
+of what a joint may hold. Chosen: the proof, which goes by what must, then has nothing to refuse."""
+
+_BOUND, _ROW, _MOST = 7, 9, 24
+"""Numbers of a bound, of a body that is near, and how many of these are told; as in native.h."""
+
+_PLACES = 64
+"""Courses of so many places need no new memory; chosen, a stop of a second has fewer."""
 
 _SAME = 1e-7
 """Distances that differ by less are equal [m]; coal's rounding."""
+
+
+class _Course(ctypes.Structure):
+    _fields_ = [
+        ("t", ctypes.c_double),
+        ("dt", ctypes.c_double),
+        ("n", ctypes.c_int),
+        ("q", ctypes.c_void_p),
+    ]
+
+
+class _Asked(ctypes.Structure):
+    """What stands in front in the library's ``Beside``."""
+
+    _fields_ = [
+        ("scene", ctypes.c_void_p * 2),
+        ("levers", ctypes.c_void_p * 2),
+        ("placement", ctypes.c_double * 12),
+        ("course", _Course * 2),
+        *(
+            (name, ctypes.c_double)
+            for name in ("since", "step", "margin", "skew", "pushed", "parting", "within", "gap")
+        ),
+        ("told", ctypes.c_double * 4),
+        ("gained", ctypes.c_double),
+        ("near", ctypes.c_double),
+        ("row", ctypes.c_double * _ROW * _MOST),
+    ]
 
 
 class Beside:
@@ -53,7 +89,10 @@ class Beside:
     def __init__(self) -> None:
         self.gained = 0.0
         self._of: tuple[ArmBodies, ArmBodies, SE3] | None = None
-        self._memory, self._address = np.zeros(0), ctypes.c_void_p()
+        self._asked, self._rows = _Asked(), np.zeros((0, _ROW))
+        self._address = ctypes.c_void_p()
+        self._courses: tuple[_Course, ...] = ()
+        self._q = tuple[Array, ...]()  # the courses' places, where the library reads them
 
     @property
     def count(self) -> int:
@@ -61,7 +100,7 @@ class Beside:
 
         0 without the library, and while something is passed from hand to hand.
         """
-        return 0 if self._of is None else int(self._memory[1])
+        return 0 if self._of is None else int(self._asked.near)
 
     def near(self, name: str) -> NearArms:
         """What was near.
@@ -69,31 +108,63 @@ class Beside:
         Args:
             name: What messages call the other arm.
         """
-        rows = self._memory[2 : 2 + _ROW * self.count].reshape(-1, _ROW)
-        return NearArms(rows[:, 0] - GUARDED, rows[:, 3:], partial(self._words, name))
+        return NearArms(self._rows[: self.count, :_BOUND], partial(self._words, name))
 
     def _words(self, name: str, k: int) -> str:
         assert self._of is not None
-        (a, b, _), row = self._of, self._memory[2 + _ROW * k :]
-        return close(a.names[int(row[1])], name, b.names[int(row[2])])
+        (a, b, _), row = self._of, self._rows[k]
+        return close(a.names[int(row[_BOUND])], name, b.names[int(row[_BOUND + 1])])
 
-    def of(self, a: ArmBodies, b: ArmBodies, T: SE3) -> ctypes.c_void_p | None:
-        """Where the library keeps what it knows of two arms; None if it has nothing to say."""
+    def answer(
+        self,
+        first: tuple[ArmBodies, Course],
+        second: tuple[ArmBodies, Course],
+        T: SE3,
+        since: float,
+    ) -> tuple[int, Array] | None:
+        """What the library says to ``led_apart``; None if it has nothing to say."""
+        a, b = first[0], second[0]
         if a.handle is None or b.handle is None or a.passed | b.passed:
             self._of = None
             return None
         if self._of is None or not all(map(is_, self._of, (a, b, T))):
-            library = native().library
-            assert library is not None
-            self._of = a, b, T
-            self._memory = np.zeros(library.so101_beside_size() // 8)
-            self._address = pointer(self._memory)
-        self._memory[0] = self.gained
-        return self._address
+            self._begin(a, b, T)
+        asked = self._asked
+        for (_, course), told, places in zip((first, second), self._courses, self._q, strict=True):
+            n = len(course.q)
+            if n > len(places):
+                self._make_room(n)
+                return self.answer(first, second, T, since)
+            told.t, told.dt, told.n, places[:n] = course.t, course.dt, n, course.q
+        asked.since, asked.gained = since, self.gained
+        library = native().library
+        assert library is not None
+        found = library.so101_led_apart(self._address)
+        if found != UNKNOWN:
+            self.gained = asked.gained
+        return found, asked.told
 
-    def take(self) -> None:
-        """Take over what the library has found."""
-        self.gained = float(self._memory[0])
+    def _begin(self, a: ArmBodies, b: ArmBodies, T: SE3) -> None:
+        library = native().library
+        assert library is not None
+        memory = np.zeros(library.so101_beside_size() // 8)
+        self._of, self._asked = (a, b, T), _Asked.from_buffer(memory.data)  # which keeps the memory
+        self._address = pointer(memory)
+        asked = self._asked
+        for k, bodies in enumerate((a, b)):
+            assert bodies.handle is not None
+            asked.scene[k], asked.levers[k] = bodies.handle.value, bodies.levers_pointer.value
+        asked.placement[:] = placement(T).tolist()
+        asked.step, asked.margin, asked.skew = STEP, GUARDED, GUARDED_EARLY
+        asked.pushed, asked.parting, asked.within, asked.gap = PUSHED, PARTING, GUARDED + RANGE, GAP
+        rows = memory[_Asked.row.offset // 8 :][: _ROW * _MOST]
+        self._rows, self._courses = rows.reshape(_MOST, _ROW), (asked.course[0], asked.course[1])
+        self._make_room(_PLACES)
+
+    def _make_room(self, places: int) -> None:
+        self._q = tuple(np.zeros((places, 6)) for _ in range(2))
+        for course, q in zip(self._courses, self._q, strict=True):
+            course.q = q.ctypes.data
 
 
 def led_apart(
@@ -120,13 +191,9 @@ def led_apart(
         Where they would meet; None if nowhere.
     """
     a, b = first[0], second[0]
-    memory = beside.of(a, b, T_first_second)
-    if memory is not None:
-        figures = since, STEP, GUARDED, GUARDED_EARLY, PUSHED, PARTING, GUARDED + RANGE
-        found, out = answer("so101_led_apart", first, second, T_first_second, figures, memory)
-        if found != UNKNOWN:
-            beside.take()
-            return meeting(found, out, a, b)
+    said = beside.answer(first, second, T_first_second, since)
+    if said is not None and said[0] != UNKNOWN:
+        return meeting(*said, a, b)
     pair = first, second, T_first_second
     met = first_meeting(*pair, since=since, room=GUARDED, early=GUARDED_EARLY)
     if met is None:

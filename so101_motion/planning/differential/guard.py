@@ -19,21 +19,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.batch_check import NEAR_ROW
+from so101_motion.planning.collision.batch_check import BOUND, NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
 from so101_motion.planning.collision.collision import ClosePair, CollisionModel
 from so101_motion.planning.collision.course import NearArms
-from so101_motion.planning.differential.nearest_within import Bounds, nearest_within
+from so101_motion.planning.collision.led_apart import GAP
+from so101_motion.planning.differential.nearest_within import BoundedStep
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 RANGE = 0.05
 """From how near on, beyond the margin, bodies are approached more slowly [m]. Chosen: a tool that
 moves at 0.25 m/s brakes within that at 0.6 m/s^2; what comes faster ``admits`` stops."""
-
-GAP = 0.002
-"""What stays free beyond the margin when something is approached [m], and what is left, as a share,
-of what a joint may hold. Chosen: ``admits``, which goes by the margin itself, then has nothing to
-refuse."""
 
 BENT = 0.3
 """Share of the smallest margin by which a path may bend between its places; chosen."""
@@ -98,7 +94,8 @@ class Guard:
         self._range = min(NEAR, self._widest + RANGE)
         self._reach: list[float] = collision.reach.tolist()
         self._looked: Array | None = None
-        self._rows, self._rooms, self._free = np.zeros((0, NEAR_ROW)), np.zeros(0), 0.0
+        self._rows, self._bounds, self._free = np.zeros((0, NEAR_ROW)), np.zeros((0, BOUND)), 0.0
+        self._step = BoundedStep()
         self.against: tuple[ClosePair | TorqueReserve | str, ...] = ()
 
     @property
@@ -109,15 +106,14 @@ class Guard:
     def look(self, q: Array) -> list[ClosePair | TorqueReserve]:
         """What has little left at ``q``, shape (5,), [rad]: joints, then bodies, nearest first."""
         heavy = self._see(q)
-        order = np.lexsort((self._rows[:, 1], self._rooms))
+        order = np.lexsort((self._rows[:, 1], self._bounds[:, -1]))
         return [*heavy, *map(self._collision.described, self._rows[order])]
 
     def _see(self, q: Array) -> list[TorqueReserve]:
         """Look around at ``q``; what is heavy there."""
-        rows = self._collision.near_rows(q, self._q_jaw(), within=self._range)
-        self._rooms = rows[:, 1] - self._collision.margins[rows[:, 0].astype(int)]
-        self._looked, self._rows = q, rows
-        self._free = min([self._range - self._widest, *self._rooms.tolist()])
+        near = self._collision.near_bounds(q, self._q_jaw(), within=self._range, gap=GAP)
+        self._looked, (self._rows, self._bounds) = q, near
+        self._free = min([self._range - self._widest, *self._bounds[:, -1].tolist()])
         return [] if self._load is None else self._load.heavy(q)
 
     def within_reach(self, q: Array, q_target: Array, others: Sequence[NearArms] = ()) -> Array:
@@ -131,15 +127,11 @@ class Guard:
             others: What is near of other arms.
         """
         heavy = self._see(q)
-        bounds = [Bounds(self._rows[:, -len(q) :], np.minimum(0.0, GAP - self._rooms), self._rooms)]
-        for each in others:
-            least = np.maximum(np.minimum(0.0, GAP - each.rooms), -each.rooms)
-            bounds.append(Bounds(each.gradients, least, each.rooms))
+        bounds = [self._bounds, *(each.bounds for each in others)]
         if heavy:
-            G = np.array([each.gradient for each in heavy])
-            least = np.array([min(0.0, GAP - each.left) for each in heavy])
-            bounds.append(Bounds(G, least, np.full(len(heavy), -np.inf)))
-        nearest, active = nearest_within(q_target - q, bounds)
+            rows = [[*each.gradient, min(0.0, GAP - each.left), -np.inf] for each in heavy]
+            bounds.append(np.array(rows))
+        nearest, active = self._step.nearest(q_target - q, bounds)
         self.against = tuple(self._named(i, others, heavy) for i in active)
         if nearest is None:
             return q
@@ -153,9 +145,9 @@ class Guard:
             return self._collision.described(self._rows[k])
         k -= len(self._rows)
         for each in others:
-            if k < len(each.rooms):
+            if k < len(each.bounds):
                 return each.words(k)
-            k -= len(each.rooms)
+            k -= len(each.bounds)
         return heavy[k]
 
     def admits(self, path: Array, *, ahead: bool = False) -> bool:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,50 +19,57 @@ from so101_motion.planning.native.library import native
 MOST = 8
 """So many bounds at most count, those with the least room; chosen, and the same in C."""
 
+_ROOM = 64
+"""So many bounds need no new memory; chosen."""
+
 _ROUNDS = 12  # as in C
 _ROUNDING = 1e-9
 _SINGULAR = 1e-15  # what is left of a row that others make up [m^2]
 
 
-class Bounds(NamedTuple):
-    """Bounds of a step.
+class BoundedStep:
+    """Finds the step nearest to a wanted one. Belongs to one thread."""
 
-    Attributes:
-        G: Their rows, shape (k, 5).
-        least: What each row times the step must be at least, shape (k,).
-        rooms: How little room each leaves, shape (k,): those with the least count.
-    """
+    def __init__(self) -> None:
+        self._make_room(_ROOM)
 
-    G: Array
-    least: Array
-    rooms: Array
+    def nearest(self, step: Array, bounds: Sequence[Array]) -> tuple[Array | None, Sequence[int]]:
+        """The step nearest to ``step``, shape (5,), and the bounds that hold it.
 
+        Args:
+            step: What is wanted, shape (5,).
+            bounds: What it has to keep, shapes (k, 7): the row, what that times the step must be at
+                least, and how little room the bound leaves. Those with the least room count. They
+                are counted through.
 
-def nearest_within(step: Array, bounds: Sequence[Bounds]) -> tuple[Array | None, Sequence[int]]:
-    """The step nearest to ``step``, shape (5,), and the bounds that hold it.
+        Returns:
+            ``step`` itself if nothing stands against it. None if there is no such step, or none is
+            found in some rounds.
+        """
+        library = native().library
+        if library is None:
+            all_bounds = np.concatenate(bounds)
+            near = np.argsort(all_bounds[:, 6], kind="stable")[:MOST]
+            x, active = _nearest_within(step, all_bounds[near, :5], all_bounds[near, 5])
+            return x, [int(near[i]) for i in active]
+        n = sum(map(len, bounds))
+        if n > len(self._bounds):
+            self._make_room(n)
+        self._step[:], n = step, 0
+        for each in bounds:
+            self._bounds[n : n + len(each)] = each
+            n += len(each)
+        found = library.so101_nearest_within(self._address, n)
+        if found == 0:
+            return step, ()
+        active = [int(each) for each in self._active[: abs(found)]]
+        return (self._step.copy() if found > 0 else None), active
 
-    Args:
-        step: What is wanted, shape (5,).
-        bounds: What it has to keep; they are counted through.
-
-    Returns:
-        ``step`` itself if nothing stands against it. None if there is no such step, or none is
-        found in some rounds.
-    """
-    library = native().library
-    if library is None:
-        G, least, rooms = (np.concatenate(each) for each in zip(*bounds, strict=True))
-        near = np.argsort(rooms, kind="stable")[:MOST]
-        x, active = _nearest_within(step, G[near], least[near])
-        return x, [int(near[i]) for i in active]
-    parts = [part.ravel() for column in zip(*bounds, strict=True) for part in column]
-    given = np.concatenate((step, np.zeros(MOST), *parts))
-    n = (len(given) - 5 - MOST) // 7
-    found = library.so101_nearest_within(ctypes.c_void_p(given.ctypes.data), n)
-    if found == 0:
-        return step, ()
-    active = [int(each) for each in given[5 : 5 + abs(found)]]
-    return (given[:5] if found > 0 else None), active
+    def _make_room(self, bounds: int) -> None:
+        given = np.zeros(5 + MOST + 7 * bounds)
+        self._step, self._active = given[:5], given[5 : 5 + MOST]
+        self._bounds = given[5 + MOST :].reshape(-1, 7)
+        self._address = ctypes.c_void_p(given.ctypes.data)
 
 
 def _nearest_within(step: Array, G: Array, least: Array) -> tuple[Array | None, Sequence[int]]:

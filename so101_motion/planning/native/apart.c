@@ -4,7 +4,8 @@
  * every pair of bodies there is a time until which they cannot meet: as far apart as they are now,
  * they have to travel that far first, and how far a body travels in each step is known. Only when
  * that time has come the pair is looked at again (conservative advancement; B. Mirtich, Impulse-based
- * Dynamic Simulation of Rigid Body Systems, 1996). Far from each other a few looks clear a motion.
+ * Dynamic Simulation of Rigid Body Systems, 1996). Far from each other a few looks clear a motion. Near
+ * each other, a plane between two bodies that still is one at the end of a step clears that step.
  *
  * Nobody is on time to the very instant. So what must stay free grows with the speed of the slower
  * of the two: `skew` is how much one may be early against the other, in steps.
@@ -18,7 +19,7 @@
 #define PLACES 10      /* of a stop; as HARDEST, AT_LEAST in course.py, which says what they are */
 #define HARDEST 5.0
 #define AT_LEAST 0.1
-#define PART 0.5    /* of the margin: the least travel between two looks at a pair */
+#define PART 0.25   /* of the margin: the least travel between two looks at a pair */
 #define SOON 0.5      /* of the time until a pair must be looked at; then it is, if others must */
 #define CLOSE 0.01  /* so far apart beyond the need they need not be known to be [m]; chosen by trying */
 
@@ -50,11 +51,12 @@ static double balls(const Arm *a, int i, const Arm *b, int j) {
     return sqrt(square) - first->ball - second->ball - first->radius - second->radius - SLACK;
 }
 
-double so101_between(const Arm *a, int i, const Arm *b, int j, double need, double enough,
-                      double *v) {
+double so101_between(const Arm *a, int i, const Arm *b, int j, double need, double enough, double *v,
+                      double *along) {
     const double low = balls(a, i, b, j);
+    *along = -INFINITY;
     if (low > enough) return low;
-    return so101_gap(a->scene, a->pose, i, b->scene, b->pose, j, need, enough, v);
+    return so101_gap(a->scene, a->pose, i, b->scene, b->pose, j, need, enough, v, along);
 }
 
 /* Until when a pair may go on that has `room` left to travel; `last` for ever. */
@@ -91,16 +93,45 @@ void so101_travelled(const Scene *s, const double *levers, int n, const double *
         }
 }
 
-/* Whether two bodies keep `need` apart from `t` to the end of that step, because a plane keeps them
- * apart at both times; `ahead` is where the arms are then. */
-static int step_is_clear(const Arm *a, int i, const Arm *b, int j, const Arm *ahead, double t,
-                         double need, const double *v) {
-    const int k = (int)t;
-    const double left = k + 1 - t;
-    const double bend = a->bend[k * a->scene->bodies + i] + b->bend[k * b->scene->bodies + j];
-    const double bound = need + left * left * bend;
-    return so101_gap_along(a->scene, a->pose, i, b->scene, b->pose, j, v) >= bound &&
-           so101_gap_along(a->scene, ahead[0].pose, i, b->scene, ahead[1].pose, j, v) >= bound;
+/* Where both arms are at each step, from when that is first asked for. */
+typedef struct {
+    const Arm *arms;
+    const double *placement;
+    int n;
+    Arm (*at)[2];
+    char *seen;
+} Steps;
+
+static const Arm *at_step(Steps *s, int k) {
+    for (int which = 0; !s->seen[k] && which < 2; which++) {
+        s->at[k][which] = s->arms[which];
+        so101_look(&s->at[k][which], which ? s->placement : 0, s->n, k);
+    }
+    s->seen[k] = 1;
+    return s->at[k];
+}
+
+/* Until when two bodies are surely apart whose `gap` is known at `t`, and how far they are apart along v:
+ * they have to travel that far first, or the same plane keeps them apart at both ends of a step. */
+static double clear_until(Steps *s, int i, int j, double t, double margin, double skew, double gap,
+                          double along, const double *v) {
+    const Arm *a = &s->arms[0], *b = &s->arms[1];
+    for (;;) {
+        const double clear = until(a, i, b, j, s->n, t, gap - margin, skew);
+        const int k = (int)t, at_a = k * a->scene->bodies + i, at_b = k * b->scene->bodies + j;
+        if (clear == INFINITY) return clear;
+        double bound = -INFINITY, end = floor(clear);
+        if (end == k) {
+            end = k + 1;
+            bound = margin + skew * fmin(a->travel[at_a], b->travel[at_b]) +
+                    (end - t) * (end - t) * (a->bend[at_a] + b->bend[at_b]);
+            if (!(along >= bound)) return clear;
+        }
+        const Arm *then = at_step(s, (int)end);
+        gap = along = so101_gap_along(a->scene, then[0].pose, i, b->scene, then[1].pose, j, v);
+        if (!(along >= bound)) return clear;
+        t = end;
+    }
 }
 
 /* All must be looked at but those that are so far from each other in the beginning that all of the
@@ -127,51 +158,44 @@ static void begin(Known *known, const Arm *a, const Arm *b, int n, double margin
         }
 }
 
-static int apart(const Arm *arms, const double *placement, int n, double margin, double skew,
-                 Known *known, double *out) {
-    const Scene *a = arms[0].scene, *b = arms[1].scene;
-    Arm first = arms[0], second = arms[1], ahead[2] = {arms[0], arms[1]};
+static int apart(Steps *s, double margin, double skew, Known *known, double *out) {
+    const Scene *a = s->arms[0].scene, *b = s->arms[1].scene;
+    const int n = s->n;
+    Arm between[2] = {s->arms[0], s->arms[1]}; /* steps */
     double t = 0.0;
-    int looked_ahead = 0; /* to this step */
-    begin(known, &first, &second, n, margin, skew);
+    begin(known, &between[0], &between[1], n, margin, skew);
     while (t <= n - 1) {
         double next = INFINITY;
-        so101_look(&first, 0, n, t);
-        so101_look(&second, placement, n, t);
         const int k = t > n - 2 ? (n > 1 ? n - 2 : 0) : (int)t;
+        const Arm *now = between;
+        if (t == (int)t) {
+            now = at_step(s, (int)t);
+        } else {
+            so101_look(&between[0], 0, n, t);
+            so101_look(&between[1], s->placement, n, t);
+        }
         for (int i = 0; i < a->bodies; i++)
             for (int j = 0; j < b->bodies; j++) {
-                double *due = &known->due[i][j], *soon = &known->soon[i][j];
+                double *due = &known->due[i][j], *soon = &known->soon[i][j], *lie = known->lie[i][j];
                 if (*soon <= t) {
                     if (!a->body[i].joint && !b->body[j].joint) {
                         *due = *soon = INFINITY;
                         continue;
                     }
-                    double need = margin;
+                    double need = margin, along;
                     if (n > 1)
-                        need += skew * fmin(first.travel[k * a->bodies + i],
-                                            second.travel[k * b->bodies + j]);
+                        need += skew * fmin(now[0].travel[k * a->bodies + i],
+                                            now[1].travel[k * b->bodies + j]);
                     const double enough = need + (n > 1 ? CLOSE : 0.0);
-                    const double gap =
-                        so101_between(&first, i, &second, j, need, enough, known->lie[i][j]);
+                    const double gap = so101_between(&now[0], i, &now[1], j, need, enough, lie, &along);
                     if (!(gap >= need)) {
                         out[0] = t, out[1] = gap, out[2] = i, out[3] = j;
                         return TOUCHING;
                     }
                     if (t == 0.0) known->low[i][j] = gap;
-                    *due = fmax(until(&first, i, &second, j, n, t, gap - margin, skew),
-                                until(&first, i, &second, j, n, t, PART * margin, 0.0));
+                    *due = fmax(clear_until(s, i, j, t, margin, skew, gap, along, lie),
+                                until(&now[0], i, &now[1], j, n, t, PART * margin, 0.0));
                     *soon = fmin(t + SOON * (*due - t), *due);
-                    const int end = (int)t + 1;
-                    if (*due < end && end < n) {
-                        if (looked_ahead < end) {
-                            so101_look(&ahead[0], 0, n, end);
-                            so101_look(&ahead[1], placement, n, end);
-                            looked_ahead = end;
-                        }
-                        if (step_is_clear(&first, i, &second, j, ahead, t, need, known->lie[i][j]))
-                            *due = *soon = end;
-                    }
                 }
                 next = fmin(next, *due);
             }
@@ -184,15 +208,17 @@ static int apart(const Arm *arms, const double *placement, int n, double margin,
 int so101_known_apart(const Scene *a, const Scene *b, const double *placement,
                        const double *levers_a, const double *levers_b, int n, const double *qa,
                        const double *qb, double margin, double skew, Known *known, double *out) {
-    const int each = n * (a->bodies + b->bodies);
-    double *travel = malloc(sizeof(double) * 2 * (size_t)each), *bend = travel + each;
+    const size_t each = (size_t)n * (a->bodies + b->bodies), step = sizeof(Arm[2]) + 1;
+    double *travel = malloc(sizeof(double) * 2 * each + step * n), *bend = travel + each;
     if (!travel) return UNKNOWN;
     so101_travelled(a, levers_a, n, qa, travel, bend);
     so101_travelled(b, levers_b, n, qb, travel + n * a->bodies, bend + n * a->bodies);
     const Arm arms[2] = {
         {.scene = a, .q = qa, .travel = travel, .bend = bend},
         {.scene = b, .q = qb, .travel = travel + n * a->bodies, .bend = bend + n * a->bodies}};
-    const int found = apart(arms, placement, n, margin, skew, known, out);
+    Steps steps = {arms, placement, n, (Arm(*)[2])(bend + each)};
+    steps.seen = memset(steps.at + n, 0, n);
+    const int found = apart(&steps, margin, skew, known, out);
     free(travel);
     return found;
 }
@@ -212,7 +238,7 @@ int so101_apart(const Scene *a, const Scene *b, const double *placement, const d
  * about, see so101_gap; `out`: n tables, a row for each body of `a`. Bases are infinitely far apart. */
 void so101_gaps(const Scene *a, const Scene *b, const double *placement, int n, const double *qa,
                 const double *qb, double need, double enough, double *out) {
-    double lie[MOST_BODIES][MOST_BODIES][3];
+    double lie[MOST_BODIES][MOST_BODIES][3], along;
     memset(lie, 0, sizeof lie);
     for (int k = 0; k < n; k++) {
         Arm first = {.scene = a, .q = qa + JOINTS * k}, second = {.scene = b, .q = qb + JOINTS * k};
@@ -221,7 +247,8 @@ void so101_gaps(const Scene *a, const Scene *b, const double *placement, int n, 
         for (int i = 0; i < a->bodies; i++)
             for (int j = 0; j < b->bodies; j++)
                 *out++ = a->body[i].joint || b->body[j].joint
-                             ? so101_between(&first, i, &second, j, need, enough, lie[i][j])
+                             ? so101_between(&first, i, &second, j, need, enough, lie[i][j],
+                                             &along)
                              : INFINITY;
     }
 }

@@ -27,8 +27,25 @@ typedef struct {
     const double *q;
 } Course;
 
+/* What is asked of an arm that is led beside another one, what is answered, and what is left of the last
+ * proof; zeros before the first. See Beside in led_apart.py, which has the same in front. */
+typedef struct {
+    const Scene *scene[2]; /* of both arms */
+    const double *levers[2];
+    double placement[12];
+    Course course[2];
+    double since, step, margin, skew, pushed, parting, within, gap;
+    double told[4];      /* when and how near they meet, and which bodies */
+    double gained, near; /* how far they keep apart now [m]; how many rows there are */
+    double row[MOST_NEAR][NEAR_ARM_ROW];
+    double q[2][JOINTS]; /* where both were */
+    Known known;
+} Beside;
+
 void so101_look(Arm *arm, const double *placement, int n, double t);
-double so101_between(const Arm *a, int i, const Arm *b, int j, double need, double enough, double *v);
+/* As so101_gap, of bodies of two arms. */
+double so101_between(const Arm *a, int i, const Arm *b, int j, double need, double enough, double *v,
+                      double *along);
 void so101_travelled(const Scene *s, const double *levers, int n, const double *q, double *travel,
                      double *bend);
 int so101_known_apart(const Scene *a, const Scene *b, const double *placement,

@@ -187,11 +187,8 @@ static Closest closest(const Hull *first, const Hull *second, double enough, dou
     return found;
 }
 
-typedef float V __attribute__((vector_size(4 * LANES)));
-typedef int32_t I __attribute__((vector_size(4 * LANES)));
-
-/* As `furthest`, of a body, several points at a time. They are compared in single precision, so the
- * one that is found may be nearer than the furthest, by less than half of ROUNDED. */
+/* As `furthest`, of a body. Points are compared in single precision, so the one that is found may be
+ * nearer than the furthest, by less than half of ROUNDED. */
 #define ROUNDED 1e-6 /* [m] */
 
 static void body_furthest(const Scene *s, const Body *b, const Pose *pose, const double *n,
@@ -200,31 +197,15 @@ static void body_furthest(const Scene *s, const Body *b, const Pose *pose, const
     float own[3];
     for (int c = 0; c < 3; c++)
         own[c] = (float)(sign * (R[c] * n[0] + R[3 + c] * n[1] + R[6 + c] * n[2]));
-    V best;
-    I at, index;
-    for (int k = 0; k < LANES; k++) best[k] = -INFINITY, at[k] = 0, index[k] = k;
-    for (int i = 0; i < b->padded; i += LANES) {
-        V x, y, z;
-        memcpy(&x, b->columns + i, sizeof x);
-        memcpy(&y, b->columns + b->padded + i, sizeof y);
-        memcpy(&z, b->columns + 2 * b->padded + i, sizeof z);
-        const V value = x * own[0] + y * own[1] + z * own[2];
-        const I better = value > best;
-        best = (V)((better & (I)value) | (~better & (I)best));
-        at = (better & index) | (~better & at);
-        index += LANES;
-    }
-    int found = 0;
-    for (int k = 1; k < LANES; k++)
-        if (best[k] > best[found]) found = k;
-    const int i = at[found] < b->count ? at[found] : b->count - 1;
+    const int found = so101_furthest(b->columns, b->padded, own);
+    const int i = found < b->count ? found : b->count - 1;
     for (int r = 0; r < 3; r++)
         out[r] = pose->p[r] + dot(R + 3 * r, s->points + 3 * (b->first + i));
 }
 
 /* As so101_gap; `point`, if that is given, is where the first is nearest to the second. */
 static double gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
-                  int body_b, double need, double enough, double *v, double *point) {
+                  int body_b, double need, double enough, double *v, double *along, double *point) {
     const Body *first = &a->body[body_a], *second = &b->body[body_b];
     const Pose *pose_a = &at_a[first->joint], *pose_b = &at_b[second->joint];
     const double radii = first->radius + second->radius + ROUNDED;
@@ -234,11 +215,14 @@ static double gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, 
     int n = 0;
     for (int round = 0; round < ROUNDS && n < 4; round++) {
         const double length = sqrt(dot(v, v)); /* from the second round on an upper bound */
+        *along = -INFINITY;
         if (!(length > 1e-9) || !(length < last)) break;
         body_furthest(a, first, pose_a, v, -1.0, pa[n]);
         body_furthest(b, second, pose_b, v, 1.0, pb);
         for (int c = 0; c < 3; c++) w[n][c] = pa[n][c] - pb[c];
-        low = fmax(low, dot(v, w[n]) / length);
+        const double here = dot(v, w[n]) / length;
+        *along = here - radii;
+        low = fmax(low, here);
         if (low - radii > enough) break;
         if (n) {
             const double known = fmax(TENTH, ROUGH * (low - radii - need));
@@ -246,6 +230,7 @@ static double gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, 
             last = length;
         }
         n = nearest(w, point ? pa : 0, n + 1, v, share);
+        *along = -INFINITY;
     }
     for (int c = 0; point && c < 3; c++) {
         point[c] = 0.0;
@@ -255,13 +240,14 @@ static double gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, 
 }
 
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
-                 int body_b, double need, double enough, double *v) {
-    return gap(a, at_a, body_a, b, at_b, body_b, need, enough, v, 0);
+                 int body_b, double need, double enough, double *v, double *along) {
+    return gap(a, at_a, body_a, b, at_b, body_b, need, enough, v, along, 0);
 }
 
 double so101_gap_at(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                     int body_b, double enough, double *v, double *point) {
-    return gap(a, at_a, body_a, b, at_b, body_b, enough, enough, v, point);
+    double along;
+    return gap(a, at_a, body_a, b, at_b, body_b, enough, enough, v, &along, point);
 }
 
 double so101_gap_along(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,

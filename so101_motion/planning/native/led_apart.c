@@ -18,7 +18,8 @@ static int pair_parts(const Arm *first, const Arm *at, int i, int j, double now,
                       double *limit, double *lie) {
     const Scene *a = at[0].scene, *b = at[1].scene;
     const double radii = a->body[i].radius + b->body[j].radius, rough = fmin(now + 2.0 * TENTH, room);
-    if (so101_between(&at[0], i, &at[1], j, rough, rough, lie) >= rough) return FREE;
+    double along;
+    if (so101_between(&at[0], i, &at[1], j, rough, rough, lie, &along) >= rough) return FREE;
     if (limit[1] == 0.0) {
         const Closest found =
             so101_closest_bodies(a, first[0].pose, i, b, first[1].pose, j, room + radii);
@@ -38,7 +39,7 @@ static int pair_parts(const Arm *first, const Arm *at, int i, int j, double now,
  * at every step; how near they are at first. */
 static int arms_part(const Course *both, const Scene *a, const Scene *b, const double *placement,
                      double since, double step, double room, Known *known, double *nearest) {
-    double q[2][JOINTS], limit[MOST_BODIES][MOST_BODIES][2];
+    double q[2][JOINTS], limit[MOST_BODIES][MOST_BODIES][2], along;
     Arm first[2] = {{.scene = a, .q = q[0]}, {.scene = b, .q = q[1]}}, at[2];
     const double lasts =
         fmax(both[0].t + both[0].dt * (both[0].n - 1), both[1].t + both[1].dt * (both[1].n - 1)) - since;
@@ -54,7 +55,8 @@ static int arms_part(const Course *both, const Scene *a, const Scene *b, const d
                 if (!a->body[i].joint && !b->body[j].joint) continue;
                 double *low = &known->low[i][j], *lie = known->lie[i][j];
                 if (t == 0.0) {
-                    if (*low < room) *low = so101_between(&at[0], i, &at[1], j, room, room, lie);
+                    if (*low < room)
+                        *low = so101_between(&at[0], i, &at[1], j, room, room, lie, &along);
                     *nearest = fmin(*nearest, *low);
                     continue;
                 }
@@ -68,48 +70,38 @@ static int arms_part(const Course *both, const Scene *a, const Scene *b, const d
     }
 }
 
-/* What is left of the last proof about two arms; zeros before the first. See Beside in led_apart.py. */
-typedef struct {
-    double gained, near; /* how far they keep apart now [m]; how many rows there are */
-    double row[MOST_NEAR][NEAR_ARM_ROW];
-    double q[2][JOINTS]; /* where both were */
-    Known known;
-} Beside;
-
 int so101_beside_size(void) { return sizeof(Beside); }
 
 /* Whether an arm that is led may stop along a course beside another's, see led_apart in led_apart.py. As
  * so101_courses_apart, but `told` is when, how near, which bodies. UNKNOWN: the caller finds out. */
-int so101_led_apart(const Scene *a, const Scene *b, const double *placement,
-                    const double *levers_a, const double *levers_b, const double *a_course, int na,
-                    const double *qa, const double *b_course, int nb, const double *qb, double since,
-                    double step, double margin, double skew, double pushed, double parting,
-                    double within, Beside *beside, double *told) {
-    const Course both[2] = {{a_course[0], a_course[1], na, qa}, {b_course[0], b_course[1], nb, qb}};
+int so101_led_apart(Beside *beside) {
+    const Scene *a = beside->scene[0], *b = beside->scene[1];
+    const double *levers_a = beside->levers[0], *levers_b = beside->levers[1];
+    const double *placement = beside->placement, since = beside->since, step = beside->step;
     const size_t size = sizeof(double) * JOINTS;
     Known *known = &beside->known;
-    double nearest, moved[2][MOST_BODIES];
+    double nearest, moved[2][MOST_BODIES], *told = beside->told;
     int n;
-    double *q = so101_sampled(both, since, step, &n);
+    double *q = so101_sampled(beside->course, since, step, &n);
     if (!q) return UNKNOWN;
     for (int which = 0; which < 2; which++) {
         double from[2][JOINTS];
         memcpy(from[0], beside->q[which], size);
         memcpy(from[1], q + JOINTS * n * which, size);
         memcpy(beside->q[which], from[1], size);
-        so101_travelled(which ? b : a, which ? levers_b : levers_a, 2, from[0], moved[which], 0);
+        so101_travelled(beside->scene[which], beside->levers[which], 2, from[0], moved[which], 0);
     }
     for (int i = 0; i < a->bodies; i++)
         for (int j = 0; j < b->bodies; j++) known->low[i][j] -= moved[0][i] + moved[1][j];
-    int found = so101_known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n, margin,
-                                  skew / step, known, told);
+    int found = so101_known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n,
+                                  beside->margin, beside->skew / step, known, told);
     if (found == TOUCHING && told[0] > 0.0) {
         beside->gained = 0.0; /* now they are far enough from each other */
     } else if (found == TOUCHING) {
-        found = arms_part(both, a, b, placement, since, step, margin, known, &nearest);
-        const double before = nearest < pushed * beside->gained ? 0.0 : beside->gained;
-        const double now = fmax(before, nearest - parting);
-        if (!(nearest < margin))
+        found = arms_part(beside->course, a, b, placement, since, step, beside->margin, known, &nearest);
+        const double before = nearest < beside->pushed * beside->gained ? 0.0 : beside->gained;
+        const double now = fmax(before, nearest - beside->parting);
+        if (!(nearest < beside->margin))
             beside->gained = 0.0, found = TOUCHING;
         else if (found == TOUCHING && now > 0.0)
             found = so101_known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n, now,
@@ -119,8 +111,8 @@ int so101_led_apart(const Scene *a, const Scene *b, const double *placement,
     Arm arm[2] = {{.scene = a, .q = q}, {.scene = b, .q = q + JOINTS * n}};
     so101_look(&arm[0], 0, 1, 0.0);
     so101_look(&arm[1], placement, 1, 0.0);
-    beside->near = so101_near_arm(a, arm[0].pose, b, arm[1].pose, known->low, known->lie, within,
-                                  beside->row);
+    beside->near = so101_near_arm(a, arm[0].pose, b, arm[1].pose, known->low, known->lie,
+                                  beside->within, beside->margin, beside->gap, beside->row);
     free(q);
     if (found != FREE) told[0] = since + step * told[0];
     return found;

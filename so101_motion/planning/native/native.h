@@ -17,9 +17,10 @@
 #define MOST_AT_ONCE 64 /* configurations of a team */
 #define MOST_BODIES 32  /* bits of a mask */
 #define MOST_POINTS 512 /* of one body */
-#define LANES 4         /* points that convex.c compares at once */
+#define LANES 8         /* points that furthest.c compares at once */
 #define NEAR_ROW 16     /* numbers that nearest.c says of a pair */
-#define NEAR_ARM_ROW 8  /* of a body and one of another arm */
+#define BOUND 7         /* of a step: its row, what that must be at least, how little room there is */
+#define NEAR_ARM_ROW 9  /* of a body and one of another arm: a bound, and which they are */
 #define MOST_NEAR 24    /* of these are told */
 
 enum { FREE = 0, TOUCHING = 1, UNKNOWN = 2 };
@@ -151,9 +152,10 @@ int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin)
 
 /* How far apart two bodies are at least [m]: exact to TENTH where that is less than `need`, else to
  * a tenth of what is to spare, and what is more than `enough` will do. `v`: about how the first lies
- * from the second, zero if nobody knows; keeps what was found, for the next time. */
+ * from the second, zero if nobody knows; keeps what was found, for the next time. `along`: how far they
+ * are apart at least along v; minus infinity if that is not known. */
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
-                 int body_b, double need, double enough, double *v);
+                 int body_b, double need, double enough, double *v, double *along);
 
 /* The same, exact to TENTH up to `enough`, and the point of the first that is nearest to the second,
  * not widened by its radius; v is from the second to the first then. */
@@ -177,7 +179,7 @@ Closest so101_closest_piece(const Scene *s, const Pose *pose, int body, int piec
 void so101_lowest(const Scene *s, const Pose *pose, int body, double *at); /* its lowest point */
 int so101_near_arm(const Scene *a, const Pose *at_a, const Scene *b, const Pose *at_b,
                    double low[MOST_BODIES][MOST_BODIES], double lie[MOST_BODIES][MOST_BODIES][3],
-                   double within, double row[MOST_NEAR][NEAR_ARM_ROW]);
+                   double within, double margin, double gap, double row[MOST_NEAR][NEAR_ARM_ROW]);
 
 /* Checks n configurations. With `stop`, ends soon after the first that touches. Returns whether
  * one was found to touch. One for each width of vectors; so101_lanes is the widest usable. */
@@ -187,6 +189,13 @@ int so101_lanes_base(const Scene *, const double *, int, const double *, int, ui
 int so101_lanes_avx2(const Scene *, const double *, int, const double *, int, uint8_t *);
 int so101_lanes_avx512(const Scene *, const double *, int, const double *, int, uint8_t *);
 extern Lanes so101_lanes;
+
+/* The number of the point that lies furthest along a direction. `columns`: their x, then y, then z, of
+ * each as many as `padded`, a multiple of LANES. so101_furthest is the quickest usable. */
+typedef int (*Furthest)(const float *columns, int padded, const float *along);
+int so101_furthest_base(const float *, int, const float *);
+int so101_furthest_avx2(const float *, int, const float *);
+extern Furthest so101_furthest;
 
 int so101_check(Scene *s, const Level *level, const double *q, int n, int stop, uint8_t *verdict);
 int so101_is_clear(Scene *s, const Level *level, const double *reach, double spacing,

@@ -172,13 +172,29 @@ int so101_lacks_more(const Scene *s, const double *q, int n, const double *margi
     return 0;
 }
 
-/* Writes a row of each body of an arm that is within `within` [m] of one of another arm's: distance, to a
- * tenth of a millimetre, the two bodies, and how it grows with the arm's own five joints. Returns how
- * many there are. Bodies that may overlap are left out. `low`: how far apart they are at least, which is
- * made better; `lie`: about how the first lies from the second. */
+/* Of each pair that so101_nearest finds, the bound of a step that brings it no nearer than to its margin
+ * and `gap` beyond that. `margin` and `pair_of`, by pair: its margin, and what the caller calls it, which
+ * the rows are told by as well. */
+int so101_near_bounds(const Scene *s, const double *q, double within, int most, double *near,
+                      const double *margin, const double *pair_of, double gap, double *bound) {
+    const int n = so101_nearest(s, q, within, most, near);
+    for (int k = 0; k < n; k++, near += NEAR_ROW, bound += BOUND) {
+        const int pair = (int)near[0];
+        const double room = near[1] - margin[pair];
+        near[0] = pair_of[pair];
+        memcpy(bound, near + 11, ARM_JOINTS * sizeof *bound);
+        bound[ARM_JOINTS] = fmin(0.0, gap - room), bound[ARM_JOINTS + 1] = room;
+    }
+    return n;
+}
+
+/* Writes a row of each body of an arm that is within `within` [m] of one of another arm's: the bound of a
+ * step that brings them no nearer than `gap` beyond `margin`, and the two bodies. Returns how many there
+ * are. Bodies that may overlap are left out. `low`: how far apart they are at least, which is made better;
+ * `lie`: about how the first lies from the second. */
 int so101_near_arm(const Scene *a, const Pose *at_a, const Scene *b, const Pose *at_b,
                    double low[MOST_BODIES][MOST_BODIES], double lie[MOST_BODIES][MOST_BODIES][3],
-                   double within, double row[MOST_NEAR][NEAR_ARM_ROW]) {
+                   double within, double margin, double gap, double row[MOST_NEAR][NEAR_ARM_ROW]) {
     Look own = {.scene = a};
     int n = 0;
     memcpy(own.pose, at_a, sizeof own.pose);
@@ -186,14 +202,16 @@ int so101_near_arm(const Scene *a, const Pose *at_a, const Scene *b, const Pose 
         for (int j = 0; j < b->bodies && a->body[i].joint && n < MOST_NEAR; j++) {
             if (low[i][j] > within) continue;
             double point[3], *v = lie[i][j];
-            const double gap = so101_gap_at(a, at_a, i, b, at_b, j, within, v, point);
-            const double length = sqrt(dot(v, v));
-            low[i][j] = fmax(low[i][j], gap);
-            if (gap > within || !(length > TRUSTED)) continue;
+            const double apart = so101_gap_at(a, at_a, i, b, at_b, j, within, v, point);
+            const double length = sqrt(dot(v, v)), room = apart - margin;
+            low[i][j] = fmax(low[i][j], apart);
+            if (apart > within || !(length > TRUSTED)) continue;
             const double away[3] = {v[0] / length, v[1] / length, v[2] / length};
-            row[n][0] = gap, row[n][1] = i, row[n][2] = j;
-            memset(row[n] + 3, 0, ARM_JOINTS * sizeof row[n][3]);
-            add_rates(&own, a->body[i].joint, point, away, 1.0, row[n++] + 3);
+            double *here = row[n++];
+            memset(here, 0, ARM_JOINTS * sizeof *here);
+            add_rates(&own, a->body[i].joint, point, away, 1.0, here);
+            here[ARM_JOINTS] = fmax(fmin(0.0, gap - room), -room), here[ARM_JOINTS + 1] = room;
+            here[BOUND] = i, here[BOUND + 1] = j;
         }
     return n;
 }

@@ -9,6 +9,7 @@
 #define PIECES 4 /* of a leaf at most */
 
 Lanes so101_lanes = so101_lanes_base;
+Furthest so101_furthest = so101_furthest_base;
 
 #if defined(__x86_64__)
 #include <cpuid.h>
@@ -36,7 +37,9 @@ static int can(int width) {
 /* How many configurations go through at once: 4, 8 or 16; at most `most`. */
 int so101_start(int most) {
     so101_lanes = so101_lanes_base;
+    so101_furthest = so101_furthest_base;
 #if defined(__x86_64__)
+    if (most >= 8 && can(8)) so101_furthest = so101_furthest_avx2;
     if (most >= 16 && can(16)) {
         so101_lanes = so101_lanes_avx512;
         return 16;
@@ -72,7 +75,7 @@ static float *in_single(const double *points, int n) {
     return out;
 }
 
-/* The points of all bodies by columns, for convex.c; 0 without memory. */
+/* The points of all bodies by columns, for furthest.c; 0 without memory. */
 static float *in_columns(Scene *s, const double *points, const int *first) {
     int room = 0;
     for (int k = 0; k < s->bodies; k++) {

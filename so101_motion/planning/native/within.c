@@ -12,11 +12,12 @@
 #define SINGULAR 1e-15
 
 /* The numbers of the bounds with the least room, in order; how many. */
-static int with_least_room(const double *room, int n, int *near) {
+static int with_least_room(const double *bounds, int n, int *near) {
     int count = 0;
     for (int k = 0; k < n; k++) {
+        const double room = bounds[BOUND * k + ARM_JOINTS + 1];
         int at = count < MOST ? count++ : MOST;
-        for (; at > 0 && room[near[at - 1]] > room[k]; at--)
+        for (; at > 0 && bounds[BOUND * near[at - 1] + ARM_JOINTS + 1] > room; at--)
             if (at < MOST) near[at] = near[at - 1];
         if (at < MOST) near[at] = k;
     }
@@ -46,20 +47,19 @@ static double dot(const double *a, const double *b) {
     return sum;
 }
 
-/* `given`: the step, which is changed; room for the numbers of the bounds that hold it; then of all `n`
- * bounds the rows, what they must be at least, their rooms. Returns how many hold it, or minus that if
- * no step is found. */
+/* `given`: the step, which is changed; room for the numbers of the bounds that hold it; then all `n`
+ * bounds. Returns how many hold it, or minus that if no step is found. */
 int so101_nearest_within(double *given, int n) {
     double *step = given, *told = given + ARM_JOINTS;
-    const double *G = told + MOST, *least = G + ARM_JOINTS * n;
+    const double *bounds = told + MOST;
     double gram[MOST][MOST], wanted[MOST], lack[MOST], x[ARM_JOINTS], pull[MOST];
     int near[MOST], active[MOST], held = 0;
-    const int count = with_least_room(least + n, n, near);
+    const int count = with_least_room(bounds, n, near);
     memcpy(x, step, sizeof x);
     for (int i = 0; i < count; i++) {
-        const double *row = G + ARM_JOINTS * near[i];
-        for (int j = 0; j < count; j++) gram[i][j] = dot(row, G + ARM_JOINTS * near[j]);
-        lack[i] = wanted[i] = least[near[i]] - dot(row, step);
+        const double *row = bounds + BOUND * near[i];
+        for (int j = 0; j < count; j++) gram[i][j] = dot(row, bounds + BOUND * near[j]);
+        lack[i] = wanted[i] = row[ARM_JOINTS] - dot(row, step);
     }
     int found = 0;
     for (int round = 0; round < ROUNDS; round++) {
@@ -90,8 +90,11 @@ int so101_nearest_within(double *given, int n) {
         memcpy(x, step, sizeof x);
         for (int i = 0; i < held; i++)
             for (int j = 0; j < ARM_JOINTS; j++)
-                x[j] += pull[i] * G[ARM_JOINTS * near[active[i]] + j];
-        for (int i = 0; i < count; i++) lack[i] = least[near[i]] - dot(G + ARM_JOINTS * near[i], x);
+                x[j] += pull[i] * bounds[BOUND * near[active[i]] + j];
+        for (int i = 0; i < count; i++) {
+            const double *row = bounds + BOUND * near[i];
+            lack[i] = row[ARM_JOINTS] - dot(row, x);
+        }
     }
 ended:
     for (int i = 0; i < held; i++) told[i] = near[active[i]];

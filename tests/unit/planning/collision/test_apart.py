@@ -8,7 +8,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision import apart
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import STEP, Course, stopping
-from so101_motion.planning.collision.led_apart import RANGE, Beside, led_apart
+from so101_motion.planning.collision.led_apart import GAP, RANGE, Beside, led_apart
 from so101_motion.planning.collision.scene import Attached, Box
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
@@ -177,13 +177,14 @@ def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_neare
         own, other = np.nonzero(gaps[0, :-1] < apart.GUARDED + RANGE)  # the base goes nowhere
         if gaps[0].min() < 1e-3:
             continue
-        assert len(near.rooms) == len(own)
+        assert len(near.bounds) == len(own)
         for k, (i, j) in enumerate(zip(own, other, strict=True)):
             names = facing.bodies.names[i], facing.bodies.names[j]
             assert near.words(k) == f"the {names[0]} close to right's {names[1]}"
-            assert near.rooms[k] == pytest.approx(gaps[0, i, j] - apart.GUARDED, abs=2e-4)
-            rates = (gaps[1:, i, j] - gaps[0, i, j]) / 1e-4
-            assert near.gradients[k] == pytest.approx(rates, abs=0.02)
+            room, rates = gaps[0, i, j] - apart.GUARDED, (gaps[1:, i, j] - gaps[0, i, j]) / 1e-4
+            assert near.bounds[k, 6] == pytest.approx(room, abs=2e-4)
+            assert near.bounds[k, 5] == pytest.approx(max(min(0.0, GAP - room), -room), abs=4e-4)
+            assert near.bounds[k, :5] == pytest.approx(rates, abs=0.02)
         seen += 1
     beside = Beside()
     pair = (by_coal, Course.resting(q_left, 0.0)), (by_coal, still)

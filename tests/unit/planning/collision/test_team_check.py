@@ -41,7 +41,7 @@ def test_the_library_finds_and_shortens_a_path_that_is_clear_for_all_arms():
     team, model, reach = two_arms(facing), facing.model, facing.collision.reach
     limits = np.tile(model.lower, 2), np.tile(model.upper, 2)
     space = Space(lower=limits[0], upper=limits[1], weights=np.tile(reach, 2))
-    kept = two_arms(facing, spacing=1.0, room=0.7 * ROOM)  # a proof leaves three quarters
+    kept = two_arms(facing, spacing=1.0, room=0.7 * ROOM)  # a proof leaves seven eighths
     for _ in range(2):
         start, goal = crossing_task(facing, team)
         seeds, deadline = Seeds(0), Deadline(60.0)
