@@ -28,7 +28,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS
 
-SPEEDS = (10.0, 30.0, 90.0)
+SPEEDS = (10.0, 15.0, 30.0, 90.0)
 HELD_KG = (0.0, 0.2)
 LOADS_KG = (0.0, 0.1, 0.2)
 PACES = ((10.0, 100.0), (20.0, 100.0), (50.0, 100.0), (90.0, 300.0), (180.0, 500.0))

@@ -35,8 +35,9 @@ class JointReading:
             their angles are the last known.
         unconfirmed: Names of the joints whose angle comes from a single reply that no second one
             has confirmed yet.
-        pressed: Names of the joints whose load keeps their gears on one side of their play,
-            whatever the gripper carries; they move as soon as their motor does.
+        in_play: Joints that may stand while their motor goes through the play of its gears, by
+            name, and how far they fall behind then [rad]. Not those whose load keeps their gears on
+            one side, whatever the gripper carries.
     """
 
     q: Array
@@ -47,7 +48,7 @@ class JointReading:
     out_of_range: Mapping[str, float] = field(default_factory=dict)
     unanswered: frozenset[str] = frozenset()
     unconfirmed: frozenset[str] = frozenset()
-    pressed: frozenset[str] = frozenset()
+    in_play: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", frozen_array(self.q, (5,)))

@@ -106,7 +106,7 @@ class ChannelPlayer:
         self.reference = Setpoint.at_rest(np.zeros(len(channel.joints)))
         self._recovery = LimitRecovery(channel.joints)
         self._following = FollowingCheck(tolerances, dt)
-        self._unanswered = self._pressed = frozenset[str]()
+        self._unanswered, self._in_play = frozenset[str](), dict[str, float]()
 
     @property
     def is_moving(self) -> bool:
@@ -159,7 +159,7 @@ class ChannelPlayer:
 
     def update(self, q: Array, reading: JointReading) -> None:
         """Note the measured angles, shape (n,), [rad], and what else was read."""
-        self._unanswered, self._pressed = reading.unanswered, reading.pressed
+        self._unanswered, self._in_play = reading.unanswered, dict(reading.in_play)
         self._recovery.update(q, reading.out_of_range)
         if self._recovery and self._motion is None:
             self.reference = Setpoint.at_rest(self._recovery.inside(self.reference.q))
@@ -307,8 +307,8 @@ class ChannelPlayer:
         if motion.ending is None:
             if alarms and self._obey(motion, alarms, q):
                 return
-            pressed = np.array([joint in self._pressed for joint in self._channel.joints])
-            off, held_up = self._following.off(q), self._following.held_up(q, pressed)
+            in_play = np.array([self._in_play.get(joint, 0.0) for joint in self._channel.joints])
+            off, held_up = self._following.off(q), self._following.held_up(q, in_play)
             held_up &= isinstance(motion.source, PlannedMotion)  # the others lag too much to tell
             if motion.waits_until is not None:
                 if self._k > motion.waits_until:

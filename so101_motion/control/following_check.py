@@ -7,9 +7,10 @@ seen long before the joint is far off, because what makes joints stand off (weig
 changes little in so short a time; so it tells a contact from a load. The longer window is for slow
 motions, in which a joint is led on no farther than play lets it stand. *A joint stops that followed
 slowly and evenly*: how far it strays from its setpoints was seen just before, 0.1 deg or so, so
-what its play lets it stand (its load may change sides on the way) is enough to be beyond that. It
-is less the slower the joint: the more time its motor has to hurry, drawn by the growing error.
-Where the load is known to let it stand nowhere, less than half of it is enough.
+what its play lets it stand (its load may change sides on the way) is enough to be beyond that. The
+driver says how far a joint strays until its motor has crossed the play; ``servo_model.py`` computes
+it and says why no contact can be told sooner. Where the load keeps the gears on one side, about
+half of that is enough.
 """
 
 from __future__ import annotations
@@ -27,16 +28,8 @@ from so101_motion.control.joint_group import Tolerances
 FOLLOWED = 0.4
 """For how long a joint must have followed before it stopped [s]; chosen."""
 
-STOPPED = (0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.12, 0.14, 0.17, 0.2)
+STOPPED = (0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12, 0.13, 0.14, 0.17, 0.2)
 """For how long it must stand then [s]: at 20 deg/s the shortest do, at 6 the longest. Chosen."""
-
-HURRIED = 0.025
-"""How much less play lets a joint stray for each unit of speed below ``EVEN`` [s]. Emulated joints
-with 0.96 deg of play, whose load changed sides, strayed by at most 0.55 deg at 5 deg/s, 0.69 at 10
-and 0.78 at 20."""
-
-EVEN = to_rad(20.0)
-"""Above this speed a joint may stray by all its play [rad/s]."""
 
 LEAST_WAY = to_rad(1.6)
 """How far it must have moved while it followed [rad]: more than play lets it stand. Chosen."""
@@ -48,7 +41,8 @@ ONE_SIDE = 0.15
 """How long its load must have been on one side before that [s]; chosen."""
 
 STANDS = to_rad(0.3)
-"""Readings of a joint that stands differ by no more than this [rad]: three ticks; chosen."""
+"""A joint stands if it moves forward or falls back by no more than this [rad]: three ticks. A joint
+that leans on a wall trembles by two. Chosen."""
 
 
 class FollowingCheck:
@@ -70,12 +64,13 @@ class FollowingCheck:
         self._wanted: deque[Array] = deque(maxlen=self._kept)
         self._seen: deque[Array] = deque(maxlen=self._kept)
         self._pressed: Array | int = 0  # for how many ticks
+        self._in_play: Array | float = math.inf
 
     def begin(self, q_ref: Array) -> None:
         """Forget everything; the joints have stood at ``q_ref``, shape (n,), [rad]."""
         self._wanted.extend([q_ref] * self._kept)
         self._seen.clear()
-        self._pressed = 0
+        self._pressed, self._in_play = 0, math.inf
 
     def want(self, q_ref: Array) -> None:
         """Note the setpoint of this tick, ``q_ref``, shape (n,), [rad]."""
@@ -87,16 +82,17 @@ class FollowingCheck:
         off: Array = np.maximum(np.min(wanted, axis=0) - q, q - np.max(wanted, axis=0))
         return off
 
-    def held_up(self, q: Array, pressed: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    def held_up(self, q: Array, in_play: Array) -> NDArray[np.bool_]:
         """Which of the joints, seen at ``q`` in this tick, stand while they are led on; (n,).
 
         Args:
             q: Measured angles, shape (n,), [rad].
-            pressed: Joints whose load keeps their gears on one side of their play, shape (n,);
-                None for none.
+            in_play: How far they stray while their motors go through the play, shape (n,), [rad];
+                0 for gears that are kept on one side of it.
         """
         self._seen.append(q)
-        self._pressed = 0 if pressed is None else np.where(pressed, self._pressed + 1, 0)
+        self._pressed = np.where(in_play == 0.0, self._pressed + 1, 0)
+        self._in_play = np.where(in_play == 0.0, self._in_play, in_play)  # as it was at last
         held = np.zeros(len(q), dtype=np.bool_)
         if len(self._wanted) < self._kept:
             return held
@@ -105,33 +101,36 @@ class FollowingCheck:
             if len(self._seen) > window:
                 before = self._seen[len(self._seen) - 1 - window]
                 held |= self._stands(wanted[-1 - self._lag - window :], window, q - before, q)
-        if math.isfinite(self._tolerances.contact_stray) and len(self._seen) == self._kept:
-            seen = np.array(self._seen)
-            for stop in self._stops:
-                if not np.any(np.ptp(seen[-1 - stop :], axis=0) <= STANDS):
-                    break  # a joint that moved in this time also moved in a longer one
-                held |= self._has_stopped(wanted, seen, stop)
+        if math.isfinite(self._tolerances.pressed_stray) and len(self._seen) == self._kept:
+            side = np.sign(wanted[-1] - wanted[-2])
+            wanted, seen = side * wanted, side * np.array(self._seen)
+            shortest = seen[-1 - self._stops[0] :]
+            if np.any(shortest.max(axis=0) - shortest[0] <= STANDS):
+                for stop in self._stops:
+                    held |= (side != 0.0) & self._has_stopped(wanted, seen, stop)
         return held
 
     def _has_stopped(self, wanted: Array, seen: Array, stop: int) -> NDArray[np.bool_]:
-        """Which joints followed slowly and evenly until ``stop`` ticks ago, and stand since."""
-        side = np.sign(wanted[-1] - wanted[-2])
-        held: NDArray[np.bool_] = (np.ptp(seen[-1 - stop :], axis=0) <= STANDS) & (side != 0.0)
+        """Which joints followed slowly and evenly until ``stop`` ticks ago, and stand since.
+
+        Setpoints and measured angles grow on the way that the joints are led now.
+        """
+        since = seen[-1 - stop :]
+        # A joint whose load turns round falls back on its motor, which is no farther behind then.
+        farthest = since.max(axis=0)
+        held: NDArray[np.bool_] = np.maximum(farthest - since[0], farthest - since[-1]) <= STANDS
         if not held.any():
             return held
         span = slice(len(seen) - 1 - stop - self._before, None)
-        wanted, seen = side * wanted[span], side * seen[span]
+        wanted, seen = wanted[span], seen[span]
         steps, stray = np.diff(wanted, axis=0), wanted - seen
         then = self._before
         way, moved = wanted[then] - wanted[0], seen[then] - seen[0]
         held &= (steps.min(axis=0) > 0.0) & (steps[-1] >= 0.8 * steps.max(axis=0))
         held &= (way >= LEAST_WAY) & (way <= SLOW * FOLLOWED) & (moved >= 0.7 * way)
         pressed = self._pressed > stop + self._one_side
-        tolerances = self._tolerances
-        slower = np.maximum(EVEN - way / (self._before * self._dt), 0.0)
-        stray_in_play = tolerances.contact_stray - HURRIED * slower
-        most = np.where(pressed, tolerances.pressed_stray, stray_in_play)
-        held &= stray[-1] - stray[: then + 1].max(axis=0) > most
+        most = np.where(pressed, self._tolerances.pressed_stray, self._in_play)
+        held &= wanted[-1] - farthest - stray[: then + 1].max(axis=0) > most
         return held
 
     def _stands(self, wanted: Array, window: int, moved: Array, q: Array) -> NDArray[np.bool_]:

@@ -41,9 +41,9 @@ class Tolerances:
         contact_distance: How much less than its setpoints it may move in such a time [rad];
             without a bound by default.
         contact_share: The same as a share of what they move; the larger of the two counts.
-        contact_stray: How much farther from its setpoints than just before a joint may be if it
-            followed slowly and evenly and now stands [rad]; without a bound by default.
-        pressed_stray: The same for a joint whose gears stay on one side of their play [rad].
+    pressed_stray: How much farther from its setpoints than just before a joint may be if it
+        followed slowly and evenly and now stands, and its gears stay on one side of their play
+        [rad]. By default no joint is checked for this, nor are those in their play.
         following_lag: How far behind its setpoints a healthy servo may be [s].
     """
 
@@ -57,5 +57,4 @@ class Tolerances:
     contact_windows: tuple[float, ...] = (0.08, 0.24)
     contact_distance: float = math.inf
     contact_share: float = 0.6
-    contact_stray: float = math.inf
     pressed_stray: float = math.inf

@@ -50,13 +50,12 @@ HARDWARE_TOLERANCES = Tolerances(
     settle_timeout=SETTLE_TIMEOUT,
     following_lag=0.15,
     contact_distance=to_rad(1.6),
-    contact_stray=to_rad(1.1),
     pressed_stray=to_rad(0.4),
 )
 """When a real arm has arrived; its servos are up to 0.1 s behind at speed. Without contact a joint
 fell short of its setpoints by at most 1.3 deg in 0.08 s, on arms that differ, with up to 0.3 kg in
-the hand. A slow joint stands where its load changes sides until its motor has crossed the play, and
-was 1.02 deg off at most; if its load stays on one side, less than 0.3 deg."""
+the hand. A slow joint stands where its load changes sides until its motor has crossed the play
+(``servo_model.py``); if its load stays on one side, it was less than 0.3 deg off."""
 
 DROOPING_TOLERANCES = replace(
     HARDWARE_TOLERANCES,
@@ -65,7 +64,6 @@ DROOPING_TOLERANCES = replace(
     following_error=to_rad(12.0),
     following_lag=0.3,
     contact_distance=math.inf,
-    contact_stray=math.inf,
     pressed_stray=math.inf,
 )
 """The same where weight and lag are not compensated: the elbow was seen to droop by 4 deg. A

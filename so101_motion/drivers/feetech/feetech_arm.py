@@ -173,7 +173,7 @@ class FeetechArm:
             out_of_range={JOINTS[i]: q_inside for i, q_inside in out_of_range.items()},
             unanswered=frozenset(JOINTS[self._index[i]] for i in self._presence.unanswering),
             unconfirmed=frozenset(JOINTS[i] for i in unconfirmed),
-            pressed=frozenset(JOINTS[i] for i in self._compensation.trim.pressed()),
+            in_play={JOINTS[i]: off for i, off in self._compensation.in_play().items()},
         )
 
     def write(

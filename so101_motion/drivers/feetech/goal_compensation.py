@@ -217,6 +217,11 @@ class GoalCompensation:
         """The same while a hand leads the arm to ``q_goal`` [rad]; the jaw holds on."""
         return self._in_ticks(self._limiter.yielded([*q_goal, self.q[5]], now), absent)
 
+    def in_play(self) -> dict[int, float]:
+        """Joints that may stand in their play now, and how far they fall behind then [rad]."""
+        speeds, models = self._qd or (0.0,) * 5, self.trim.models
+        return {i: models[i].stray_in_play(abs(speeds[i])) for i in self.trim.in_play()}
+
     def _changes(self, qd: Sequence[float] | None, now: float) -> Sequence[float]:
         """How the speeds change that were commanded last [rad/s^2]."""
         dt = now - self._t_point

@@ -200,8 +200,8 @@ class Trim:
         """What of ``offset`` neither weight nor friction explain [rad]."""
         return list(self._rest)
 
-    def pressed(self) -> list[int]:
-        """The joints that do not stand in their play now, whatever the hand carries.
+    def in_play(self) -> list[int]:
+        """The joints that may stand in their play now, given what the hand may carry.
 
         A joint stands where a load that leads it on falls away: its motor goes through the play
         first. Where no load leads a joint on, its motor drags it; where one does for good, it stays
@@ -215,7 +215,8 @@ class Trim:
             low, high = min(own, full) - unsure, max(own, full) + unsure
             is_lifted = -low < WEIGHTLESS and self._way[i] >= 1.0
             is_lowered = high < WEIGHTLESS and self._way[i] <= -1.0
-            if is_lifted or is_lowered or max(low, -high) > 0.0 or max(-low, high) < WEIGHTLESS:
+            is_kept = max(low, -high) > 0.0 or max(-low, high) < WEIGHTLESS
+            if not (is_lifted or is_lowered or is_kept):
                 found.append(i)
         return found
 
