@@ -18,7 +18,14 @@ SUPPORT = "".join(
 
 @contextmanager
 def emulated_port(*options: str, hand: str = "") -> Iterator[str]:
-    """Run ``so101 emulate --realtime``; yields the name of its port.
+    """Run ``so101 emulate --realtime``; yields the name of its port. See ``emulated_process``."""
+    with emulated_process(*options, hand=hand) as (port, _):
+        yield port
+
+
+@contextmanager
+def emulated_process(*options: str, hand: str = "") -> Iterator[tuple[str, int]]:
+    """Run ``so101 emulate --realtime``; yields the name of its port, and its process id.
 
     Args:
         options: Further options of that command.
@@ -37,7 +44,7 @@ def emulated_port(*options: str, hand: str = "") -> Iterator[str]:
         try:
             assert process.stdout is not None
             line = process.stdout.readline()
-            yield next(word for word in line.split() if word.startswith("/dev/"))
+            yield next(word for word in line.split() if word.startswith("/dev/")), process.pid
         finally:
             process.terminate()
             process.wait()
