@@ -33,6 +33,7 @@ high number of degrees of freedom, ICRA 1987, for bounding the approach speed by
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -85,6 +86,20 @@ class Step:
     share: float
 
 
+class _Approached(NamedTuple):
+    """Something that may come nearer, or get heavier.
+
+    Attributes:
+        left: How much nearer it may come [m], or how much heavier get, as a share.
+        gradient: What each joint adds to that, shape (5,).
+        what: What it is.
+    """
+
+    left: float
+    gradient: Array
+    what: ClosePair | TorqueReserve | str
+
+
 class _Room(NamedTuple):
     """How the joints may move in a step.
 
@@ -101,7 +116,7 @@ class _Room(NamedTuple):
     upper: Array
     G: Array
     b: Array
-    against: list[ClosePair | TorqueReserve]
+    against: Sequence[_Approached]
 
     def has(self, qd: Array) -> bool:
         """Whether velocities keep all of it."""
@@ -177,7 +192,7 @@ class Servo:
         if not wanted.qd.any():
             self._last = None
             return self._taken(brake, 1.0)
-        room = self._room(self._guard.look(q)[:ROWS], brake)
+        room = self._room(self._approached(q), brake)
         qd, share = wanted.qd, 1.0
         if not room.has(qd):
             share = self._attainable(qd)
@@ -206,20 +221,36 @@ class Servo:
         reasons = [word for i in range(5) if (word := self._limit_of(i, wanted.qd[i]))]
         for each, gain, least in zip(room.against, room.G @ wanted.qd, room.b, strict=True):
             if gain < least:
-                reasons.append(self._guard.words(each))
+                reasons.append(self._guard.words(each.what))
         if wanted.is_damped:
             reasons.append("the arm nearly straight, or over its own base")
         if self._arm_near:
             reasons.append(self._arm_near)
-        return tuple(reasons)
+        return tuple(dict.fromkeys(reasons))
 
-    def _room(self, against: list[ClosePair | TorqueReserve], brake: Array) -> _Room:
+    def _approached(self, q: Array) -> Sequence[_Approached]:
+        """What has the least left at ``q``, shape (5,), [rad]: joints, then bodies, nearest first.
+
+        Of other arms, what was near where the arm itself is, in words now: the next step overwrites
+        it.
+        """
+        found = [_Approached(room_of(each), each.gradient, each) for each in self._guard.look(q)]
+        if self.neighbours is None:
+            return found[:ROWS]
+        for arm in self.neighbours.near():
+            for k, row in enumerate(arm.bounds):
+                left = float(row[-1] + row[:5] @ (q - self.q))
+                found.append(_Approached(left, row[:5], arm.words(k)))
+        found.sort(key=lambda each: -np.inf if isinstance(each.what, TorqueReserve) else each.left)
+        return found[:ROWS]
+
+    def _room(self, against: Sequence[_Approached], brake: Array) -> _Room:
         """Velocities that leave way enough to brake, after this step as well."""
         # The joints may become a step's worth faster, and would brake as much longer.
         time = 1.5 * self._dt + 0.5 * self._braking_time
         below, above = (self._lower - self._lead) / time, (self._upper - self._lead) / time
         G = np.array([each.gradient for each in against]).reshape(-1, 5)
-        b = np.array([GAP - room_of(each) for each in against]) / time
+        b = np.array([GAP - each.left for each in against]) / time
         gain = G @ brake
         late = b - 0.5 * GAP / time  # what is short by less, the certificate need not mind
         change, top = self._limits.acceleration * self._dt, self._limits.velocity

@@ -1,14 +1,10 @@
-"""Arms of one cell keep apart, whatever moves them: simulated joints on a clock the test drives."""
-
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
-from functools import partial
+"""Arms of one cell keep apart when motions are planned: simulated joints on a pretended clock."""
 
 import numpy as np
 import pytest
+from harness.cell_pair import crossing_task
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
-from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import (
     ConfigError,
@@ -18,22 +14,11 @@ from so101_motion.common.errors import (
     So101Error,
 )
 from so101_motion.common.geometry import SE3
-from so101_motion.control.streamed_trajectory import TimedPoint
-from so101_motion.planning.collision.apart import (
-    GUARDED,
-    PARTING,
-    ROOM,
-    first_meeting,
-    nearness,
-)
+from so101_motion.planning.collision.apart import GUARDED, first_meeting
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.goals import JointGoal
-from so101_motion.planning.motion_builder import DEPARTURE_SPEED
-from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import open_simulated
-
-FAST = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=150.0)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -42,75 +27,6 @@ def planning_process():
     with open_simulated(clock=ManualClock()) as rig:
         rig.arm.plan(JointGoal(q=np.full(5, 0.2)))
         yield
-
-
-def in_time(clock, call):
-    """Call what waits for an arm while time passes."""
-    with ThreadPoolExecutor(1) as threads:
-        done = threads.submit(call)
-        while not done.done():
-            clock.advance(0.01)
-    return done.result()
-
-
-class Pair:
-    """Two simulated arms that face each other; every advance looks whether they are apart."""
-
-    def __init__(self, clock, facing, q_left, q_right, stack):
-        self.clock, self.facing = clock, facing
-        self.rigs = [
-            stack.enter_context(open_simulated(clock=clock, q_start=q)) for q in (q_left, q_right)
-        ]
-        self.left, self.right = (rig.arm for rig in self.rigs)
-        self.cell = Cell()
-        self.cell.add("left", self.rigs[0], SE3.identity())
-        self.cell.add("right", self.rigs[1], T_LEFT_RIGHT)
-
-    def advance(self, seconds=0.01, room=0.7 * GUARDED):
-        self.clock.advance(seconds)
-        assert self.are_apart(room)
-
-    def are_apart(self, room):
-        return self.facing.are_apart(self.left.state.q_ref, self.right.state.q_ref, room)
-
-    def gap(self):
-        """How near they are, up to 30 mm [m]."""
-        left, right = (
-            Course.resting(each.state.q_ref, each.state.q_jaw_ref)
-            for each in (self.left, self.right)
-        )
-        pair = (self.facing.bodies, left), (self.facing.bodies, right)
-        found = nearness(*pair, T_LEFT_RIGHT, at=0.0, room=0.03)
-        return 0.03 if found is None else found
-
-    def finish(self, *motions, room=0.7 * GUARDED):
-        moving = 0  # cycles; how many pass while a plan is made depends on how busy the machine is
-        while moving < 3000:
-            if all(each.future.done() for each in motions):
-                return
-            self.advance(room=room)
-            moving += self.left.is_moving or self.right.is_moving
-        raise AssertionError("it goes on and on")
-
-
-@pytest.fixture
-def stack():
-    with ExitStack() as stack:
-        yield stack
-
-
-@pytest.fixture
-def pair_of(clock, stack):
-    return lambda facing, *starts: Pair(clock, facing, *starts, stack)
-
-
-def crossing_task(facing):
-    """A task in which the straight motions of both at once would meet."""
-    while True:
-        starts, goals = facing.task()
-        middles = [0.5 * (a + b) for a, b in zip(starts, goals, strict=True)]
-        if not facing.are_apart(*middles, room=0.005):
-            return starts, goals
 
 
 @pytest.mark.parametrize("seed", [21, 22])
@@ -174,26 +90,6 @@ def test_an_arm_that_is_stopped_in_the_way_stops_the_other_and_says_so(pair_of):
     assert arrived
 
 
-def test_followings_that_are_led_into_each_other_hold_and_go_on_when_they_can(pair_of, clock):
-    facing = Facing(24)
-    starts, goals = crossing_task(facing)
-    pair = pair_of(facing, *starts)
-    followings = [
-        in_time(clock, partial(arm.open_following, limits=FAST, stale_after=None))
-        for arm in (pair.left, pair.right)
-    ]
-    held = set()
-    for k in range(300):
-        for following, q, other in zip(followings, goals, (starts[0], starts[1]), strict=True):
-            following.aim(q if k < 150 else other)
-            held.update(following.held_by)
-        pair.advance()
-    assert any("left's" in each or "right's" in each for each in held)
-    for following in followings:
-        following.close()
-    pair.finish(*followings)
-
-
 def test_an_unguarded_retarget_into_another_arm_is_stopped_and_names_it(pair_of):
     facing = Facing(25)
     while True:
@@ -205,42 +101,6 @@ def test_an_unguarded_retarget_into_another_arm_is_stopped_and_names_it(pair_of)
     pair.finish(motion)
     with pytest.raises(MotionError, match="right's"):
         motion.result()
-
-
-@pytest.fixture
-def pair_in_the_way(pair_of):
-    """The right arm reaches to the middle; the left one is turned aside."""
-    left, right = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
-    return pair_of(Facing(0), left, right)
-
-
-def test_a_jog_towards_another_arm_holds_before_it(pair_in_the_way, clock):
-    pair = pair_in_the_way
-    jog = in_time(clock, pair.left.open_jog)
-    begin = pair.left.T_base("tool").p
-    for _ in range(400):
-        with suppress(MotionError):
-            jog.twist((0.04, 0.03, 0.0))
-        pair.advance()
-    assert pair.left.T_base("tool").p[0] > begin[0] + 0.02, "as far as there is room"
-    said = str(jog.future.exception()) if jog.future.done() else str(jog.held_by)
-    assert "right's" in said
-
-
-def test_a_stream_into_another_arm_ends_before_it(pair_in_the_way, clock):
-    pair = pair_in_the_way
-    stream = in_time(clock, pair.left.open_stream)
-    q, share = pair.left.state.q_ref, np.linspace(0.0, 1.0, 301)
-    turn = np.radians(-80.0) * (10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5)
-    stream.push(
-        [
-            TimedPoint(t=0.02 * k, q=q + np.array([each, 0.0, 0.0, 0.0, 0.0]))
-            for k, each in enumerate(turn)
-        ]
-    )
-    pair.finish(stream)
-    with pytest.raises(MotionError, match="right's"):
-        stream.future.result()
 
 
 def test_a_plan_through_an_arm_that_stands_there_is_refused_with_its_name(pair_of):
@@ -270,74 +130,6 @@ def test_arms_that_are_too_near_already_may_part(pair_of):
     motion = pair.left.start_move(JointGoal(q=q_goal))
     pair.finish(motion, room=0.002)
     motion.result()
-
-
-@pytest.fixture
-def pair_led_up_close(pair_of, clock):
-    """The left arm was led up to the right one, and braked into what must stay free."""
-    starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [80.0, -60.0, 60.0, 40.0, 0.0]])
-    pair = pair_of(Facing(0), *starts)
-    led = in_time(clock, partial(pair.left.open_unguarded_following, limits=FAST, gate=9.0))
-    for _ in range(60):
-        led.aim(np.radians([0.0, 10.0, 0.0, 0.0, 0.0]))
-        pair.clock.advance(0.01)
-    assert any("right's" in each for each in led.held_by)
-    assert 0.7 * GUARDED < pair.gap() < GUARDED
-    pair.following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
-    return pair
-
-
-def test_an_arm_that_was_led_up_to_another_backs_out_slowly_and_goes_where_it_is_sent(
-    pair_led_up_close,
-):
-    pair = pair_led_up_close
-    begin = pair.gap()
-    motion = pair.left.start_move(JointGoal(q=np.radians([-60.0, -40.0, 50.0, 40.0, 0.0])))
-    while not motion.future.done():
-        pair.clock.advance(0.01)
-        assert pair.gap() > begin - 2.0 * PARTING
-    motion.result()
-    assert motion.plan.report.departure
-    assert np.abs(motion.plan.trajectory.qd[:30]).max() <= DEPARTURE_SPEED
-    assert pair.gap() >= ROOM
-
-
-def test_an_arm_that_was_led_up_to_another_is_led_away_and_no_nearer(pair_led_up_close):
-    pair = pair_led_up_close
-    begin, following = pair.gap(), pair.following
-    for _ in range(3):  # again and again
-        for aim in (pair.left.state.q_ref, np.radians([0.0, 10.0, 0.0, 0.0, 0.0])):
-            for _ in range(8):
-                following.aim(aim)
-                pair.clock.advance(0.01)
-                assert pair.gap() > begin - 2.0 * PARTING
-    for _ in range(40):
-        following.aim(np.radians([-50.0, -30.0, 40.0, 30.0, 0.0]))
-        pair.clock.advance(0.01)
-        assert pair.gap() > begin - 2.0 * PARTING
-    assert pair.gap() > 2.0 * GUARDED
-    assert following.held_by == ()
-
-
-def test_an_arm_that_is_led_into_another_slides_along_it(pair_of, clock):
-    starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [0.0, -60.0, 60.0, 40.0, 0.0]])
-    pair = pair_of(Facing(0), *starts)
-    following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
-    wanted, nearest = np.radians([50.0, -10.0, 30.0, 20.0, 40.0]), np.inf
-    for _ in range(300):  # pan is led into the right arm, the others need not stop for that
-        following.aim(wanted)
-        pair.clock.advance(0.01)
-        nearest = min(nearest, pair.gap())
-    assert GUARDED < nearest < 1.3 * GUARDED
-    assert any("right's" in each for each in following.held_by)
-    off = np.degrees(wanted - pair.left.state.q_ref)
-    assert off[0] > 40.0
-    assert np.abs(off[1:]).max() < 8.0
-    for _ in range(200):
-        following.aim(np.radians([-50.0, -30.0, 40.0, 30.0, 0.0]))
-        pair.clock.advance(0.01)
-    assert following.held_by == ()
-    assert pair.gap() > 2.0 * GUARDED
 
 
 def test_an_arm_that_left_the_cell_is_not_minded(pair_of):

@@ -1,0 +1,17 @@
+"""Pairs of simulated arms in one cell."""
+
+from contextlib import ExitStack
+
+import pytest
+from harness.cell_pair import Pair
+
+
+@pytest.fixture
+def stack():
+    with ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def pair_of(clock, stack):
+    return lambda facing, *starts: Pair(clock, facing, *starts, stack)

@@ -1,0 +1,174 @@
+"""Arms of one cell keep apart when they are led: simulated joints on a pretended clock."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from harness.cell_pair import FAST, crossing_task, in_time
+from harness.facing_arms import Facing
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import MotionError
+from so101_motion.control.streamed_trajectory import TimedPoint
+from so101_motion.planning.collision.apart import GUARDED, PARTING, ROOM
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.motion_builder import DEPARTURE_SPEED
+from so101_motion.rig.hardware_rig import open_simulated
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process():
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()) as rig:
+        rig.arm.plan(JointGoal(q=np.full(5, 0.2)))
+        yield
+
+
+def test_followings_that_are_led_into_each_other_hold_and_go_on_when_they_can(pair_of, clock):
+    facing = Facing(24)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, *starts)
+    followings = [
+        in_time(clock, partial(arm.open_following, limits=FAST, stale_after=None))
+        for arm in (pair.left, pair.right)
+    ]
+    held = set()
+    for k in range(300):
+        for following, q, other in zip(followings, goals, (starts[0], starts[1]), strict=True):
+            following.aim(q if k < 150 else other)
+            held.update(following.held_by)
+        pair.advance()
+    assert any("left's" in each or "right's" in each for each in held)
+    for following in followings:
+        following.close()
+    pair.finish(*followings)
+
+
+@pytest.fixture
+def pair_in_the_way(pair_of):
+    """The right arm reaches to the middle; the left one is turned aside."""
+    left, right = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
+    return pair_of(Facing(0), left, right)
+
+
+def test_a_jog_towards_another_arm_slows_down_before_it_and_slides_along_it_at_a_slant(
+    pair_in_the_way, clock
+):
+    pair = pair_in_the_way
+    jog = in_time(clock, pair.left.open_jog)
+    begin, nearest = pair.left.T_base("tool").p, np.inf
+    for _ in range(400):
+        jog.twist((0.04, 0.03, 0.0))
+        pair.advance()
+        nearest = min(nearest, pair.gap())
+    assert pair.left.T_base("tool").p[0] > begin[0] + 0.02, "as far as there is room"
+    assert np.abs(pair.left.state.qd_ref).max() < 0.01
+    assert any("right's" in each for each in jog.held_by)
+    along, begin = np.array([0.0275, -0.0119, 0.0]), pair.left.T_base("tool").p  # into it by 10 deg
+    for _ in range(150):
+        jog.twist(along)
+        pair.advance()
+        nearest = min(nearest, pair.gap())
+    assert (pair.left.T_base("tool").p - begin) @ along / np.linalg.norm(along) > 0.01
+    assert 1.1 * GUARDED < nearest < 1.3 * GUARDED
+
+
+def test_two_jogs_towards_each_other_hold_and_part_again(pair_of, clock):
+    starts = np.radians([[55.0, -60.0, 60.0, 45.0, 0.0], [-55.0, -60.0, 60.0, 45.0, 0.0]])
+    pair = pair_of(Facing(0), *starts)
+    jogs = [in_time(clock, arm.open_jog) for arm in (pair.left, pair.right)]
+    held, nearest = set(), np.inf
+    for k in range(500):
+        for jog in jogs:  # first each towards the other's base
+            jog.twist((0.05 if k < 250 else -0.05, 0.0, 0.0))
+            held.update(jog.held_by)
+        pair.clock.advance(0.01)
+        nearest = min(nearest, pair.gap())
+    assert any("left's" in each for each in held)
+    assert any("right's" in each for each in held)
+    assert 0.99 * GUARDED < nearest < 1.5 * GUARDED
+    assert pair.gap() > 2.0 * GUARDED
+
+
+def test_a_stream_into_another_arm_ends_before_it(pair_in_the_way, clock):
+    pair = pair_in_the_way
+    stream = in_time(clock, pair.left.open_stream)
+    q, share = pair.left.state.q_ref, np.linspace(0.0, 1.0, 301)
+    turn = np.radians(-80.0) * (10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5)
+    stream.push(
+        [
+            TimedPoint(t=0.02 * k, q=q + np.array([each, 0.0, 0.0, 0.0, 0.0]))
+            for k, each in enumerate(turn)
+        ]
+    )
+    pair.finish(stream)
+    with pytest.raises(MotionError, match="right's"):
+        stream.future.result()
+
+
+@pytest.fixture
+def pair_led_up_close(pair_of, clock):
+    """The left arm was led up to the right one, and braked into what must stay free."""
+    starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [80.0, -60.0, 60.0, 40.0, 0.0]])
+    pair = pair_of(Facing(0), *starts)
+    led = in_time(clock, partial(pair.left.open_unguarded_following, limits=FAST, gate=9.0))
+    for _ in range(60):
+        led.aim(np.radians([0.0, 10.0, 0.0, 0.0, 0.0]))
+        pair.clock.advance(0.01)
+    assert any("right's" in each for each in led.held_by)
+    assert 0.7 * GUARDED < pair.gap() < GUARDED
+    pair.following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
+    return pair
+
+
+def test_an_arm_that_was_led_up_to_another_backs_out_slowly_and_goes_where_it_is_sent(
+    pair_led_up_close,
+):
+    pair = pair_led_up_close
+    begin = pair.gap()
+    motion = pair.left.start_move(JointGoal(q=np.radians([-60.0, -40.0, 50.0, 40.0, 0.0])))
+    while not motion.future.done():
+        pair.clock.advance(0.01)
+        assert pair.gap() > begin - 2.0 * PARTING
+    motion.result()
+    assert motion.plan.report.departure
+    assert np.abs(motion.plan.trajectory.qd[:30]).max() <= DEPARTURE_SPEED
+    assert pair.gap() >= ROOM
+
+
+def test_an_arm_that_was_led_up_to_another_is_led_away_and_no_nearer(pair_led_up_close):
+    pair = pair_led_up_close
+    begin, following = pair.gap(), pair.following
+    for _ in range(3):  # again and again
+        for aim in (pair.left.state.q_ref, np.radians([0.0, 10.0, 0.0, 0.0, 0.0])):
+            for _ in range(8):
+                following.aim(aim)
+                pair.clock.advance(0.01)
+                assert pair.gap() > begin - 2.0 * PARTING
+    for _ in range(40):
+        following.aim(np.radians([-50.0, -30.0, 40.0, 30.0, 0.0]))
+        pair.clock.advance(0.01)
+        assert pair.gap() > begin - 2.0 * PARTING
+    assert pair.gap() > 2.0 * GUARDED
+    assert following.held_by == ()
+
+
+def test_an_arm_that_is_led_into_another_slides_along_it(pair_of, clock):
+    starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [0.0, -60.0, 60.0, 40.0, 0.0]])
+    pair = pair_of(Facing(0), *starts)
+    following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
+    wanted, nearest = np.radians([50.0, -10.0, 30.0, 20.0, 40.0]), np.inf
+    for _ in range(300):  # pan is led into the right arm, the others need not stop for that
+        following.aim(wanted)
+        pair.clock.advance(0.01)
+        nearest = min(nearest, pair.gap())
+    assert GUARDED < nearest < 1.3 * GUARDED
+    assert any("right's" in each for each in following.held_by)
+    off = np.degrees(wanted - pair.left.state.q_ref)
+    assert off[0] > 40.0
+    assert np.abs(off[1:]).max() < 8.0
+    for _ in range(200):
+        following.aim(np.radians([-50.0, -30.0, 40.0, 30.0, 0.0]))
+        pair.clock.advance(0.01)
+    assert following.held_by == ()
+    assert pair.gap() > 2.0 * GUARDED
