@@ -1,4 +1,4 @@
-"""The architecture is a test: an import in the wrong direction fails here."""
+"""The import contracts hold: an import in the wrong direction fails here."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Every code block of the README and of docs/ does what it shows, on the simulated arm."""
+"""Every code block of the README and of docs/ runs as shown, on the simulated arm."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Every command that the page for newcomers shows is one that exists."""
+"""Every command on the page for newcomers exists."""
 
 import re
 import shlex

@@ -1,4 +1,4 @@
-"""A recording as somebody opens it who has nothing else: from a file, without a network."""
+"""A recording opened from a file, without a network or anything else."""
 
 from __future__ import annotations
 

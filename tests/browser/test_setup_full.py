@@ -1,8 +1,8 @@
-"""Full Setup in the browser, from a kit out of the box to its first move, with all that goes wrong.
+"""Full Setup in the browser, from new parts to the first move, with everything that goes wrong.
 
-The tests are the chapters of one walk, by somebody who first does it wrong and loads the page anew
-at every step. The servos run in this process, for a hand to plug them in and to lead their joints;
-the page finds them on a port.
+The tests are the chapters of one walk; at each step the user first does it wrong and reloads the
+page. The servos run in this process, so that a test can plug them in and lead their joints; the
+page finds them on a port.
 """
 
 from __future__ import annotations

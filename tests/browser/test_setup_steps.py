@@ -1,6 +1,6 @@
 """Motor Setup Only and Calibration Only from end to end, on a port and through a machine.
 
-The pages, their threads, the bus and the module are real; the browser is left to
+The pages, their threads, the bus and the module are real, but there is no browser: see
 ``test_setup_full.py``.
 """
 

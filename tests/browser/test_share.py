@@ -1,4 +1,4 @@
-"""The Share tab: what a press of Download brings to the browser's downloads."""
+"""The Share tab: the file that Download saves in the browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the page's arm comes from, and what the page says when it is not there."""
+"""How the page connects to its arm, and what it shows when the arm is not there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The World tab: what is edited in the browser is what plans are made with."""
+"""The World tab: plans use what is edited in the browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""kill -9: a process that calibrates is killed, and the next looks at the servos and the file."""
+"""kill -9 while a process calibrates: what the servos and the file hold afterwards."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Going back to an earlier calibration, and taking an arm in hand that no component asks for."""
+"""Going back to an earlier calibration, and calibrating an arm that has no component."""
 
 import math
 

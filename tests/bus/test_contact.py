@@ -1,4 +1,4 @@
-"""A joint that meets something on its way: the motion ends, and the joint pushes no more."""
+"""A joint that meets an obstacle on its way: the motion ends, and the joint pushes no more."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What befalls an arm on a wire: who is told, what goes on, and how it ends. All emulated."""
+"""Faults of an arm on hardware: which error is raised, what keeps running, and how it ends."""
 
 import math
 

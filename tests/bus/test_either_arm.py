@@ -1,4 +1,4 @@
-"""The rig on an arm, whichever: emulated, or with ``--hardware PORT`` a real one.
+"""The real rig on emulated servos, or with ``--hardware PORT`` on a real arm.
 
 A real arm moves by 10 deg at most from where it stands, at 15 deg/s, its jaw all the way.
 """

@@ -1,4 +1,4 @@
-"""What only a port can show: plugging, locks, timing, the program around it."""
+"""The emulator on a pseudo-terminal: plugging, locks, timing, and the command line around it."""
 
 import fcntl
 import io

@@ -1,4 +1,4 @@
-"""What came before a failure is kept as a file, and told where."""
+"""The seconds before a failure are kept as a file, and the error names it."""
 
 import json
 from pathlib import Path

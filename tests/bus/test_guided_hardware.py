@@ -1,4 +1,4 @@
-"""A path is shown to an arm with weight and gone again, on emulated servos."""
+"""A path is taught to an arm by hand and replayed, on emulated servos with weight."""
 
 import asyncio
 from concurrent.futures import wait

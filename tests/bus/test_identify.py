@@ -1,4 +1,4 @@
-"""An arm that finds out what one of its servos is like, keeps it, and uses it."""
+"""Measuring one of an arm's servos, keeping the result, and driving with it."""
 
 import resource
 from concurrent.futures import ThreadPoolExecutor

@@ -1,4 +1,4 @@
-"""Motor setup on the bus that a rig lends; what it left is an arm that can be opened."""
+"""Motor setup on the bus that a rig lends; afterwards the arm can be opened."""
 
 from contextlib import contextmanager
 

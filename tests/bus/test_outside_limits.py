@@ -1,4 +1,4 @@
-"""Joints that stand outside their calibrated range: left as they are until they are to move."""
+"""Joints outside their calibrated range: left where they are until a motion needs them."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,6 @@
-"""Ways through waypoints, planned and played by the real rig on emulated servos with their weight,
-friction and play: the arm stays on the way, passes every waypoint, and ends where it should."""
+"""Paths through waypoints, planned and played by the real rig on emulated servos with weight,
+friction and play: the arm stays near the path, passes every waypoint, and ends at the goal.
+"""
 
 import math
 

@@ -1,4 +1,4 @@
-"""An episode of a LeRobot data set is gone by emulated servos with weight and friction."""
+"""An episode of a LeRobot data set, replayed by emulated servos with weight and friction."""
 
 import threading
 from concurrent.futures import Future, wait

@@ -1,4 +1,4 @@
-"""One side of a teleoperation is lost: the leader, the follower, a servo, a moment of answers."""
+"""Faults in teleoperation: the leader, the follower, a servo or a moment of answers is lost."""
 
 import numpy as np
 import pytest

@@ -1,8 +1,8 @@
-"""``make campaign MINUTES=10``, or pieces of it: attack, write what came of it, fail on any.
+"""``make campaign MINUTES=10``, or parts of it: attack, write the counts down, fail on any finding.
 
     PYTHONPATH=tests python -m campaign --only readers --count 100000 --seed 3
 
-Each run is a piece with a seed of its own. What the pieces counted adds up in
+Each run has a seed of its own. The counts of all runs add up in
 ``benchmarks/results/campaign.json``, part by part; ``--fresh`` begins those parts anew.
 """
 

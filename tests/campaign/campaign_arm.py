@@ -1,4 +1,4 @@
-"""An emulated arm that is asked at random, and what befalls it meanwhile.
+"""An emulated arm that gets random requests, and random faults meanwhile.
 
 The real driver and executor, the emulated servos, one pretended clock; no pseudo-terminal, so a
 seed gives the same run on any machine.

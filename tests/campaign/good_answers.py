@@ -1,7 +1,7 @@
-"""Right answers on a clean bus, while the joints are treated roughly: how many are doubted.
+"""How many correct answers the driver doubts on a clean bus while the joints are treated roughly.
 
 An arm with its weight is led fast by hand, limp and in manual mode, let fall, pushed while it
-holds and held fast in mid-motion. Each answer that the driver does not believe it asks for again,
+holds and held fast in mid-motion. The driver asks again for each answer that it does not believe,
 which shows on the wire as a question to fewer than all six servos::
 
     PYTHONPATH=tests python -m campaign.good_answers 100000 --seed 1

@@ -1,8 +1,8 @@
-"""Requests to an arm in any order, and faults on its bus among them, on pretended time.
+"""Requests to an arm in random order, with faults on its bus among them, on pretended time.
 
 An interleaving is some requests with pauses between them, and a Stop at the end. Laws: every
 request ends, with success or with an error of ours; after the Stop nothing moves; the referee
-objects to nothing.
+finds nothing.
 """
 
 from collections import Counter

@@ -1,9 +1,9 @@
-"""Every file that is kept, its writer killed at every step, on a full disk, in a read-only folder.
+"""Every file we write: its writer killed at every step, on a full disk, in a read-only folder.
 
-Laws: a reader finds what was there before or what was to be there, nothing else; writing again
-works; a writer that fails says so with an error of ours, and leaves all as it was.
+Laws: a reader finds the old content or the new, nothing else; writing again works; a writer that
+fails raises an error of ours, and leaves everything as it was.
 
-A process of its own, for it forks::
+A process of its own, because it forks::
 
     PYTHONPATH=tests python -m campaign.kept_files --seed 1 --each 1000
 """

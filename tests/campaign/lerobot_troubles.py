@@ -1,12 +1,11 @@
-"""Actions of every kind, and what befalls a client of LeRobot's, on emulated servos.
+"""Random actions to the plugin's LeRobot robot, with faults among them, on emulated servos.
 
-The plugin's robot is sent one action after the other, some of a kind after some of another, while
-pretended time passes. Laws: no two bodies touch, as commanded and as the joints truly are; nothing
-is raised but a ``ConnectionError``, after which the robot can be connected anew; no call takes more
-than ``LONGEST``; the arm rests within a second after the last action; the referee objects to
-nothing.
+The plugin's robot is sent one action after another, some like the one before, while pretended time
+passes. Laws: no two bodies touch, as commanded and as the joints truly are; nothing is raised but a
+``ConnectionError``, after which the robot can be connected anew; no call takes more than
+``LONGEST``; the arm rests within a second after the last action; the referee finds nothing.
 
-The jaw stays as it is: its own motions are not guarded.
+The jaw stays as it is: its own motions are not checked for contact.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""Inputs that nobody would write, bred by the lines they reach.
+"""Broken inputs for the readers, bred by the lines of code they reach.
 
-An input that reaches a line of ours that none has reached before is kept and changed further. To
-trace costs ten times the reading, so one input in eight is traced. Everything comes from the seed.
+An input that reaches a line of ours that none has reached before is kept and mutated further.
+Tracing costs ten times the reading, so one input in eight is traced. All of it follows the seed.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Every reader of what comes from outside: what it is given, and what it may say to it."""
+"""Every reader of outside input: the inputs it is given, and the errors it may raise."""
 
 import asyncio
 import itertools

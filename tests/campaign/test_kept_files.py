@@ -1,4 +1,4 @@
-"""A short share of what befalls files; see ``kept_files.py`` for the long one."""
+"""A short share of ``kept_files.py``, the attack on the files we write."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""A short share of the campaign; see ``torn_answers.py`` for the long one."""
+"""A short share of ``torn_answers.py``, the attack with wrong answers on the bus."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""Emulated arms as processes, and commands of LeRobot that are run beside them."""
+"""Emulated arms as processes, and LeRobot's commands run against them."""
 
 import os
 import subprocess

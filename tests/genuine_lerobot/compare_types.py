@@ -1,4 +1,4 @@
-"""Compare what ``make test`` has in LeRobot's place with the genuine LeRobot."""
+"""Compare the recorded types that ``make test`` uses for LeRobot with the genuine LeRobot."""
 
 import importlib
 import inspect

@@ -1,4 +1,4 @@
-"""Write a policy that means nothing: ``FOLDER act DATASET``, ``FOLDER wave``, ``garbage``."""
+"""Write an untrained policy to a folder: ``FOLDER act DATASET``, ``FOLDER wave``, ``garbage``."""
 
 import sys
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""Programs, ports and people that tests of several folders need."""
+"""Helpers that tests of several folders share: processes, ports, emulated arms and people."""

@@ -1,4 +1,4 @@
-"""Somebody looking at the page, with a mouse and a keyboard.
+"""A person at the page in a real browser: mouse, keyboard, and what is drawn.
 
 The page tells its state through the hooks that viser's own tests use (``window.__viser…``), so the
 tests look at nodes and widgets and hardly at pixels.
@@ -31,7 +31,8 @@ for (const way of ['Arrays', 'ArraysInstanced', 'Elements', 'ElementsInstanced']
   };
 }
 """
-"""Eight pictures of the scene a second, and nothing in them unless somebody looks (``looking``).
+"""Eight pictures of the scene a second, and nothing in them unless a test asks for pixels
+(``looking``).
 
 Drawn without a GPU, each costs a quarter of a second of processor, which the arm needs. Where
 things are in the picture, and in which colour, the page knows as ever.
@@ -102,7 +103,7 @@ class Guest:
 
     @contextmanager
     def looking(self) -> Iterator[None]:
-        """Have the scene drawn as long as somebody looks at its pixels."""
+        """Draw the scene in full while a test looks at its pixels."""
         self.page.evaluate("window.draws = true")
         yield
         self.page.evaluate("window.draws = false")
@@ -119,7 +120,7 @@ class Guest:
         return (red << 16) + (green << 8) + blue
 
     def barriers(self, tab: Locator | None = None) -> list[str]:
-        """What keeps people with other eyes or hands out, where axe calls it serious.
+        """Barriers for people with a disability that axe calls serious.
 
         Args:
             tab: Look only at the panel that this is in, which takes a third of a second.

@@ -1,6 +1,6 @@
-"""An emulated arm whose bus is lent inside the calling thread, and a hand that is never late.
+"""An emulated arm to calibrate in one thread without waiting, and a hand that leads its joints.
 
-Nothing waits and nothing runs by itself: a test puts a joint somewhere and lets a tick come. The
+Nothing waits and nothing runs by itself: a test places a joint and lets one tick pass. The
 bytes and the servos are the emulator's. Everything that leaves a trace, a packet that writes or a
 file operation, is counted, and the process can be made to "die" at any of them: from that instant
 on neither packets nor files get anywhere, whatever the dying code still tries.

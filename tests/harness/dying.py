@@ -1,8 +1,8 @@
-"""What befalls a process that writes files: it is killed at a step, or the disk is full.
+"""Kill a process that writes files at a chosen step, or fill its disk.
 
 ``dies_at`` counts every step that the process takes in a folder (open, rename, remove, make, list,
-lock), and every ``fsync`` before and after it; ``dies_writing`` kills it in the midst of a write.
-All of it is for a child that was forked for this.
+lock), and every ``fsync`` before and after it; ``dies_writing`` kills it in the middle of a write.
+Call them only in a forked child.
 """
 
 import ctypes
@@ -48,13 +48,15 @@ def dies_writing(size):
 
 
 def fails_writing(size):
-    """Let no file of this process grow beyond ``size`` bytes: it is told so by an ``OSError``."""
+    """Let no file of this process grow beyond ``size`` bytes; writing more raises an
+    ``OSError``."""
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
 def small_disk(folder, size):
-    """Mount a disk of ``size`` bytes on ``folder``, for this process only; why not, or None."""
+    """Mount a disk of ``size`` bytes on ``folder``, for this process only; the reason if it
+    fails."""
     libc, user = ctypes.CDLL(None, use_errno=True), (os.getuid(), os.getgid())
     if libc.unshare(_NEW_USER | _NEW_MOUNTS) != 0:
         return f"no namespace of its own: {os.strerror(ctypes.get_errno())}"
@@ -73,7 +75,7 @@ def small_disk(folder, size):
 
 
 def without_rights():
-    """Give up what root may beyond others, so that permissions count."""
+    """Give up root's right to ignore file permissions."""
     if os.geteuid() == 0:
         os.setgid(65534)
         os.setuid(65534)

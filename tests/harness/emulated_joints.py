@@ -1,4 +1,4 @@
-"""The servos of the emulated joints, from stop to stop, as a calibration would have them."""
+"""The emulated joints' range of servo ticks, from stop to stop, as a calibration would have it."""
 
 import math
 

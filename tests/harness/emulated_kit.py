@@ -1,7 +1,7 @@
 """Servos of an arm in the tests' own process, on a port that the module's process opens.
 
-They are those of ``so101 emulate --realtime``, and time is real. What a person does to a kit, the
-tests do: they plug servos in and out, put joints somewhere, and lead them to their stops.
+They are those of ``so101 emulate --realtime``, and time is real. The tests do what a person does to
+a kit: they plug servos in and out, place joints, and lead them to their stops.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Two emulated arms, the real rigs, one clock for all; and a hand that leads as people do."""
+"""Two emulated arms, driven by the real rigs on one clock, and a leader moved as a hand would."""
 
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager

@@ -1,6 +1,6 @@
 """The real rig on emulated servos, with one clock for both that a test moves by hand; or on an arm.
 
-``HardwareBench`` and ``ArmBench`` look the same to a test that troubles no servo and looks only at
+A test that disturbs no servo runs on ``HardwareBench`` and on ``ArmBench`` alike, if it uses only
 what ``ArmBench`` has.
 """
 

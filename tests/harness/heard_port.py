@@ -1,9 +1,9 @@
-"""Emulated servos whose port knows when nobody will answer, however busy the machine is.
+"""A pseudo-terminal with emulated servos that never misses an answer, however busy the machine is.
 
-The port is the driver's own on a real pseudo-terminal. But its client lets the servos answer on its
-own thread as soon as it has written, so it need not wait for another one; it waits for what the
-terminal is still bringing, and takes it for silence at once when there is nothing. So a silent
-servo costs no time, and no answer is lost because the machine was busy elsewhere.
+The port is the driver's own on a real pseudo-terminal. Its client lets the servos answer on its own
+thread as soon as it has written, so it waits for no other thread: only for bytes that the terminal
+still holds. If there are none, it reports silence at once. A silent servo therefore costs no time,
+and a busy machine loses no answer.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""Simulated components behind a gRPC channel in this process, and a hand on their clock."""
+"""Simulated components behind a gRPC channel in this process, on a clock that the test moves."""
 
 import asyncio
 from contextlib import asynccontextmanager

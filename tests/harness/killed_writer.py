@@ -1,7 +1,7 @@
-"""A process that is killed at every step it takes in the file system, one death after another.
+"""Kill a process that writes a file at every step it takes in the file system.
 
 Run as a script: ``killed_writer.py FOLDER WHAT``. In ``FOLDER/0``, ``FOLDER/1`` ... it prepares the
-state before, and lets a child that does WHAT die at its n-th step, until one lives to the end.
+state before, and kills a child that does WHAT at its n-th step, until one gets to the end.
 """
 
 import itertools

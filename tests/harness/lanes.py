@@ -1,11 +1,11 @@
-"""Distribute test files over workers: some mostly wait, the others compute all the time.
+"""Distribute test files over pytest's workers: those that mostly wait, and those that compute.
 
 Of three workers or more the first drives browsers, so that no two draw at the same time, the second
-starts processes, and the others compute. Whoever computes yields the processor to those two, so
-what needs real time is left to them; when they have no more of it, they compute as well.
+starts processes, and the others compute. A worker that computes yields the processor to those two.
+Tests that need real time are left to the first two; when none are left, these compute as well.
 
-Of two workers the first takes all that needs real time before anything else, and the second
-computes first; whoever has no file of its kind left takes one of the other kind.
+Of two workers the first takes all tests that need real time before any other, and the second
+computes first; a worker that has no file of its kind left takes one of the other kind.
 """
 
 import os
@@ -19,14 +19,14 @@ PROCESSES = (
     "tests/campaign/test_share.py",  # a module process is stopped and continued there
     "tests/test_first_hour_page.py",
 )
-"""Where processes and priorities are real."""
+"""Tests that start real processes and need real priorities."""
 
 REAL_TIME = (*BROWSERS, *PROCESSES)
 COMPUTED = "all others"
 ANY = "all"
 
 LONG = (*REAL_TIME, "tests/campaign/", "tests/bus/", "tests/plugin/", "tests/properties/")
-"""These begin first, in this order, so that no worker is left alone with a long file."""
+"""Start with these, in this order, so that no worker ends alone with a long file."""
 
 _NICENESS = 10
 """Chosen: real time goes first, but the emulated servos of another worker still answer within 30 ms
@@ -34,7 +34,7 @@ and the browser, which draws without a GPU at a niceness of 15, gets a quarter o
 
 
 def longest_first(items):
-    """The tests in another order of their files: those that take long first."""
+    """The tests, with the files that take long first."""
     return sorted(items, key=lambda item: _place(item.nodeid))
 
 
@@ -43,7 +43,7 @@ def _place(nodeid):
 
 
 class Yielding:
-    """A plugin of a worker: one of three or more yields its processor once it computes."""
+    """A worker's plugin: with three workers or more, lowers its priority once it computes."""
 
     def __init__(self, workerinput):
         self._is_due = workerinput["workercount"] > 2

@@ -1,7 +1,7 @@
-"""Somebody who presses the page's buttons and reads it without a browser: quick, and blind.
+"""The page of this process, pressed and read without a browser: quick, but nothing is drawn.
 
-viser keeps all widgets on the server. Whoever has them there can read what a browser would show and
-call what a browser's press would call. What only a browser can tell, the tests with one tell.
+viser keeps all widgets on the server: a test reads them there and calls what a press in the browser
+would call. What a browser draws is tested in ``tests/browser``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import viser
 
 
 class Hand:
-    """A hand on a page.
+    """Presses the buttons of a page and reads its texts.
 
     Args:
         server: The page.
@@ -36,15 +36,15 @@ class Hand:
         return words in re.sub(r"\s+", " ", self.words())
 
     def has(self, label: str) -> bool:
-        """Whether there is such a button to be seen."""
+        """Whether the page shows this button."""
         return any(True for _ in self._buttons(label))
 
     def can(self, label: str) -> bool:
-        """Whether it can be pressed."""
+        """Whether the button can be pressed."""
         return any(not button.disabled for button in self._buttons(label))
 
     def press(self, label: str) -> None:
-        """Press a button as soon as that is possible."""
+        """Press a button as soon as it is enabled."""
         self.until(lambda: self.can(label), f"pressing {label!r}")
         button = next(self._buttons(label))
         for callback in button._impl.update_cb:

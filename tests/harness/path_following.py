@@ -1,4 +1,4 @@
-"""How well an arm follows a planned way: random ways, and the measuring of one."""
+"""How well an arm follows a planned path: random paths, and how far from them it was."""
 
 from dataclasses import dataclass
 
@@ -16,10 +16,10 @@ _LAGS = np.arange(0.0, 0.25, 0.002)
 
 @dataclass(frozen=True)
 class Followed:
-    """What became of one plan, in true joint angles.
+    """How well one plan was followed, in true joint angles.
 
     Attributes:
-        error: Largest distance of a joint from its planned way, once the lag is taken out [deg].
+        error: Largest distance of a joint from its planned path, once the lag is taken out [deg].
         lag: How far behind its setpoints the arm was [s], the same for all joints and times.
         final: Largest distance of a joint from its goal, when the motion is said to be over [deg].
         missed: Largest distance of a joint at the waypoint that was passed worst [deg].
@@ -35,16 +35,16 @@ def random_plan(rig, seed, waypoints=4, middle=MIDDLE_DEG, reach=REACH_DEG):
     """A plan from where the arm is, through random waypoints, to the last of them [deg]."""
     rng = np.random.default_rng(seed)
     for _ in range(200):
-        way = middle + rng.uniform(-1.0, 1.0, (waypoints, 5)) * reach
+        path = middle + rng.uniform(-1.0, 1.0, (waypoints, 5)) * reach
         try:
-            return rig.arm.plan(PathGoal(waypoints=np.radians(way))), way
+            return rig.arm.plan(PathGoal(waypoints=np.radians(path))), path
         except PlanningError:
             continue
-    raise AssertionError(f"no free way for seed {seed}")
+    raise AssertionError(f"no free path for seed {seed}")
 
 
-def follow(bench, rig, plan, way):
-    """Let the arm move along ``plan``, through the waypoints ``way`` [deg]; what became of it."""
+def follow(bench, rig, plan, path):
+    """Move the arm along ``plan``, through the waypoints ``path`` [deg]."""
     motion = rig.arm.start_execute(plan)
     rows, times = [], []
     while not motion.future.done():
@@ -60,8 +60,8 @@ def follow(bench, rig, plan, way):
     return Followed(
         error=float(min(errors)),
         lag=float(_LAGS[np.argmin(errors)]),
-        final=float(np.max(np.abs(q[-1] - way[-1]))),
-        missed=float(max(np.min(np.max(np.abs(q - point), axis=1)) for point in way)),
+        final=float(np.max(np.abs(q[-1] - path[-1]))),
+        missed=float(max(np.min(np.max(np.abs(q - point), axis=1)) for point in path)),
     )
 
 

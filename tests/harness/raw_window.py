@@ -1,4 +1,4 @@
-"""A browser window without a browser: the websocket alone, and what a page would send."""
+"""A browser window without a browser: the websocket, and messages as a page would send them."""
 
 from __future__ import annotations
 

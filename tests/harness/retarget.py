@@ -1,4 +1,4 @@
-"""Send joints of an executor to a place, from whatever they are doing, past whatever is there."""
+"""Send an executor's joints to a goal from whatever they are doing, without a collision check."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Six servos out of the box for the setup's page, on a port of the tests' own process."""
+"""Six new servos for the tests of the setup page, on a port of the tests' own process."""
 
 from __future__ import annotations
 

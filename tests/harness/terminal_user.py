@@ -1,4 +1,4 @@
-"""A person at a terminal: sees what a command prints, presses keys, and has an emulated arm."""
+"""A person at a terminal: sees what a command prints, presses keys, and holds an emulated arm."""
 
 import contextlib
 import fcntl

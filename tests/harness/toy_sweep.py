@@ -1,10 +1,9 @@
 """A sweep that takes no time: random numbers by shard, some of which fail or kill their process.
 
-Run as a script, ``toy_sweep.py FOLDER steps``: kills a run with -9 at each step that it takes in
-the file system, one death after another, each time followed by a run that goes on; prints the
-SHA-256s.
-With a number instead of ``steps``: so many deaths of one sweep at random instants; prints its
-SHA-256, and how many shards were there before the last run.
+Run as a script. ``toy_sweep.py FOLDER steps`` kills a run with -9 at each step that it takes in the
+file system, starts the next run after each death, and prints the SHA-256s. With a number N instead
+of ``steps`` it kills one sweep N times at random instants, and prints its SHA-256 and how many
+shards there were before the last run.
 """
 
 import itertools
@@ -63,7 +62,7 @@ class ToySweep:
 
 
 def at_each_step(base):
-    """Deaths at each step in the file system."""
+    """Kill a run at each step in the file system."""
     from harness.dying import dies_at
 
     for step in itertools.count():
@@ -80,7 +79,7 @@ def at_each_step(base):
 
 
 def at_random_instants(base, deaths):
-    """So many deaths in one sweep, at random instants of the processor time of its runs.
+    """Kill one sweep ``deaths`` times, at random instants of its processor time.
 
     The timer's signal ends a process that does not handle it as suddenly as -9 does, and does not
     depend on how busy the computer is.

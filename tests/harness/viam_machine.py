@@ -1,13 +1,13 @@
-"""A Viam machine with our module, for whoever wants to connect to one.
+"""A Viam machine with our module, to connect clients to.
 
 The module's real process runs, with a stand-in for viam-server as its parent. Its own socket speaks
 the robot protocol as well as the module's, so a port of 127.0.0.1 that forwards to it is a machine:
-plain, without a key. The door can be shut and opened again, as when a cable is pulled.
+plain, without a key. The port can be closed and opened again, as when a cable is pulled.
 
     with running_machine() as machine:                 # a simulated arm and gripper
         MachineRig.connect(machine.address)
 
-    with running_machine(emulated=True) as machine:    # on six virtual servos, and all our models
+    with running_machine(emulated=True) as machine:    # on six emulated servos, with all our models
 
 By hand: ``python tests/harness/viam_machine.py --sim`` (or ``--emulate``) prints the address and
 runs until Ctrl-C.

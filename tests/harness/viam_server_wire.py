@@ -1,6 +1,6 @@
-"""What a genuine viam-server makes of messages on their way to a module.
+"""Change a message as a real viam-server does when it forwards it to a module.
 
-It reads every message into values of its own and writes them out again, which changes some. Seen
+It parses every message into its own types and serialises it again, which changes some fields. Seen
 with RDK b0d2f62e93 of 2026-08-21.
 """
 

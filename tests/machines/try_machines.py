@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Make minimal Debian machines, type the README's words on them, and write down what happened.
+"""Make minimal Debian machines, type the README's commands on them, and record what happened.
 
 Needs root on a Debian with ``mmdebstrap`` and the network; not part of ``make test``. From the
-top of the checkout, all of what is committed is tried:
+top of the checkout, everything that is committed is tried:
 
     python3 tests/machines/try_machines.py
     python3 tests/machines/try_machines.py --release trixie --user root --part readme
@@ -13,7 +13,7 @@ entered with ``chroot``; its mounts and processes are in namespaces that end wit
 (a few tests, one of them in the browser), then ``setup.sh`` and ``run.sh``. ``stumble`` begins
 with less than the README asks for, and types whatever command the error messages name.
 
-The table goes to ``benchmarks/results/machines.json`` and, for people, to the terminal.
+The table goes to ``benchmarks/results/machines.json`` and to the terminal.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ USERS = ("root", "newcomer")
 SELECTION = (
     "tests/unit/test_install.py tests/unit/common/test_import_check.py "
     "tests/module/test_process.py::test_ending_while_the_arm_moves_is_clean "
-    "tests/browser/test_manners.py::test_p_plans_and_no_single_key_moves_the_arm"
+    "tests/browser/test_windows_and_devices.py::test_p_plans_and_no_single_key_moves_the_arm"
 )
 """The tests of the trial; all of them take too long to be tried on eight machines."""
 ENOUGH = 1200.0

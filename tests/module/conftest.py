@@ -1,4 +1,4 @@
-"""What the tests of the module share."""
+"""Fixtures of the module's tests."""
 
 import pytest
 from harness.in_process_module import arm_client, new_arm

@@ -1,6 +1,6 @@
 """The real executable takes emulated kits to calibrated arms, by the published commands.
 
-The servos are in this process and a scripted hand moves them; nobody has tried it on an arm yet.
+The servos are in this process and a scripted hand moves them; not tried on a real arm yet.
 """
 
 import asyncio

@@ -1,8 +1,10 @@
-"""What befalls an arm, row by row, through a real module process and over gRPC: the call that was
-under way ends with an error that names the culprit, nothing else is lost, nothing jumps, and once
-the cause is gone the next call works. What clients do that leave or ask too much comes after it: it
-delays nobody and leaves nothing behind. The servos are emulated, in another process; somebody holds
-the arm up all the time, for without power it falls."""
+"""Each fault of an arm, through a real module process and over gRPC.
+
+The call under way ends with an error that names the cause, nothing else is lost, nothing jumps, and
+once the cause is gone the next call works. Then clients that leave or ask too much: they delay
+nobody and leave nothing behind. The servos are emulated, in another process; a hand holds the arm
+up all the time, for without power it falls.
+"""
 
 import asyncio
 import math

@@ -1,7 +1,7 @@
-"""From a box of parts to a moving arm, with the commands a newcomer types and nobody to help.
+"""From a box of parts to a moving arm, with the commands of the newcomers' page and nothing else.
 
-Whoever holds the emulated kit does what the commands ask for and nothing else: plugs cables, holds
-the arm up, leads the joints to their stops.
+A simulated person does what the commands ask for: plugs cables, holds the arm up, leads the joints
+to their stops.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""What a hostile client sends must not keep the event loop, which answers Stop, from running."""
+"""Hostile requests do not block the event loop, which answers Stop."""
 
 import asyncio
 import gc

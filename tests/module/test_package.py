@@ -1,4 +1,4 @@
-"""What strangers get: the archive for machines, the wheel and the source distribution.
+"""The packages we publish: the archive for machines, the wheel and the source distribution.
 
 Nothing here asks the network: the dependencies are those of the environment that runs the tests.
 """

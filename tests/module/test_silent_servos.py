@@ -1,5 +1,8 @@
-"""Components whose servos do not answer when they are configured, in the real module process: they
-are there at once, say who is silent, keep nobody else waiting, and work when the servos answer."""
+"""Components whose servos do not answer at configuration, in the real module process.
+
+They exist at once, name the silent servos, delay no other component, and work when the servos
+answer.
+"""
 
 import asyncio
 import os

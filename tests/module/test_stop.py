@@ -1,4 +1,4 @@
-"""Stop waits for nobody, and who leaves leaves nothing behind, on a clock the test moves."""
+"""Stop waits for nothing, and a client that leaves leaves nothing behind; on a test clock."""
 
 import asyncio
 import math

@@ -1,4 +1,4 @@
-"""Asking the machine never keeps anybody waiting: not a Stop, not who gives the call up."""
+"""Asking the machine for its frame system delays no Stop and no cancelled call."""
 
 import asyncio
 

@@ -1,7 +1,7 @@
 """``so101 teleop`` as people start it, and what is left when a process is killed.
 
-The follower's servos are in this process, so that nobody need be asked where its joints truly are;
-the leader's are in a process of their own, with a hand that sways its base.
+The follower's servos are in this process, so that the test can read their true joints; the leader's
+are in a process of their own, with a hand that sways its base.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""Every request that docs/viam.md shows is answered like that by the real module process."""
+"""The real module process answers every request of docs/viam.md as the page shows."""
 
 import inspect
 import json

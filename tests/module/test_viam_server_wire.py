@@ -1,4 +1,4 @@
-"""What viam-server changes in a request on its way to us does not change what is meant."""
+"""Requests mean the same after viam-server has changed them on their way to us."""
 
 import asyncio
 

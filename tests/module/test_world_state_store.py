@@ -1,4 +1,4 @@
-"""The world-state store over gRPC: what an arm plans with, as Viam's 3D view is told."""
+"""The world-state store over gRPC: the scene an arm plans with, shown in Viam's 3D view."""
 
 import asyncio
 from contextlib import asynccontextmanager

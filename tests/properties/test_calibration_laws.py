@@ -1,4 +1,4 @@
-"""Wherever the seam lies, however a servo was put on and held: the travel is what is found."""
+"""Calibration finds a joint's travel wherever the seam lies and however the servo is mounted."""
 
 import math
 import tempfile

@@ -1,4 +1,4 @@
-"""Laws of guided paths: what is left of one is as near as was said, and stays in order."""
+"""Laws of thinned guided paths: they stay within the tolerance and keep their order."""
 
 from itertools import pairwise
 

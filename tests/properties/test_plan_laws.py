@@ -1,4 +1,4 @@
-"""What holds for every plan, whatever is asked."""
+"""Laws of every plan, whatever is asked."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
-"""Laws of passed waypoints: gone by in order and near enough, within every cap, in less time.
+"""Laws of passed waypoints: passed in order and near enough, within every cap, in less time.
 
-Smooth ways, sharp turns and ways to and fro, with things around and without.
+Smooth paths, sharp turns and paths to and fro, with obstacles and without.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What holds in every scene: checks agree with plain ones, plans with a second opinion."""
+"""Laws of every scene: checks, distances and plans agree with a second, plain implementation."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""What holds for every step of a servo, whatever the tool is asked to do."""
+"""Laws of every step of Cartesian jogging, whatever the tool is asked to do."""
 
 import numpy as np
 from hypothesis import given, settings

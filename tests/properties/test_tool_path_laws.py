@@ -1,4 +1,4 @@
-"""What holds for every way of the tool, whatever is asked."""
+"""Laws of every planned tool path, whatever is asked."""
 
 import numpy as np
 import pytest

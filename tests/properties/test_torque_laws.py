@@ -1,4 +1,4 @@
-"""What holds for every plan of an arm that carries something."""
+"""Laws of every plan of an arm that carries something."""
 
 import numpy as np
 from hypothesis import given, settings

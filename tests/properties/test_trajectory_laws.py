@@ -1,4 +1,4 @@
-"""What holds for every trajectory, whoever made it and whatever was asked."""
+"""Laws of every trajectory, whichever planner made it."""
 
 from dataclasses import dataclass
 

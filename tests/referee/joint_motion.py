@@ -1,7 +1,7 @@
 """How one joint truly moves, smoothed over 50 ms.
 
-It is looked at on the motor's side of the gears: through their play a joint falls whatever it is
-told.
+It is measured on the motor's side of the gears: through their play a joint falls whatever its
+goal.
 """
 
 from collections import deque

@@ -1,4 +1,4 @@
-"""The referee itself: attends emulators, hands what it sees to the judges, keeps the findings."""
+"""The referee itself: watches emulators, passes what it sees to the judges, keeps the findings."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""What a client says on the wire: bytes to writes of registers.
+"""What a client writes on the wire: bytes to writes of registers.
 
 Written from the published packet format alone, so that a mistake in the driver's codec or in the
 emulator's does not hide itself here. An instruction is ``FF FF id length code parameters check``;

@@ -1,4 +1,4 @@
-"""How far something may go in how much time, over every window at once."""
+"""How far something may move in a given time, checked over every window at once."""
 
 from collections import deque
 

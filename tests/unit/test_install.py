@@ -1,4 +1,4 @@
-"""The installer, which must never hold a machine up."""
+"""The installer never holds a machine up."""
 
 import importlib.util
 import os

@@ -1,4 +1,4 @@
-"""A thing is passed from hand to hand by two simulated arms, on a clock the test drives."""
+"""Two simulated arms hand over an object, on a clock the test drives."""
 
 from contextlib import ExitStack
 

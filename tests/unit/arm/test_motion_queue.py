@@ -1,4 +1,4 @@
-"""Motions that supersede each other, of an arm that is only told when to come to rest."""
+"""Motions that replace each other, on a stand-in arm that is only asked to stop."""
 
 import gc
 import threading

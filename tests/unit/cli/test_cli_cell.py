@@ -1,4 +1,4 @@
-"""``so101 cell``: what a person is asked and told."""
+"""``so101 cell``: its questions and its output."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""What a shell is offered when somebody presses Tab."""
+"""The values that Tab offers in a shell."""
 
 from __future__ import annotations
 

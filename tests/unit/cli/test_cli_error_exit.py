@@ -1,4 +1,4 @@
-"""How verbs end that do not get through: told to people on stderr, to programs on stdout."""
+"""Verbs that fail: a sentence on stderr for people, JSON on stdout for programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``so101 move-test`` up to the moment at which somebody has to agree."""
+"""``so101 move-test`` up to the question whether the arm may move."""
 
 import signal
 import subprocess

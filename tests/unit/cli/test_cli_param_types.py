@@ -1,4 +1,4 @@
-"""What is typed behind options: refused before anything is done for it."""
+"""Option values are refused before anything is done."""
 
 from __future__ import annotations
 

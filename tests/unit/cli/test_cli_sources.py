@@ -1,4 +1,4 @@
-"""Where the arm comes from, how errors are told, and what a shell completes."""
+"""The options that choose an arm, how errors are reported, and completion."""
 
 import errno
 

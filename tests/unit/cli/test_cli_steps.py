@@ -1,4 +1,4 @@
-"""What the guided verbs are made of, without an arm and without a person."""
+"""The parts of the guided verbs, without an arm and without a person."""
 
 import io
 import json

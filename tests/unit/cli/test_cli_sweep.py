@@ -1,4 +1,4 @@
-"""``so101 sweep``: what it prints, and that it goes on."""
+"""``so101 sweep``: what it prints, and that it resumes."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""A call that is carried out in a process of its own."""
+"""A call that runs in a process of its own."""
 
 import os
 import threading

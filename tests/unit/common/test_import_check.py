@@ -1,4 +1,4 @@
-"""What is said when something that is needed cannot be imported."""
+"""The error when a needed package cannot be imported."""
 
 import ast
 import os

@@ -1,4 +1,4 @@
-"""A planned motion as a source: how it would stop."""
+"""A planned motion as a source of commands: how it would stop."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A port without a port: the emulated servos answer inside the call that asks.
+"""A stand-in for a port: the emulated servos answer inside the call that asks.
 
 Nothing here waits. A reply is there at once or not at all, and a late one comes after the next
 few packets have been sent. Bytes, faults and servos are the emulator's.

@@ -1,4 +1,4 @@
-"""Whoever asks for it is shown every command as it is sent."""
+"""The record of commands gets every command as it is sent."""
 
 import math
 

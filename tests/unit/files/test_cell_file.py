@@ -1,4 +1,4 @@
-"""cell.json: what is read, what is refused, what is written again."""
+"""cell.json: what is read, refused and written."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Plans among other arms: they go around where those will be, or wait; never through."""
+"""Plans among other moving arms: they go around or wait, and never through."""
 
 from dataclasses import replace
 

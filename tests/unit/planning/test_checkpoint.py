@@ -1,4 +1,4 @@
-"""Plans that are given up, at every moment there is."""
+"""Plans cancelled at every possible moment."""
 
 import numpy as np
 import pytest

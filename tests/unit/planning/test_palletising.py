@@ -1,4 +1,4 @@
-"""What people do with this arm: pick cubes off a table from above, and put them down again."""
+"""Picking cubes off a table from above and putting them down again."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Plans among things, with something in the hand, and within an arm's own joint limits."""
+"""Plans among obstacles, with something in the hand, and within an arm's own joint limits."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What test motions say of a joint, from states that were made up."""
+"""The accuracy of a joint computed from invented states of test motions."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Where a base stands, from places that two tips have touched."""
+"""The pose of a base, computed from points that two tips have touched."""
 
 import numpy as np
 import pytest

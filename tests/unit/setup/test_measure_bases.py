@@ -1,4 +1,4 @@
-"""Two simulated arms whose tips a hand lets touch: where the other base stands is found out."""
+"""A hand makes the tips of two simulated arms touch; the other base's pose is measured."""
 
 import threading
 from concurrent.futures import ThreadPoolExecutor, wait

@@ -1,4 +1,4 @@
-"""One list of steps for all who lead a person through a setup, and what each says of itself."""
+"""The list of setup steps that the command line and the page share, and each step's text."""
 
 from dataclasses import replace
 from pathlib import Path

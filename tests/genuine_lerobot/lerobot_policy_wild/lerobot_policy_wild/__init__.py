@@ -1,4 +1,4 @@
-"""Policies that have learnt nothing: waves in chunks that come late, or garbage."""
+"""A LeRobot policy that has learnt nothing: waves in chunks that come late, or garbage."""
 
 from .configuration_wild import WildConfig
 

@@ -1,4 +1,4 @@
-"""What kind of policy it is; LeRobot finds the others by the names of these modules."""
+"""The wild policy's configuration; LeRobot finds the other modules by its file name."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""What comes in and goes out stays as it is."""
+"""The wild policy's processors: they pass everything on unchanged."""
 
 from lerobot.processor import make_default_pre_post_processors
 

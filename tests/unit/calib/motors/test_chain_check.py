@@ -1,4 +1,4 @@
-"""A finished chain, as ``verify`` and ``scan`` see it."""
+"""The check of a finished chain of servos, as ``verify`` and ``scan`` report it."""
 
 import pytest
 from harness.lent_bus import LentBus

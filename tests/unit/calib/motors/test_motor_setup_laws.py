@@ -1,4 +1,4 @@
-"""Whatever is plugged in and whatever is asked for: no id is ever changed behind anybody's back."""
+"""No servo's id is ever changed unasked, whatever is plugged in and requested."""
 
 from harness.lent_bus import LentBus
 from hypothesis import given, settings

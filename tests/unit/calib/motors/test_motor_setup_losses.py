@@ -1,4 +1,4 @@
-"""Answers are lost, and plugs pulled, while motors are set up."""
+"""Motor setup when answers are lost and plugs are pulled."""
 
 import pytest
 from harness.lent_bus import loose

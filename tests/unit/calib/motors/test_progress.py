@@ -1,4 +1,4 @@
-"""How far a setup came, from one start to the next."""
+"""The progress of a setup is kept from one start to the next."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What the tests of calibrations share."""
+"""Fixtures of the calibration's tests."""
 
 import pytest
 from harness.calibration_rig import LentArm

@@ -1,4 +1,4 @@
-"""What a process finds that starts after another was interrupted."""
+"""The journal of a calibration: what the next process finds after one was interrupted."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Figures of servos are found again from what such servos did."""
+"""The fit of a servo's parameters finds those of the servo that made the data."""
 
 import math
 from dataclasses import replace

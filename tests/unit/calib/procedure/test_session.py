@@ -1,4 +1,4 @@
-"""A calibration from start to end: the states, seams and what is recorded."""
+"""A calibration from start to end: states, seams and what is recorded."""
 
 import math
 

@@ -1,7 +1,7 @@
-"""The process dies at each single thing that leaves a trace: the former calibration or the new one.
+"""A calibration killed at every write leaves the former calibration or the new one.
 
-What leaves a trace is a packet that writes and a file that is opened for writing, renamed or
-removed. Dying is instant: nothing that the dying code tries to clean up gets anywhere.
+A write is a packet that writes to a servo, or a file opened for writing, renamed or removed. Death
+is instant: nothing that the dying code tries to clean up has an effect.
 """
 
 import pytest

@@ -1,4 +1,4 @@
-"""What refuses, fails or ends a calibration early, and how it goes on."""
+"""How a calibration is refused, fails or ends early, and how it goes on."""
 
 import json
 import threading

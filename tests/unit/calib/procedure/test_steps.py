@@ -1,4 +1,4 @@
-"""The workflow's table: what is possible when, and that its picture is current."""
+"""The workflow's table: which steps are possible when, and that its picture is current."""
 
 import importlib.util
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What is said of a travel."""
+"""The verdicts on a recorded travel."""
 
 import pytest
 

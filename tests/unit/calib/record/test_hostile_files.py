@@ -1,4 +1,4 @@
-"""Files that anybody may have written: what is no calibration is refused with a sentence."""
+"""Broken and hostile calibration files are refused with a sentence."""
 
 import json
 import os

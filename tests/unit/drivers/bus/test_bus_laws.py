@@ -1,4 +1,4 @@
-"""What the bus believes, whatever the wire does to it."""
+"""Laws of the bus: it believes no wrong answer, whatever happens on the wire."""
 
 import contextlib
 

@@ -1,4 +1,4 @@
-"""What answers that come late, or never, cost the control loop: no cycle.
+"""Answers that come late, or never, cost the control loop no cycle.
 
 The loop, the driver and the bus are the real ones, on one clock that a test moves. Waiting for a
 servo takes as long on it as it would in life: until the bus gives up, in whole milliseconds, as

@@ -1,4 +1,4 @@
-"""A bench: emulated servos on a wire, and a hand on the clock. No port, no waiting."""
+"""A bench for tests: emulated servos on a wire, and a clock moved by hand. No port, no waiting."""
 
 import math
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What people do to a kit on purpose: plug servos in, hold the arm up, lead its joints."""
+"""Handling an emulated kit: plugging servos in, holding the arm up, leading its joints."""
 
 import math
 

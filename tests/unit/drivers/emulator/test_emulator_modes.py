@@ -1,4 +1,4 @@
-"""What else a servo can do than go to a position: turn at a speed, at a duty, by steps."""
+"""The emulated servo's other modes: at a speed, at a duty, by steps."""
 
 import pytest
 

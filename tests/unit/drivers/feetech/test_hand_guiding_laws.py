@@ -1,4 +1,4 @@
-"""An arm that carries itself and yields to a hand; emulated servos, hand and weight."""
+"""An arm in manual mode carries itself and yields to a hand; emulated servos, hand and weight."""
 
 import math
 

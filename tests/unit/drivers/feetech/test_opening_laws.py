@@ -1,4 +1,4 @@
-"""Whatever state the servos are found in, nothing moves by being set up and held."""
+"""Opening and holding an arm moves nothing, whatever state its servos are in."""
 
 import math
 

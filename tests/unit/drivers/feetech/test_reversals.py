@@ -1,4 +1,4 @@
-"""Where friction changes sides and motors go through play when planned joints turn round."""
+"""When joints of a plan turn round: where friction changes sign and motors cross their play."""
 
 import math
 from types import SimpleNamespace

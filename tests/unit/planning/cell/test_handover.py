@@ -1,4 +1,4 @@
-"""Plans to pass a thing from hand to hand: fifty random poses of it, proven by other means."""
+"""Plans of a handover between two arms: fifty random poses, checked by other means."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""How fast several arms may be on a common path."""
+"""How fast several arms may move along a common path."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""Whether two arms keep apart whatever the time of either; single looks at both ways count."""
+"""Paths of two arms that keep apart whenever each of them moves, checked against pairs of
+points."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""Whether two arms that move at the same time stay apart; coal's word on single instants counts."""
+"""Whether two arms that move at the same time keep apart, checked against coal at single
+instants."""
 
 import numpy as np
 import pytest

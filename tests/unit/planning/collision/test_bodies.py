@@ -1,4 +1,4 @@
-"""Every shape at distances that are known, and who is held against whom."""
+"""Every shape at known distances, and which pairs of bodies are checked."""
 
 import time
 

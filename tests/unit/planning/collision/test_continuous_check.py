@@ -1,4 +1,4 @@
-"""The proof and the look, on surroundings in joint space that can be told exactly."""
+"""Proving a path free and sampling it, in joint spaces whose obstacles are known exactly."""
 
 from itertools import pairwise
 

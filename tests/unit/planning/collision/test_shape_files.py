@@ -1,4 +1,4 @@
-"""Files of meshes and clouds: read as they are, refused by their heads."""
+"""Files of meshes and point clouds: read as they are, or refused after their headers."""
 
 import struct
 import sys

@@ -1,4 +1,4 @@
-"""Paths for the joints of several arms, as the library looks at them and as Python does."""
+"""The check of several arms' paths: the compiled library agrees with Python."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""What a led arm has room for, near the table."""
+"""How far a jogged arm may move near the table."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A guided path and what is left of it within a tolerance."""
+"""A guided path, and how it is thinned within a tolerance."""
 
 import numpy as np
 import pytest

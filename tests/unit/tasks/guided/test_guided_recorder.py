@@ -1,4 +1,4 @@
-"""What is taken down while a hand guides the arm."""
+"""Recording while a hand guides the arm."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A guided path gone again, on the simulated arm."""
+"""Replaying a guided path on the simulated arm."""
 
 import numpy as np
 import pytest

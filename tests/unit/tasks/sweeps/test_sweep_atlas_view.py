@@ -1,4 +1,4 @@
-"""What is shown of an atlas is what it says, and every colour tells good from bad."""
+"""The picture of an atlas shows its values, and every colour scale tells good from bad."""
 
 import numpy as np
 import pytest

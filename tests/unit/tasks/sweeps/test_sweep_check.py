@@ -1,4 +1,4 @@
-"""Programs and motions against a changed scene, or an arm that is calibrated otherwise."""
+"""Programs and motions checked against a changed scene or another calibration."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
 """A sweep on a real Dask cluster on loopback, one of whose workers is killed in the middle.
 
-The extra ``dev`` brings Dask; it is skipped where that has not been installed yet.
+The extra ``dev`` brings Dask; the tests are skipped where it is not installed.
 """
 
 import json

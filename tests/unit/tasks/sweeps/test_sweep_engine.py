@@ -1,4 +1,4 @@
-"""A sweep gives the same result whoever computes it, and goes on after any interruption."""
+"""A sweep gives the same result on any executor, and resumes after any interruption."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Bases for two arms: the pairs keep apart whatever the time of either, the best one first."""
+"""Bases for two arms that keep apart whenever each of them moves, the best pair first."""
 
 import json
 

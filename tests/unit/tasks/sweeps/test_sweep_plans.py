@@ -1,4 +1,4 @@
-"""A data set of plans holds verified motions, the same ones whoever makes them."""
+"""A data set of plans holds verified motions, the same ones on any executor."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""An atlas of the arm's reach says what inverse kinematics and collision checks say."""
+"""An atlas of the arm's reach agrees with inverse kinematics and collision checks."""
 
 import math
 

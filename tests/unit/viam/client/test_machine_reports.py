@@ -1,4 +1,4 @@
-"""What machines tell, ours and others, as a snapshot; what is sent to them; and getting in."""
+"""The state of a machine as a snapshot, commands sent to it, and connecting to it."""
 
 import asyncio
 import itertools

@@ -1,4 +1,4 @@
-"""A scene as a WorldState's JSON: read by Viam's own package it is the scene again."""
+"""A scene as a WorldState's JSON, read back with Viam's own package."""
 
 from __future__ import annotations
 

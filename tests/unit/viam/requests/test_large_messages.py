@@ -1,4 +1,4 @@
-"""Large messages are looked through before they are decoded; small ones are left alone."""
+"""Large messages are checked before they are decoded; small ones are not."""
 
 import pytest
 from google.protobuf.message import DecodeError

@@ -1,4 +1,4 @@
-"""What the module does to every call before the SDK sees it."""
+"""The module's checks of every call before the SDK sees it."""
 
 from __future__ import annotations
 

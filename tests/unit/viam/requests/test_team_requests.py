@@ -1,4 +1,4 @@
-"""What the motion service does with several arms at once: who gives what to whom."""
+"""Requests of the motion service for several arms: moving together and handing over."""
 
 import asyncio
 from contextlib import ExitStack

@@ -1,4 +1,4 @@
-"""Arms of one process that have a frame know each other: where they stand, and what they hold."""
+"""Arms of one process that have a frame know each other's bases and held objects."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass

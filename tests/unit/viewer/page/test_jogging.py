@@ -1,4 +1,4 @@
-"""Jogging on the simulated arm: what is held moves it, what is not repeated stops it."""
+"""Jogging the simulated arm: a held key moves it, a key that is no longer repeated stops it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera's driver, emulated: a file is its memory, its requests are those of the kernel."""
+"""An emulated camera device: a file as its memory, the kernel's requests as its calls."""
 
 from __future__ import annotations
 

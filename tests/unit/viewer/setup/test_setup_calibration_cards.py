@@ -1,4 +1,4 @@
-"""What the calibration's pages show, from calibrations of an emulated arm."""
+"""The calibration's pages, from calibrations of an emulated arm."""
 
 import math
 from dataclasses import replace

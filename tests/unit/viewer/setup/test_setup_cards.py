@@ -1,4 +1,4 @@
-"""What the setup says of the motors in its own words."""
+"""The setup's own words for the states of motors."""
 
 from so101_viewer.setup import cards
 

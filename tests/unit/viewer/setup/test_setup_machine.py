@@ -1,4 +1,4 @@
-"""A machine's calibration sensor, read back into what a calibrator shows."""
+"""A machine's calibration sensor, read back into the state a calibrator shows."""
 
 import json
 from pathlib import Path

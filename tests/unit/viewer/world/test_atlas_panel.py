@@ -1,4 +1,4 @@
-"""The tab of an atlas sends the cubes, and a click makes a cube's pose the goal."""
+"""An atlas's tab sends its cubes, and a click on a cube makes its pose the goal."""
 
 from dataclasses import dataclass, field
 from types import SimpleNamespace

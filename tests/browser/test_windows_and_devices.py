@@ -1,4 +1,5 @@
-"""Several windows, phones, the dark, keys and hostile names."""
+"""The page in several windows, on phones, in dark mode, from the keyboard, and with hostile
+names."""
 
 from __future__ import annotations
 

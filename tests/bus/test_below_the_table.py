@@ -1,4 +1,5 @@
-"""An arm that hangs below its table; the emulator knows none, a real one may be set wrong."""
+"""An arm that hangs below its table is brought back, by hand or by itself. The emulator has no
+table."""
 
 import numpy as np
 import pytest
