@@ -171,7 +171,11 @@ def test_a_mesh_is_added_around_its_middle(world):
     [
         ("scene.json", b"{", "is not JSON"),
         ("scene.json", b"\xff\xfe", "is not JSON"),
-        ("scene.json", b'{"obstacles": [{"name": "a", "mesh_file": "/etc/hostname"}]}', "none can"),
+        (
+            "scene.json",
+            b'{"obstacles": [{"name": "a", "mesh_file": "/etc/hostname"}]}',
+            "cannot be read",
+        ),
         ("part.stl", b"solid nothing", "'part.stl': holds no triangles"),
         ("seen.ply", b"ply", "'seen.ply': is not a ply file"),
         ("seen.xyz", b"hello", "'seen.xyz': holds no points"),
