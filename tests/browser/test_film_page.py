@@ -51,7 +51,7 @@ def film(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     context.close()
 
 
-def test_it_shows_arm_ghost_way_and_obstacle_in_motion(film: Guest) -> None:
+def test_it_shows_arm_ghost_path_and_obstacle_in_motion(film: Guest) -> None:
     assert {"/ghost/gripper_link", "/path", "/world/0"} <= film.nodes()
     before = film.pose_of("/arm/gripper_link")["position"]
     film.until(lambda: film.pose_of("/arm/gripper_link")["position"] != before)
@@ -67,7 +67,7 @@ def test_its_picture_is_that_of_the_arm_and_changes(film: Guest) -> None:
         )
 
 
-def test_it_tells_its_figures_asks_for_nothing_and_runs_no_name(film: Guest) -> None:
+def test_it_shows_its_figures_asks_for_nothing_and_runs_no_name(film: Guest) -> None:
     for words in ("Duration", "Peak speed", "Clearance", HOSTILE):
         assert film.page.get_by_text(words, exact=True).count() == 1
     own = ("file:", "blob:", "data:")

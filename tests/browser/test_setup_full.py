@@ -268,7 +268,7 @@ def test_the_pose_is_taken_once_the_arm_is_held_still(person: Newcomer, kit: Kit
     person.presses("Next")
 
 
-def test_bars_follow_the_hand_and_name_who_is_left(person: Newcomer, kit: Kit) -> None:
+def test_bars_follow_the_hand_and_name_the_joints_left(person: Newcomer, kit: Kit) -> None:
     person.sees("Still to do: shoulder_pan, shoulder_lift")
     person.guest.until(lambda: person.guest.barriers() == [])
     assert not person.can("Finish the recording")

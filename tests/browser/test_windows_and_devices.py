@@ -51,7 +51,7 @@ def at_rest(rig: Rig) -> bool:
     return rig.arm.state.mode is Mode.HOLDING and not rig.arm.is_moving
 
 
-def test_a_window_without_control_changes_nothing_and_is_told_so(
+def test_a_window_without_control_changes_nothing_and_gets_a_notice(
     guest: Guest, second: Guest, rig: Rig
 ) -> None:
     guest.press("Plan")

@@ -50,7 +50,7 @@ def test_the_borrower_s_jobs_run_and_their_errors_come_back(bench):
         loan.call(lambda bus: 1 // 0)
 
 
-def test_nothing_moves_by_lending_and_everybody_else_is_told_why_he_is_refused(bench):
+def test_lending_moves_nothing_and_other_requests_are_refused_with_the_reason(bench):
     rig = bench.open()
     bench.advance(1.0)
     before = bench.q_deg
@@ -131,7 +131,7 @@ def test_a_watching_job_that_fails_ends_and_the_next_call_tells(bench):
     loan.call(lambda bus: None)
 
 
-def test_where_the_joints_are_is_told_while_a_hand_moves_them(bench):
+def test_where_the_joints_are_is_reported_while_a_hand_moves_them(bench):
     rig = bench.open()
     loan = rig.lend_bus("calibration")
     loan.call(let_go)
@@ -317,7 +317,7 @@ def test_servos_that_are_gone_when_the_bus_comes_back_are_a_fault_until_they_ret
     assert rig.arm.state.mode is Mode.HOLDING
 
 
-def test_who_joins_meanwhile_has_to_wait_for_the_servos_but_not_for_the_rig(bench):
+def test_a_component_added_meanwhile_waits_for_the_servos_but_not_for_the_rig(bench):
     sensor = bench.open(**NOBODY)
     loan = sensor.lend_bus("calibration")
     arm = bench.open(calibration_file=filed(bench, shoulder_pan=(1100, 3100)))

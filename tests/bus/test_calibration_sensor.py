@@ -197,7 +197,7 @@ async def test_removing_the_sensor_half_way_puts_everything_back(bench, with_arm
     assert held(bench) == before
 
 
-async def test_an_arm_that_cannot_hold_again_is_told_with_the_answer(bench):
+async def test_an_arm_that_cannot_hold_again_is_reported_with_the_answer(bench):
     bench.new_arm()
     sensor = new_sensor(bench)
     await do(sensor, "start")
@@ -333,7 +333,7 @@ async def test_a_servo_that_is_missing_at_the_start_is_named_and_the_arm_stays_u
     assert (await do(sensor, "reset"))["state"] == "idle"
 
 
-async def test_a_cable_that_comes_off_while_recording_is_told(bench):
+async def test_a_cable_that_comes_off_while_recording_is_reported(bench):
     sensor = new_sensor(bench)
     await do(sensor, "start")
     await do(sensor, "set_homing")
@@ -399,7 +399,7 @@ async def test_status_and_closing(bench):
 # The steps of a setup
 
 
-async def test_the_steps_of_a_setup_are_told_with_what_is_left_of_each(bench):
+async def test_the_steps_of_a_setup_are_reported_with_what_is_left_of_each(bench):
     sensor = new_sensor(bench)
     await bench.pass_time(0.3)
     told = await do(sensor, "setup_steps", workflow="calibration")

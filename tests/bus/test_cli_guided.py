@@ -125,7 +125,7 @@ def test_ctrl_c_puts_everything_back_and_says_how_the_arm_is(arm, tmp_path):
     assert list(tmp_path.glob("x.json*")) == []
 
 
-def test_who_quits_before_the_start_has_changed_nothing(arm):
+def test_quitting_before_the_start_changes_nothing(arm):
     with Typist("calibrate", "--port", arm.port) as person:
         person.sees("about to go limp")
         person.presses("q")

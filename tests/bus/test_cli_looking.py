@@ -176,7 +176,7 @@ def test_a_held_arm_stays_held(arm):
     assert [servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos] == [1] * 6
 
 
-def test_an_arm_with_a_loose_cable_is_not_fit_and_all_else_is_told_too(arm, file):
+def test_an_arm_with_a_loose_cable_is_not_fit_and_all_else_is_reported_too(arm, file):
     arm.world.disconnect("gripper")
 
     def failed(told):
@@ -237,7 +237,7 @@ def test_a_file_is_compared_with_what_the_servos_hold(arm, file):
 # Looking at an arm, and at what would be done to it
 
 
-def test_the_status_of_a_limp_arm_is_told_and_it_stays_limp(arm, file):
+def test_the_status_of_a_limp_arm_is_reported_and_it_stays_limp(arm, file):
     before = memories(arm)
     result, _ = looked("status", "--port", arm.port, until=lambda r, _: "elbow_flex" in r.stdout)
     assert result.exit_code == 0, result.output

@@ -318,7 +318,7 @@ def test_a_broken_file_is_not_configured(table):
     assert table.only().calibration is None
 
 
-def test_lerobots_file_tells_a_leader_and_is_left_to_lerobot(table):
+def test_lerobots_file_marks_a_leader_and_is_not_suggested(table):
     emulator = table.arm(kind=STS3215_7V4, volts=7.4)
     folder = table.home / ".cache/huggingface/lerobot/calibration/teleoperators/so_leader"
     table.write(folder / "blue.json", table.calibrate(emulator, 0), lerobot=True)
@@ -357,6 +357,6 @@ def test_ports_are_read_from_the_settings():
         ({"port": "/dev/ttyAMA0"}, 'did you mean "ports"'),
     ],
 )
-def test_wrong_settings_are_told(attributes, words):
+def test_wrong_settings_are_reported(attributes, words):
     with pytest.raises(discovery.ConfigError, match=words):
         discovery.ports_asked_for(attributes)

@@ -110,7 +110,7 @@ def test_a_servo_that_restarts_in_mid_move_is_named_and_set_up_again(bench):
     usable_again(bench)
 
 
-def test_a_brown_out_is_told_as_one_and_survived(bench):
+def test_a_brown_out_is_reported_as_one_and_survived(bench):
     bench.world.power(3.0)
     bench.clock.advance(1.0)
     assert "no servo answers" in bench.state.fault

@@ -92,7 +92,7 @@ def test_it_goes_where_it_is_sent_and_back(bench, rig):
     assert bench.arm_deg(rig) == pytest.approx(start, abs=0.35)
 
 
-def test_it_stays_within_3_deg_of_its_way_and_passes_every_waypoint(bench, rig):
+def test_it_stays_within_3_deg_of_its_path_and_passes_every_waypoint(bench, rig):
     start = np.degrees(rig.arm.state.q)
     middle = near(rig, 0.5, 0.5, 0.5, 0.5, 0.5)
     plan, way = random_plan(rig, 5, waypoints=3, middle=middle, reach=0.5 * STEP_DEG)

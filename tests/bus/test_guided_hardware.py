@@ -58,7 +58,7 @@ def rig(bench):
     return rig
 
 
-def test_what_a_hand_has_shown_the_arm_does_and_the_jaw_grips(bench, rig):
+def test_the_arm_replays_a_taught_path_and_the_jaw_grips(bench, rig):
     bench.finish(rig.gripper.start_move(0.7))
     recorder = PathRecorder(rig.executor, rig.gripper)
     lead(bench)

@@ -97,7 +97,7 @@ def test_setting_the_servos_up_anew_ends_it_without_a_jump_and_it_can_begin_agai
     assert bench.q_deg == pytest.approx(here, abs=0.5)
 
 
-def test_what_would_move_the_arm_behind_the_hand_s_back_is_refused(bench, rig):
+def test_motions_and_lending_are_refused_while_a_hand_guides_the_arm(bench, rig):
     with pytest.raises(NotHolding, match="guided by hand"):
         bench.finish(retarget(rig.executor, np.zeros(5), rig.arm.limits))
     with pytest.raises(MotionError, match="guiding"):

@@ -312,7 +312,7 @@ async def test_what_went_wrong_on_the_wire_is_still_told_after_setting_up_again(
         assert after["joints"][joint]["answers"] > one["answers"]
 
 
-async def test_the_calibration_is_told_with_its_source(bench, client):
+async def test_the_calibration_is_reported_with_its_source(bench, client):
     answer = await ask(client, bench, command="get_calibration")
     pan = answer["calibration"]["shoulder_pan"]
 

@@ -282,7 +282,7 @@ def test_setpoints_can_come_twice_as_often(bench):
     assert np.degrees(rig.arm.state.q) == pytest.approx([10, -20, 20, 30, 0], abs=0.35)
 
 
-def test_who_wants_another_rate_than_the_port_has_is_refused(bench):
+def test_another_rate_than_the_port_has_is_refused(bench):
     bench.open(gripper_id=None)
     with pytest.raises(ConfigError, match=r"control_rate_hz.*100 Hz already"):
         bench.open(servo_ids=None, rate=200.0)

@@ -64,7 +64,7 @@ async def test_waiting_for_a_jaw_that_moves_on_gives_up(bench, client):
         ({"servo_id": 6, "percent": 10, "speed": 0}, "speed"),
     ],
 )
-async def test_what_cannot_be_is_refused_and_nothing_moves(client, arguments, says):
+async def test_impossible_requests_are_refused_and_nothing_moves(client, arguments, says):
     with pytest.raises(GRPCError, match=says) as caught:
         await ask(client, "servo_move", **arguments)
     assert caught.value.status is Status.INVALID_ARGUMENT

@@ -61,7 +61,7 @@ def test_a_servo_at_the_rate_that_is_looked_at_last_is_found_within_three_second
     assert found[-1].baud == 76_800
 
 
-def test_silence_is_told_within_three_seconds(loose):
+def test_silence_is_reported_within_three_seconds(loose):
     emulator, setup = loose(1_000_000)
     emulator.world.power(0.0)
 

@@ -41,7 +41,7 @@ def assert_followed(followed):
 
 
 @pytest.mark.parametrize(("speed", "acceleration"), SPEEDS)
-def test_the_arm_stays_within_3_deg_of_its_way_at_every_speed(bench, speed, acceleration):
+def test_the_arm_stays_within_3_deg_of_its_path_at_every_speed(bench, speed, acceleration):
     rig = opened(bench, speed, acceleration)
     for seed in (1, 2):
         assert_followed(follow(bench, rig, *random_plan(rig, seed)))
@@ -54,7 +54,7 @@ def test_servos_that_another_program_left_with_more_acceleration_are_led_no_furt
     assert_followed(follow(bench, rig, *random_plan(rig, 3)))
 
 
-def test_a_way_is_followed_on_a_bad_wire(tmp_path, planning_process):
+def test_a_path_is_followed_on_a_bad_wire(tmp_path, planning_process):
     with hardware_bench(tmp_path, reply_timeout=0.1) as bench:
         rig = opened(bench, 90, 300)
         bench.emulator.bus.faults.loss, bench.emulator.bus.faults.corrupt = 0.05, 0.02

@@ -27,7 +27,9 @@ async def at_its_stop(tmp_path, planning_process):
         await bench.end()
 
 
-async def test_a_joint_outside_is_told_at_its_limit_and_said_where_it_is(at_its_stop, caplog):
+async def test_a_joint_outside_is_reported_at_its_limit_and_logged_with_its_place(
+    at_its_stop, caplog
+):
     bench, client = at_its_stop
     lower, upper = (np.degrees(each) for each in served_joints.served_limits())
     for _ in range(3):
@@ -50,7 +52,7 @@ async def test_a_joint_outside_is_told_at_its_limit_and_said_where_it_is(at_its_
     assert (await client.get_status())["notes"] == []
 
 
-def test_a_joint_far_outside_is_told_where_it_is():
+def test_a_joint_far_outside_is_reported_where_it_is():
     _, upper = served_joints.served_limits()
     beyond = upper + np.array([0.0, 0.0, served_joints.FARTHEST + 0.01, 0.0, 0.0])
     assert served_joints.reported(beyond) == pytest.approx(beyond)

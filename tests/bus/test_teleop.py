@@ -266,7 +266,7 @@ def test_a_stop_of_the_follower_is_meant(bench):
     assert bench.follower.rig.arm.state.mode is Mode.HOLDING
 
 
-def test_a_follower_that_cannot_be_moved_is_told_at_once(bench):
+def test_a_follower_that_cannot_be_moved_is_reported_at_once(bench):
     bench.follower.emulator.unplug()
     bench.clock.advance(0.2)
     with pytest.raises(PortUnavailable, match="check the USB cable"):
@@ -303,7 +303,7 @@ def test_what_the_jaw_closes_on_is_gripped_and_let_go_of(bench):
 # The record
 
 
-def test_a_session_is_taken_down_as_lerobot_knows_it(bench, tmp_path):
+def test_a_session_is_recorded_in_lerobots_format(bench, tmp_path):
     path = tmp_path / "session.csv"
     bench.start(recorder=Recorder(path, fps=30.0))
     bench.advance(0.3)

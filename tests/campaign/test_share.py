@@ -32,7 +32,7 @@ def test_a_reader_refuses_what_it_cannot_read_with_an_error_of_ours(name, seed, 
 
 
 @pytest.mark.parametrize("name", [reader.name for reader in all_readers()])
-def test_what_the_campaign_begins_with_is_good(name, tmp_path):
+def test_the_campaigns_first_inputs_are_valid(name, tmp_path):
     (reader,) = (each for each in all_readers(tmp_path) if each.name == name)
     if name in ("attributes", "faults and hands"):
         pytest.skip("each input is for one of several readers")
@@ -66,7 +66,7 @@ def test_an_arm_that_follows_touches_nothing_whatever_it_is_sent(fast, fixed, se
     assert outcome.refused > 0 or outcome.travelled > 0.0
 
 
-def test_lerobots_robot_breaks_no_law_whatever_it_is_sent_and_befalls_it(seed, tmp_path):
+def test_lerobots_robot_breaks_no_law_whatever_actions_and_faults_it_gets(seed, tmp_path):
     outcome = lerobot_troubles.attack(tmp_path, seed=seed, count=TROUBLES)
     assert (outcome.contacts, outcome.broken) == ([], []), f"seed {seed}"
     assert outcome.travelled > 0.0

@@ -430,7 +430,7 @@ async def test_manual_mode_has_its_time_limit_although_its_client_left(bench, st
     await bench.back(start)
 
 
-async def test_of_those_who_begin_to_record_at_once_one_does(bench, start):
+async def test_of_several_recordings_begun_at_once_one_runs(bench, start):
     requests = [{"command": "record_path", "name": f"path{i}", "replace": True} for i in range(4)]
     answers = await asyncio.gather(*map(bench.arm.do_command, requests), return_exceptions=True)
     assert sum(isinstance(answer, GRPCError) for answer in answers) == 3

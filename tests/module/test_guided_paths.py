@@ -33,7 +33,7 @@ async def ask(client, command, **arguments):
     return await client.do_command({"command": command, **arguments})
 
 
-async def test_a_path_is_shown_kept_listed_gone_again_and_deleted(arm, client, tmp_path):
+async def test_a_path_is_taught_saved_listed_replayed_and_deleted(arm, client, tmp_path):
     assert await ask(client, "record_path", name="wave") == {"recording": "wave", "mode": "manual"}
     assert await client.get_manual_mode()
     await lead(arm, client, *CORNERS)
@@ -130,7 +130,7 @@ async def test_a_stop_a_cancelled_call_and_a_newer_move_end_a_replay(arm, client
         ({"command": "play_path", "name": "a"}, "replay_path"),
     ],
 )
-async def test_what_cannot_be_meant_is_refused_with_a_sentence(client, request_, says):
+async def test_invalid_input_is_refused_with_a_sentence(client, request_, says):
     with pytest.raises(GRPCError) as caught:
         await client.do_command(request_)
     assert caught.value.status is Status.INVALID_ARGUMENT

@@ -61,7 +61,7 @@ def test_a_machines_arm_is_stopped_whoever_moves_it(machine):
         assert np.degrees(rig.refresh().q[0]) < 95.0
 
 
-def test_the_way_to_a_machine_is_measured(machine):
+def test_the_delay_to_a_machine_is_measured(machine):
     result = run("bench", "--machine", machine.address, "--json")
     assert result.exit_code == 0, result.output
     figures = json.loads(result.stdout)["figures"]

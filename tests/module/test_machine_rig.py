@@ -86,7 +86,7 @@ def under_way(rig):
     return motion
 
 
-def test_what_is_planned_here_moves_there(rig):
+def test_a_plan_made_here_moves_the_machines_arm(rig):
     move_to(rig, READY)
     plan = rig.arm.plan(JointGoal(q=LEFT))
     begin = time.monotonic()
@@ -98,7 +98,7 @@ def test_what_is_planned_here_moves_there(rig):
     assert rig.arm.state.mode is Mode.HOLDING
 
 
-def test_the_way_is_followed_not_only_its_end(rig):
+def test_the_path_is_followed_not_only_its_end(rig):
     move_to(rig, READY)
     corner = READY + np.radians([25.0, 0.0, -20.0, 0.0, 0.0])
     plan = rig.arm.plan(PathGoal(waypoints=np.array([corner, LEFT])))
@@ -180,7 +180,7 @@ def test_a_jaw_that_is_stopped_stays(rig):
     assert rig.gripper.aperture < 0.95
 
 
-def test_a_lost_machine_is_told_and_found_again_and_nothing_moves(machine, rig):
+def test_a_lost_machine_is_reported_and_found_again_and_nothing_moves(machine, rig):
     move_to(rig, RIGHT)
     motion = under_way(rig)
     machine.cut()
@@ -242,7 +242,7 @@ def test_commands_go_to_any_resource_and_refusals_come_back_in_its_words(rig):
         rig.readings("arm")
 
 
-def test_what_cannot_be_done_over_the_network_is_said(rig):
+def test_what_cannot_be_done_over_the_network_is_refused(rig):
     for call in (rig.arm.open_stream, rig.arm.open_jog):
         with pytest.raises(MotionError, match="machine"):
             call()
@@ -295,7 +295,7 @@ def test_several_arms_have_to_be_told_apart():
             until(lambda: rig.arm.state.mode is Mode.HOLDING)
 
 
-def test_a_module_that_takes_no_trajectory_gets_the_corners_of_the_way(rig, monkeypatch):
+def test_a_module_that_takes_no_trajectory_gets_the_corners_of_the_path(rig, monkeypatch):
     sent = []
 
     async def refuse(*_, **__):

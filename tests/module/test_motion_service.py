@@ -209,7 +209,7 @@ async def test_steps_for_another_arm_are_not_executed_by_this_one(motion):
         await motion.do_command({"execute": [{"left": [0.0] * 5}]})
 
 
-async def test_a_nearly_straight_way_is_measured(arm, motion):
+async def test_a_pseudolinear_constraint_is_kept(arm, motion):
     await in_time(arm, motion.move("arm", at(220, -50, 100)))
     nearly = Constraints(
         pseudolinear_constraint=[PseudolinearConstraint(line_tolerance_factor=0.05)]
@@ -237,7 +237,9 @@ async def test_contacts_can_be_allowed_by_name(arm, motion):
         ("arm", at(float("nan"), 0, 100), {}, "finite"),
     ],
 )
-async def test_what_cannot_be_is_refused_in_a_sentence(motion, component, destination, extra, says):
+async def test_impossible_requests_are_refused_in_a_sentence(
+    motion, component, destination, extra, says
+):
     with pytest.raises(GRPCError, match=says):
         await motion.move(component, destination, extra=extra)
 

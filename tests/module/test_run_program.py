@@ -55,7 +55,7 @@ async def test_a_stop_ends_a_program_without_an_end(arm, client):
         (request([0, 80, 20, 0, 0]), "waypoint 1 (1): "),
     ],
 )
-async def test_what_cannot_be_run_is_refused_and_nothing_moves(arm, client, asked, says):
+async def test_an_invalid_program_is_refused_and_nothing_moves(arm, client, asked, says):
     with pytest.raises(GRPCError) as caught:
         await in_time(client, client.do_command(asked))
     assert says in caught.value.message

@@ -189,9 +189,7 @@ async def test_manual_mode_that_was_asked_for_has_its_time_limit_although_nobody
             await asking
 
 
-async def test_of_two_who_begin_to_record_at_once_one_is_refused(
-    arm, client, tmp_path, monkeypatch
-):
+async def test_of_two_recordings_begun_at_once_one_is_refused(arm, client, tmp_path, monkeypatch):
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
     requests = [{"command": "record_path", "name": name} for name in ("one", "two", "three")]
     answers = await asyncio.gather(*map(client.do_command, requests), return_exceptions=True)

@@ -222,7 +222,7 @@ async def test_the_machine_is_planned_around(process):
     await bench.both_refuse(250, 0, 60, of="'crate'")
 
 
-async def test_what_is_ignored_by_name_is_gone_through_and_what_is_not_known_is_refused(process):
+async def test_ignored_components_may_be_touched_and_unreadable_ones_are_refused(process):
     bench = await process.begin(ignore_components=["wall"])
     wall = a_box(40, 40, 300, x=220.0, z=150.0)
     bench.has(hanging("wall", geometry=wall))

@@ -39,7 +39,7 @@ async def test_a_stop_does_not_wait_for_what_the_machine_says(asked):
     assert not arm.rig.arm.is_moving
 
 
-async def test_who_gives_the_call_up_is_not_kept_and_the_next_one_is_answered(asked):
+async def test_a_cancelled_call_ends_at_once_and_the_next_one_is_answered(asked):
     client, machine, arm = asked
     move = asyncio.ensure_future(client.move_to_position(THERE))
     await until(lambda: machine.asked > 0)

@@ -143,7 +143,7 @@ async def test_it_starts_and_stops_as_often_as_one_likes():
             assert (await told(client))["leader_limp"] is True
 
 
-async def test_what_a_request_cannot_mean_is_refused():
+async def test_invalid_requests_are_refused():
     async with pair() as (client, *_):
         for request, says in (
             ({"command": "begin"}, "start, stop, status"),

@@ -61,7 +61,7 @@ def test_every_model_has_its_section():
     assert set(SECTIONS) == {str(model.MODEL) for model in MODELS}
 
 
-def test_every_command_is_told_of():
+def test_every_command_is_documented():
     pages = PAGE + "".join(
         (ROOT / "docs" / f"{name}.md").read_text() for name in ("calibration", "teleoperation")
     )

@@ -86,7 +86,7 @@ def test_a_joint_that_there_is_not_is_refused(bench):
         robot.send_action({"thumb.pos": 3.0})
 
 
-def test_a_target_beyond_the_range_is_taken_within_it_and_both_are_told(bench, caplog):
+def test_a_target_beyond_the_range_is_taken_within_it_and_both_are_reported(bench, caplog):
     robot = bench.connected()
     taken = robot.send_action(action(500.0, *READY[1:]))
     assert 90.0 < taken["shoulder_pan.pos"] < 130.0

@@ -43,7 +43,7 @@ def assert_smooth(goals_sent):
 
 @settings(max_examples=40)
 @given(goal=goals, when=st.floats(0.0, 2.5))
-def test_a_stop_at_any_instant_is_smooth_and_ends_at_rest_on_the_way(goal, when):
+def test_a_stop_at_any_instant_is_smooth_and_ends_at_rest_on_the_path(goal, when):
     clock = ManualClock()
     arm = TapedArm(clock)
     with Executor(arm, clock, dt=DT, stop_limits=STOP_LIMITS) as executor:

@@ -81,7 +81,7 @@ def leg(arm: Arm, way: np.ndarray) -> ProgramLeg:
 
 @settings(max_examples=25)
 @given(ways(), st.sampled_from(CAPS), st.sampled_from(SCENES))
-def test_passed_waypoints_are_gone_by_near_enough_in_order_and_within_the_caps(
+def test_passed_waypoints_are_passed_near_enough_in_order_and_within_the_caps(
     way: np.ndarray, caps: MotionLimits, scene: Scene
 ) -> None:
     arm = Arm(caps, scene)
@@ -121,7 +121,7 @@ def test_passing_is_seldom_slower_than_stopping_and_then_by_little(
 
 @settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
-def test_passing_on_a_way_that_bends_gently_saves_a_fifth_of_the_time(seed: int) -> None:
+def test_passing_on_a_path_that_bends_gently_saves_a_fifth_of_the_time(seed: int) -> None:
     rng = np.random.default_rng(seed)
     steps = rng.uniform(0.1, 0.2, 5) + rng.uniform(-0.05, 0.05, (5, 5))
     way = np.cumsum(rng.choice([-1.0, 1.0], 5) * steps, axis=0)

@@ -89,7 +89,7 @@ def test_a_following_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target
     goals=st.lists(angles, min_size=1, max_size=5),
     fence=st.floats(-1.5, 1.5),
 )
-def test_what_is_guarded_is_never_passed(q_start, goals, fence):
+def test_guarded_distances_are_kept(q_start, goals, fence):
     class Fence:
         look_every, against = 0.02, ()
 

@@ -149,7 +149,7 @@ def test_too_little_disk_space_is_said_before_anything_is_done(installer, capsys
         ("ERROR: ResolutionImpossible", "What pip says above is the reason"),
     ],
 )
-def test_a_failure_is_told_as_what_it_is(installer, said, then):
+def test_a_failure_is_reported_as_what_it_is(installer, said, then):
     if then.startswith("What") and not installer.has_ready_wheels():
         pytest.skip("this system compiles, and may lack what that takes")
     assert installer.what_to_try(said).startswith(then)
@@ -305,7 +305,7 @@ def test_a_python_that_does_not_suit_is_told_and_leaves_nothing(installer, tools
     assert not installer.VENV.exists()
 
 
-def test_a_python_that_is_named_and_not_there_is_told(installer, tools):
+def test_a_python_that_is_named_and_not_there_is_reported(installer, tools):
     assert "PYTHON=nowhere cannot be run" in ended(tools, "setup.sh", PYTHON="nowhere").stderr
 
 

@@ -121,7 +121,7 @@ def test_interrupting_a_superseded_motion_leaves_its_successor_alone(arm, clock)
     np.testing.assert_allclose(arm.state.q, ASIDE, atol=1e-3)
 
 
-def test_stop_ends_the_motion_at_rest_on_the_way(arm, clock):
+def test_stop_ends_the_motion_at_rest_on_the_path(arm, clock):
     motion = arm.start_move(JointGoal(q=READY))
     run_until(clock, lambda: arm.is_moving)
     clock.advance(0.3)

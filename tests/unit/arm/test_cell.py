@@ -132,7 +132,7 @@ def test_arms_that_are_too_near_already_may_part(pair_of):
     motion.result()
 
 
-def test_an_arm_that_left_the_cell_is_not_minded(pair_of):
+def test_an_arm_that_left_the_cell_is_ignored(pair_of):
     facing = Facing(27)
     starts, _ = facing.task()
     pair = pair_of(facing, *starts)
@@ -224,7 +224,7 @@ def test_arms_that_are_not_there_cannot_be_moved_together(pair_of):
 
 
 @pytest.mark.parametrize("name", ["left", "right"])
-def test_who_stops_one_of_the_arms_that_move_together_stops_all(pair_of, name):
+def test_stopping_one_arm_of_a_common_motion_stops_all(pair_of, name):
     facing = Facing(31)
     starts, goals = crossing_task(facing)
     pair = pair_of(facing, *starts)

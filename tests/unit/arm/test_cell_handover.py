@@ -92,7 +92,7 @@ def test_a_stick_goes_from_hand_to_hand_with_its_shape_and_weight(bench):
     assert (bench.held("left"), bench.held("right")) == (["stick"], [])
 
 
-def test_who_stops_one_arm_ends_the_handover_and_the_stick_stays_where_it_is(bench):
+def test_stopping_one_arm_ends_the_handover_and_the_stick_stays_where_it_is(bench):
     motions = bench.cell.start_handover(bench.cell.plan_handover("left", "right", "stick"))
     bench.finish(motions, until=lambda: bench.arms["right"].is_moving)
     for _ in range(20):
@@ -117,7 +117,7 @@ def test_a_hand_that_closes_on_nothing_takes_nothing(bench):
     assert (bench.held("left"), bench.held("right")) == (["stick"], [])
 
 
-def test_what_is_not_in_the_hand_any_more_is_not_passed_on(bench):
+def test_an_object_that_was_lost_is_not_passed_on(bench):
     plan = bench.cell.plan_handover("left", "right", "stick")
     bench.arms["left"].scene = Scene()
     with pytest.raises(ConfigError, match=r"'stick' is not in the hand of left"):

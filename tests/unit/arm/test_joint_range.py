@@ -68,12 +68,12 @@ def test_exactly_what_is_outside_is_refused(q: np.ndarray) -> None:
 
 
 @given(ways)
-def test_a_way_is_refused_where_it_leaves_the_range_further_than_it_began(q: np.ndarray) -> None:
+def test_a_path_is_refused_where_it_leaves_the_range_further_than_it_began(q: np.ndarray) -> None:
     around = JointRange(np.minimum(NARROW.lower, q[0]), np.maximum(NARROW.upper, q[0]))
     assert refuses(NARROW.check_path, q) is not all(is_inside(each, around) for each in q)
 
 
-def test_a_way_in_from_outside_is_allowed_and_one_further_out_is_not() -> None:
+def test_a_path_in_from_outside_is_allowed_and_one_further_out_is_not() -> None:
     out = np.array([0.0, 0.0, 0.0, 0.0, 1.5])
     NARROW.check_path(np.linspace(out, np.zeros(5), 9))
     with pytest.raises(OutsideLimits, match="wrist_roll at 91"):

@@ -76,7 +76,7 @@ def test_a_pause_lasts_its_time_unless_the_motion_is_interrupted(interrupted):
     thread.join()
 
 
-def test_who_waits_for_another_motion_and_is_interrupted_leaves_its_future_alone():
+def test_an_interrupted_wait_for_another_motion_leaves_its_future_alone():
     waiting, other = Motion(), Motion()
     waiting.interrupt("stop")
     with pytest.raises(Interrupted, match="stop"):

@@ -84,7 +84,7 @@ def test_a_newer_motion_ends_the_one_under_way_and_waits_for_its_end(motions, to
         first.result(5.0)
 
 
-def test_what_a_motion_raises_is_heard_by_who_waits_for_it(motions) -> None:
+def test_a_motions_error_reaches_its_caller(motions) -> None:
     def fails(motion: Motion) -> None:
         raise MotionError("it broke")
 
@@ -164,7 +164,7 @@ def test_an_arm_that_rests_is_not_stopped_first(told) -> None:
     assert told == ["moves"]
 
 
-def test_a_stop_waits_for_nobody_who_is_beginning_something(motions, told) -> None:
+def test_a_stop_does_not_wait_for_a_beginning_motion(motions, told) -> None:
     """It may come from the event loop, which must not wait for a lock that others hold for long."""
     beginning, go_on = threading.Event(), threading.Event()
 
@@ -215,7 +215,7 @@ def test_a_newer_motion_tells_the_older_one_at_once(motions) -> None:
     gate.set()
 
 
-def test_what_is_prepared_makes_way_for_what_was_asked_for_since(told) -> None:
+def test_a_motion_in_preparation_yields_to_a_newer_one(told) -> None:
     newer: list[Motion] = []
 
     def rest() -> Future[None]:

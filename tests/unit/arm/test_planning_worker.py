@@ -129,7 +129,7 @@ def test_dying_while_it_plans_has_the_plan_made_by_another(worker, caplog):
     assert "replaced" in caplog.text
 
 
-def test_a_child_that_always_dies_is_told(worker, caplog):
+def test_a_child_that_always_dies_is_reported(worker, caplog):
     worker.start().result()
     os.kill(pid_of(worker), signal.SIGSTOP)  # or it may answer before it is killed
     answer = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
@@ -144,7 +144,7 @@ def test_a_child_that_always_dies_is_told(worker, caplog):
     worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
 
 
-def test_a_child_that_cannot_even_start_is_told(monkeypatch, caplog):
+def test_a_child_that_cannot_even_start_is_reported(monkeypatch, caplog):
     monkeypatch.setattr(sys, "executable", "/bin/false")
     worker = PlanningWorker()
     with pytest.raises(WorkerError, match="the last one ended with exit code 1"):
@@ -394,7 +394,7 @@ def test_both_ends_forget_the_same_scenes():
         assert unpacked(sent, received) == (some[k], some[(k + 1) % 20])
 
 
-def test_a_worker_that_died_is_told_the_scene_again(worker):
+def test_a_new_worker_gets_the_scene_again(worker):
     request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
     first = worker.plan(request).result()
     died = pid_of(worker)

@@ -80,13 +80,13 @@ def test_without_json_stdout_stays_empty() -> None:
     assert result.stdout == ""
 
 
-def test_who_does_not_agree_is_told_to_programs_too() -> None:
+def test_a_refusal_to_agree_is_reported_as_json_too() -> None:
     result = so101("move", "--sim", "--joints", "5,0,0,0,0", "--json", given="n\n")
     assert told(result)["kind"] == "stopped"
     assert "nothing moved" in result.stderr
 
 
-def test_a_verb_that_has_told_of_itself_is_not_told_of_again() -> None:
+def test_a_verb_that_has_reported_its_error_is_not_reported_again() -> None:
     result = so101("ports", "--port", "/dev/no-such-port", "--json")
     assert result.exit_code == 3
     assert json.loads(result.stdout)["schema"] == "so101/ports/1"
@@ -103,7 +103,7 @@ def test_a_verb_that_has_told_of_itself_is_not_told_of_again() -> None:
     assert "cannot be written" in late.stderr
 
 
-def test_ctrl_c_and_a_defect_are_told_to_programs() -> None:
+def test_ctrl_c_and_a_defect_are_reported_as_json() -> None:
     @click.command()
     @click.argument("how")
     @reports_errors(as_json=True)
@@ -115,13 +115,13 @@ def test_ctrl_c_and_a_defect_are_told_to_programs() -> None:
     assert (defect["kind"], defect["error"]) == ("unexpected", "RuntimeError")
 
 
-def test_what_the_page_documents_is_what_there_is() -> None:
+def test_the_documented_exit_codes_exist() -> None:
     page = (Path(__file__).parents[3] / "docs" / "command-line.md").read_text()
     for code, (kind, _) in KINDS.items():
         assert f"| {code} | `{kind}` |" in page
 
 
-def test_a_log_line_on_the_terminal_is_a_line_and_a_traceback_only_for_who_asks(
+def test_a_log_line_is_one_line_and_shows_a_traceback_only_on_request(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def trouble() -> str:

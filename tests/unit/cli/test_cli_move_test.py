@@ -28,7 +28,7 @@ def test_nothing_moves_before_somebody_agrees(run):
     assert "0 %  shoulder_pan" not in result.output
 
 
-def test_ctrl_c_stops_the_arm_and_what_was_measured_is_told(tmp_path):
+def test_ctrl_c_stops_the_arm_and_what_was_measured_is_reported(tmp_path):
     program = "from so101_motion.cli import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", program, "move-test", "--sim", "--yes"],

@@ -75,7 +75,7 @@ def so101(line: str) -> Result:
         ("emulate --loss 2", "0 to 1"),
     ],
 )
-def test_what_cannot_be_done_is_refused_at_once(line: str, says: str) -> None:
+def test_impossible_values_are_refused_at_once(line: str, says: str) -> None:
     result = so101(line)
     assert result.exit_code == 2, result.output
     assert says in result.stderr

@@ -41,7 +41,7 @@ def test_a_saved_program_is_run_by_its_name() -> None:
     np.testing.assert_allclose(told["arrived"]["q_deg"], np.zeros(5), atol=0.1)
 
 
-def test_what_is_passed_is_told_before_anything_moves() -> None:
+def test_what_is_passed_is_reported_before_anything_moves() -> None:
     save(Waypoint(name="aside", q=A, passes=True), Waypoint(name="back", q=-A))
     result = CliRunner().invoke(main, ["run", "nod", "--sim"], input="n\n")
     passed, stopped = result.stderr.splitlines()[:2]
@@ -50,7 +50,7 @@ def test_what_is_passed_is_told_before_anything_moves() -> None:
     assert stopped.endswith(" s")
 
 
-def test_loops_are_told_before_anything_moves_and_gone_through() -> None:
+def test_loops_are_reported_before_anything_moves_and_run() -> None:
     made = Program(waypoints=(Waypoint(name="aside", q=A), Waypoint(name="back", q=-A)))
     made = made.with_loop(Loop(first=0, last=1, times=2)).with_loop(Loop(first=1, last=1, times=3))
     files.write(made, files.file_of("nod"))
@@ -71,14 +71,14 @@ def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint() -> 
     assert "waypoint 2 (low)" in result.stderr
 
 
-def test_what_is_no_program_is_refused_with_the_nearest() -> None:
+def test_an_unknown_program_is_refused_with_the_nearest() -> None:
     save(Waypoint(name="aside", q=A))
     result = so101("run", "nodd", "--sim", "--yes")
     assert result.exit_code == 2
     assert '"nod"' in result.stderr
 
 
-def test_a_pose_of_ones_own_can_be_gone_to() -> None:
+def test_a_pose_of_ones_own_can_be_reached() -> None:
     SavedPoses().save("over the mug", A)
     result = so101("plan", "--sim", "--pose", "over the mug", "--json")
     assert result.exit_code == 0, result.output

@@ -80,7 +80,7 @@ def test_caps_are_the_same_for_every_source():
 # Errors
 
 
-def test_what_why_and_what_to_try_are_parted():
+def test_an_error_is_printed_as_what_why_and_what_to_try():
     told = parted(errors.PortUnavailable("/dev/a", "in use by another program; end it first"))
     assert (told.what, told.why, told.advice) == (
         "/dev/a", "in use by another program", "end it first",
@@ -104,7 +104,7 @@ def test_a_reader_who_closes_the_pipe_is_no_defect():
     assert result.output == ""
 
 
-def test_a_defect_is_told_without_a_traceback_unless_asked_for(monkeypatch):
+def test_a_defect_is_reported_without_a_traceback_unless_asked_for(monkeypatch):
     @click.command()
     @reports_errors()
     def fails():

@@ -89,7 +89,7 @@ def test_tables_name_every_joint_and_what_is_to_do():
 # A terminal
 
 
-def test_without_a_person_nothing_is_asked_and_lines_are_told_once(capsys, tmp_path):
+def test_without_a_person_nothing_is_asked_and_lines_are_reported_once(capsys, tmp_path):
     with open(tmp_path / "events", "w") as events, Terminal(events=events) as terminal:
         terminal.say("hello", step="begin")
         terminal.say("hello")

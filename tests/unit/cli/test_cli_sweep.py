@@ -77,7 +77,7 @@ def tasks_of_two(folder):
     return files
 
 
-def test_two_tasks_place_two_arms_and_what_was_found_is_gone_on_with(tmp_path):
+def test_two_tasks_place_two_arms_and_a_second_run_resumes(tmp_path):
     files, out = tasks_of_two(tmp_path), tmp_path / "placed"
     sweeps = [
         PlaceSweep(

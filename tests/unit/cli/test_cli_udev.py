@@ -46,7 +46,7 @@ def test_a_rule_is_installed_where_it_is_told(tmp_path, capsys):
     assert str(path) in capsys.readouterr().out
 
 
-def test_without_root_the_command_for_root_is_told(tmp_path):
+def test_without_root_the_command_for_root_is_reported(tmp_path):
     with pytest.raises(PortUnavailable, match=r"sudo .*install-udev --install"):
         write_rule(tmp_path / "no" / "such" / "folder" / "70-so101.rules")
 

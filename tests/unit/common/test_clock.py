@@ -110,7 +110,7 @@ def test_time_neither_runs_backwards_nor_jumps_to_infinity(clock, dt):
         clock.advance(dt)
 
 
-def test_who_keeps_time_by_the_clock_cannot_move_it(clock):
+def test_a_reader_of_the_clock_cannot_move_it(clock):
     with clock.attend():
         with pytest.raises(RuntimeError, match="advance was called by a thread that keeps time"):
             clock.advance(1.0)

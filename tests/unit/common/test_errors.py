@@ -65,7 +65,7 @@ def test_errors_cross_a_process_boundary_with_all_their_fields(error):
 
 
 @pytest.mark.parametrize("error", ONE_OF_EACH, ids=lambda error: type(error).__name__)
-def test_every_error_is_told_in_lines_and_with_an_exit_code_of_its_own(error):
+def test_every_error_is_reported_in_lines_and_with_an_exit_code_of_its_own(error):
     @click.command()
     @reports_errors()
     def fails():

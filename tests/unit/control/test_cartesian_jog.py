@@ -92,7 +92,7 @@ def test_closing_brings_the_arm_to_rest_and_ends_the_jog(sim_ready) -> None:
         jog.twist([0.1, 0.0, 0.0])
 
 
-def test_a_pose_is_gone_to_and_held_without_being_repeated(sim_ready) -> None:
+def test_a_pose_is_reached_and_held_without_being_repeated(sim_ready) -> None:
     sim = sim_ready
     goal = tool(READY + np.array([0.3, 0.15, -0.1, 0.1, 0.2]))
     jog = lead(sim)
@@ -103,7 +103,7 @@ def test_a_pose_is_gone_to_and_held_without_being_repeated(sim_ready) -> None:
     np.testing.assert_allclose(tool(sim.state.q).R, goal.R, atol=2e-3)
 
 
-def test_a_point_is_gone_to(sim_ready) -> None:
+def test_a_point_is_reached(sim_ready) -> None:
     sim = sim_ready
     p = tool(READY).p + np.array([-0.04, 0.06, 0.02])
     jog = lead(sim)
@@ -112,7 +112,7 @@ def test_a_point_is_gone_to(sim_ready) -> None:
     assert np.linalg.norm(tool(sim.state.q).p - p) < 2e-4
 
 
-def test_stop_ends_a_jog_along_its_way_and_harder_than_it_would(sim_ready) -> None:
+def test_stop_ends_a_jog_along_its_path_and_harder_than_it_would(sim_ready) -> None:
     sim = sim_ready
     servo = servo_of(sim)
     jog = lead(sim, servo=servo)
@@ -129,7 +129,7 @@ def test_stop_ends_a_jog_along_its_way_and_harder_than_it_would(sim_ready) -> No
         jog.twist([0.1, 0.0, 0.0])
 
 
-def test_what_holds_the_tool_is_told(sim_ready) -> None:
+def test_what_holds_the_tool_is_reported(sim_ready) -> None:
     sim = sim_ready
     jog = lead(sim)
     assert jog.held_by == ()

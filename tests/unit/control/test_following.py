@@ -108,7 +108,7 @@ def test_a_target_that_jumps_about_is_never_followed_beyond_the_limits(sim):
     assert_bounded(sim)
 
 
-def test_who_has_no_target_comes_to_rest_and_waits(sim):
+def test_joints_without_a_target_come_to_rest_and_wait(sim):
     following = chase(sim, lambda t: np.full(5, t) if t < 0.5 else None)
     sim.clock.advance(1.5)
     assert sim.state.mode is Mode.MOVING
@@ -360,7 +360,7 @@ def test_the_pace_of_an_approach_turns_into_the_full_one_without_a_step():
     assert not Approach(CAPS, None).is_under_way
 
 
-def test_who_leads_it_may_fail_and_the_joints_come_to_rest(sim):
+def test_when_the_source_of_targets_fails_the_joints_come_to_rest(sim):
     def each(following):
         if sim.clock.now() > 0.3:
             raise ValueError("oh")

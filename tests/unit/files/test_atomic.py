@@ -73,7 +73,7 @@ def test_a_lock_leaves_nothing_behind(tmp_path):
         assert os.listdir(tmp_path) == []
 
 
-def test_what_a_killed_writer_left_is_removed_by_the_next_one(tmp_path):
+def test_leftovers_of_a_killed_writer_are_removed_by_the_next(tmp_path):
     abandoned, fresh, foreign = (
         tmp_path / name for name in (".mug.json.123-456.tmp", ".cup.json.123-456.tmp", ".x.tmp")
     )

@@ -51,7 +51,7 @@ def test_each_arm_sees_the_scene_from_its_own_base(tmp_path):
     assert right.floor_z == pytest.approx(-0.0024)
 
 
-def test_what_is_written_is_read_again(tmp_path):
+def test_a_written_file_reads_back_the_same(tmp_path):
     cell = read_cell(written(tmp_path, CELL))
     moved = SE3.from_rpy((0.0, 0.0, 3.0), (0.4, 0.01, 0.0))
     path = tmp_path / "again.json"
@@ -93,7 +93,7 @@ def test_a_floor_needs_arms_that_stand_upright(tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_meant_is_refused_by_name(tmp_path, content, says):
+def test_invalid_input_is_refused_by_name(tmp_path, content, says):
     with pytest.raises(ConfigError, match=says):
         read_cell(written(tmp_path, content))
 

@@ -121,7 +121,7 @@ def test_a_mesh_file_is_read_in_millimetres(tmp_path):
         ({"margin_mm": 0}, '"margin_mm"'),
     ],
 )
-def test_what_cannot_be_meant_is_refused_in_a_sentence(content, says):
+def test_invalid_input_is_refused_in_a_sentence(content, says):
     with pytest.raises(ConfigError) as refused:
         scene_from(content)
     assert says in str(refused.value)

@@ -42,7 +42,7 @@ def left(course):
     return OtherArm(name="left", T_base_other=T_LEFT_RIGHT.inverse, course=course)
 
 
-def test_a_plan_keeps_off_an_arm_that_moves_and_of_the_ways_the_earlier_is_taken(planner):
+def test_a_plan_keeps_off_an_arm_that_moves_and_the_earlier_of_two_paths_is_taken(planner):
     facing = Facing(11)
     waited = 0
     for _ in range(5):
@@ -75,7 +75,7 @@ def test_a_goal_where_another_arm_will_rest_is_refused_by_its_name(planner):
     assert f"from {caught.value.second}" in str(caught.value) or "into right's" in str(caught.value)
 
 
-def test_who_stands_too_near_to_an_arm_that_moves_leaves_and_never_comes_nearer(planner):
+def test_an_arm_too_near_to_a_moving_one_leaves_and_never_comes_nearer(planner):
     facing = Facing(14)
     for _ in range(2):
         while True:

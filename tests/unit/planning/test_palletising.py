@@ -87,7 +87,7 @@ def test_the_whole_pose_is_had_but_for_the_gap_of_the_roll(model, planner):
     assert refused <= 0.2 * 8 * len(YAWS)
 
 
-def test_with_a_leeway_for_the_turn_every_yaw_is_reached(model, planner):
+def test_with_a_tolerance_for_the_turn_every_yaw_is_reached(model, planner):
     for radius, azimuth in PLACES[::3]:
         for yaw in YAWS:
             goal = PoseGoal(

@@ -99,7 +99,7 @@ def test_a_point_that_only_a_narrow_range_of_postures_reaches_freely_is_reached(
     assert model.frame(made.q_goal, "jaw_tip").p == pytest.approx(p_base, abs=1e-4)
 
 
-def test_a_blocked_line_is_gone_around_without_stopping(model, collision, plan):
+def test_a_blocked_line_is_avoided_without_stopping(model, collision, plan):
     start, goal = OVER_THE_TABLE
     made = plan(JointGoal(q=goal), start)
     assert_sound(model, collision, made)
@@ -300,7 +300,7 @@ def test_a_path_without_waypoints_is_refused(plan):
         plan(PathGoal(waypoints=np.empty((0, 5))))
 
 
-def test_a_prescribed_way_through_the_table_is_refused_where_it_is(plan):
+def test_a_prescribed_path_through_the_table_is_refused_where_it_is(plan):
     start, goal = OVER_THE_TABLE
     with pytest.raises(InCollision, match="between the start and waypoint 1 the "):
         plan(PathGoal(waypoints=goal[None]), start)

@@ -95,7 +95,7 @@ def test_a_start_that_only_grazes_an_obstacle_is_left_slowly(model, plan):
     assert closest(model, AROUND_POST, made.trajectory) >= collision.clearance(q).distance - 5e-4
 
 
-def test_a_prescribed_way_through_an_obstacle_is_refused_with_its_name(plan):
+def test_a_prescribed_path_through_an_obstacle_is_refused_with_its_name(plan):
     with pytest.raises(InCollision, match=r"between the start and waypoint 1 the .* 'post'"):
         plan(PathGoal(waypoints=RIGHT[None]), LEFT, AROUND_POST)
 
@@ -110,7 +110,7 @@ def test_a_line_into_an_obstacle_is_refused_with_its_name(model, plan):
         plan(LineGoal(T_base_tool=end), start, wall)
 
 
-def test_a_way_that_is_walled_off_is_told_with_what_is_in_it(plan):
+def test_a_walled_off_path_is_refused_with_the_obstacles_name(plan):
     wall = Scene(
         obstacles=(block((1.2, 0.02, 1.0), (0.3, 0.0, 0.5), "wall"),),
         may_touch=frozenset(
@@ -230,7 +230,7 @@ def test_a_point_is_reached_with_the_joints_this_arm_has(model, plan, narrow):
     assert otherwise > 2
 
 
-def test_a_way_around_something_stays_within_them(model, plan):
+def test_a_path_around_something_stays_within_them(model, plan):
     limits = {
         "lower": np.radians([-60, -30, -10, 0, -20]),
         "upper": np.radians([60, 40, 40, 90, 20]),

@@ -56,7 +56,7 @@ def test_a_jaw_may_be_another_servo_but_not_one_of_the_arm_s():
 SENSOR = replace(PORT, timeout=None, fallback_file=Path("/data/so101_calibration.json"))
 
 
-def test_who_asks_for_no_servo_does_not_care_how_long_they_are_asked():
+def test_a_component_without_a_timeout_takes_that_of_the_others():
     hurried = replace(ARM, timeout=5.0)
 
     assert hurried.joined_with(SENSOR).timeout == 5.0

@@ -192,7 +192,7 @@ def test_servos_as_new_cannot_be_moved_without_a_calibration():
     assert (found.verdict, found.fix) == ("fail", "so101 calibrate")
 
 
-def test_a_calibration_that_was_interrupted_is_told(arm):
+def test_a_calibration_that_was_interrupted_is_reported(arm):
     seen = seen_on(arm, stored=stored_of(arm), file=Path("/x.json"), is_unfinished=True)
     assert "interrupted" in of(check_up(seen), "calibration").sentence
 
@@ -201,7 +201,7 @@ def meaning(joint, by, jaws_mm=0.0):
     return ZeroReport(joint=joint, by=by, angle_deg=0.0, jaws_mm=jaws_mm, sentence=f"{joint} {by}")
 
 
-def test_zeros_that_are_guesses_are_one_warning_and_known_ones_are_told_one_by_one():
+def test_zeros_that_are_guesses_are_one_warning_and_known_ones_are_reported_one_by_one():
     guesses = (meaning("shoulder_pan", "middle"), meaning("", "middle"))
     (check,) = check_up(Findings(zero_reports=guesses))
     assert (check.name, check.verdict) == ("zeros", "warn")

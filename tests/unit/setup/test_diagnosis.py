@@ -70,7 +70,7 @@ def test_nothing_is_wrong_with_a_healthy_arm():
         ),
         (
             seen(counters={i: ReplyCounter(answers=900, lost=100 + i) for i in JOINTS}),
-            ["10.1 %", "whichever servo", "too busy"],
+            ["10.1 %", "every servo", "too busy"],
         ),
     ],
 )  # fmt: skip

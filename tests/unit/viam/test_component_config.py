@@ -103,7 +103,7 @@ def test_durations_are_read_as_people_write_them(value, seconds):
 
 
 @pytest.mark.parametrize("value", ["5", "5 s", "-5s", "s", "", "0s", 0, -1, True, None, "11m"])
-def test_what_is_no_duration_is_refused(value):
+def test_an_invalid_duration_is_refused(value):
     with pytest.raises(ConfigError, match="timeout"):
         duration("timeout", value)
 

@@ -80,7 +80,7 @@ def test_what_is_known_stays_and_what_is_not_is_named():
     assert arm.config["name"] == "it"
 
 
-def test_nothing_secret_is_told():
+def test_nothing_secret_is_reported():
     found = migrate(machine(part("devrel:so101:arm", {"port": "/dev/a", "token": "a secret"})))
     told = repr(found) + json.dumps(found.configuration()) + repr(found.steps_back())
     for secret in ("TOPSECRET", "HIDDEN", "PASSWORD", "a secret"):

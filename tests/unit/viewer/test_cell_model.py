@@ -83,7 +83,7 @@ def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):
     assert not bench.model.screen().plan_is_current
 
 
-def test_who_stops_one_arm_stops_all_and_the_page_says_so(bench):
+def test_stopping_one_arm_stops_all_and_the_page_says_so(bench):
     bench.aim(first=aside(70.0), second=aside(70.0))
     assert bench.plan().can_execute
     bench.model.execute()
@@ -113,7 +113,7 @@ def test_targets_that_arms_cannot_have_run_at_once_are_refused_with_their_names(
     assert bench.says("arm 1") or bench.says("Arm 1")
 
 
-def test_a_target_out_of_reach_is_told_with_the_name_of_the_arm(bench):
+def test_a_target_out_of_reach_is_reported_with_the_name_of_the_arm(bench):
     bench.aim()
     list(bench.arms.values())[1].set_target_point(np.array([0.9, 0.0, 0.2]))
     assert bench.says("arm 2: ")

@@ -29,7 +29,7 @@ def test_a_finished_arm_is_verified_without_writing():
     assert all(packet[4] in (1, 2, 0x82) for _, packet in bus.wire.sent)
 
 
-def test_a_dark_arm_is_told_to_be_switched_on():
+def test_for_a_dark_arm_the_advice_is_to_switch_it_on():
     _, setup = arm(volts=0.0)
     found = setup.verify()
     assert not found.ok

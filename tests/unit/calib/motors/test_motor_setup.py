@@ -84,7 +84,7 @@ def test_a_port_with_a_rate_of_its_own_gets_servos_of_that_rate():
     assert bus.wire.baud == 500_000
 
 
-def test_what_the_user_says_of_the_rate_is_where_the_search_begins_and_no_more():
+def test_the_search_begins_at_the_rate_the_user_gives():
     bus, setup = loose(1, 57_600)
     setup.assign("gripper", current_id=1, target_id=6, current_baud=57_600)
     assert bus.rates[0] == 57_600
@@ -203,7 +203,7 @@ def test_an_id_that_is_taken_is_refused():
     refused(lambda: setup.assign("gripper"), "id taken", "id of gripper, 6")
 
 
-def test_a_whole_arm_is_told_to_be_verified():
+def test_for_a_whole_arm_the_advice_is_to_verify_it():
     setup = MotorSetup(LentBus().lent)
     refused(lambda: setup.discover("elbow_flex"), "several servos", "verify it")
 
@@ -227,7 +227,7 @@ def test_a_servo_of_another_kind_is_refused():
     refused(lambda: setup.assign("gripper"), "wrong model", "model 1029")
 
 
-def test_too_much_voltage_is_told_and_what_to_do():
+def test_too_much_voltage_is_reported_and_what_to_do():
     _, setup = loose(kind=STS3215_7V4, volts=12.0)
     found = setup.discover("gripper")
     assert "12.0 V but is made for at most 8.0 V: a 7.4 V servo on a 12 V supply" in found.sentence
@@ -236,7 +236,7 @@ def test_too_much_voltage_is_told_and_what_to_do():
     assert setup.assign("gripper").new_id == 6, "its id can be set nevertheless"
 
 
-def test_too_little_voltage_is_told():
+def test_too_little_voltage_is_reported():
     _, setup = loose(volts=4.3)
     found = setup.discover("gripper")
     assert "only 4.3 V" in found.sentence
@@ -247,7 +247,7 @@ def test_too_little_voltage_is_told():
     assert setup.discover("gripper").fix == "", "many 7.4 V arms are fed with 5 V"
 
 
-def test_a_port_that_is_gone_is_told():
+def test_a_port_that_is_gone_is_reported():
     bus, setup = loose()
     bus.wire.unplugged = True
     with pytest.raises(PortUnavailable, match="USB cable"):

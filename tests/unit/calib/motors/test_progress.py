@@ -17,7 +17,7 @@ def test_a_setup_goes_on_where_it_ended(tmp_path):
     assert SetupProgress(path, "/dev/a").done == []
 
 
-def test_the_step_and_the_port_are_found_again_by_whoever_knows_neither(tmp_path):
+def test_step_and_port_are_found_again_without_arguments(tmp_path):
     path = tmp_path / "setup.json"
     progress = SetupProgress(path, None)
     assert (progress.port, progress.workflow, progress.step) == ("", "", "")

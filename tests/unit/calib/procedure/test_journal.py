@@ -56,7 +56,7 @@ def test_without_a_journal_there_is_nothing_to_do(arm, file):
 
 
 @pytest.mark.parametrize("sides", [(BEFORE,), (MEANWHILE, BEFORE), (MEANWHILE,)])
-def test_what_was_not_saved_is_put_back(arm, file, sides):
+def test_an_unsaved_calibration_is_rolled_back(arm, file, sides):
     hold(arm, *sides)
     journal.write(file, OPEN)
     assert "put back" in journal.recover(arm.bus, file)
@@ -68,7 +68,7 @@ def test_what_was_not_saved_is_put_back(arm, file, sides):
 @pytest.mark.parametrize(
     "sides", [(MEANWHILE,), (AFTER, MEANWHILE), (AFTER,), (AFTER, BEFORE), (BEFORE,)]
 )
-def test_what_was_being_saved_is_carried_through(arm, file, sides):
+def test_an_interrupted_save_is_completed(arm, file, sides):
     hold(arm, *sides)
     journal.write(file, DECIDED)
     assert "complete" in journal.recover(arm.bus, file)
@@ -125,7 +125,7 @@ def test_while_a_servo_is_silent_nothing_is_touched(arm, file):
     assert journal.read(file) == OPEN
 
 
-def test_whoever_looks_at_the_servos_first_ends_what_was_interrupted(arm, file):
+def test_the_next_look_at_the_servos_ends_an_interrupted_calibration(arm, file):
     hold(arm, MEANWHILE)
     journal.write(file, DECIDED)
     found = find_joints(

@@ -213,7 +213,7 @@ def test_closing_puts_the_servos_back(arm, file):
     assert not session.is_active
 
 
-def test_what_closing_cannot_put_back_the_next_start_does(arm, file):
+def test_the_next_start_rolls_back_what_closing_could_not(arm, file):
     session = recording(file, arm)
     arm.wire.unplugged = True
     session.close()

@@ -93,7 +93,7 @@ def test_zeros_are_found_with_their_calibration_and_are_none_themselves(tmp_path
     assert found.stored.zeros["elbow_flex"].by == "stops"
 
 
-def test_a_file_that_cannot_be_used_is_told_with_its_problem(tmp_path):
+def test_a_file_that_cannot_be_used_is_reported_with_its_problem(tmp_path):
     put(tmp_path / "work/arm.json", '{"gripper": {"id": 6}}')
     (found,) = found_in(tmp_path)
 
@@ -102,7 +102,7 @@ def test_a_file_that_cannot_be_used_is_told_with_its_problem(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"name": "so101"}', '"gripper"', "\0" * 70_000])
-def test_what_is_no_calibration_is_nobody_s_business(tmp_path, text):
+def test_other_files_are_ignored(tmp_path, text):
     put(tmp_path / "work/package.json", text)
 
     assert found_in(tmp_path) == []

@@ -57,7 +57,7 @@ def test_an_exported_file_holds_lerobot_s_five_whole_numbers_and_nothing_else(tm
         assert entry["homing_offset"] == ALL[joint].homing_offset
 
 
-def test_what_is_exported_is_read_back_as_it_was(tmp_path):
+def test_an_exported_file_reads_back_the_same(tmp_path):
     calibration = {**ALL, "gripper": JointCalibration(id=6, norm_mode=1)}
     lerobot.export(calibration, tmp_path / "arm.json")
 
@@ -116,7 +116,7 @@ def test_a_follower_s_file_goes_where_this_lerobot_looks(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["", "..", "a/b", "a\\b", "a\0"])
-def test_what_cannot_be_an_arm_s_name_is_refused(name):
+def test_an_invalid_arm_name_is_refused(name):
     with pytest.raises(ConfigError, match="plain name"):
         lerobot.path_for(name)
 

@@ -81,7 +81,7 @@ def test_a_wrist_that_turns_all_the_way_round_may_say_so():
         ({"homing_offset": None}, "homing_offset must be a whole number, not None"),
     ],
 )
-def test_what_cannot_be_true_is_refused_by_joint(changes, says):
+def test_impossible_values_are_refused_by_joint(changes, says):
     with pytest.raises(CalibrationError, match=says) as caught:
         record.parse(seed_with(**changes))
 
@@ -98,7 +98,7 @@ def test_what_cannot_be_true_is_refused_by_joint(changes, says):
         ({"shoulder_pan": 5}, "shoulder_pan: must be an object"),
     ],
 )
-def test_what_is_no_calibration_is_refused(content, says):
+def test_an_invalid_calibration_is_refused(content, says):
     with pytest.raises(CalibrationError, match=says):
         record.parse(content)
 
@@ -154,7 +154,7 @@ def test_registers_without_sense_give_way_to_defaults():
         min_size=1,
     )
 )  # fmt: skip
-def test_what_is_written_is_read_back(entries):
+def test_a_written_file_reads_back_the_same(entries):
     calibration = {
         joint: JointCalibration(
             id=JOINTS.index(joint) + 1, drive_mode=mode, homing_offset=offset,

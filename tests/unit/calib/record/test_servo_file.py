@@ -22,7 +22,7 @@ def record(servos, at="2026-03-01T10:00:00+00:00", load=None):
     return ServoRecord(at=at, volts=12.1, servos=servos, load=load)
 
 
-def test_what_is_saved_is_read_again(path):
+def test_a_saved_file_reads_back_the_same(path):
     file = servo_file.save(path, record({"elbow_flex": ELBOW, "wrist_flex": WRIST}, load=LOAD))
     assert file.name == "arm.servos.json"
     found = servo_file.read(path)
@@ -61,7 +61,7 @@ def test_with_nothing_to_go_back_to_that_is_said(path):
      '{"volts": 12, "servos": {"elbow_flex": {"torque": 1, "friction": true, "dead_time": 1}}}',
      '{"volts": 12, "servos": {}, "load": {"mass_kg": 1}}'],
 )  # fmt: skip
-def test_what_cannot_be_true_is_refused(path, text):
+def test_impossible_values_are_refused(path, text):
     servo_file.servos_path(path).write_text(text)
     with pytest.raises(CalibrationError):
         servo_file.read(path)

@@ -134,7 +134,7 @@ def test_without_a_place_for_second_copies_saving_goes_on_and_says_so(file, data
     assert json.loads(file.with_name("arm.json.bak").read_text()) == {"gripper": JAW.to_json()}
 
 
-def test_what_a_killed_writer_left_is_swept_away(file):
+def test_leftovers_of_a_killed_writer_are_removed(file):
     put(file.with_name(".arm.json.999-1.tmp"), "half a fi")
     store.save(file, {"gripper": JAW})
 
@@ -323,7 +323,7 @@ def test_relative_paths_lie_in_the_module_s_data_directory(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("path", ["a\0b", "~nobody-of-this-name/arm.json"])
-def test_what_cannot_be_a_path_is_refused(path):
+def test_an_invalid_path_is_refused(path):
     with pytest.raises(CalibrationError, match="cannot be a path"):
         store.resolve(path)
 

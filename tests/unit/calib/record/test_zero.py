@@ -113,7 +113,7 @@ def test_the_model_stays_inside_its_stops():
         assert model.upper[i] <= STOPS[joint][1] + 1e-4
 
 
-def test_travels_are_told_in_ticks():
+def test_travels_are_reported_in_ticks():
     assert zero.expected_travel("elbow_flex") == pytest.approx(193.2 * TICKS_PER_DEG)
 
 
@@ -142,7 +142,7 @@ def test_the_published_zero_is_40_mm_off_at_the_jaws_and_that_is_said(model):
     assert (together.by, together.jaws_mm) == ("middle", 0.0)
 
 
-def test_zeros_that_are_known_are_told_with_their_source(model):
+def test_zeros_that_are_known_are_reported_with_their_source(model):
     zeros = {
         joint: zero.by_stops(joint, recorded(joint)[0]) or Zero(by="pose", angle=ROLL_UPRIGHT)
         for joint in ARM_JOINTS

@@ -19,7 +19,7 @@ def file(tmp_path):
     return tmp_path / "arm.zero.json"
 
 
-def test_what_is_written_is_read_back(file):
+def test_a_written_file_reads_back_the_same(file):
     file.write_bytes(zero_file.text((BOTH, ZEROS)))
     zeros, notes = zero_file.read(file, BOTH)
 

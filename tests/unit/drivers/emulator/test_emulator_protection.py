@@ -74,7 +74,7 @@ def test_overload_threshold_time_and_hold_are_registers(stalled):
     assert stalled.read(6, reg.PRESENT_LOAD) == -50
 
 
-def test_unmasked_overload_is_told_but_not_acted_upon(stalled):
+def test_unmasked_overload_is_reported_but_not_acted_upon(stalled):
     stalled.write(6, reg.UNLOADING, 0)
     stalled.write(6, reg.PROTECTION_CURRENT, 0)  # no limit
     stalled.advance(2.0)
@@ -121,7 +121,7 @@ def test_hot_servo_lets_go_until_five_degrees_cooler(make_bench, raised_arm):
     assert bench.world.q[1] == pytest.approx(sagged, abs=0.15)  # holds there, does not jump back
 
 
-def test_voltage_is_told_but_not_acted_upon_by_default(bench):
+def test_voltage_is_reported_but_not_acted_upon_by_default(bench):
     bench.write(1, reg.TORQUE_ENABLE, 1)
     bench.world.power(14.6)
     bench.advance(0.04)

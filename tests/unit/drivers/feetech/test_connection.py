@@ -49,7 +49,7 @@ def test_tries_come_further_and_further_apart(clock, socket, connection):
     assert (FIRST_WAIT, LONGEST_WAIT) == (0.25, 5.0)
 
 
-def test_between_two_tries_the_reason_of_the_last_one_is_told(clock, socket, connection):
+def test_between_two_tries_the_reason_of_the_last_one_is_reported(clock, socket, connection):
     socket.plugged = False
     for _ in range(2):
         with pytest.raises(PortUnavailable, match="failure 1"):

@@ -135,7 +135,7 @@ def test_a_servo_that_was_only_unheard_goes_on_holding(stand):
     assert stand.torque() == [1] * 6
 
 
-def test_a_brown_out_is_told_as_one_and_the_arm_comes_back(stand):
+def test_a_brown_out_is_reported_as_one_and_the_arm_comes_back(stand):
     stand.hold()
     stand.port.world.power(3.0)
     raised = stand.look(1.0)

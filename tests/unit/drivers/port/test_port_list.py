@@ -180,11 +180,11 @@ def test_ports_of_the_user_come_first_under_his_names_and_once(machine):
 # Why a port cannot be used
 
 
-def test_a_missing_port_is_told(machine):
+def test_a_missing_port_is_reported(machine):
     assert "no such port; check the USB cable" in port_problem(str(machine.folder / "ttyACM0"))
 
 
-def test_a_port_somebody_has_open_is_told_without_opening_it(machine):
+def test_a_port_somebody_has_open_is_reported_without_opening_it(machine):
     device = machine.plug("ttyACM0", **KIT)
     assert port_problem(device) is None
     with open(device):
@@ -194,7 +194,7 @@ def test_a_port_somebody_has_open_is_told_without_opening_it(machine):
 
 
 @pytest.mark.skipif(getpass.getuser() == "root", reason="root may everything")
-def test_a_forbidden_port_is_told(machine):
+def test_a_forbidden_port_is_reported(machine):
     device = machine.plug("ttyACM0", **KIT)
     os.chmod(device, 0)
     assert "not allowed" in port_problem(device)

@@ -63,7 +63,7 @@ def distance(chain, tool_path, curve):
 
 
 @pytest.mark.parametrize("stiffnesses", [SMOOTHED, EXACT], ids=["smooth", "true"])
-def test_the_tool_keeps_to_its_way_all_along_the_curve(
+def test_the_tool_keeps_to_its_path_all_along_the_curve(
     model, chain, fitter, tool_path, stiffnesses
 ):
     s = np.linspace(0.0, tool_path.length, 9)

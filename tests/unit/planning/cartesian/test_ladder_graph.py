@@ -42,7 +42,7 @@ def test_the_best_sequence_is_the_cheapest_of_all(seed):
     assert np.array_equal(made.sequence(rows), [c[row] for c, row in zip(q, rows, strict=True)])
 
 
-def test_what_is_forbidden_is_gone_round():
+def test_forbidden_steps_are_avoided():
     made, q, price = ladder(np.random.default_rng(1))
     first = made.best()
     made.forbid(2, first[2])

@@ -36,7 +36,7 @@ def test_a_turn_on_the_spot_counts_as_long_as_its_lever(angle):
     assert end == pytest.approx(T0.R @ rot_z(angle), abs=1e-9)
 
 
-def test_without_blending_the_way_rests_at_every_corner():
+def test_without_blending_the_path_rests_at_every_corner():
     tool_path = path_through(T0, SEGMENTS, 0.0)
     assert len(tool_path.rests) == 2
     assert tool_path.places(np.array(tool_path.rests)) == pytest.approx(np.array([T1.p, T2.p]))

@@ -21,7 +21,7 @@ def some_way(facing):
     return np.array([[*q, 0.0], [*to, 0.0], [*q, 0.0], [*q, 1.0]])
 
 
-def test_ways_are_cut_evenly_and_keep_their_ends():
+def test_paths_are_cut_evenly_and_keep_their_ends():
     facing = Facing(2)
     q = some_way(facing)
     cut = evenly(facing.bodies, q)

@@ -258,7 +258,7 @@ def test_what_an_arm_holds_counts():
     assert met.first == "stick"
 
 
-def test_a_stop_stays_on_the_way_and_ends_at_rest():
+def test_a_stop_stays_on_the_path_and_ends_at_rest():
     facing = Facing(2)
     course, _ = random_courses(facing)
     stop = stopping(course, 0.3)

@@ -108,7 +108,7 @@ def test_the_distance_to_a_shape_is_the_one_it_was_placed_at(model, name, distan
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_shape_inside_the_arm_is_told_as_a_depth(model, name):
+def test_a_shape_inside_the_arm_is_reported_as_a_depth(model, name):
     shape, reach = SHAPES[name]
     obstacle, link = beside(model, READY, shape, reach, -0.002, np.array([1.0, 0.1, 0.2]))
     collision = CollisionModel(model, Scene(obstacles=(obstacle,), floor_z=None))

@@ -99,7 +99,7 @@ def test_free_means_that_the_closest_pair_keeps_the_margin(model):
                 assert collision.is_free(q) == (room > 0.0)
 
 
-def test_clearance_is_told_in_words(collision):
+def test_clearance_is_reported_in_words(collision):
     into = collision.clearance(BELOW).message()
     assert into.startswith("the jaw would be ")
     assert into.endswith(" mm into the floor")
@@ -206,7 +206,7 @@ def test_a_look_may_ask_for_more_than_the_margin(model, collision):
             assert collision.sampled_check(spacing=0.02, extra=0.01).is_free(q) == (room > 0.01)
 
 
-def test_with_leeway_a_motion_may_come_a_little_nearer(collision):
+def test_with_a_tolerance_a_motion_may_come_a_little_nearer(collision):
     def along_the_floor(distance):
         """A turn of the pan at a height over the table."""
         q = configuration(0, -20, 20, 60, 0)

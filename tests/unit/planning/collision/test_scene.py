@@ -83,7 +83,7 @@ def held(name="pen", **settings):
         ),
     ],
 )
-def test_what_cannot_be_meant_is_refused_in_a_sentence(make, says):
+def test_invalid_input_is_refused_in_a_sentence(make, says):
     with pytest.raises(ConfigError, match=says):
         make()
 

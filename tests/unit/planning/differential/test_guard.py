@@ -47,7 +47,7 @@ def test_a_target_in_the_table_is_drawn_back_to_above_it_and_the_rest_is_kept(gu
     assert not guard.admits(way(q, wanted - q))
 
 
-def test_a_short_way_may_go_nearer_than_a_long_one(guard, collision):
+def test_a_short_step_may_go_nearer_than_a_long_one(guard, collision):
     q = LOW.copy()
     while collision.distances(q, 0.3).min() > collision.margin + 0.005:
         q += 0.1 * DOWN
@@ -59,7 +59,7 @@ def test_a_short_way_may_go_nearer_than_a_long_one(guard, collision):
     assert not guard.admits(way(q, fast + 0.05 * DOWN))
 
 
-def test_a_long_way_keeps_clearer_for_servos_that_are_driven_ahead_of_it(guard, collision):
+def test_a_long_step_keeps_clearer_for_servos_that_are_driven_ahead_of_it(guard, collision):
     q, pan = LOW - 2.0 * DOWN, np.array([0.3, 0.0, 0.0, 0.0, 0.0])
     while collision.distances(q, 0.3).min() < collision.margin + INEXACT + 0.5 * AHEAD:
         q -= 0.1 * DOWN

@@ -63,7 +63,7 @@ def test_bounds_that_no_step_keeps_have_none(library):
 
 
 @pytest.mark.parametrize("many", [MOST, 100])
-def test_the_bounds_with_the_least_room_count_and_are_told_by_number(library, many):
+def test_the_bounds_with_the_least_room_count_and_are_reported_by_number(library, many):
     wide = np.tile([-1.0, 0.0, 0.0, 0.0, 0.0, -5.0, 1.0], (many, 1))
     tight = np.array([[0.0, -1.0, 0.0, 0.0, 0.0, -0.5, 0.0]])
     x, active = nearest(np.ones(5), [wide, tight])

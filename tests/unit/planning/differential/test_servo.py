@@ -118,7 +118,7 @@ def test_standing_still_is_standing_still() -> None:
     assert all(np.array_equal(step.q, READY) and step.share == 1.0 for step in steps)
 
 
-def test_it_comes_to_rest_along_the_way_it_announced() -> None:
+def test_it_comes_to_rest_along_the_path_it_announced() -> None:
     moving = servo()
     before = run(moving, twist(0.1, 0.1, -0.05), 40)[-2].q
     path = moving.path_to_rest()

@@ -122,7 +122,7 @@ def test_straight_down_every_turn_about_the_approach_has_a_solution(model, ik, y
         assert_inside(model, goal, ik.solve(goal, HOME).q)
 
 
-def test_a_wide_leeway_is_free_and_a_narrow_one_is_kept_small(model, ik):
+def test_a_wide_tolerance_is_free_and_a_narrow_one_is_kept_small(model, ik):
     wide = ik.solve(down_goal(0.18, 0.0, 1.0, ANY_TURN), HOME)
     assert wide.q[4] == pytest.approx(HOME[4], abs=0.4)  # the roll hardly moves
     narrow = down_goal(0.18, 0.0, 1.0, PoseCloud(theta=0.1))

@@ -54,7 +54,7 @@ def test_a_path_around_a_post_is_proven_by_coal_and_the_same_at_any_width(model,
     assert length(found[0]) < 1.5 * length(by_coal)
 
 
-def test_of_several_goals_the_one_that_is_reached_is_told(model):
+def test_of_several_goals_the_one_that_is_reached_is_reported(model):
     finder = PathFinder(model, CollisionModel(model, POST))
     goals = [RIGHT, RIGHT + 0.1]
     found = finder.find(LEFT, goals, 10.0)

@@ -63,7 +63,7 @@ def test_a_free_straight_line_is_taken(model, collision):
     assert found.goal == 0
 
 
-def test_a_way_around_is_found_where_the_line_is_blocked(model, collision):
+def test_a_path_around_is_found_where_the_line_is_blocked(model, collision):
     start, goal = OVER_THE_TABLE
     finder = PathFinder(model, collision)
     assert not finder.is_free_line(start, goal)

@@ -37,7 +37,7 @@ def search(checker, goals, seed=0):
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_the_way_found_is_free_and_leads_from_the_start_to_a_goal(seed):
+def test_the_path_found_is_free_and_leads_from_the_start_to_a_goal(seed):
     goals = [RIGHT, RIGHT + np.array([0.0, -0.5, 0.3, 0.0, 0.0])]
     points, index = search(GATE, goals, seed).run(Deadline(10.0))
     assert np.array_equal(points[0], LEFT)
@@ -49,7 +49,7 @@ def test_the_way_found_is_free_and_leads_from_the_start_to_a_goal(seed):
         assert np.all((SPACE.lower <= b) & (b <= SPACE.upper))
 
 
-def test_the_same_seed_finds_the_same_way():
+def test_the_same_seed_finds_the_same_path():
     first, second = (search(GATE, [RIGHT], seed=4).run(Deadline(10.0))[0] for _ in range(2))
     assert np.array_equal(first, second)
     other = search(GATE, [RIGHT], seed=5).run(Deadline(10.0))[0]
@@ -69,7 +69,7 @@ def test_the_tree_that_is_behind_grows_first():
     assert tried.from_start.grown <= tried.from_goals.grown + 1
 
 
-def test_a_tree_knows_its_nearest_node_and_the_way_back():
+def test_a_tree_knows_its_nearest_node_and_the_path_back():
     rng = np.random.default_rng(0)
     tree = Tree([LEFT, RIGHT], SPACE, rng)
     for _ in range(400):
@@ -88,7 +88,7 @@ def test_a_tree_knows_its_nearest_node_and_the_way_back():
     assert tree.root(last) in (0, 1)
 
 
-def test_following_stops_where_the_way_is_blocked():
+def test_following_stops_where_the_path_is_blocked():
     tree = Tree([LEFT], SPACE, np.random.default_rng(0))
     wall = Rooms(lambda q: q[0] > 0.3)
     assert tree.follow(wall, RIGHT) is None

@@ -88,7 +88,7 @@ def test_the_averaged_motion_starts_and_ends_at_rest_where_the_motion_did() -> N
     assert not trajectory.qdd[[0, -1]].any()
 
 
-def test_twice_as_slow_is_the_same_way_with_half_the_speed() -> None:
+def test_twice_as_slow_is_the_same_path_at_half_the_speed() -> None:
     curve = there()
     once, twice = (sampled(curve, window(curve), stretch, 0.01) for stretch in (1.0, 2.0))
     assert twice.duration == pytest.approx(2.0 * once.duration)

@@ -72,7 +72,7 @@ def test_any_number_of_joints_can_move(n: int) -> None:
     assert online.stop(np.zeros(n), moving, 0 * moving, limits, DT).n == n
 
 
-def test_no_way_to_go_is_one_sample_at_the_goal() -> None:
+def test_a_path_of_no_length_is_one_sample_at_the_goal() -> None:
     for start in (GOAL, GOAL + 1e-12):
         trajectory = online.point_to_point(start, GOAL, LIMITS, DT)
         assert len(trajectory) == 1
@@ -81,7 +81,7 @@ def test_no_way_to_go_is_one_sample_at_the_goal() -> None:
 
 
 @pytest.mark.parametrize("step", [1e-8, 1e-6, 1e-4])
-def test_a_tiny_way_is_short_and_within_limits(step: float) -> None:
+def test_a_tiny_path_is_short_and_within_limits(step: float) -> None:
     trajectory = online.point_to_point(GOAL, GOAL + step, LIMITS, 1e-3)
     assert np.array_equal(trajectory.q[-1], GOAL + step)
     assert 0.0 < trajectory.duration < 0.1

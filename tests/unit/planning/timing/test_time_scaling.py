@@ -47,7 +47,7 @@ def test_near_the_end_the_motion_is_played_out() -> None:
     assert stopped.duration == pytest.approx(0.05)
 
 
-def test_no_way_is_found_where_the_limits_are_below_the_motion() -> None:
+def test_no_scaling_is_found_where_the_limits_are_below_the_motion() -> None:
     t = np.arange(301)[:, None] * 0.01
     weaving = Trajectory(
         dt=0.01, q=np.sin(5 * t), qd=5 * np.cos(5 * t), qdd=-25 * np.sin(5 * t), duration=3.0

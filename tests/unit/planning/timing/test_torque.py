@@ -150,7 +150,7 @@ def test_an_arm_that_hangs_in_a_posture_too_heavy_for_it_is_not_sent_to_another(
         PLANNER.plan(request(goal, 0.25, q_start=STRETCHED))
 
 
-def test_a_way_through_a_reach_that_is_too_heavy_is_refused() -> None:
+def test_a_path_through_a_reach_that_is_too_heavy_is_refused() -> None:
     over = np.radians([0.0, 95.0, -60.0, 60.0, 0.0])
     beyond = [np.radians([0.0, 40.0, -85.0, 0.0, 0.0]), STRETCHED, over]
     with pytest.raises(Overloaded, match="on the way"):
@@ -224,7 +224,7 @@ def test_rows_bound_the_torque_along_a_path(corners: int) -> None:
 
 
 @pytest.mark.parametrize("k", [1.0, 1.3, 4.0])
-def test_slowed_is_the_same_way_more_slowly(k: float) -> None:
+def test_slowed_is_the_same_path_more_slowly(k: float) -> None:
     quick = point_to_point(FOLDED, STRETCHED, LIMITS, 0.01)
     slow = slowed(quick, k)
     assert slow.duration >= k * quick.duration

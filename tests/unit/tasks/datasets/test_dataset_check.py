@@ -32,7 +32,7 @@ def test_nothing_is_found_in_a_clean_recording(tmp_path, version):
     assert max(report.differences.rms_deg.values()) < 0.01
 
 
-def test_droop_is_told_by_joint(tmp_path):
+def test_droop_is_reported_by_joint(tmp_path):
     action = swing()
     state = late(action)
     state[:, 1] -= 3.0
@@ -58,7 +58,7 @@ def test_a_jump_by_a_whole_turn_says_so(tmp_path):
     assert "about a whole turn" in jump.sentence
 
 
-def test_speed_is_told_from_a_jump(tmp_path):
+def test_speed_is_distinguished_from_a_jump(tmp_path):
     action = swing()
     action[30:40, 0] += np.linspace(0, 63, 10)  # 7 deg a frame, 210 deg/s
     action[40:, 0] += 63

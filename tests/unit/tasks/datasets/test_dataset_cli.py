@@ -55,7 +55,7 @@ def test_the_speed_from_which_on_something_is_said_can_be_chosen(tmp_path):
     assert "deg/s" in result.stdout
 
 
-def test_a_recording_in_which_nothing_is_a_number_is_told_as_such(tmp_path):
+def test_a_recording_in_which_nothing_is_a_number_is_reported_as_such(tmp_path):
     root = write_data_set(tmp_path / "set", [np.full((30, 6), np.nan)])
     result = run("check", root)
     assert result.exit_code == 6

@@ -61,7 +61,7 @@ def set_of(tmp_path, *episodes, **how):
     return open_data_set(write_data_set(tmp_path / "set", list(episodes), **how))
 
 
-def test_an_episode_is_gone_in_its_own_time_and_the_deviation_is_told(tmp_path, clock, rig):
+def test_an_episode_is_replayed_in_its_own_time_and_the_deviation_is_reported(tmp_path, clock, rig):
     data_set = set_of(tmp_path, swing(), swing(60, phase=1.0))
     replay = plan_episode(rig, data_set, 1, units=MODEL)
     assert replay.duration == pytest.approx(59 / 30)
@@ -109,7 +109,7 @@ def test_where_the_joints_were_can_be_replayed_and_from_later_on(tmp_path, rig):
     assert replay.duration == pytest.approx(59 / 30)
 
 
-def test_what_is_beyond_the_range_waits_at_the_limit_and_is_told(tmp_path, rig):
+def test_what_is_beyond_the_range_waits_at_the_limit_and_is_reported(tmp_path, rig):
     action = swing()
     action[50:60, 1] = -104.0
     replay = plan_episode(rig, set_of(tmp_path, action), 0, units=MODEL)

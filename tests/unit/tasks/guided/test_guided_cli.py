@@ -29,7 +29,7 @@ def file(tmp_path):
     return tmp_path / "wave.json"
 
 
-def test_a_path_is_gone_and_told(file):
+def test_a_path_is_replayed_and_reported(file):
     fast = ("--speed", 150, "--acceleration", 400)
     result = run("replay", "--sim", file, *fast, "--times", 2, "--yes", "--json")
     assert result.exit_code == 0, result.output
@@ -86,7 +86,7 @@ def test_ctrl_c_loses_nothing(tmp_path):
         (("replay", "--sim", "FILE", "--speed", "900", "--yes"), 2, "180"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_with_a_sentence(file, arguments, code, says):
+def test_invalid_input_is_refused_with_a_sentence(file, arguments, code, says):
     result = run(*(file if word == "FILE" else word for word in arguments))
     assert result.exit_code == code
     assert says in result.output

@@ -21,7 +21,7 @@ def changed(file, **changes):
     file.write_text(json.dumps({key: value for key, value in content.items() if value is not None}))
 
 
-def test_what_was_written_is_read_again(tmp_path):
+def test_a_written_file_reads_back_the_same(tmp_path):
     file = files.file_of(tmp_path / "paths", "wave")
     files.write(WAVE, file)
     read = files.read(file)
@@ -76,7 +76,7 @@ def test_a_name_that_is_not_there_is_answered_with_those_that_are(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["", "../wave", "a/b", ".hidden", 3, None, "x" * 90])
-def test_what_cannot_be_a_name_is_refused(tmp_path, name):
+def test_an_invalid_name_is_refused(tmp_path, name):
     with pytest.raises(ConfigError, match="letters, digits"):
         files.file_of(tmp_path, name)
 
@@ -104,7 +104,7 @@ def test_a_file_that_cannot_be_meant_says_what_is_wrong(tmp_path, changes, says)
         files.read(file)
 
 
-def test_what_is_no_json_and_where_nothing_can_be_written_is_told(tmp_path):
+def test_what_is_no_json_and_where_nothing_can_be_written_is_reported(tmp_path):
     (tmp_path / "wave.json").write_text("{")
     with pytest.raises(ConfigError, match="is not JSON"):
         files.read(tmp_path / "wave.json")

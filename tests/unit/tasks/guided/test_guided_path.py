@@ -66,6 +66,6 @@ def test_points_are_found_in_their_order_on_a_path_that_crosses_itself():
         {"t": [0.0], "q": np.zeros((1, 5)), "aperture": [0.5, 0.5]},
     ],
 )
-def test_what_is_no_path_is_refused(values):
+def test_an_invalid_path_is_refused(values):
     with pytest.raises(ValueError, match=r"path|postures|shape|aperture"):
         GuidedPath(**values)

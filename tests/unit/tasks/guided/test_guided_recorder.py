@@ -21,7 +21,7 @@ def recorded(guest, gripper=None):
     return PathRecorder(guest.rig.executor, gripper)
 
 
-def test_the_way_of_the_hand_is_taken_down_with_its_time(guided):
+def test_the_path_of_the_hand_is_recorded_with_its_time(guided):
     recorder = recorded(guided)
     guided.lead(*CORNERS)
     path = recorder.end()

@@ -55,7 +55,7 @@ def off_path(path, q_deg):
 
 
 @pytest.mark.parametrize("tolerance_deg", [0.5, 2.0, 6.0])
-def test_what_was_shown_is_gone_within_the_tolerance_and_the_caps(guest, tolerance_deg):
+def test_a_taught_path_is_replayed_within_the_tolerance_and_the_caps(guest, tolerance_deg):
     path = path_through(HERE, *LOOP, seconds=0.5)
     replay = plan_replay(guest.rig.arm, path, tolerance=np.radians(tolerance_deg))
     assert len(replay.legs) == 1
@@ -88,7 +88,7 @@ def test_it_goes_as_fast_as_it_is_told_to(guest):
     assert max(np.abs(plan.trajectory.qd).max() for plan in replay.plans) <= 0.2 * 1.001
 
 
-def test_a_recording_is_gone_again_from_anywhere(guest):
+def test_a_recording_is_replayed_from_anywhere(guest):
     rig = guest.rig
     rig.arm.set_manual(True)
     guest.lead(HERE)
@@ -207,7 +207,7 @@ def test_an_arm_that_was_moved_since_does_not_jump(guest):
         guest.finish(motion)
 
 
-def test_what_has_come_into_the_way_since_is_refused_before_anything_moves(guest):
+def test_an_obstacle_on_the_path_is_refused_before_anything_moves(guest):
     box = Obstacle(
         name="box", shape=Box(size=(0.1, 0.1, 0.5)), T_base_obstacle=SE3.from_translation(
             guest.rig.arm.model.frame(np.radians(LOOP[0])).p

@@ -126,7 +126,7 @@ def test_a_program_is_written_and_read_again(tmp_path):
         ([{"left": {"q_deg": [0, 0, 0, 0, 0], "pass": True}}], "cannot be passed"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_with_its_place(tmp_path, steps, said):
+def test_invalid_input_is_refused_with_its_place(tmp_path, steps, said):
     path = tmp_path / "wave.json"
     path.write_text(json.dumps({"schema": "so101/cell-program/1", "steps": steps}))
     with pytest.raises(ConfigError, match=said):

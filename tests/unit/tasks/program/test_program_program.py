@@ -48,7 +48,7 @@ def test_moving_a_waypoint_keeps_the_order_of_the_others_and_can_be_undone(
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=12))
-def test_every_waypoint_is_on_one_way_and_a_way_ends_where_the_arm_stops(
+def test_every_waypoint_is_on_one_leg_and_a_leg_ends_where_the_arm_stops(
     passes: list[bool],
 ) -> None:
     made = Program(
@@ -87,7 +87,7 @@ def order(made: Program, most: int | None = None) -> str:
         (looped("abcd", (1, 2, 2), passed="abc"), "abc,bc,d"),  # it turns back, so it stops
     ],
 )
-def test_loops_are_gone_through_where_they_stand(made: Program, goes: str) -> None:
+def test_loops_run_where_they_stand(made: Program, goes: str) -> None:
     assert order(made) == goes
     again = made.with_rounds(2)
     assert order(again) == f"{goes},{goes}"
@@ -105,7 +105,7 @@ LOOPS = st.lists(
 
 
 @given(LOOPS, PLACES, PLACES, st.lists(st.sampled_from([None, 0.0, 1.0]), min_size=7, max_size=7))
-def test_loops_survive_every_edit_and_two_times_show_every_way_with_every_jaw(
+def test_loops_survive_every_edit_and_two_rounds_show_every_leg_with_every_jaw(
     loops: list[tuple[int, int, int]], index: int, to: int, apertures: list[float | None]
 ) -> None:
     try:
@@ -147,6 +147,6 @@ def test_loops_survive_every_edit_and_two_times_show_every_way_with_every_jaw(
         (lambda: looped("abc", (0, 2, 2), (0, 1, 2), (0, 0, 2)), "in more than 2 loops"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(make: object, reason: str) -> None:
+def test_invalid_input_is_refused(make: object, reason: str) -> None:
     with pytest.raises(ConfigError, match=reason):
         make()  # type: ignore[operator]

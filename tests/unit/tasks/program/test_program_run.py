@@ -121,7 +121,7 @@ def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: PausesKn
     assert made.duration == pytest.approx(first.duration + second.duration + 2.0)
 
 
-def test_a_waypoint_that_cannot_be_gone_to_is_named_before_anything_moves(rig: Rig) -> None:
+def test_a_waypoint_that_cannot_be_reached_is_named_before_anything_moves(rig: Rig) -> None:
     made = program(at(A), at(INTO_THE_TABLE, "low"))
     with pytest.raises(InCollision, match=r"^waypoint 2 \(low\): "):
         rehearse(rig.arm, rig.gripper, made)
@@ -352,7 +352,7 @@ def test_passing_where_the_arm_stands_is_no_motion(rig: Rig) -> None:
     np.testing.assert_allclose(leg.at, [0.0, leg.plan.duration, leg.plan.duration], atol=0.02)
 
 
-def test_a_passed_waypoint_behind_something_is_gone_to_around_it(
+def test_a_passed_waypoint_behind_something_is_reached_around_it(
     rig: Rig, clock: PausesKnown
 ) -> None:
     aside = np.radians([50.0, 0.0, 0.0, 0.0, 0.0])
@@ -370,7 +370,7 @@ def test_a_passed_waypoint_behind_something_is_gone_to_around_it(
     assert near <= PASSING
 
 
-def test_a_passed_waypoint_that_cannot_be_gone_to_is_named(rig: Rig) -> None:
+def test_a_passed_waypoint_that_cannot_be_reached_is_named(rig: Rig) -> None:
     with pytest.raises(InCollision, match=r"^waypoint 2 \(1\): "):
         rehearse(rig.arm, rig.gripper, program(*passing(A, INTO_THE_TABLE, B)))
 

@@ -78,7 +78,7 @@ def test_a_waypoint_in_something_new_is_named_with_what_it_is(tmp_path):
     assert "'box'" in failed["waypoint 3 (right)"]
 
 
-def test_a_way_that_servos_cannot_bear_is_told_though_its_ends_are_free(tmp_path):
+def test_a_path_too_heavy_for_the_servos_is_reported_though_its_ends_are_free(tmp_path):
     _, failed = checked(tmp_path / "out", PROGRAM, payload=1.5)
     assert list(failed) == ["the path to waypoint 1 (left)", "the way to waypoint 3 (right)"]
     assert "waypoint 1 (left): " in failed["the path to waypoint 1 (left)"]
@@ -123,7 +123,7 @@ def test_calibrations_that_count_in_different_directions_are_refused():
         since(calibrated(), calibrated(joints={"shoulder_pan": pan}))
 
 
-def test_a_program_beyond_the_travel_of_another_calibration_is_told(tmp_path):
+def test_a_program_beyond_the_travel_of_another_calibration_is_reported(tmp_path):
     narrow = JointCalibration(id=1, homing_offset=0, range_min=1748, range_max=2348)
     reading = since(calibrated(), calibrated(joints={"shoulder_pan": narrow}))
     _, failed = checked(tmp_path / "out", PROGRAM, reading=reading)

@@ -146,7 +146,7 @@ def killed(folder, how):
 
 
 @pytest.mark.slow
-def test_a_run_that_is_killed_twice_at_random_instants_is_gone_on_with(tmp_path):
+def test_a_run_that_is_killed_twice_at_random_instants_resumes(tmp_path):
     """``benchmarks/bench_kills.py`` does it fifty times, with workers and with Dask."""
     sha256, kept = killed(tmp_path / "out", "2")
     assert sha256 == run_sweep(ToySweep(shards=40), tmp_path / "whole").sha256
@@ -165,7 +165,7 @@ def test_a_pool_is_replaced_though_one_of_its_processes_does_not_end(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_run_that_is_killed_at_any_step_is_gone_on_with(tmp_path):
+def test_a_run_that_is_killed_at_any_step_resumes(tmp_path):
     """Killed with -9 before each of its steps in the file system."""
     (tmp_path / "runs").mkdir()
     sums = killed(tmp_path / "runs", "steps")

@@ -217,7 +217,7 @@ def test_a_pose_that_cannot_be_meant_is_named(changed, key):
 
 
 @pytest.mark.parametrize("closed", [True, False])
-def test_the_cheapest_way_is_the_cheapest_of_all(closed):
+def test_the_cheapest_path_is_the_cheapest_of_all(closed):
     random = np.random.default_rng(1)
     counts = (3, 4, 2, 3)
     shapes = [(counts[k], counts[(k + 1) % 4]) for k in range(4 if closed else 3)]

@@ -45,7 +45,7 @@ def poses(atlas):
             yield p, np.array([row[f"q{joint}"] for joint in range(5)], dtype=float), row
 
 
-def test_the_best_pose_is_at_its_point_with_the_clearance_that_is_told(atlas, model):
+def test_the_best_pose_is_at_its_point_with_the_clearance_that_is_reported(atlas, model):
     collision = CollisionModel(model)
     assert len(list(poses(atlas))) > 100
     for p, q, row in poses(atlas):
@@ -117,6 +117,6 @@ def test_an_atlas_that_is_not_complete_is_refused(tmp_path):
     "wrong",
     [{"spacing": 0.0}, {"spacing": math.nan}, {"approach": (0.0, 0.0, 0.0)}, {"rolls": ()}],
 )
-def test_what_cannot_be_meant_is_refused(wrong):
+def test_invalid_input_is_refused(wrong):
     with pytest.raises(ConfigError):
         ReachSweep(**{"spacing": 0.05, **wrong})

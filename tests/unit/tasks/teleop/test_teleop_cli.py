@@ -29,7 +29,7 @@ def test_two_simulated_arms_show_how_it_goes(tmp_path):
     assert "mirroring" in result.stderr
 
 
-def test_who_has_no_hand_on_the_leader_does_not_let_go_of_it():
+def test_without_a_hand_on_the_leader_it_stays_held():
     result = run("--leader", "sim", "--follower", "sim", input="n\n")
     assert result.exit_code == 7
     assert "limp" in result.output
@@ -54,13 +54,13 @@ def test_an_end_that_nobody_asked_for_is_said_and_no_success(capsys):
         (("--leader", "sim", "--follower", "sim", "--yes", "--record", "a.xlsx"), ".csv or .mcap"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_with_a_sentence(arguments, says):
+def test_invalid_input_is_refused_with_a_sentence(arguments, says):
     result = run(*arguments)
     assert result.exit_code == 2
     assert says in result.output
 
 
-def test_a_port_that_is_not_there_is_told(tmp_path):
+def test_a_port_that_is_not_there_is_reported(tmp_path):
     result = run("--leader", tmp_path / "no-port", "--follower", "sim", "--yes")
     assert result.exit_code == 3
     assert "no such port" in result.output

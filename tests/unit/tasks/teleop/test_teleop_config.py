@@ -79,7 +79,7 @@ def test_the_approach_is_never_faster_than_the_rest():
         ({"collision_gard": True}, 'did you mean "collision_guard"'),
     ],
 )
-def test_what_cannot_be_meant_is_refused_by_name(attributes, says):
+def test_invalid_input_is_refused_by_name(attributes, says):
     with pytest.raises(ConfigError, match=says):
         config(**attributes)
 

@@ -82,7 +82,7 @@ def test_the_gap_is_that_of_the_joint_furthest_off():
     assert gate.gap == ("elbow_flex", pytest.approx(3.0 * GATE))
 
 
-def test_who_was_held_back_far_from_the_leader_comes_slowly():
+def test_a_follower_held_back_far_from_the_leader_comes_slowly():
     gate = gate_in(Phase.MIRRORING)
     gate.lets_go(FAR)
     gate.hold_back()
@@ -91,7 +91,7 @@ def test_who_was_held_back_far_from_the_leader_comes_slowly():
     assert gate.phase is Phase.APPROACHING
 
 
-def test_who_was_held_back_near_the_leader_goes_on():
+def test_a_follower_held_back_near_the_leader_goes_on():
     gate = gate_in(Phase.MIRRORING)
     gate.lets_go(NEAR)
     gate.hold_back()

@@ -89,7 +89,7 @@ def test_a_silent_jaw_does_not_make_the_arm_silent():
     assert predictor.track.t_heard == pytest.approx(t + 0.5)
 
 
-def test_a_leader_that_is_suddenly_elsewhere_is_told_and_taken_as_it_is():
+def test_a_leader_that_is_suddenly_elsewhere_is_reported_and_taken_as_it_is():
     predictor = Predictor()
     t = fed(predictor, lambda t: np.zeros(6), 0.5)
     far = np.array([0.0, 1.1 * JUMP, 0.0, 0.0, 0.0, 0.0])
@@ -108,7 +108,7 @@ def test_a_long_silence_counts_as_being_elsewhere():
     assert predictor.track.jumps == 1
 
 
-def test_who_is_known_to_be_lost_has_not_been_heard():
+def test_a_leader_known_to_be_lost_has_not_been_heard():
     predictor = Predictor()
     predictor.lose()
     t = fed(predictor, lambda t: np.full(6, t), 0.5)

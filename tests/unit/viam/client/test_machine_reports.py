@@ -130,7 +130,7 @@ ways = st.lists(
 
 
 @given(ways, st.floats(0.001, 1.0))
-def test_straight_legs_between_corners_stay_near_the_whole_way(q, off_way):
+def test_straight_legs_between_corners_stay_near_the_whole_path(q, off_way):
     kept = q[corners_of(q, off_way)]
     np.testing.assert_array_equal(kept[[0, -1]], q[[0, -1]])
     for point in q:
@@ -143,7 +143,7 @@ def _off(point, a, b):
     return float(np.max(np.abs(a + u * leg - point))) - 1e-9
 
 
-def test_a_straight_way_has_only_its_ends():
+def test_a_straight_path_has_only_its_ends():
     q = np.linspace(np.zeros(5), np.ones(5), 200)
     assert len(corners_of(q, to_rad(1.0))) == 2
     bent = np.concatenate([q, np.linspace(np.ones(5), [1, 1, 1, 0, 0], 100)])
@@ -175,7 +175,7 @@ def test_an_empty_address_is_refused():
         Access(address=" ")
 
 
-def test_a_connection_is_told_in_words():
+def test_a_connection_is_reported_in_words():
     assert ArmConnection(to="it").words(5.0) == "connected"
     lost = ArmConnection(to="it", problem="nobody listens", lost_at=2.0)
     assert lost.words(5.0) == "lost 3 s ago: nobody listens"

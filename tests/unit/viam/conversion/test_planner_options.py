@@ -71,7 +71,7 @@ def test_a_cloud_replaces_the_metric():
         ({"orientation_tolerance_deg": 400}, "180"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_by_name(extra, says):
+def test_invalid_input_is_refused_by_name(extra, says):
     with pytest.raises(ConfigError, match=says):
         PlannerOptions.of(extra)
 

@@ -119,14 +119,14 @@ def test_what_is_not_known_has_no_key():
     assert ranges({"elbow_flex": UNKNOWN}) == {}
 
 
-def test_errors_and_notes_are_told():
+def test_errors_and_notes_are_reported():
     now = sent(situation(State.ERROR, error="no reply from servo 3", notes=("it is new",)))
 
     assert now["error"] == "no reply from servo 3"
     assert now["notes"] == ["it is new"]
 
 
-def test_the_motor_setup_is_told_with_its_next_step():
+def test_the_motor_setup_is_reported_with_its_next_step():
     setup = SetupView()
     gripper = replace(
         setup.motors["gripper"], state="configured", found_id=6, baud=1_000_000, volts=12.04

@@ -149,7 +149,7 @@ async def test_a_changed_configuration_counts_from_the_next_plan_on(around):
     np.testing.assert_allclose(body.T.p, (-0.1, 0.03, 0), atol=1e-9)
 
 
-async def test_who_moves_is_asked_each_time_and_who_has_no_geometries_is_not(around):
+async def test_moving_components_are_asked_each_time_and_those_without_geometries_never(around):
     board, door = Thing("board"), Thing("door", [a_box(10, 10, 10)])
     reader = around(FakeMachine(ARM, hanging("board"), hanging("door"), things=[board, door]))
     await reader.read()
@@ -222,7 +222,7 @@ async def test_an_arm_whose_frame_is_called_otherwise_is_not_moved_through_thing
         ([hanging("a")], [Thing("a", [a_box(1, 1, 1)] * 1001)], "1001 geometries"),
     ],
 )
-async def test_what_cannot_be_meant_or_known_is_refused_in_a_sentence(
+async def test_invalid_and_unreadable_parts_are_refused_in_a_sentence(
     around, configs, things, says
 ):
     with pytest.raises(SurroundingsUnknown, match=says) as refused:

@@ -84,7 +84,7 @@ async def test_arms_with_a_frame_know_each_other_and_are_no_obstacles_then(bench
     assert left.place is None
 
 
-async def test_an_arm_that_is_ignored_is_not_minded_but_minds(bench):
+async def test_an_ignored_arm_is_not_avoided_but_avoids_others(bench):
     arm, left = bench.add("arm", ignored=("left",)), bench.add("left")
     assert await bench.read(ARM, LEFT) == {}
     assert known(arm) == {}
@@ -126,7 +126,7 @@ async def test_an_arm_that_is_closed_stands_in_the_way_until_the_machine_is_read
     assert known(arm) == {}
 
 
-async def test_who_is_closed_last_leaves_nobody_behind(bench):
+async def test_closing_the_last_arm_empties_the_cell(bench):
     arm, left = bench.add("arm"), bench.add("left")
     await bench.read(ARM, LEFT)
     bench.close("left")

@@ -158,7 +158,7 @@ async def is_unknown(scene):
     return not await is_known(scene)
 
 
-async def test_what_is_in_it_and_cannot_be_meant_is_refused_with_its_name():
+async def test_an_invalid_entry_is_refused_with_its_name():
     async with watched(FakeStore(seen_thing("crate", x=float("nan")))) as scene:
         with pytest.raises(
             SurroundingsUnknown, match='store "seen" has something that is not valid'

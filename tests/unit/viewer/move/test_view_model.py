@@ -18,7 +18,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 
 
-def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_way(
+def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_path(
     page: ViewModel, arm: PretendedArm
 ) -> None:
     screen = page.screen()
@@ -163,7 +163,7 @@ def test_progress_follows_the_clock_from_the_first_movement(
     assert page.screen().progress == pytest.approx(0.5)
 
 
-def test_a_stop_is_told_plainly_and_the_target_can_be_planned_for_again(
+def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(
     page: ViewModel, arm: PretendedArm
 ) -> None:
     planned(page)
@@ -177,7 +177,7 @@ def test_a_stop_is_told_plainly_and_the_target_can_be_planned_for_again(
     assert not screen.can_execute
 
 
-def test_a_failed_plan_is_told_in_its_own_words(page: ViewModel, arm: PretendedArm) -> None:
+def test_a_failed_plan_is_reported_in_its_own_words(page: ViewModel, arm: PretendedArm) -> None:
     arm.failure = NoPath("no way around <the table>; move the target")
     screen = planned(page)
     assert screen.sentence.text == "No way around <the table>; move the target."
@@ -185,7 +185,7 @@ def test_a_failed_plan_is_told_in_its_own_words(page: ViewModel, arm: PretendedA
     assert screen.can_plan
 
 
-def test_a_mistake_inside_is_told_and_does_not_stop_the_page(
+def test_a_mistake_inside_is_reported_and_does_not_stop_the_page(
     page: ViewModel, arm: PretendedArm
 ) -> None:
     arm.failure = ZeroDivisionError("oops")

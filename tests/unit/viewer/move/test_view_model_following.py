@@ -91,7 +91,7 @@ def test_here_is_where_the_arm_is(page: ViewModel, arm: PretendedArm) -> None:
     assert page.screen().sentence.text == "The arm is already there."
 
 
-def test_a_plan_shows_postures_on_its_way_and_where_it_comes_close(page: ViewModel) -> None:
+def test_a_plan_shows_postures_on_its_path_and_where_it_comes_close(page: ViewModel) -> None:
     page.set_target_point(np.array([0.3, 0.0, -0.1]))
     screen = planned(page)
     assert screen.sweep is not None
@@ -144,7 +144,7 @@ def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
     assert not page.refresh()
 
 
-def test_surroundings_that_cannot_be_taken_up_are_told(
+def test_surroundings_that_cannot_be_taken_up_are_reported(
     page: ViewModel, arm: PretendedArm, inputs: PageInputs
 ) -> None:
     inputs.failure = ConfigError("elbow_flex", [1, 1], "leaves no angle")

@@ -43,14 +43,14 @@ def test_pictures_come_one_after_the_other(address: str, path: str) -> None:
 
 
 @pytest.mark.parametrize(("path", "says"), [("/lost", "503"), ("/page", "no picture")])
-def test_what_is_wrong_is_told(address: str, path: str, says: str) -> None:
+def test_what_is_wrong_is_reported(address: str, path: str, says: str) -> None:
     feed = CameraFeed(address + path)
     until(lambda: says in feed.problem)
     assert feed.picture is None
     feed.close()
 
 
-def test_a_device_that_is_no_camera_is_told() -> None:
+def test_a_device_that_is_no_camera_is_reported() -> None:
     feed = CameraFeed("/dev/null", ask=lambda name: pytest.fail(f"{name} is no camera's name"))
     until(lambda: feed.problem == "/dev/null is no camera")
     feed.close()
@@ -64,7 +64,7 @@ def test_nothing_is_fetched_while_nobody_looks(address: str) -> None:
     assert WebCamera.count == before
 
 
-def test_a_machines_camera_is_asked_by_its_name_and_what_it_refuses_is_told() -> None:
+def test_a_machines_camera_is_asked_by_its_name_and_what_it_refuses_is_reported() -> None:
     pictures = [jpeg(1), jpeg(2)]
 
     def ask(name: str) -> bytes:

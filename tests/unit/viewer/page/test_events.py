@@ -37,7 +37,7 @@ def seen() -> Seen:
     return Seen()
 
 
-def test_a_motion_is_told_at_its_begin_and_at_its_end_with_the_place_and_the_time(
+def test_a_motion_is_reported_at_its_begin_and_at_its_end_with_the_place_and_the_time(
     seen: Seen,
 ) -> None:
     assert seen.after(mode=Mode.MOVING, arm_moving=True, t=11.0) == ["The arm moves"]
@@ -52,20 +52,20 @@ def test_a_motion_that_is_braked_is_not_called_an_arrival(seen: Seen) -> None:
     assert told == ["Stopped at (250, -120, 150) mm after 1.0 s"]
 
 
-def test_a_plan_is_told_once_whoever_made_it(seen: Seen) -> None:
+def test_a_plan_is_reported_once_whoever_made_it(seen: Seen) -> None:
     plan = SimpleNamespace(trajectory=SimpleNamespace(duration=2.34))
     seen.arm.newest = (None, plan)
     assert seen.after() == ["Planned a 2.3 s motion"]
     assert seen.after() == []
 
 
-def test_faults_are_told_with_their_reason(seen: Seen) -> None:
+def test_faults_are_reported_with_their_reason(seen: Seen) -> None:
     assert seen.after(mode=Mode.FAULT, fault="no reply from servo 3") == [
         "Fault: no reply from servo 3"
     ]
 
 
-def test_a_lost_source_is_told_once_and_not_as_a_fault_too(seen: Seen) -> None:
+def test_a_lost_source_is_reported_once_and_not_as_a_fault_too(seen: Seen) -> None:
     seen.rig.connection = ArmConnection(to="arm on X", problem="the port went away")
     told = seen.after(mode=Mode.FAULT, fault="the port went away")
     assert told == ["Lost the arm on X: the port went away"]
@@ -76,7 +76,7 @@ def test_a_lost_source_is_told_once_and_not_as_a_fault_too(seen: Seen) -> None:
 @pytest.mark.parametrize(
     ("mode", "words"), [(Mode.LIMP, "The arm is limp"), (Mode.GUIDING, "The arm is guided by hand")]
 )
-def test_modes_are_told_in_words(seen: Seen, mode: Mode, words: str) -> None:
+def test_modes_are_reported_in_words(seen: Seen, mode: Mode, words: str) -> None:
     assert seen.after(mode=mode) == [words]
     assert seen.after(mode=Mode.HOLDING) == ["The arm holds"]
 

@@ -151,7 +151,7 @@ def test_the_jaw_closes_while_it_is_held(hand: Hand) -> None:
 @pytest.mark.parametrize(
     "text", ["", "3", "3 1 0 0", "3 1 0 0 0 0 0 nan", "3 2 0 0 0 0 0 0", "x y", "3 a 0 0 0 0 0 0"]
 )
-def test_what_cannot_be_meant_is_held_by_nobody(text: str) -> None:
+def test_nonsense_from_a_browser_is_ignored(text: str) -> None:
     assert read_held(text) is None
 
 

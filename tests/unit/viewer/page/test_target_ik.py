@@ -122,7 +122,7 @@ def test_a_target_keeps_the_direction_of_the_gripper(
 @pytest.mark.parametrize(
     ("p_base", "tilt_deg"), [((0.2, 0.08, 0.0), -90.0), ((0.36, 0.1, 0.0), -70.0)]
 )
-def test_a_click_on_the_table_is_gone_to_from_above(
+def test_a_click_on_the_table_is_reached_from_above(
     editor: Editor, p_base: tuple[float, ...], tilt_deg: float
 ) -> None:
     editor.set_target_above(np.array(p_base))

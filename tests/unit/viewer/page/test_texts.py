@@ -25,7 +25,7 @@ def test_every_mode_has_words() -> None:
         (ConfigError("speed", 999, "must be less"), '"speed" = 999: must be less.'),
     ],
 )
-def test_an_end_before_the_goal_is_told_in_one_sentence(error: Exception, text: str) -> None:
+def test_an_end_before_the_goal_is_reported_in_one_sentence(error: Exception, text: str) -> None:
     assert texts.ended(error).text == text
 
 
@@ -34,5 +34,5 @@ def test_only_a_stop_on_purpose_is_not_bad_news() -> None:
     assert texts.ended(ConfigError("a", 1, "b")).tone is Tone.BAD
 
 
-def test_the_distance_from_the_target_is_told_in_millimetres() -> None:
+def test_the_distance_from_the_target_is_reported_in_millimetres() -> None:
     assert texts.arrived(0.00012).text.startswith("Arrived, 0.1 mm off")

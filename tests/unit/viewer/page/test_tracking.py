@@ -28,7 +28,7 @@ def state(t: float, q: Array, q_ref: Array, qd_ref: Array, *, moving: bool = Tru
 
 
 @given(lag=st.floats(0.0, 0.2), bias=st.floats(0.0, 0.01))
-def test_an_arm_that_is_late_is_told_by_how_much(lag: float, bias: float) -> None:
+def test_an_arm_that_is_late_is_reported_by_how_much(lag: float, bias: float) -> None:
     tracker = Tracker()
     for t in np.linspace(5.0, 7.0, 41):
         q_ref, qd_ref = np.full(5, np.sin(np.pi * t)), np.full(5, np.pi * np.cos(np.pi * t))

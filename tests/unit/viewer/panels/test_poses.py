@@ -92,7 +92,7 @@ def test_without_a_pose_there_is_nothing_to_use(poses: PoseList) -> None:
             command()
 
 
-def test_a_broken_file_is_told_and_the_page_opens_all_the_same(
+def test_a_broken_file_is_reported_and_the_page_opens_all_the_same(
     tmp_path: Path, page: PretendedPage
 ) -> None:
     (tmp_path / "poses.json").write_text("{")

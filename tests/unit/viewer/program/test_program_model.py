@@ -314,7 +314,7 @@ def test_nothing_runs_without_a_plan(tab: Tab) -> None:
     assert tab.model.screen().run is None
 
 
-def test_a_waypoint_that_cannot_be_gone_to_is_named(tab: Tab) -> None:
+def test_a_waypoint_that_cannot_be_reached_is_named(tab: Tab) -> None:
     tab.record(A, INTO_THE_TABLE)
     tab.model.plan()
     tab.until(lambda: tab.said.startswith("Waypoint 2 (B): "))

@@ -32,7 +32,7 @@ def test_the_first_window_has_control_and_the_others_watch() -> None:
     assert here.control.status(3) == WindowStatus(role=Role.WATCHING, other=1)
 
 
-def test_a_window_alone_is_told_nothing() -> None:
+def test_a_window_alone_gets_no_message() -> None:
     assert room(1).told == []
 
 

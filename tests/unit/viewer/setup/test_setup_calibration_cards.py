@@ -47,7 +47,7 @@ def told(session, former):
     return {hint.joint: (hint.text, hint.tone) for hint in found}
 
 
-def test_a_joint_far_from_the_pose_is_told_by_how_much(session):
+def test_a_joint_far_from_the_pose_is_reported_by_how_much(session):
     arm = LentArm()
     session.start(arm)
     arm.tick(3)
@@ -124,7 +124,7 @@ def test_the_first_calibration_is_new_and_the_same_one_again_is_the_same(session
     assert [line.change for line in again] == ["the same"] * 6
 
 
-def test_ends_that_have_moved_are_told_in_degrees_whatever_the_offset(session, arm, recording):
+def test_ends_that_have_moved_are_reported_in_degrees_whatever_the_offset(session, arm, recording):
     arm.sweep_all()
     session.stop_recording()
     joints = session.view.joints

@@ -20,7 +20,7 @@ def chain(status: str, *, error: str, fix: str, sound: int = 0) -> Verification:
     return Verification(motors=motors, unexpected_ids=(), notes=(), sentence="")
 
 
-def test_one_trouble_of_many_motors_is_told_once() -> None:
+def test_one_trouble_of_many_motors_is_reported_once() -> None:
     hot = chain("wrong_voltage", error="gets 15.5 V", fix=SUPPLY)
     assert cards.troubles(hot) == [("servo 1 gets 15.5 V; the same with 2, 3, 4, 5, 6", SUPPLY)]
     cut = chain("not_responding", error="does not answer", fix=CABLE, sound=1)

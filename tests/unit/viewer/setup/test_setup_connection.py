@@ -35,7 +35,7 @@ def test_before_the_first_look_nothing_is_chosen_and_that_is_said() -> None:
     assert "looking" in model.check.sentence
 
 
-def test_the_only_port_is_taken_even_if_it_cannot_be_used_so_that_its_trouble_is_told() -> None:
+def test_the_only_port_is_taken_even_if_it_cannot_be_used_so_that_its_trouble_is_reported() -> None:
     assert connection(FIRST).chosen is FIRST
     assert connection(BUSY).chosen is BUSY
     assert connection(BUSY).check is None

@@ -43,20 +43,20 @@ def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     assert watch.shown == torque(lost)
 
 
-def test_a_new_bench_is_told_at_once_even_while_its_motors_are_looked_for() -> None:
+def test_a_new_bench_is_shown_at_once_even_while_its_motors_are_looked_for() -> None:
     watch = TorqueWatch(lambda: 0.0)
     assert watch.look(bench(holds=None), is_blind=True)
     assert watch.shown == torque(bench(holds=None))
 
 
-def test_a_bench_that_was_put_away_is_told_at_once() -> None:
+def test_a_removed_bench_is_shown_at_once() -> None:
     watch = TorqueWatch(lambda: 0.0)
     watch.look(bench(), is_blind=False)
     assert watch.look(None, is_blind=False)
     assert watch.shown == torque(None)
 
 
-def test_motors_that_answer_are_told_although_answers_are_lost_again_and_again() -> None:
+def test_motors_that_answer_are_shown_although_answers_are_lost_again_and_again() -> None:
     now = [0.0]
     watch = TorqueWatch(lambda: now[0])
     silent, held, limp = bench(holds=None), bench(holds=True), bench(holds=False)

@@ -188,7 +188,7 @@ def test_one_button_lets_the_arm_follow_a_leader_and_ends_it(bench: Bench) -> No
     bench.until(closing.done, leading.refresh)
 
 
-def test_a_leader_that_cannot_be_opened_is_told(bench: Bench) -> None:
+def test_a_leader_that_cannot_be_opened_is_reported(bench: Bench) -> None:
     def nobody() -> Rig:
         raise BusError("there is no such port")
 

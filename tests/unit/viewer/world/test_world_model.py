@@ -203,7 +203,7 @@ def contacts():
     return OverlapCheck(RobotModel.load())
 
 
-def test_an_obstacle_where_the_arm_stands_is_told(contacts):
+def test_an_obstacle_where_the_arm_stands_is_reported(contacts):
     q = np.zeros(5)
     p = RobotModel.load().frame(q, "gripper_link").p
     pair = contacts.overlap(Scene(obstacles=(box_at(p),)), q, 0.0)
