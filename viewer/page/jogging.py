@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,8 +19,10 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_m, to_rad
+from so101_motion.control.approach import APPROACH
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import Following
+from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import RigLike
 
 DEADMAN = 0.075
@@ -181,6 +183,12 @@ class Jogging:
         )
         self._thread.start()
 
+    def set_speed(self, speed: str) -> None:
+        """Take another step of the speed; what is led by joints is begun anew with it."""
+        self.speed = speed
+        if self.mode in (JOINTS, ARROWS):
+            self.start(self.mode)
+
     def close(self) -> None:
         """Switch it off; the arm slows to rest."""
         self._held = None
@@ -222,7 +230,9 @@ class Jogging:
         arm = self._rig.arm
         if mode in (BASE, TOOL):
             return _ToolLead(arm.open_jog(), in_tool=mode == TOOL)
-        following = arm.open_following()
+        following = arm.open_following(
+            limits=_capped(arm.limits, self.speed), approach=_capped(APPROACH, self.speed)
+        )
         return _TargetLead(following, self._target) if mode == ARROWS else _JointLead(following)
 
     def _lead(self, lead: _Lead, ends: threading.Event) -> None:
@@ -251,6 +261,11 @@ class Jogging:
             self._jaw_motion = None
         if way != 0.0:
             self._jaw_motion = gripper.start_move(1.0) if way > 0.0 else gripper.start_grab()
+
+
+def _capped(limits: MotionLimits, speed: str) -> MotionLimits:
+    """``limits`` with no joint faster than a step of the speed."""
+    return replace(limits, velocity=np.minimum(limits.velocity, SPEEDS[speed].turning))
 
 
 def read_held(text: str) -> Array | None:

@@ -54,7 +54,7 @@ class JogPart(Part):
             self._hand = gui.add_text("Held", "", visible=False)
         context.on_press(self._switch, self._toggle)
         context.on_choice(modes, self._choose)
-        context.on_choice(speeds, self._set_speed)
+        context.on_choice(speeds, self.jogging.set_speed)
         self._hand.on_update(self._hear)
 
     async def _hear(self, event: viser.GuiEvent[Any]) -> None:
@@ -79,9 +79,6 @@ class JogPart(Part):
         self._mode = mode
         if self.jogging.mode is not None:
             self.jogging.start(mode)
-
-    def _set_speed(self, speed: str) -> None:
-        self.jogging.speed = speed
 
     def refresh(self) -> bool:
         """Return whether anything is new."""

@@ -30,6 +30,9 @@ class Hand:
 
     def start(self, mode: str) -> None:
         self.jogging.start(mode)
+        self.wait()
+
+    def wait(self) -> None:
         ends = time.monotonic() + 60.0  # it loads its guard, which takes real time
         while not self.jogging.is_ready and time.monotonic() < ends:
             self.clock.advance(0.01)
@@ -70,8 +73,8 @@ def test_nothing_moves_until_it_is_switched_on(hand: Hand) -> None:
 def test_what_is_held_moves_and_what_is_not_repeated_stops_within_a_tenth_of_a_second(
     hand: Hand, mode: str
 ) -> None:
-    hand.start(mode)
     hand.jogging.speed = "medium"
+    hand.start(mode)
     hand.hold(PAN, 0.8)
     assert hand.speed > 0.1
     hand.clock.advance(DEADMAN + PERIOD)  # the window is lost: nothing more comes
@@ -97,6 +100,25 @@ def test_the_tool_goes_along_the_axis_of_the_base_at_the_speed_that_is_chosen(ha
     hand.hold(X, 0.5)
     gone = hand.rig.arm.T_base().p - before
     np.testing.assert_allclose(gone, [0.5 * SPEEDS["medium"].going, 0.0, 0.0], atol=0.002)
+
+
+@pytest.mark.parametrize("mode", ["joints", "arrows"])
+def test_no_joint_is_faster_than_the_speed_that_is_chosen(hand: Hand, mode: str) -> None:
+    hand.jogging.speed = "slow"
+    hand.target = READY
+    hand.start(mode)
+    for speed in ("slow", "medium"):
+        if speed != hand.jogging.speed:
+            hand.jogging.set_speed(speed)
+            hand.wait()
+        speeds = []
+        for k in range(30):
+            hand.target = READY + 0.02 * k
+            hand.hold(PAN if mode == "joints" else np.zeros(7), 0.025)
+            speeds.append(hand.speed)
+        assert max(speeds) == pytest.approx(SPEEDS[speed].turning, rel=0.01)
+        hand.clock.advance(1.0)
+        hand.target = READY
 
 
 def test_it_stops_before_the_floor_and_says_so(hand: Hand) -> None:
