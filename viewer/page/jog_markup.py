@@ -27,8 +27,8 @@ def jog_buttons(mode: str, speed: str, *, hand: str, is_on: bool) -> str:
     """Two buttons a row, less and more, with their keys.
 
     Args:
-        mode: What is moved.
-        speed: The step of the speed.
+        mode: What is moved; its button above is lit.
+        speed: The step of the speed; its button is lit too.
         hand: The id of the widget that receives what is held.
         is_on: Whether they can be used.
     """
@@ -37,8 +37,8 @@ def jog_buttons(mode: str, speed: str, *, hand: str, is_on: bool) -> str:
     kind = "drag" if mode == ARROWS else "hold"
     on = "on" if is_on else "off"
     return (
-        f'<div class="so101-jog" data-hand="{escape(hand)}" data-jog="{on}" data-kind="{kind}">'
-        f"<p>Moves: <b>{escape(mode)}</b>, speed: <b>{escape(speed)}</b></p>{rows}</div>"
+        f'<div class="so101-jog" data-hand="{escape(hand)}" data-jog="{on}" data-kind="{kind}"'
+        f' data-chosen="{escape(mode)} {escape(speed)}">{rows}</div>'
     )
 
 

@@ -12,11 +12,12 @@
   let astray = false;  // whether a stick is still pushed for another arm
   let reported = false;  // whether the server believes that something is held
 
-  // The buttons that are visible and switched on; with several arms, those of the tab in front.
+  // The buttons that are visible (with several arms, those of the tab in front), and whether they are on.
+  const seen = () => [...document.querySelectorAll('.so101-jog')].find((each) => each.offsetParent);
   const tab = () => {
     if (!document.hasFocus() || document.hidden) return null;
-    const on = [...document.querySelectorAll('.so101-jog[data-jog="on"]')];
-    return on.find((each) => each.offsetParent) ?? null;
+    const found = seen();
+    return found?.dataset.jog === 'on' ? found : null;
   };
 
   function stick() {
@@ -91,10 +92,12 @@
     if (event.metaKey || event.ctrlKey || event.altKey || [' ', 'Escape'].includes(event.key)) {
       return letGo();  // with a modifier held, the release of a key may never be reported
     }
-    if (event.repeat || ['INPUT', 'TEXTAREA', 'SELECT'].includes(event.target.tagName)) return;
+    if (['INPUT', 'TEXTAREA', 'SELECT'].includes(event.target.tagName)) return;
     const key = event.key.toLowerCase();
-    const button = /^[a-z]$/.test(key) ? tab()?.querySelector(`[data-key="${key}"]`) : null;
+    const button = /^[a-z]$/.test(key) ? seen()?.querySelector(`[data-key="${key}"]`) : null;
     if (!button) return;
+    event.stopPropagation();  // viser moves its camera with the same keys
+    if (event.repeat || !tab()) return;
     held.set(key, [Number(button.dataset.axis), Number(button.dataset.way)]);
     say();
   }, true);

@@ -1,4 +1,5 @@
-// Give the widgets that viser leaves nameless a name for screen readers.
+// Give the widgets that viser leaves nameless a name for screen readers, and light the button that was
+// chosen in a row.
 (() => {
   const NAMELESS =
     '#root [role="slider"]:not([aria-label]), #root [role="slider"][aria-label=""], ' +
@@ -18,8 +19,23 @@
     return '';
   }
 
+  function light(told, word) {
+    for (let around = told.parentElement; around; around = around.parentElement) {
+      const buttons = [...around.querySelectorAll('.mantine-Button-root')];
+      const found = buttons.find((button) => button.textContent === word);
+      if (!found) continue;
+      for (const each of found.parentElement.children) {
+        each.setAttribute('aria-pressed', each === found);
+      }
+      return;
+    }
+  }
+
   function name() {
     due = 0;
+    for (const told of document.querySelectorAll('[data-chosen]')) {
+      for (const word of told.dataset.chosen.split(' ')) light(told, word);
+    }
     for (const node of document.querySelectorAll(NAMELESS)) {
       const text = label(node);
       if (text) node.setAttribute('aria-label', text);
