@@ -81,6 +81,7 @@ class Stage:
         self._path_node: viser.LineSegmentsHandle | None = None
         self._visible = self._has_handles = True
         self._is_faded, self._marks = False, dict[str, Tone]()
+        self._is_dragged = False  # a browser has the handles where its hand is
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide all of it; takes effect at once."""
@@ -112,6 +113,7 @@ class Stage:
         self._p_target = p_base
 
     def _dragged(self, handle: viser.TransformControlsHandle) -> None:
+        self._is_dragged = True
         p_base = np.array(handle.position)
         if np.allclose(p_base, self._p_target, atol=1e-6):  # only turned
             self._on_turn(np.array(SO3(np.array(handle.wxyz)).as_matrix(), dtype=np.float64))
@@ -119,6 +121,7 @@ class Stage:
             self._on_drag(p_base)
 
     def _released(self, on_release: Callable[[], None]) -> None:
+        self._is_dragged = False
         self._show_handles()
         on_release()
 
@@ -154,11 +157,14 @@ class Stage:
         if self._views is not None:
             self._views.moved(self._model.frame(state.q, "jaw_tip").p)
         self._show_ghost(screen, T_live)
-        self._R_target = screen.R_base_target
         turns = screen.kind != ANY
+        is_turned = turns and not np.array_equal(screen.R_base_target, self._R_target)
+        self._R_target = screen.R_base_target
         if turns != self._turns:
             self._turns = turns
             self._target.disable_rotations = not turns
+            self._show_handles()
+        elif is_turned and not self._is_dragged:
             self._show_handles()
         if not np.array_equal(screen.target.p_base, self._p_target):
             self._p_target = screen.target.p_base
