@@ -1,0 +1,364 @@
+"""What hands do on the page: lead the arm, choose a target by a click, show it a path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from harness.browser_user import HOME, READY, Guest
+from playwright.sync_api import Locator
+from so101_viewer import Preview, Source, serve_source
+
+from so101_motion.common.modes import Mode
+from so101_motion.common.units import to_mm, to_rad
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.hardware_rig import Rig, open_simulated
+
+pytestmark = pytest.mark.browser
+
+CUT_OFF = """
+const send = window.so101.send;
+window.so101.send = (...what) => { if (!window.cut) send(...what); };
+"""
+VIEW = "window.__viserMutable.camera.position.toArray()"
+
+
+@pytest.fixture(scope="module")
+def leader() -> Iterator[Rig]:
+    with open_simulated() as rig:
+        yield rig
+
+
+@pytest.fixture(scope="module")
+def preview(rig: Rig, leader: Rig) -> Iterator[Preview]:
+    source = Source(title="Arm", open=lambda: rig, lasts=True, open_leader=lambda: leader)
+    with serve_source(source, port=0) as preview:
+        yield preview
+
+
+def in_front(guest: Guest, name: str) -> None:
+    guest.page.get_by_role("tab", name=name, exact=True).click()
+
+
+def tip(rig: Rig) -> np.ndarray:
+    return rig.arm.model.frame(rig.arm.state.q_ref, "tool").p
+
+
+def moves(rig: Rig) -> bool:
+    return bool(np.any(np.abs(rig.arm.state.qd_ref) > 1e-3))
+
+
+def push(rig: Rig, q: np.ndarray) -> None:
+    """What a hand does with a soft arm."""
+    rig.executor.call(lambda driver: driver.push(q))  # type: ignore[attr-defined]
+
+
+@pytest.fixture
+def jogging(guest: Guest, rig: Rig) -> Iterator[Guest]:
+    """A window that jogs an arm in its ready pose."""
+    rig.arm.start_move(JointGoal(q=READY)).result(60.0)
+    in_front(guest, "Jog")
+    switch_on(guest)
+    yield guest
+    choose(guest, "slow", "joints")
+    rig.arm.stop()
+    in_front(guest, "Move")
+
+
+def switch_on(guest: Guest) -> None:
+    """Start jogging; again where a busy machine has ended it."""
+    guest.until(
+        lambda: guest.button("Start jogging").count() + guest.button("End jogging").count() == 1
+    )
+    if guest.button("Start jogging").count():
+        guest.press("Start jogging")
+    guest.until(lambda: guest.page.get_by_label("gripper, open").is_enabled())
+
+
+def led(guest: Guest, rig: Rig, key: str) -> np.ndarray:
+    """Which way the tool goes while a key is held."""
+    before = tip(rig)
+
+    def is_on_its_way() -> bool:
+        if guest.says("No setpoint could be sent"):
+            guest.page.keyboard.up(key)
+            switch_on(guest)
+        guest.page.keyboard.down(key)
+        return float(np.linalg.norm(tip(rig) - before)) > 0.005
+
+    guest.until(is_on_its_way)
+    guest.page.keyboard.up(key)
+    guest.until(lambda: not moves(rig))
+    way = tip(rig) - before
+    return np.asarray(way / np.linalg.norm(way))
+
+
+def sum_of(what: Locator, *sides: str) -> float:
+    box = what.bounding_box()
+    return float("nan") if box is None else float(sum(box[side] for side in sides))  # type: ignore[literal-required]
+
+
+def is_chosen(guest: Guest, name: str) -> bool:
+    return guest.button(name).get_attribute("aria-pressed") == "true"
+
+
+def choose(guest: Guest, *names: str) -> None:
+    for name in names:
+        guest.press(name)
+        guest.until(lambda name=name: is_chosen(guest, name))
+    switch_on(guest)
+
+
+def test_the_tool_is_led_along_the_axes_of_the_base_and_its_own(jogging: Guest, rig: Rig) -> None:
+    assert is_chosen(jogging, "joints")
+    assert is_chosen(jogging, "slow")
+    view = jogging.page.evaluate(VIEW)
+    choose(jogging, "fast", "base")
+    assert not is_chosen(jogging, "joints")
+    np.testing.assert_allclose(led(jogging, rig, "r"), [0.0, 0.0, 1.0], atol=0.05)
+    np.testing.assert_allclose(led(jogging, rig, "s"), [-1.0, 0.0, 0.0], atol=0.05)
+    choose(jogging, "tool")
+    axis = rig.arm.model.frame(rig.arm.state.q_ref, "tool").R[:, 2]
+    np.testing.assert_allclose(led(jogging, rig, "f"), -axis, atol=0.05)
+    jogging.page.set_viewport_size({"width": 390, "height": 844})  # all of it is seen on a phone
+    jaw = jogging.page.get_by_label("gripper, open")
+    jogging.until(lambda: jogging.page.locator("[data-dock-tab]").count() == 0)
+    jogging.until(lambda: jaw.is_visible() and sum_of(jaw, "y", "height") <= 844.0)
+    jogging.page.set_viewport_size({"width": 1280, "height": 720})
+    jogging.until(lambda: jogging.page.locator("[data-dock-tab]").count() > 6 and jaw.is_visible())
+    jogging.press("End jogging")
+    jogging.until(lambda: not jogging.page.get_by_label("gripper, open").is_enabled())
+    jogging.page.keyboard.down("s")  # viser's own keys fly through the picture, these do not
+    jogging.page.wait_for_timeout(500)
+    jogging.page.keyboard.up("s")
+    np.testing.assert_allclose(jogging.page.evaluate(VIEW), view, atol=1e-3)
+    assert jogging.problems == []
+
+
+def test_each_step_of_the_speed_is_faster_and_what_is_in_the_way_is_named(
+    jogging: Guest, rig: Rig
+) -> None:
+    peaks = []
+    for name in ("slow", "medium", "fast"):
+        choose(jogging, name)
+        jogging.page.keyboard.down("q")
+        found: list[float] = []
+        for _ in range(12):
+            jogging.page.wait_for_timeout(50)
+            found.append(float(np.abs(rig.arm.state.qd_ref).max()))
+        jogging.page.keyboard.up("q")
+        jogging.until(lambda: not moves(rig))
+        peaks.append(max(found))
+    assert peaks[0] < to_rad(7.0) < peaks[1] < to_rad(21.0) < peaks[2] < to_rad(46.0)
+    choose(jogging, "base")
+    jogging.page.keyboard.down("f")  # down to the table
+    jogging.until(lambda: jogging.says("Held back: ") and jogging.says("floor"))
+    jogging.page.keyboard.up("f")
+    jogging.until(lambda: not moves(rig))
+
+
+def test_a_lost_network_and_a_closed_window_let_go(
+    guest: Guest, rig: Rig, visit: Callable[..., Guest]
+) -> None:
+    source = Source(title="Arm", open=lambda: rig, lasts=True)
+    with serve_source(source, port=0) as preview:
+        window = visit()
+        window.open(preview.url)
+        in_front(window, "Jog")
+        window.press("Start jogging")
+        window.until(lambda: window.says("Hold a button or its key."))
+        window.page.evaluate(CUT_OFF)
+        window.page.keyboard.down("q")
+        window.until(lambda: moves(rig))
+        window.page.evaluate("window.cut = true")  # nothing arrives any more
+        window.until(lambda: not moves(rig))
+        window.page.keyboard.up("q")
+        window.page.evaluate("window.cut = false")
+        window.page.keyboard.down("a")
+        window.until(lambda: moves(rig))
+        window.leave()
+        guest.until(lambda: not moves(rig))
+    guest.until(lambda: rig.arm.state.mode is Mode.HOLDING)
+
+
+def test_the_arm_follows_the_arrows_as_long_as_they_are_dragged(jogging: Guest, rig: Rig) -> None:
+    choose(jogging, "arrows", "fast")
+    jogging.until(lambda: jogging.says("Drag the target's arrows"))
+    before = tip(rig)
+    x, y = jogging.page.evaluate(
+        """() => {
+            const node = window.__viserMutable.nodeRefFromName['/target'];
+            const canvas = window.__viserMutable.canvas.getBoundingClientRect();
+            const p = node.position.clone().set(0, 0, 0.085);
+            node.localToWorld(p).project(window.__viserMutable.camera);
+            return [canvas.left + (p.x + 1) / 2 * canvas.width,
+                    canvas.top + (1 - p.y) / 2 * canvas.height];
+        }"""
+    )
+    mouse = jogging.page.mouse
+    mouse.move(x, y)
+    jogging.page.wait_for_timeout(300)
+    mouse.down()
+    for step in range(1, 9):
+        mouse.move(x, y - 5 * step)
+        jogging.page.wait_for_timeout(80)
+    jogging.until(lambda: tip(rig)[2] - before[2] > 0.003)
+    mouse.up()
+    jogging.until(lambda: not moves(rig))
+
+
+def test_a_click_on_the_floor_sets_the_target_and_undo_takes_it_back(
+    guest: Guest, rig: Rig
+) -> None:
+    before = guest.target_mm()
+    guest.fields("A click").first.click()
+    guest.page.get_by_role("option", name="sets the target").click()
+    guest.page.wait_for_timeout(300)
+    canvas = guest.page.locator("#root canvas").first.bounding_box()
+    assert canvas is not None
+    x, y = canvas["x"] + 0.62 * canvas["width"], canvas["y"] + 0.55 * canvas["height"]
+    for _ in range(10):  # a busy browser may not know yet what a click is for
+        guest.page.mouse.click(x, y)
+        guest.page.wait_for_timeout(400)
+        if guest.target_mm() != before:
+            break
+    floor_mm = to_mm(rig.arm.scene.floor_z or 0.0)
+    guest.until(lambda: abs(guest.target_mm()[2] - floor_mm - 20.0) < 0.2)
+    there = guest.target_mm()
+    undo = guest.button("undo").filter(visible=True).first
+    undo.click()
+    guest.until(lambda: guest.target_mm() != there)
+    guest.page.wait_for_timeout(700)
+    guest.button("redo").filter(visible=True).first.click()
+    guest.until(lambda: guest.target_mm() == there)
+    guest.fields("A click").first.click()
+    guest.page.get_by_role("option", name="selects").click()
+    assert not moves(rig)
+
+
+def test_the_nearest_place_is_taken_and_a_direction_is_kept(guest: Guest) -> None:
+    assert guest.button("take the nearest").is_disabled()
+    guest.type_target(600.0, 0.0, 200.0)
+    guest.until(lambda: guest.button("take the nearest").is_enabled())
+    guest.press("take the nearest")
+    guest.until(lambda: guest.says("Reachable. Press Plan."))
+    assert 300.0 < guest.target_mm()[0] < 599.0
+
+    def rings() -> bool:
+        node = "window.__viserSceneTree.getState()['/target'].message.props"
+        return not guest.page.evaluate(f"{node}.disable_rotations")
+
+    guest.type_target(230.0, 0.0, 120.0)
+    guest.page.get_by_text("Direction", exact=True).click()
+    assert not rings()
+    guest.fields("Keeps").filter(visible=True).first.click()
+    guest.page.get_by_role("option", name="tilt and roll").click()
+    guest.until(rings)
+    before = guest.pose_of("/target")["wxyz"]
+    guest.page.get_by_role("slider", name="Roll (°)").press("ArrowRight")
+    guest.until(lambda: guest.pose_of("/target")["wxyz"] != before)
+    guest.fields("Keeps").filter(visible=True).first.click()
+    guest.page.get_by_role("option").first.click()
+    guest.until(lambda: not rings())
+    guest.page.get_by_text("Direction", exact=True).click()
+
+
+def test_the_views_turn_the_picture(guest: Guest) -> None:
+    def view() -> np.ndarray:
+        return np.asarray(guest.page.evaluate(VIEW))
+
+    seen = []
+    for name in ("Home", "Top", "Front", "Side"):
+        before = view()
+        guest.button(name).click()
+        if name != "Home":
+            guest.until(lambda before=before: float(np.linalg.norm(view() - before)) > 0.1)
+        guest.page.wait_for_timeout(300)
+        seen.append(view())
+    assert min(np.linalg.norm(a - b) for a, b in pairwise(seen)) > 0.1
+    guest.button("Home").click()
+    guest.until(lambda: float(np.linalg.norm(view() - seen[0])) < 0.01)
+
+
+def test_the_jaw_goes_where_its_slider_is_and_force_is_chosen(guest: Guest, rig: Rig) -> None:
+    opening = guest.page.get_by_role("slider", name="Opening (%)")
+    opening.press("End")
+    guest.until(lambda: guest.says("Holding nothing, 100 % open."))
+    guest.page.get_by_role("slider", name="Grip force (%)").press("Home")
+    guest.until(lambda: guest.page.get_by_label("Grip force (%)").first.is_visible())
+    opening.press("Home")
+    guest.until(lambda: guest.says("Holding nothing, 0 % open."))
+    guest.page.get_by_role("slider", name="Grip force (%)").press("End")
+    assert not rig.arm.is_moving
+
+
+def test_letting_go_asks_first_and_hold_holds_again(guest: Guest, rig: Rig) -> None:
+    guest.press("Let go")
+    asks = guest.page.locator("#so101-ways .asks")
+    guest.until(lambda: asks.count() == 1)
+    assert rig.arm.state.mode is Mode.HOLDING
+    guest.page.wait_for_timeout(800)  # a double click is no answer
+    asks.click()
+    guest.until(lambda: rig.arm.state.mode is Mode.LIMP)
+    guest.until(lambda: guest.says("The arm is limp. Press Hold to keep it where it is."))
+    guest.until(lambda: guest.button("Hold").is_enabled())
+    guest.press("Hold")
+    guest.until(lambda: rig.arm.state.mode is Mode.HOLDING)
+    guest.until(lambda: guest.says("Idle, holding"))
+
+
+def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(
+    guest: Guest, rig: Rig, own_files: Path
+) -> None:
+    there = np.radians([20.0, -10.0, 10.0, 5.0, 0.0])
+    in_front(guest, "Teach")
+    guest.press("Record a path")
+    guest.until(lambda: guest.says("Recording, "))
+    for share in np.linspace(0.0, 1.0, 8):
+        push(rig, share * there)
+        guest.page.wait_for_timeout(60)
+    end = guest.button("End the recording")
+    guest.until(lambda: "so101-later" not in (end.get_attribute("class") or ""))
+    end.click()  # at once: what shines can be pressed
+    guest.until(lambda: guest.says("Press Plan replay to check it for collisions"))
+    assert "/teach/path" in guest.nodes()
+    guest.until(lambda: guest.button("Plan replay").is_enabled())
+    guest.press("Plan replay")
+    guest.until(lambda: guest.says("Press Replay."))
+    assert not moves(rig)
+    guest.press("Replay")
+    guest.until(lambda: guest.says("Done. Press Plan replay to run it again."))
+    np.testing.assert_allclose(rig.arm.state.q, there, atol=to_rad(1.0))
+    guest.page.get_by_text("Save and load").filter(visible=True).click()
+    guest.fields("Path name").fill("wave")
+    guest.page.wait_for_timeout(300)
+    guest.button("save").filter(visible=True).first.click()
+    guest.until(lambda: (own_files / "paths" / "wave.json").exists())
+    guest.page.get_by_text("Save and load").filter(visible=True).click()
+    in_front(guest, "Move")
+
+
+def test_one_button_lets_the_arm_follow_its_leader_and_stop_ends_it(
+    guest: Guest, rig: Rig, leader: Rig
+) -> None:
+    in_front(guest, "Teach")
+    guest.until(lambda: guest.says("Keep a hand on the leader"))
+    guest.press("Follow the leader")
+    guest.until(lambda: guest.says("Following the leader."))
+    led = np.radians([12.0, 0.0, 0.0, 8.0, 0.0])
+    for share in np.linspace(0.0, 1.0, 20):
+        push(leader, share * led)
+        guest.page.wait_for_timeout(40)
+    guest.until(lambda: bool(np.max(np.abs(rig.arm.state.q - led)) < to_rad(1.5)))
+    guest.press("STOP")
+    guest.until(lambda: guest.button("Follow the leader").count() == 1)
+    guest.until(lambda: leader.arm.state.mode is Mode.HOLDING)
+    assert rig.arm.state.mode is Mode.HOLDING
+    push(leader, HOME)
+    guest.page.wait_for_timeout(300)
+    assert float(np.max(np.abs(rig.arm.state.q - led))) < to_rad(3.0), "it follows no longer"
+    in_front(guest, "Move")
+    assert guest.problems == []
