@@ -181,8 +181,13 @@ def main() -> None:
     parser.add_argument("--arms", type=int, default=20)
     parser.add_argument("--plans", type=int, default=2)
     parser.add_argument("--since", metavar="COMMIT", help="arms know what they found out then")
+    parser.add_argument(
+        "--part", type=int, nargs=2, metavar=("K", "N"), help="only every N-th arm; writes nothing"
+    )
     asked = parser.parse_args()
     seeds = range(1, asked.arms + 1)
+    if asked.part:
+        seeds = seeds[asked.part[0] - 1 :: asked.part[1]]
     arms = _common.in_pieces(
         "bench_identify", {f"arm {seed}": partial(found_by, seed) for seed in seeds}, asked.since
     )
@@ -198,6 +203,8 @@ def main() -> None:
         for arm, error in zip(arms, _common.in_pieces("bench_identify", ways), strict=True):
             arm[when] = error
             arm[f"{when}, share"] = error / arm["before"]
+    if asked.part:
+        return
     rows: list[dict[str, Any]] = []
     for what, bar in (("droop", 0.1), ("break-away", 0.2), ("lag", 0.1), ("play", 0.1)):
         for joints in (ARM_JOINTS[1:4], (ARM_JOINTS[0], ARM_JOINTS[4])):
@@ -232,6 +239,12 @@ def main() -> None:
                 "worst": float(np.max(values)),
                 "bar": bar if bar < math.inf else "-",
             }
+        )
+    before = sum(arm["before"] for arm in arms)
+    for when, what in (("after", "after"), ("best", "with exact figures")):
+        share = sum(arm[when] for arm in arms) / before
+        rows.append(
+            {"what": f"tracking error {what}, all arms, share", "median": share, "bar": "-"}
         )
     _common.write("bench_identify", rows)
 

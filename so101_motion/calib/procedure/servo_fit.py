@@ -12,11 +12,11 @@ motions say nothing else. How sure a figure is comes from the same equations.
 
 Play has no part in steady motion. It is what lets a joint without load stand still when it turns
 round, or when its load changes sides, and is found by emulating the joint on its record with one
-play after another and looking at those moments alone; once more when all else is known.
+play after another and looking at those moments alone.
 
-A joint that bears no weight tells friction and torque only as a ratio: a servo with a tenth less of
-both moves a twentieth of a tick differently. So its torque, and with it what a load would do to it,
-rests on what its type has.
+A joint that bears no weight tells friction and torque only as a ratio, as long as it turns
+steadily. With an empty hand all figures are therefore changed once more, until an emulated joint
+does what the real one did while it sped up and turned round, too: ``twin_fit.py``.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.calib.procedure.servo_twin import JointRecord, predicted, replayed, setpoints
+from so101_motion.calib.procedure.twin_fit import OPEN, TwinFit
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.emulator.hardware import MAX_DUTY
@@ -59,9 +60,6 @@ KNOWN = 0.08
 
 PLAY_STEP = to_rad(0.2)
 """Multiples of it are tried [rad]."""
-
-FINE_STEPS = tuple(to_rad(each) for each in (0.1, 0.05, 0.025))
-"""By which a play is changed in turn, once the other figures are known [rad]."""
 
 MOST_PLAY = 8
 """So many at most, and one more beside the best."""
@@ -100,7 +98,7 @@ class Identified:
 
     Attributes:
         servos: The servo's figures, by joint.
-        deviations: Their standard deviations, by joint; without the play.
+        deviations: Their standard deviations by steady motion alone, by joint; without the play.
         load: The load in the hand; None if the user said it is empty.
         volts: Supply, mean over the motions [V].
     """
@@ -157,6 +155,8 @@ def identify(
     Motion is never quite steady: joints stick and slip, and positions are whole ticks, which biases
     the figures. To measure the bias, emulated joints with those figures play the same goals, and
     their records are fitted as well; the difference is subtracted. Arguments as for ``fit``.
+
+    With an empty hand the figures are then changed until emulated joints do what the real ones did.
     """
     first = found = fit(records, gravity_of, hand=hand, known=known)
     plays: dict[str, float | None] = {}
@@ -170,9 +170,13 @@ def identify(
         }
         again = fit(twins, gravity_of, hand=hand, known=known)
         found = _corrected(replace(found, servos=servos), first, again)
-    weights = weights_of(records, gravity_of, found.load)
+    if hand is not None:
+        return found
+    weights = weights_of(records, gravity_of, None)
     fine = {
-        name: each if each.play is None else refined(records[name], each, weights[name])
+        name: TwinFit(records[name], weights[name]).best(
+            each, torque_is_open=first.deviations[name].torque > OPEN
+        )
         for name, each in found.servos.items()
     }
     return replace(found, servos=fine)
@@ -305,28 +309,6 @@ def play(record: JointRecord, figures: ServoFigures, weight: Array) -> float | N
     # The error grows in proportion to what a play is off.
     less, here, more = error(best - 1), error(best), error(best + 1)
     return PLAY_STEP * (best + 0.5 * (less - more) / max(max(less, more) - here, 1e-9))
-
-
-def refined(record: JointRecord, figures: ServoFigures, weight: Array) -> ServoFigures:
-    """``figures`` with the play, near theirs, that explains a joint's motion best.
-
-    Play is told apart from friction and torque only once those are known: looked for with figures
-    that were not corrected yet, it was up to 20 % off.
-    """
-    shown = _shows_play(record, weight)
-
-    @functools.cache
-    def error(steps: int) -> float:
-        found = predicted(record, figures, weight, steps * FINE_STEPS[-1])
-        return float(np.mean(np.abs(found - record.ticks)[shown]))
-
-    best = round((figures.play or 0.0) / FINE_STEPS[-1])
-    for step in (round(each / FINE_STEPS[-1]) for each in FINE_STEPS):
-        before = None
-        while best != before:
-            before = best
-            best = min((best, max(best - step, 0), best + step), key=error)
-    return replace(figures, play=best * FINE_STEPS[-1])
 
 
 def _shows_play(record: JointRecord, weight: Array) -> NDArray[np.bool_]:

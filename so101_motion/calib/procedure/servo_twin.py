@@ -80,7 +80,7 @@ def setpoints(record: JointRecord) -> Array:
 def predicted(
     record: JointRecord, figures: ServoFigures, weight: Array, play: float | None = None
 ) -> Array:
-    """Where the joint would have been at each sample, shape (k,), [tick].
+    """Where the joint would have been read at each sample, shape (k,), [tick].
 
     Args:
         record: The record with the goals.
@@ -88,6 +88,13 @@ def predicted(
         weight: The torque that holds it at each sample, shape (k,), [N m].
         play: Between gears and output [rad]; None for that of ``figures``, or the usual one.
     """
+    return np.floor(unrounded(record, figures, weight, play) + 0.5)
+
+
+def unrounded(
+    record: JointRecord, figures: ServoFigures, weight: Array, play: float | None = None
+) -> Array:
+    """The same before the encoder rounds it to whole ticks; arguments as for ``predicted``."""
     usual = SO101[record.index]
     play = figures.play if play is None else play
     joint = replace(
@@ -102,9 +109,11 @@ def predicted(
     servo.memory.keep(reg.P_GAIN, record.p_gain)
     servo.write(bytes((reg.P_GAIN.address, record.p_gain)))
     drive, found, at = servo.drive, np.empty(len(record.t)), 0
+    origin = drive.encoder - drive.position
+    between = 0.5 * (weight + np.append(weight[1:], weight[-1]))  # until the next sample
     for k, now in enumerate(record.t.tolist()):
-        found[k] = drive.position
-        drive.load, drive.volts = -record.direction * float(weight[k]), float(record.volts[k])
+        found[k] = drive.shaft.output - origin
+        drive.load, drive.volts = -record.direction * float(between[k]), float(record.volts[k])
         end = float(record.t[k + 1]) if k + 1 < len(record.t) else now
         for step in range(round((end - now) * 1000.0)):
             while at < len(record.goals) and record.t_goals[at] <= now + step / 1000.0 + 1e-9:

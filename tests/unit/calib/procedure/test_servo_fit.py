@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from so101_motion.calib.procedure.servo_fit import identify, play, refined
-from so101_motion.calib.procedure.servo_twin import JointRecord, replayed, setpoints
+from so101_motion.calib.procedure.servo_fit import identify, play
+from so101_motion.calib.procedure.servo_twin import JointRecord, replayed, setpoints, unrounded
+from so101_motion.calib.procedure.twin_fit import TwinFit
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.setup.identify_report import write_recordings
 
@@ -61,11 +62,14 @@ def test_a_joint_that_bears_weight_tells_torque_and_friction(torque, friction):
     assert found.dead_time == pytest.approx(0.9, abs=0.12)
 
 
-def test_a_joint_without_weight_tells_friction_for_the_torque_it_is_taken_to_have():
-    true = ServoFigures(friction=1.2, play=0.0)
+def test_a_joint_without_weight_tells_torque_where_it_speeds_up():
+    torque, friction = 0.85, 0.9
+    true = ServoFigures(torque=torque, friction=friction, play=math.radians(0.9))
     found = identify({"shoulder_pan": record_of(true, index=0)}, gravity_of, hand=None)
-    assert found.servos["shoulder_pan"].friction == pytest.approx(1.2, rel=0.1)
-    assert found.deviations["shoulder_pan"].torque > 0.1, "and says that it does not know"
+    assert found.deviations["shoulder_pan"].torque > 0.1, "steady motion does not know"
+    assert found.servos["shoulder_pan"].torque == pytest.approx(torque, rel=0.05)
+    assert found.servos["shoulder_pan"].friction == pytest.approx(friction, rel=0.05)
+    assert found.servos["shoulder_pan"].play == pytest.approx(true.play, rel=0.05)
 
 
 def test_a_load_is_weighed_by_a_servo_that_is_known():
@@ -89,11 +93,21 @@ def test_play_shows_when_a_joint_without_load_turns_round(degrees):
     assert play(record, off, weightless) == pytest.approx(true.play, rel=0.1)
 
 
-def test_a_play_that_was_looked_for_with_poor_figures_is_put_right_with_good_ones():
-    true = ServoFigures(torque=1.1, friction=0.9, play=math.radians(0.95))
+def test_figures_that_are_somewhat_off_are_put_right_by_the_whole_record():
+    true = ServoFigures(torque=1.1, friction=0.9, dead_time=1.1, play=math.radians(0.95))
     record = record_of(true, index=0)
-    found = refined(record, replace(true, play=0.8 * true.play), np.zeros(len(record.t)))
+    off = ServoFigures(torque=1.0, friction=0.85, dead_time=1.0, play=0.8 * true.play)
+    found = TwinFit(record, np.zeros(len(record.t))).best(off, torque_is_open=True)
+    assert found.torque == pytest.approx(true.torque, rel=0.04)
+    assert found.friction == pytest.approx(true.friction, rel=0.04)
+    assert found.dead_time == pytest.approx(true.dead_time, abs=0.03)
     assert found.play == pytest.approx(true.play, rel=0.04)
+
+
+def test_a_play_that_nobody_has_seen_is_not_made_up():
+    record = record_of(ServoFigures(torque=1.1), index=0)
+    found = TwinFit(record, np.zeros(len(record.t))).best(ServoFigures(), torque_is_open=True)
+    assert found.play is None
 
 
 def test_a_recording_is_written_as_angles_from_the_zero_without_a_date(tmp_path):
@@ -105,6 +119,21 @@ def test_a_recording_is_written_as_angles_from_the_zero_without_a_date(tmp_path)
         assert data["goal_rad"].shape == data["volts"].shape == (1, len(record.t))
         assert data["load_nm"][0] == pytest.approx(weight)
         assert "at" not in data
+
+
+def test_a_weight_that_changes_sides_is_met_half_way_between_two_readings():
+    """Held back by a reading, the output falls through its play late and seems to have less."""
+    record = record_of(ServoFigures(play=math.radians(0.9)))
+    rising = np.linspace(-0.6, 0.6, len(record.t))
+    fine = replace(record, t=np.repeat(record.t, 2) + np.tile([0.0, 0.005], len(record.t)))
+    fine = replace(
+        fine, q=np.repeat(record.q, 2, axis=0), ticks=np.repeat(record.ticks, 2),
+        qd_ref=np.repeat(record.qd_ref, 2), volts=np.repeat(record.volts, 2),
+    )  # fmt: skip
+    figures = ServoFigures(play=math.radians(0.9))
+    coarse = unrounded(record, figures, rising)
+    finer = unrounded(fine, figures, np.interp(fine.t, record.t, rising))[::2]
+    assert np.mean(np.abs(coarse - finer)) < 0.02
 
 
 def test_a_set_point_arrives_where_it_was_sent():
