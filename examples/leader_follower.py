@@ -1,4 +1,4 @@
-"""One arm follows another, guided by hand or, when both are simulated, by a program.
+"""One arm follows another, which a hand leads or, if both are simulated, a program.
 
     python examples/leader_follower.py
     python examples/leader_follower.py --leader /dev/ttyACM0 --follower /dev/ttyACM1

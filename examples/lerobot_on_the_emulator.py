@@ -1,4 +1,4 @@
-"""LeRobot with an arm that is not there: calibration, configuration and motion on emulated servos.
+"""Calibrate, configure and move an emulated arm with LeRobot's own code.
 
 LeRobot is large, so it is no dependency of this package; give it an environment of its own::
 

@@ -1,4 +1,4 @@
-"""Make motions to learn from, and look which of them a table would be in the way of.
+"""Generate motions to learn from, and find those that would hit a table.
 
     python examples/motion_data.py 100
 

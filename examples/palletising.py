@@ -1,4 +1,4 @@
-"""Fill a pallet: take a cube where they arrive, set it down on the next place of a grid, again.
+"""Fill a pallet: pick each cube at the same spot and put it down on the next place of a grid.
 
     python examples/palletising.py
     python examples/palletising.py --rows 2 --columns 2 --speed 60

@@ -1,10 +1,10 @@
-"""Find out where to screw two arms to the table, each with a task of its own.
+"""Find the best places on a table for the bases of two arms, each with a task of its own.
 
     python examples/place_base.py
 
 The tasks are left.json and right.json beside this file. The bases are tried on a coarse lattice
 here, so that it takes seconds; ``so101 sweep place left.json right.json --out placed`` does the
-same, finer, by all processors.
+same on a finer lattice with all processors.
 """
 
 import tempfile

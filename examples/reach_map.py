@@ -1,4 +1,4 @@
-"""Draw where the arm reaches from above, as seen from above, at one height.
+"""Print a map of where the arm reaches at one height, with 100 g and the tool pointing down.
 
     python examples/reach_map.py 20
 

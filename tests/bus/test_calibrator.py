@@ -1,4 +1,4 @@
-"""Going back to an earlier calibration, and calibrating an arm that has no component."""
+"""Going back to an earlier calibration, and holding an arm that has no component."""
 
 import math
 
@@ -116,7 +116,7 @@ def test_a_calibration_under_way_is_ended_first(arm):
     assert not any(arm.driven)
 
 
-def test_an_arm_that_nobody_asks_for_can_be_held_where_it_stands_and_moved(arm):
+def test_an_arm_without_a_component_can_be_held_where_it_stands_and_moved(arm):
     assert arm.rig.arm.state.mode is Mode.LIMP
     assert arm.calibrator.hold().holds
     assert all(arm.driven)

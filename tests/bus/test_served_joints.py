@@ -27,7 +27,7 @@ async def at_its_stop(tmp_path, planning_process):
         await bench.end()
 
 
-async def test_a_joint_outside_is_reported_at_its_limit_and_logged_with_its_place(
+async def test_a_joint_outside_is_reported_at_its_limit_and_its_place_is_in_the_status(
     at_its_stop, caplog
 ):
     bench, client = at_its_stop

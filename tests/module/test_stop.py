@@ -1,4 +1,4 @@
-"""Stop waits for nothing, and a client that leaves leaves nothing behind; on a test clock."""
+"""Stop while plans, streams, jogs and recordings run, and clients that leave, on a test clock."""
 
 import asyncio
 import math

@@ -1,4 +1,4 @@
-"""Arms plan around the machine they belong to: over gRPC, with the frame system of their parent."""
+"""Arms plan around their machine's components, read over gRPC from the frame system."""
 
 import asyncio
 import json

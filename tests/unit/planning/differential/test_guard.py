@@ -24,15 +24,15 @@ def guard(collision):
     return Guard(collision, lambda: 0.3, acceleration=ACCELERATION)
 
 
-def way(q, step, n=10):
+def path(q, step, n=10):
     return q + np.linspace(0.0, 1.0, n)[:, None] * step
 
 
-def test_far_from_everything_a_target_is_within_reach_and_so_is_the_way(guard):
+def test_far_from_everything_a_target_is_within_reach_and_so_is_the_path(guard):
     target = READY + np.radians(5.0)
     assert guard.within_reach(READY, target) is target
     assert guard.against == ()
-    assert guard.admits(way(READY, target - READY))
+    assert guard.admits(path(READY, target - READY))
 
 
 def test_a_target_in_the_table_is_drawn_back_to_above_it_and_the_rest_is_kept(guard, collision):
@@ -44,7 +44,7 @@ def test_a_target_in_the_table_is_drawn_back_to_above_it_and_the_rest_is_kept(gu
     assert drawn[4] == pytest.approx(wanted[4], abs=0.02)
     step = 0.02 * (drawn - q) / np.abs(drawn - q).max()
     assert collision.distances(q + step, 0.3).min() > collision.margin
-    assert not guard.admits(way(q, wanted - q))
+    assert not guard.admits(path(q, wanted - q))
 
 
 def test_a_short_step_may_go_nearer_than_a_long_one(guard, collision):
@@ -53,10 +53,10 @@ def test_a_short_step_may_go_nearer_than_a_long_one(guard, collision):
         q += 0.1 * DOWN
     slow, fast = np.array([0.002, 0.0, 0.0, 0.0, 0.0]), np.array([0.3, 0.0, 0.0, 0.0, 0.0])
     guard.look(q)
-    assert guard.admits(way(q, slow))
+    assert guard.admits(path(q, slow))
     assert fast @ collision.reach > FAST
     guard.look(q)
-    assert not guard.admits(way(q, fast + 0.05 * DOWN))
+    assert not guard.admits(path(q, fast + 0.05 * DOWN))
 
 
 def test_a_long_step_keeps_clearer_for_servos_that_are_driven_ahead_of_it(guard, collision):
@@ -64,17 +64,17 @@ def test_a_long_step_keeps_clearer_for_servos_that_are_driven_ahead_of_it(guard,
     while collision.distances(q, 0.3).min() < collision.margin + INEXACT + 0.5 * AHEAD:
         q -= 0.1 * DOWN
     guard.look(q)
-    assert guard.admits(way(q, pan + 0.05 * DOWN))
-    assert not guard.admits(way(q, pan + 0.05 * DOWN), ahead=True)
-    assert guard.admits(way(q, 0.01 * pan), ahead=True)
+    assert guard.admits(path(q, pan + 0.05 * DOWN))
+    assert not guard.admits(path(q, pan + 0.05 * DOWN), ahead=True)
+    assert guard.admits(path(q, 0.01 * pan), ahead=True)
 
 
-def test_ways_of_every_length_are_looked_at_with_a_few_checks_that_are_kept():
+def test_steps_of_every_length_are_checked_with_a_few_checks_that_are_kept():
     collision = CollisionModel(RobotModel.load())
     guard = Guard(collision, lambda: 0.3, acceleration=ACCELERATION)
     for pan in np.linspace(0.02, 0.6, 300):
         guard.look(LOW)
-        guard.admits(way(LOW, np.array([pan, 0.0, 0.0, 0.0, 0.0])), ahead=True)
+        guard.admits(path(LOW, np.array([pan, 0.0, 0.0, 0.0, 0.0])), ahead=True)
     made = collision._bent.cache_info()
     assert made.misses <= 12
     assert made.currsize == made.misses, "none is made twice"
@@ -86,9 +86,9 @@ def test_bodies_that_are_too_close_may_part_but_come_no_closer(collision):
     q = LOW
     assert not wide.is_free(q, 0.3)
     assert room_of(guard.look(q)[0]) < GAP
-    assert guard.admits(way(q, -1.0 * DOWN))
+    assert guard.admits(path(q, -1.0 * DOWN))
     guard.look(q)
-    assert not guard.admits(way(q, 1.0 * DOWN))
+    assert not guard.admits(path(q, 1.0 * DOWN))
 
 
 def test_a_path_is_shown_often_enough_that_it_cannot_bend_by_more_than_is_allowed_for(

@@ -1,4 +1,4 @@
-"""An emulated camera device: a file as its memory, the kernel's requests as its calls."""
+"""Pictures from a camera device, with an emulated driver whose memory is a file."""
 
 from __future__ import annotations
 
