@@ -1,15 +1,26 @@
-"""A cell of emulated arms: they set out together."""
+"""A cell with emulated arms: they set out together, and are kept apart by whoever moves them."""
+
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from harness.emulated_pair import Arm
+from harness.cell_pair import FAST, in_time
+from harness.emulated_pair import Arm, mirroring, swaying, teleop_bench
+from harness.facing_arms import distance
 
 from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.apart import GUARDED
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.hardware_rig import open_simulated
 
 T_FAR = SE3.from_rpy((0.0, 0.0, np.pi), (0.9, 0.0, 0.0))
+
+T_BESIDE = SE3.from_rpy((0.0, 0.0, -0.5 * np.pi), (0.25, 0.3, 0.0))
+Q_BESIDE = np.radians([0.0, -40.0, 40.0, 60.0, 0.0])
+"""An arm that reaches from the side to where another one points with its pan at -20 degrees."""
 
 PHASE = 0.004
 """By how much the control cycles of the arms are apart [s]."""
@@ -58,3 +69,64 @@ def test_a_common_motion_begins_within_five_milliseconds(arms, clock):
     for motion in motions:
         motion.result()
     assert abs(begun[0] - begun[1]) < 0.005
+
+
+def true_distance(emulated, beside):
+    """How far an emulated arm truly is from the one beside it [m]."""
+    state = beside.arm.state
+    q_beside = np.append(state.q_ref, state.q_jaw_ref)
+    return distance(bodies_of(), np.radians(emulated.q_deg), q_beside, T_BESIDE)
+
+
+def test_a_follower_of_teleoperation_stays_off_an_arm_beside_it(tmp_path):
+    with ExitStack() as stack:
+        bench = stack.enter_context(teleop_bench(tmp_path))
+        beside = stack.enter_context(open_simulated(clock=bench.clock, q_start=Q_BESIDE))
+        cell = Cell()
+        cell.add("follower", bench.follower.rig, SE3.identity())
+        cell.add("beside", beside, T_BESIDE)
+        bench.start(guarded=True)
+        bench.until(lambda: mirroring(bench))
+        swaying(bench)  # to both sides, at 63 deg/s where it would meet the arm
+        held, nearest, off = False, np.inf, 0.0
+        for _ in range(140):
+            bench.advance(0.05)
+            held |= bench.teleop.status.is_held
+            nearest = min(nearest, true_distance(bench.follower, beside))
+            off = max(off, abs(bench.leader.q_deg[0] - bench.follower.q_deg[0]))
+        assert mirroring(bench)
+        assert held
+        assert off > 15.0, "the leader went on where the follower could not"
+        assert 0.5 * GUARDED < nearest < 2.0 * GUARDED
+        assert bench.leader.q_deg[0] == pytest.approx(bench.follower.q_deg[0], abs=2.0)
+
+
+def test_an_arm_that_is_led_stays_off_one_that_a_hand_guides(arms, clock):
+    guided = arms[0]
+    with open_simulated(clock=clock, q_start=Q_BESIDE) as beside:
+        cell = Cell()
+        cell.add("guided", guided.rig, SE3.identity())
+        cell.add("beside", beside, T_BESIDE)
+        in_time(clock, lambda: guided.rig.arm.set_manual(True))
+        following = in_time(
+            clock, lambda: beside.arm.open_following(limits=FAST, stale_after=None, gate=10.0)
+        )
+        reach, away = np.radians([0.0, 0.0, 10.0, 60.0, 0.0]), Q_BESIDE
+        there, held, nearest = np.degrees(guided.world.q), set(), np.inf
+        there[0] = 10.0
+        guided.lead_to(there, 2.0)  # by hand, a little aside
+        for k in range(600):
+            following.aim(away if k < 250 else reach)
+            clock.advance(0.01)
+            held.update(following.held_by)
+            nearest = min(nearest, true_distance(guided, beside))
+        assert any("guided's" in each for each in held)
+        assert 0.8 * GUARDED < nearest < 2.0 * GUARDED
+        there[0] = 60.0
+        guided.lead_to(there, 2.0)
+        for _ in range(500):
+            clock.advance(0.01)
+            assert true_distance(guided, beside) > 0.8 * GUARDED
+        assert following.held_by == ()
+        np.testing.assert_allclose(beside.arm.state.q_ref, reach, atol=1e-6)
+        following.close()
