@@ -40,6 +40,7 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_servo
 	$(BIN)/python -m benchmarks.bench_module
 	$(BIN)/python -m benchmarks.bench_bus
+	$(BIN)/python -m benchmarks.bench_emulator
 	$(BIN)/python -m benchmarks.bench_follow
 	$(BIN)/python -m benchmarks.bench_stream
 	$(BIN)/python -m benchmarks.bench_stop
