@@ -89,7 +89,7 @@ class So101Error(Exception):
         return (_rebuild, (type(self), str(self), dict(self.__dict__)))
 
     def about(self, what: str) -> Self:
-        """The same error, whose message begins with what it is about."""
+        """A copy of the error with ``what`` in front of its message."""
         copied = copy.copy(self)
         copied.args = (clipped(f"{what}: {self}", LONGEST_MESSAGE),)
         return copied

@@ -35,9 +35,9 @@ class JointReading:
             their angles are the last known.
         unconfirmed: Names of the joints whose angle comes from a single reply that no second one
             has confirmed yet.
-        in_play: Joints that may stand while their motor goes through the play of its gears, by
-            name, and how far they fall behind then [rad]. Not those whose load keeps their gears on
-            one side, whatever the gripper carries.
+        in_play: Joints that may stand still while their motor crosses the play of its gears, by
+            name, with how far they fall behind then [rad]. Joints whose load keeps their gears on
+            one side are left out.
     """
 
     q: Array

@@ -1,29 +1,28 @@
 """Limit the speed of every command and servo goal; the last step before the bus.
 
-Every goal that a running arm is sent passes through here, in every mode. The limiter knows the last
-command that was sent and when, and keeps these promises for each joint:
+Every goal for a running arm passes through here, in every mode. The limiter knows the last command
+and its time, and keeps these promises for each joint:
 
 1. *The command moves no faster than its caps.* Over any span it moves by at most
    ``v * (span + CATCH_UP)`` and what ``acceleration`` adds in between, where ``v`` is the
    larger of the two velocities that came with two commands. Time that a command did not need
    is kept for a later one, up to ``CATCH_UP``. Those velocities themselves stay below
    ``speed`` and change by no more than ``acceleration`` allows. So a motion with a cap of 30 deg/s
-   is held to 30 deg/s, because that is what its setpoints say; and whatever says nothing is held to
+   is held to 30 deg/s by the velocities of its setpoints; a command without a velocity is held to
    ``speed``. ``speed`` and ``acceleration`` are the hard caps, which the servos keep as well.
    A joint that got no command for ``PAUSE`` stands: it may go on from rest, or at its old speed.
 2. *A command begins where its joint is.* The first one after torque was off, after a fault or after
-   a hand has guided the arm must be where the joint is known to be. So must one that breaks promise
-   1 because a joint that did not follow is told to stay where it is; it comes without a velocity.
-3. *What is added to a command stays below its own bound*, ``largest_offset``, and changes by no
-   more than ``OFFSET_SPEED``; what makes up for the lag at speed, v^2 / 2a, changes by
-   no more than ``LEAD_SPEED``.
+   a hand has guided the arm must be at the known position of the joint. So must a command that
+   breaks promise 1 to make a joint that did not follow stay where it is; it has no velocity.
+3. *The offset against weight stays below its bound*, ``largest``, and changes by no more than
+   ``OFFSET_SPEED``; the lead against lag at speed, v^2 / 2a, changes by no more than
+   ``LEAD_SPEED``.
 4. *The goals of an arm that a hand guides* follow the hand no faster than ``speed``.
 
-A command that breaks 1 or 2 is a mistake of this program or the work of a wrong reading, so it is
-not brought into bounds but refused: nothing is sent, the joint stays at the last command, and
-``CommandRefused`` says which joint, how far and what was allowed. Whoever drives the arm takes that
-as a fault. What 3 and 4 bound comes from measurements and is held back without a word, as the
-controllers that ask for it expect.
+A command that breaks 1 or 2 comes from a bug or a wrong reading, so it is refused instead of
+clamped: nothing is sent, the joint stays at the last command, and ``CommandRefused`` says which
+joint, how far and what was allowed. The executor treats that as a fault. Offsets, leads and guided
+goals (3 and 4) come from measurements and are clamped silently, as their controllers expect.
 """
 
 from __future__ import annotations
@@ -37,28 +36,29 @@ from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.drivers.position_check import CLOSE
 
 SLACK = 0.01
-"""How much nearer two goals may follow each other than their setpoints are apart [s]: a period,
-because a tick that came late is followed by one in time."""
+"""How much closer in time two goals may be than their setpoints [s]: a period, because after a late
+tick the next one is in time."""
 
 CATCH_UP = 0.03
-"""How much time a command may make up for [s]: three periods, because a tick that a busy machine
-delays by up to three leaves out two, and the one after that is in time. Seen under load: a command
-14 ms late, and the next but one 6 ms after it."""
+"""How much time a command may make up for [s]: three periods, because after a tick that is up to
+three periods late two are left out, and the next one is in time. Seen under load: a command 14 ms
+late, and the next but one 6 ms after it."""
 
 PAUSE = 0.1
-"""After how long without a command a joint stands [s]. Chosen: three times what servos lag behind;
-they have reached the last goal."""
+"""A joint without a command for so long stands [s]. Chosen: three times the servos' lag; they have
+reached the last goal."""
 
 OFFSET_SPEED = to_rad(60.0)
-"""How fast what is added for the weight may change [rad/s]. Chosen: twice what the weight asks for
-at 180 deg/s, and more than the integral in ``gravity_compensation.py`` ever learns."""
+"""How fast the offset against weight may change [rad/s]. Chosen: twice what the weight needs at 180
+deg/s, and more than the integral in ``gravity_compensation.py`` ever learns."""
 
 LEAD_SPEED = 2.0
-"""How fast what is added for the lag may change, in shares of ``speed``: it does by v times the
-acceleration over the servo's own braking, 1000 / 600 at most."""
+"""How fast the lead against lag may change, in shares of ``speed``: v times the acceleration over
+the servo's own braking, 1000 / 600 at most."""
 
 SEED = CLOSE * RAD_PER_TICK
-"""How far from its joint a command may begin [rad]: two readings that agree are no nearer."""
+"""Largest distance from its joint at which a command may begin [rad]: that of two readings that
+agree."""
 
 _ROUNDING = 1e-6  # [rad] and [rad/s]
 
@@ -67,7 +67,7 @@ class GoalLimiter:
     """Limits the commands of the six joints; in plain lists, for it is called in every cycle.
 
     Args:
-        names: What the joints are called.
+        names: Names of the joints, for messages.
         speed: Hard cap of every joint [rad/s].
         acceleration: Hard cap of every joint [rad/s^2].
     """
@@ -86,23 +86,23 @@ class GoalLimiter:
     def begin(
         self, q_cmd: Sequence[float], q: Sequence[float], now: float, free: Collection[int] = ()
     ) -> None:
-        """Take the first command.
+        """Check the first command.
 
         Args:
-            q_cmd: Where the joints are sent [rad].
-            q: Where they are known to be [rad].
+            q_cmd: Commanded joint angles [rad].
+            q: Measured joint angles [rad].
             now: The time [s].
             free: Joints that their servos keep slow by themselves, see ``out_of_range.py``.
 
         Raises:
-            CommandRefused: It is not where the joints are.
+            CommandRefused: The command is not where the joints are.
         """
         for i, (there, here) in enumerate(zip(q_cmd, q, strict=True)):
             if not abs(there - here) <= SEED and i not in free:
                 raise CommandRefused(
                     f"{self._names[i]} is at {to_deg(here):.1f} deg and was to be held at"
-                    f" {to_deg(there):.1f} deg, {to_deg(SEED):.1f} deg are allowed; nothing was"
-                    " sent. Let the arm hold again",
+                    f" {to_deg(there):.1f} deg; {to_deg(SEED):.1f} deg apart are allowed, so"
+                    " nothing was sent. Let the arm hold again",
                     joint=self._names[i],
                 )
         self._q, self._qd = list(q_cmd), [0.0] * len(self._q)
@@ -118,17 +118,17 @@ class GoalLimiter:
         here: Callable[[int], float],
         free: Collection[int] = (),
     ) -> None:
-        """Take the next command.
+        """Check the next command.
 
         Args:
-            q_cmd: Where the joints are sent [rad].
-            qd_cmd: How fast the first of them are wanted there [rad/s]; None or NaN if nobody says.
+            q_cmd: Commanded joint angles [rad].
+            qd_cmd: Velocities there of the first joints [rad/s]; None or NaN if not known.
             now: The time [s].
-            here: Where a joint is surely known to be [rad], else NaN.
+            here: The confirmed angle of a joint [rad], else NaN.
             free: As for ``begin``.
 
         Raises:
-            CommandRefused: It moves more than the caps allow; the last command is still the last.
+            CommandRefused: It moves more than the caps allow; the last command stays in force.
         """
         elapsed = max(now - self._t, 0.0)
         # The pause may have ended just before the last command: nothing moved in a single period.
@@ -155,7 +155,7 @@ class GoalLimiter:
                     continue
                 raise CommandRefused(
                     f"{self._names[i]} was to move by {to_deg(q - self._q[i]):.1f} deg within"
-                    f" {1000.0 * elapsed:.0f} ms, {to_deg(allowed):.1f} deg are allowed;"
+                    f" {1000.0 * elapsed:.0f} ms; {to_deg(allowed):.1f} deg are allowed, so"
                     " nothing was sent and the arm holds. Let it hold again, then move anew",
                     joint=self._names[i],
                 )
@@ -172,14 +172,14 @@ class GoalLimiter:
         lead: Sequence[float],
         now: float,
     ) -> list[float]:
-        """The goals to send [rad]: the last command and its offset, within the bounds.
+        """The goals to send [rad]: the last command plus offset and lead, within their bounds.
 
-        What is added begins anew with the first command.
+        With the first command offset and lead may jump to their values.
 
         Args:
-            weight: What shall be added for the weight [rad].
-            largest: How much of that may be at most [rad].
-            lead: What is added for the lag at speed [rad].
+            weight: Offset against the weight [rad].
+            largest: Its bound [rad].
+            lead: Lead against the lag at speed [rad].
             now: The time [s].
         """
         dt = now - self._t_goal + SLACK
@@ -218,9 +218,9 @@ class GoalLimiter:
         if i not in free:
             raise CommandRefused(
                 f"{self._names[i]} was to change its speed from {to_deg(before):.0f} to"
-                f" {to_deg(qd):.0f} deg/s at once, up to {to_deg(self._speed):.0f} deg/s by steps"
-                f" of {to_deg(change):.0f} deg/s are allowed; nothing was sent and the arm holds."
-                " Let it hold again, then move anew",
+                f" {to_deg(qd):.0f} deg/s at once; steps of {to_deg(change):.0f} deg/s up to"
+                f" {to_deg(self._speed):.0f} deg/s are allowed, so nothing was sent and the"
+                " arm holds. Let it hold again, then move anew",
                 joint=self._names[i],
             )
 

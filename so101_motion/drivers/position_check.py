@@ -1,23 +1,23 @@
 """Reject servo positions that a joint cannot have reached since it was last seen.
 
-A checksum of eight bits lets one wrong answer in 256 pass, and a servo may err. What it says is
-therefore held against what is surely known of its joint, and physics decides. With ``v`` the
-velocity when it was last surely known and ``dt`` the age of that, a joint can be
+A checksum of eight bits lets one wrong answer in 256 pass, and a servo may be wrong. Each reading
+is therefore checked against the last sure position of its joint. With ``v`` the velocity there and
+``dt`` the time since, a joint can be
 
-* between where it was and where it would be at ``v``, for it may have been stopped on the way,
-* give or take ``PUSH * dt^2 / 2`` for what pushed it meanwhile, ``SCATTER`` and ``PLAY``,
-* but nowhere that it would have had to be faster than ``FASTEST`` to reach.
+* between that position and the one it would reach at ``v``, for it may have been stopped between,
+* plus or minus ``PUSH * dt^2 / 2`` for a push meanwhile, ``SCATTER`` and ``PLAY``,
+* but not where it could only get faster than ``FASTEST``.
 
-A reading that does not fit is not believed, and is to be asked for again. One that fits is *sure*
-if it agrees with the past, which means within ``CLOSE`` of the first of these, or if it is the last
-of ``ENOUGH`` readings in a row that agree with each other. Those count even where each for itself
-does not fit, but never where the joint is too far away for ``FASTEST``. So however many wrong
-answers come, nothing is believed that the joint cannot have reached. A joint that truly is
-elsewhere, for example because an encoder slipped, is believed a quarter of a second later.
+A reading that does not fit is rejected, and asked for again. One that fits is *sure* if it agrees
+with the past, which means within ``CLOSE`` of the first range, or if it is the last of ``ENOUGH``
+readings in a row that agree with each other. Such a row counts even if each reading alone does not
+fit, but never if it is out of reach at ``FASTEST``. So however many wrong answers come, no position
+is accepted that the joint cannot have reached. If the joint really is elsewhere, for example
+because an encoder slipped, its position is accepted a quarter of a second later.
 
-Whoever is about to make a goal out of a position asks for one that is sure.
+Code that makes a goal out of a position uses a sure one.
 
-Everything is in ticks and goes round the circle of 4096, so the seam is a place like any other.
+All positions are in ticks on the circle of 4096, so the seam needs no special case.
 """
 
 from __future__ import annotations
@@ -30,35 +30,34 @@ from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
 
 FASTEST = to_rad(900.0) * TICKS_PER_RAD
-"""Faster than this no joint turns [tick/s]. The fastest motor does 312 deg/s without load (7.4 V
-type, datasheet), an arm dragged by hand was measured at 223 deg/s, a joint of the emulated arm,
-which has less friction than a real one, falls and is flung at up to 674 deg/s. Chosen: a third
-more."""
+"""Largest speed of a joint [tick/s]. The fastest motor does 312 deg/s without load (7.4 V type,
+datasheet), an arm dragged by hand was measured at 223 deg/s, and a falling joint of the emulated
+arm, which has less friction than a real one, reaches 674 deg/s. Chosen: a third more."""
 
 PUSH = to_rad(15000.0) * TICKS_PER_RAD
-"""Harder than this nothing pushes a joint [tick/s^2]: stall torque of 2.94 N m on the rotor alone,
-0.0218 kg m^2 at the output (fit to recordings of an STS3215), is 7,700 deg/s^2; twice that, for a
-hand. What hits it harder costs one more question."""
+"""Largest acceleration of a joint [tick/s^2]: the stall torque of 2.94 N m on the rotor alone,
+0.0218 kg m^2 at the output (fit to recordings of an STS3215), gives 7,700 deg/s^2; twice that for a
+hand. A harder hit costs one more question."""
 
 SCATTER = 6.0
-"""How far two readings of a joint at rest are apart at most [tick]: each was seen to scatter by
-3 ticks."""
+"""Largest difference between two readings of a joint at rest [tick]: each was seen to scatter by 3
+ticks."""
 
 PLAY = 15.0
-"""How far a joint may flick through the play of its gears at once [tick]: 14.8 were measured on an
-SO-101 (robonine), 0.5 deg is promised. A moving joint whose load changes sides does it in 10 ms."""
+"""Play that a joint may cross at once [tick]: 14.8 were measured on an SO-101 (robonine), 0.5 deg
+is specified. A moving joint whose load changes sides crosses it in 10 ms."""
 
 CLOSE = SCATTER + 0.5 * PUSH * 0.01**2
-"""Two readings agree if they are no farther apart than this [tick]: what physics lets happen in one
+"""Two readings agree if they are no farther apart than this [tick]: the largest change in one
 period of 10 ms, 1.3 deg. Chosen."""
 
 ENOUGH = 4
-"""So many readings in a row that agree are sure without the past. Forged ones agree by chance: with
-half of all answers spoiled, joints were thrown by pairs, and by three of them three times in two
-million answers; by four not once in 1.4 million."""
+"""So many readings in a row that agree are sure without the past. Wrong ones may agree by chance:
+with half of all answers corrupted, joints were thrown by pairs of them, by three agreeing ones
+three times in two million answers, by four not once in 1.4 million."""
 
-_HANDS = 0.5 * FASTEST  # readings that agree with each other show no joint faster than that
-_RECENT = 0.1  # a velocity says nothing of a joint that was last surely seen longer ago [s]
+_HANDS = 0.5 * FASTEST  # largest speed between readings that agree with each other
+_RECENT = 0.1  # longest time for which the last sure velocity is used [s]
 _SPACING = 0.004  # velocities come from readings at least so far apart [s]; chosen
 _HALF = TICKS_PER_TURN // 2
 
@@ -74,7 +73,7 @@ class PositionCheck:
         self._known: list[_KnownPosition | None] = [None] * n
 
     def begin(self, i: int, ticks: int, now: float) -> None:
-        """Joint ``i`` is at ``ticks``; agreeing readings have shown it just ``now`` [s]."""
+        """Start from ``ticks``, the position of joint ``i`` that agreeing readings show ``now``."""
         self._known[i] = _KnownPosition(ticks % TICKS_PER_TURN, now, is_sure=True)
 
     def is_sure(self, i: int) -> bool:
@@ -87,13 +86,13 @@ class PositionCheck:
 
         Args:
             joints: Which ones.
-            since: An older position does not count [s].
+            since: Positions older than this time do not count [s].
         """
         known = self._known
         return [i for i in joints if not ((k := known[i]) and k.is_sure and k.t >= since)]
 
     def judge(self, i: int, ticks: int, asked: float, answered: float) -> bool:
-        """Whether joint ``i`` can be at ``ticks``; if so, that is what is known from now on.
+        """Whether joint ``i`` can be at ``ticks``; if so, that becomes its known position.
 
         Args:
             i: Which joint.
@@ -111,7 +110,7 @@ class PositionCheck:
 
 
 class _KnownPosition:
-    """What is known of one joint."""
+    """Known positions and velocity of one joint."""
 
     __slots__ = ("_count", "_last", "_last_t", "_last_v", "_sure", "_sure_t", "_v", "is_sure", "t")
 
@@ -145,7 +144,7 @@ class _KnownPosition:
         return False
 
     def _trust(self, ticks: int, asked: float, way: int) -> None:
-        """It agrees with the past."""
+        """Make a reading that agrees with the past the sure position."""
         since = asked - self._sure_t
         if since >= _SPACING:
             self._v = way / since
@@ -153,7 +152,7 @@ class _KnownPosition:
         self.t, self.is_sure, self._count = asked, True, 0
 
     def _count_in(self, ticks: int, asked: float) -> None:
-        """How many readings in a row agree by now that do not agree with the past."""
+        """Count readings in a row that agree with each other but not with the past."""
         way, dt = _way(self._last, ticks), asked - self._last_t
         on = self._last_v * dt
         if self._count == 1 and abs(way) <= CLOSE + _HANDS * dt and dt <= _RECENT:

@@ -1,7 +1,7 @@
-"""What is known of the STS3215 itself: motor, gears, friction and reaction times, by type.
+"""Figures of the two STS3215 types: motor, gears, friction and delays.
 
-The emulated servos behave like this, and the driver makes up for it. Both know only the type: each
-emulated servo may differ from it (``emulator/spread.py``), as each real one does.
+The emulated servos behave by them, and the driver compensates for them. Each emulated servo may
+differ from its type (``emulator/spread.py``), as each real one does.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class ServoType:
 
     Attributes:
         name: Order code.
-        volts: Supply it is made for [V].
+        volts: Rated supply [V].
         torque_per_volt: Of the blocked motor [N m/V].
         back_emf: Voltage that its speed induces [V s/rad].
         resistance: Of the winding [ohm].
@@ -117,9 +117,9 @@ class ServoFigures:
 
 
 AS_SOLD = ServoFigures()
-"""A servo of which nothing is known but its type."""
+"""A servo that does not differ from its type, as far as is known."""
 
 
 def type_of(max_voltage: float) -> ServoType:
-    """The type of a servo, told by the highest supply it is set for [V]: 8.0 or 14.0 as new."""
+    """The type of a servo, by the upper limit of its supply [V]: 8.0 or 14.0 as new."""
     return STS3215_7V4 if max_voltage < 9.0 else STS3215_12V

@@ -8,11 +8,11 @@ the inner setpoint as a critically damped second-order system::
 
 Between two calls the goal is constant, so the inner setpoint is one ramp and one rest, and on each
 of them the equation has a closed solution. The joint is therefore exact at any instant and does not
-depend on how often it is asked; only floating point rounds. The response to an inner setpoint is an
+depend on how often it is read; only floating point rounds. The response to an inner setpoint is an
 average of its past, so the joint never moves faster than the cap and never overshoots a goal.
 
 Not modelled: gravity, friction, backlash, ticks, and contact with anything. With torque off a joint
-stays where it is until somebody pushes it.
+stays where it is until ``push`` moves it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MAX_SPEED = 2700.0 / 4096.0 * 2.0 * np.pi
 level off at 12.3 V."""
 
 MAX_ACCELERATION = np.radians(1000.0)
-"""Commands that change their speed faster than this are refused [rad/s^2]: as on a real arm."""
+"""Commands whose speed changes faster than this are refused [rad/s^2], as on a real arm."""
 
 _JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 
@@ -46,13 +46,13 @@ _JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 class SimArm:
     """Six simulated joints; fits ``JointDriver``.
 
-    The methods beyond a driver's are what a person at the bench can do to an arm: push it, hold a
-    joint fast, break the connection. They may be called from any thread.
+    Besides a driver's methods it has those of a person at the arm: push it, hold a joint fast,
+    break the connection. They may be called from any thread.
 
     Args:
-        clock: What time it is.
-        q: Where the arm joints stand, shape (5,), [rad]; zeros by default.
-        q_jaw: Where the jaw stands [rad].
+        clock: The clock of the rig.
+        q: Angles of the arm joints at the start, shape (5,), [rad]; zeros by default.
+        q_jaw: Angle of the jaw at the start [rad].
 
     Attributes:
         on_command: Called with every command as it is taken, on the caller's thread; None for
@@ -82,7 +82,7 @@ class SimArm:
     # What a driver does
 
     def read(self) -> JointReading:
-        """Where the joints are now and how fast they move."""
+        """Angles and velocities of the joints now."""
         with self._lock:
             self._follow()
             return JointReading(
@@ -97,17 +97,17 @@ class SimArm:
         qdd_cmd: Array | None = None,
         is_led: bool = False,
     ) -> None:
-        """Give the joints a goal: arm joints, shape (5,), and jaw [rad].
+        """Send the arm joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
         Args:
-            q_cmd: Where the arm joints are wanted.
-            q_jaw_cmd: Where the jaw is.
-            qd_cmd: How fast the arm joints are wanted there, shape (5,), [rad/s].
+            q_cmd: Angles of the arm joints.
+            q_jaw_cmd: Angle of the jaw.
+            qd_cmd: Velocities of the arm joints there, shape (5,), [rad/s].
             qdd_cmd: Not used; these joints have no lag.
-            is_led: Nor is this.
+            is_led: Not used.
 
         Raises:
-            CommandRefused: That is further than the caps of driven joints allow, as for a real arm.
+            CommandRefused: It is further than the caps of driven joints allow, as on a real arm.
         """
         with self._lock:
             self._follow()
@@ -163,7 +163,7 @@ class SimArm:
         """Move limp or guided joints by hand to ``q``, shape (5,), and the jaw to ``q_jaw`` [rad].
 
         Raises:
-            RuntimeError: They are held; nobody turns these gears against the motor.
+            RuntimeError: They are driven; nobody can turn these gears against the motor.
         """
         with self._lock:
             self._catch_up()
@@ -190,12 +190,12 @@ class SimArm:
             self._inner[i] = self._q[i]  # the servo sets off from here, at its capped speed
 
     def disconnect(self, failure: Exception) -> None:
-        """From now on every exchange raises ``failure``; the joints go on to their goals."""
+        """Make every exchange raise ``failure`` from now on; the joints go on to their goals."""
         with self._lock:
             self._failure = failure
 
     def reconnect(self) -> None:
-        """Exchanges work again."""
+        """Let exchanges work again."""
         with self._lock:
             self._failure = None
 
@@ -220,7 +220,7 @@ class SimArm:
         self._qd[:5] = 0.0
 
     def _catch_up(self) -> None:
-        """Bring the joints from the last instant they were looked at to now."""
+        """Move the joints from the time of the last call to now."""
         now = self._clock.now()
         dt, self._t = now - self._t, now
         if not self._torque or dt <= 0.0:

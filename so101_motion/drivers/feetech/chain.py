@@ -1,8 +1,8 @@
 """Find and set up the servos along the cable, and do so again after a loss.
 
 ``Chain`` has the connection, which may go away and come back (``connection.py``), and knows which
-servos answer (``presence.py``) and what their RAM must hold. Whenever servos have been out of sight
-they are set up anew (``servo_setup.py``), and whoever uses them is told how they were found.
+servos answer (``presence.py``) and what their RAM must hold. Servos that answer again after a loss
+are set up anew (``servo_setup.py``), and the driver's ``on_set_up`` learns how each was found.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Chain:
 
     Args:
         open_port: Opens the serial port.
-        clock: What time it is.
+        clock: The clock of the rig.
         maps: The servo of each joint, by index.
-        names: What the joints are called, by index.
+        names: Names of the joints, by index.
         ram: What RAM registers must hold in every servo.
         on_set_up: Called with a joint and how its servo was found, after it was set up.
         reply_timeout: See ``Bus``.
@@ -67,7 +67,7 @@ class Chain:
 
     @contextlib.contextmanager
     def watching(self) -> Iterator[None]:
-        """Catch a lost port inside this block, and note the loss."""
+        """Note the loss of the port in this block; the error goes on."""
         try:
             yield
         except PortUnavailable as error:
@@ -95,7 +95,7 @@ class Chain:
 
         Raises:
             PortUnavailable: There is no port at present.
-            NoReply: One does not answer that did until now, or none does.
+            NoReply: A servo that answered until now is silent, or all are.
             BusError: One cannot be set up.
         """
         bus, ids = self.connection.bus(), tuple(self.index)
@@ -112,8 +112,8 @@ class Chain:
         """Set up servos that were silent and answer again.
 
         Returns:
-            Those that are limp, and what others refused. One that cannot be talked to after all
-            counts as silent and is tried again when it answers.
+            The servos that are limp, and the errors of servos that refused. One that does not
+            answer after all counts as silent and is set up when it answers again.
 
         Raises:
             PortUnavailable: There is no port any more.

@@ -2,8 +2,7 @@
 
 ``Connection`` opens the port when it is asked for the bus and has none, but not more often than a
 back-off allows: 0.25 s after the first failure, twice as long after each further one, 5 s at most.
-In between it answers at once with the reason of the last failure. The counters of the servos go on
-through all of it.
+In between it raises the last failure at once. The servos' counters are kept throughout.
 """
 
 from __future__ import annotations
@@ -31,10 +30,10 @@ class Connection:
 
     Args:
         open_port: Opens the port or raises ``PortUnavailable``.
-        clock: What time it is.
-        names: What the servos are called in messages, by id.
+        clock: The clock of the rig.
+        names: The servos' names in messages, by id.
         reply_timeout: See ``Bus``.
-        counters: Counters to go on with, by id.
+        counters: Counters to continue, by id.
 
     Attributes:
         counters: The servos' counters, by id.

@@ -4,24 +4,24 @@ A control cycle is two transactions: a sync write of the goals and a sync read o
 times a second the read also brings voltage, current, temperature, load and faults. Speed and
 acceleration are capped in the servos' own registers as well.
 
-*Nothing moves by being switched on.* While the servos are limp, ``write`` only remembers the goal;
+*Switching torque on moves nothing.* While the servos are limp, ``write`` only remembers the goal;
 ``set_torque`` then writes it, reads it back, switches torque on and reads that back. The goal is
-where the joint is, and so much beyond that the servo carries the joint's weight. A servo that
-drives its joint already, because a former process left it so or the cable was out for a moment,
+the joint's position plus the offset with which the servo carries the joint's weight. A servo that
+already drives its joint, because an earlier process left it so or the cable was out for a moment,
 stands a little off its goal under its load; the first goal keeps exactly that distance. A joint
 outside its limits, where no goal can keep it, is left as it is until a goal inside comes
-(``out_of_range.py``). What the goals are: see ``goal_compensation.py``, while a hand guides the arm
-``hand_guiding.py``, and while it pulls softly at a hand ``hand_pull.py``.
+(``out_of_range.py``). Goals are computed in ``goal_compensation.py``, while a hand guides the arm
+in ``hand_guiding.py``, and for a soft pull in ``hand_pull.py``.
 
-*One silent servo costs nobody else anything*, and no answer is asked for twice in a cycle: there is
-no time for that, and the next cycle comes soon. For a quarter of a second a joint that is not heard
-is taken to go where it is sent (``joint_estimate.py``), for half a second if none is. Then ``read``
-raises ``NoReply`` once, which ends what is under way; after that the others are read as before, and
-the silent one is asked along. When it answers again it is set up anew; one that had restarted is
-made to hold where it is, and ``ServoFault`` is raised once.
+*One silent servo does not disturb the others*, and no lost answer is asked for twice in a cycle:
+the next cycle comes soon. For a quarter of a second a joint without an answer is assumed to follow
+its goals (``joint_estimate.py``), for half a second if all are silent. Then ``read`` raises
+``NoReply`` once, which ends the motion; after that the others are read as before, and the silent
+servo is asked with them. When it answers again it is set up anew; one that had restarted is made to
+hold where it is, and ``ServoFault`` is raised once.
 
-*The port may go away.* Every ``read`` then tries to get it back (``chain.py``) and sets the servos
-up again. They hold meanwhile, and get nothing before somebody asks for it.
+*The port may go away.* Every ``read`` then tries to reopen it (``chain.py``) and sets the servos up
+again. They hold meanwhile, and get no new goal before somebody asks for one.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 _NO_GOALS: Sequence[None] = (None,) * 6
 
 _REWRITE = 0.03
-"""After how long without a setpoint the goals are sent again, with what the trim has learnt [s]."""
+"""How long after the last setpoint the goals of a resting arm are sent again, with the trim [s]."""
 
 
 class FeetechArm:
@@ -78,14 +78,14 @@ class FeetechArm:
         gravity: The torque that holds a pose, see ``gravity_compensation.py``.
         per_kg: What each kilogram in the hand adds to it; None if nobody knows.
         speed: Speed cap kept by the servos themselves [rad/s].
-        acceleration: The same of acceleration [rad/s^2]; well above plans, or the servos lag.
+        acceleration: Acceleration cap of the servos [rad/s^2]; well above plans, or they lag.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
         counters: The servos' counters so far, by id, if there has been an arm on this port before.
         figures: How servos were found to differ from their type, by joint name.
-        compensates: Whether weight, friction and lag are made up for.
+        compensates: Whether goals compensate weight, friction and lag.
 
     Attributes:
-        models: What is known of the servos, base to jaw.
+        models: The servos' models, base to jaw.
 
     Raises:
         BusError: The port cannot be opened, or a servo cannot be reached or set up.
@@ -161,7 +161,7 @@ class FeetechArm:
             elif self._is_held and self._clock.now() - self._goals.t >= _REWRITE:
                 self._send(bus)
         q, qd = self._at.q, self._at.qd
-        # Where one that did not answer is taken to be is no surer than what it said last.
+        # The estimate of a servo that did not answer is no surer than its last answer.
         silent = self._presence.silent
         unconfirmed = [i for i in self._at.unconfirmed() if self._maps[i].servo_id not in silent]
         out_of_range = self._out_of_range.nearest(q) if self._out_of_range else {}
@@ -187,19 +187,20 @@ class FeetechArm:
         """Send the joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
         Args:
-            q_cmd: Where the arm joints are wanted now.
-            q_jaw_cmd: Where the jaw is.
-            qd_cmd: How fast the arm joints are wanted there, shape (5,), [rad/s]; None is at rest.
-            qdd_cmd: How those speeds change, shape (5,), [rad/s^2]; None is not known.
-            is_led: Whether nobody planned that, so that a joint may turn round at any moment.
+            q_cmd: Angles of the arm joints now.
+            q_jaw_cmd: Angle of the jaw.
+            qd_cmd: Velocities of the arm joints there, shape (5,), [rad/s]; None for at rest.
+            qdd_cmd: Accelerations there, shape (5,), [rad/s^2]; None if not known.
+            is_led: Whether the motion follows a target and is not planned, so that a joint may turn
+                round at any moment.
 
-        While the arm is guided only the jaw is sent anywhere.
+        While the arm is guided only the jaw is commanded.
 
         Raises:
             PortUnavailable: There is no port at present.
-            CommandRefused: That is further than the caps allow (``goal_limiter.py``); the joints
-                are held where they were sent last.
-            NoReply: Where a joint is that is to be held there is not sure.
+            CommandRefused: The command is further away than the caps allow (``goal_limiter.py``);
+                the joints hold the last command.
+            NoReply: The position of a joint that is to be held is not confirmed.
         """
         with self._chain.watching():
             bus, now = self._chain.bus(), self._clock.now()
@@ -211,7 +212,7 @@ class FeetechArm:
                 return
             q = [*q_cmd.tolist(), q_jaw_cmd]
             if self._is_held:
-                if qd_cmd is None:  # whoever is sent elsewhere is to be held where it is
+                if qd_cmd is None:  # a new goal without a velocity: hold the joint where it is
                     self._switch.refuse_unsure(
                         bus, [i for i in self._maps if q[i] != self._compensation.q[i]]
                     )
@@ -232,11 +233,11 @@ class FeetechArm:
     def set_torque(self, on: bool) -> None:
         """Switch torque on at the last written goal, or switch it off.
 
-        A joint outside its limits is left as it is, and so is a silent jaw; without one of its
-        joints the arm is not switched on.
+        A joint outside its limits and a silent jaw are left as they are; if another servo is
+        silent, the arm is not switched on.
 
         Raises:
-            BusError: A servo did not obey. Letting go is tried with all of them first.
+            BusError: A servo did not obey. When switching off, all servos are tried first.
         """
         with self._chain.watching():
             bus = self._chain.bus()
@@ -255,7 +256,7 @@ class FeetechArm:
         ``read`` has to be called a hundred times a second then. Only RAM registers are written.
 
         Args:
-            compliance: How they yield. None ends it: they hold where they are.
+            compliance: How stiff they are. None ends it: they hold where they are.
 
         Raises:
             BusError: A servo did not obey.
@@ -278,7 +279,7 @@ class FeetechArm:
         ``read`` has to be called a hundred times a second then. Only RAM registers are written.
 
         Raises:
-            BusError: A servo did not obey, or where a joint is is not sure.
+            BusError: A servo did not obey, or a joint's position is not confirmed.
             RuntimeError: The joints are held.
         """
         with self._chain.watching():
@@ -287,7 +288,7 @@ class FeetechArm:
             self._pull.ask(self._chain.bus(), pull)
 
     def close(self) -> None:
-        """Close the port; the servos stay as they are, but for a pull, which ends."""
+        """End a pull and close the port; the servos stay as they are."""
         if self._chain.is_set_up:
             with suppress(BusError):
                 self._pull.end(self._chain.bus())
@@ -305,7 +306,7 @@ class FeetechArm:
         return self._chain.bus()
 
     def set_torque_limit(self, joint: str, share: float) -> None:
-        """Let ``joint`` use at most ``share``, 0 to 1, of its motor's drive, also after a restart.
+        """Limit the drive of ``joint`` to ``share``, 0 to 1, of full drive, also after a restart.
 
         Raises:
             BusError: The servo did not take it.
@@ -364,14 +365,14 @@ class FeetechArm:
         return self._chain.bus()
 
     def _take_over(self, i: int, servo: ServoCondition) -> None:
-        """Joint ``i``'s servo has been set up; learn how it stands."""
+        """Take over joint ``i``'s servo in the condition in which it was found and set up."""
         self._chain.ram[self._maps[i].servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
         self._at.found(i, servo.present_ticks, self._clock.now())
         self._compensation.found(i, servo)
         self._out_of_range.found(i, crawls=servo.crawls)
 
     def _take_back(self, bus: Bus, servo_ids: Sequence[int]) -> None:
-        """Servos that were silent answer again; all are seen to before anything is raised."""
+        """Set up servos that answer again and make restarted ones hold; errors are raised last."""
         limp, refusals = self._chain.set_up_again(servo_ids)
         self._pull.end(bus)
         restarted = limp if self._torque else []
@@ -414,7 +415,7 @@ class FeetechArm:
         return self._torque and self._compensation.is_set
 
     def _wanted(self) -> Sequence[float | None]:
-        """Where each joint has been sent [rad]; None if it is limp or a hand leads it."""
+        """The command of each joint [rad]; None if it is limp or a hand leads it."""
         if not self._is_held:
             return _NO_GOALS
         q = self._compensation.q
@@ -431,7 +432,7 @@ class FeetechArm:
         self._goals.lead(bus, q_goal, shares, self._presence.silent, self._out_of_range.left)
 
     def _end_guiding(self, bus: Bus) -> None:
-        """The joints hold where they are, pulling no harder than before, and then may again."""
+        """End guiding: hold the joints where they are, then restore their torque limits."""
         guide, self._guide = self._guide, None
         if guide is None:
             return

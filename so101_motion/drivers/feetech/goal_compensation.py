@@ -1,13 +1,12 @@
-"""Compute the goals of the six servos from where their joints are wanted.
+"""Compute the goals of the six servos from the commanded joint angles.
 
-A goal is not the place where a joint is wanted. It lies beyond, by what weight and friction make
-its servo give way (``gravity_compensation.py``) and by what the servo would lag behind at speed
-(``lag_compensation.py``), and it is a whole number of ticks within the servo's limits. How far the
-command may move and how much may be added to it is bounded in one place, the last before the bus:
-``goal_limiter.py``.
+A goal lies beyond the commanded angle: by the distance that weight and friction make the servo give
+way (``gravity_compensation.py``) and by its lag at speed (``lag_compensation.py``). It is a whole
+number of ticks within the servo's limits. How far the command may move and how much may be added to
+it is bounded in one place, the last before the bus: ``goal_limiter.py``.
 
-What is sent is remembered, because it is what the servo pulls towards from then on: the joint
-stands a little off it under its load, and has to keep that distance when it is told to stay.
+The goals sent are remembered, because the servos pull towards them: under its load a joint stands a
+little off its goal, and has to keep that distance when it is commanded to stay.
 """
 
 from __future__ import annotations
@@ -32,38 +31,38 @@ from so101_motion.drivers.goal_limiter import SLACK, GoalLimiter
 from so101_motion.drivers.servo_types import AS_SOLD, ServoFigures
 
 _AHEAD = 0.06
-"""How much later a goal is felt than it is sent [s]: delay and lag together, at a P gain of 32."""
+"""Time from sending a goal until it acts [s]: delay and lag together, at a P gain of 32."""
 
 _SMOOTHING = 0.1
-"""Share of a new reading of the supply that counts; ten come a second."""
+"""Weight of a new reading of the supply in its average; ten come a second."""
 
 
 _RECENT = 0.05
-"""A servo's set-point is foreseen over no more time than this [s]."""
+"""A servo's set-point is predicted over no more time than this [s]."""
 
 
 _SLOW = 0.03
-"""At this speed the lag is so small that what makes up for it may come and go at once [rad/s]."""
+"""Below this speed the lag is so small that its compensation may start and end at once [rad/s]."""
 
 _BLEND = 0.5
-"""In which time it comes and goes otherwise [s]; chosen, longer than a stop takes."""
+"""Time in which the compensation is faded in or out otherwise [s]; chosen, longer than a stop."""
 
 _TURNING, _LED_SHARE, _LED_BRAKING = to_rad(60.0), 0.4, 0.8
-"""Of a joint that is led less of the lag is made up for the slower it is, below the first [rad/s],
-down to the share that follows; and its set-point gets faster by so much of its own braking.
-Turning round, a servo has to cross its play, and were its set-point as far ahead by then as in a
-planned motion, it would go after it harder than any joint may. Chosen by trial."""
+"""For a joint that follows a target: below the first [rad/s] its lag is compensated less, down to
+the second as a share; and its set-point accelerates by at most the third, as a share of its
+braking. A servo that turns round has to cross its play; with a set-point as far ahead as in a
+planned motion it would then accelerate harder than any joint may. Chosen by trial."""
 
 _MOST_AHEAD = to_rad(40.0)
-"""No goal of a joint that is led is further ahead of its command for its speed [rad]. Chosen: 5
-more than a joint asks for at 180 deg/s that is not driven ahead, and its servo brakes slowest."""
+"""Largest lead over the command of a joint that follows a target [rad]. Chosen: 5 deg more than the
+slowest braking servo needs at 180 deg/s without lag compensation."""
 
 _GIVEN_UP = 2.0
-"""Within which time joints sag that are not compensated for [s]; chosen, a few degrees slowly."""
+"""Time in which the offset of uncompensated joints is faded out [s]; chosen: they sag slowly."""
 
 
 class GoalCompensation:
-    """Six numbers each, in plain lists: for so few they beat numpy in every cycle.
+    """Adds the compensation to commands; in plain lists, which are faster than numpy for six.
 
     Args:
         maps: The servo of each joint there is, by index.
@@ -71,14 +70,14 @@ class GoalCompensation:
         limiter: What bounds commands and goals.
         per_kg: What each kilogram in the hand adds to that torque; None if nobody knows.
         figures: How servos were found to differ from their type, by index.
-        compensates: Whether anything is added at all. If not, what holds the joints when they are
-            taken over is given up within ``_GIVEN_UP``.
+        compensates: Whether anything is added at all. If not, the offsets at which the servos were
+            found are faded out within ``_GIVEN_UP``.
 
     Attributes:
-        trim: What is added for the weight.
-        q: Where the joints are wanted [rad].
+        trim: The offsets for weight and friction.
+        q: Commanded joint angles [rad].
         held: The servos' goals; None for one that is limp, or whose goal is not known.
-        is_set: Whether somebody has said where the joints are wanted since they were found.
+        is_set: Whether there has been a command since the servos were found.
     """
 
     def __init__(
@@ -109,7 +108,7 @@ class GoalCompensation:
         self._reversals = Reversals(self.trim)
 
     def found(self, i: int, servo: ServoCondition) -> None:
-        """Joint ``i``'s servo has been set up and was found like this."""
+        """Start from the condition in which joint ``i``'s servo was found."""
         self.held[i] = servo.goal_ticks if servo.torque else None
         self._overloaded.discard(i)
         brakes = braking(i, servo.max_acceleration)
@@ -117,14 +116,14 @@ class GoalCompensation:
         self.trim.models[i] = ServoModel(servo.kind, servo.p_gain, brakes, own)
 
     def supplied(self, i: int, volts: float) -> None:
-        """What supply joint ``i``'s servo reports [V]."""
+        """Take in the supply voltage that joint ``i``'s servo reports [V]."""
         self.trim.models[i].volts += _SMOOTHING * (volts - self.trim.models[i].volts)
 
     def heard(self, i: int, faults: int) -> None:
-        """What the status byte of joint ``i``'s servo was.
+        """Take in the status byte of joint ``i``'s servo.
 
-        One that has given up on its load does not take it up again before its goal is where it
-        stands. So nothing is added to that goal, and what weighs on the joint has to wait a moment.
+        A servo in overload does not drive again before its goal is where it stands. So nothing is
+        added to its goal until then.
         """
         if faults & Fault.OVERLOAD:
             self._overloaded.add(i)
@@ -134,16 +133,16 @@ class GoalCompensation:
     def begin(
         self, q: list[float], here: Sequence[float], now: float, free: Collection[int]
     ) -> None:
-        """The joints are held at ``q`` [rad] from now on, which is where they are.
+        """Take the first command: hold the joints at ``q`` [rad], where they are.
 
         Args:
-            q: Where.
-            here: Where they are known to be [rad].
-            now: Since when [s].
+            q: Commanded joint angles.
+            here: Measured joint angles [rad].
+            now: The time [s].
             free: Joints that no goal keeps in place.
 
         Raises:
-            CommandRefused: They are elsewhere.
+            CommandRefused: The joints are elsewhere.
         """
         self._limiter.begin(q, here, now, free)
         self.q, self._qd, self.is_set, self._t_begin = q, None, True, now
@@ -160,25 +159,26 @@ class GoalCompensation:
         *,
         is_led: bool = False,
     ) -> None:
-        """The joints are wanted at ``q`` [rad].
+        """Take the next command, ``q`` [rad].
 
         Args:
-            q: Where.
-            qd: How fast the arm joints are wanted there [rad/s]; None or NaN is not known.
-            now: Since when [s].
-            here: Where a joint is surely known to be [rad], else NaN.
+            q: Commanded joint angles.
+            qd: Velocities of the arm joints there [rad/s]; None or NaN if not known.
+            now: The time [s].
+            here: The confirmed angle of a joint [rad], else NaN.
             free: Joints that no goal keeps in place.
-            qdd: How the speeds of the arm joints change there [rad/s^2]; None is not known.
-            is_led: Whether nobody planned that, so that a joint may turn round at any moment.
+            qdd: Accelerations of the arm joints there [rad/s^2]; None if not known.
+            is_led: Whether the motion follows a target and is not planned, so that a joint may turn
+                round at any moment.
 
         Raises:
-            CommandRefused: That is further from where they were wanted than the caps allow.
+            CommandRefused: It is further from the last command than the caps allow.
         """
         self._limiter.follow(q, qd, now, here, free)
         self.q = q
         known = None if qd is None else [0.0 if math.isnan(each) else each for each in qd]
         self._is_told, self._is_led = qdd is not None, is_led
-        # While what makes up for lag is being given up, a servo must not run on as the joint slows.
+        # While lag compensation is faded out, a set-point must not run on as the joint slows.
         self._qdd = qdd or self._changes(known, now)
         dt = now - self._t_point
         ways: Sequence[float | None] = (None,) * 5
@@ -189,12 +189,12 @@ class GoalCompensation:
         self._qd, self._t_point = known, now
         self.trim.command(q, now, self._qd or (0.0,) * 5, _AHEAD, ways)
         for i, each in enumerate(qd or ()):
-            if math.isnan(each):  # it is to stay where it is
+            if math.isnan(each):  # it stays where it is
                 self._setpoint_qd[i] = 0.0
                 self.trim.give_way(i)
 
     def goals(self, now: float, absent: Collection[int] = ()) -> dict[int, Ticks]:
-        """What to send to whom, by servo; ``absent`` ones are left out."""
+        """The goals to send, by servo; ``absent`` servos are left out."""
         offset, lead = self.trim.offset, [0.0] * 6
         dt, self._t_goals = min(now - self._t_goals, _RECENT), now
         if self._qd is None:
@@ -214,23 +214,23 @@ class GoalCompensation:
     def yielded(
         self, q_goal: Sequence[float], now: float, absent: Collection[int]
     ) -> dict[int, Ticks]:
-        """The same while a hand leads the arm to ``q_goal`` [rad]; the jaw holds on."""
+        """The goals while a hand leads the arm to ``q_goal`` [rad]; the jaw holds."""
         return self._in_ticks(self._limiter.yielded([*q_goal, self.q[5]], now), absent)
 
     def in_play(self) -> dict[int, float]:
-        """Joints that may stand in their play now, and how far they fall behind then [rad]."""
+        """The joints that may stand in their play now, with how far they fall behind then [rad]."""
         speeds, models = self._qd or (0.0,) * 5, self.trim.models
         return {i: models[i].stray_in_play(abs(speeds[i])) for i in self.trim.in_play()}
 
     def _changes(self, qd: Sequence[float] | None, now: float) -> Sequence[float]:
-        """How the speeds change that were commanded last [rad/s^2]."""
+        """Accelerations between the last commanded velocities and ``qd`` [rad/s^2]."""
         dt = now - self._t_point
         if qd is None or self._qd is None or not 0.0 < dt < _RECENT:
             return (0.0,) * 5
         return [(v - before) / dt for v, before in zip(qd, self._qd, strict=True)]
 
     def _lead(self, i: int, qd: float, qdd: float, dt: float) -> float:
-        """What makes up for the lag of joint ``i`` at this speed and acceleration [rad]."""
+        """The lead that compensates the lag of joint ``i`` at this speed and acceleration [rad]."""
         self._lags[i] += qd * dt - min(dt / (DELAY + self.trim.models[i].lag), 1.0) * self._lags[i]
         self.trim.lags[i] = (1.0 - self._foreseen[i]) * self._lags[i]
         wanted, before = 1.0 if self._is_told else 0.0, self._foreseen[i]
@@ -254,7 +254,7 @@ class GoalCompensation:
         wanted = qd + share * qdd * (DELAY + model.lag)
         low, high = (slower, faster) if before > 0.0 else (faster, slower)
         self._setpoint_qd[i] = min(max(wanted, before - low), before + high)
-        # What is sent now is felt later, when the joint has gone on and is faster or slower.
+        # A goal sent now acts later, when the joint has moved on and is faster or slower.
         later = DELAY + model.kind.goal_delay
         behind = self.trim.lag(i, qd + qdd * later + crossing, qdd) + later * (
             qd + 0.5 * qdd * later
@@ -271,6 +271,6 @@ class GoalCompensation:
         }
 
     def _sag(self, i: int) -> float | None:
-        """How far the goal of joint ``i``'s servo is from where it is wanted [rad]."""
+        """Distance from joint ``i``'s command to its servo's goal [rad]; None if limp."""
         held = self.held[i]
         return None if held is None else self._maps[i].to_rad(held) - self.q[i]

@@ -1,9 +1,9 @@
-"""Send goals to the servos; the only place that does while the arm is in use.
+"""Send goals to the servos; no other file does while the arm is in use.
 
 Three kinds: the goals of a motion or of a resting arm, in one packet; those of an arm that a hand
-leads, each with the share of its drive that a servo may use; and the first goal of a servo, written
-and read back before torque comes on. What is sent is remembered in ``GoalCompensation.held`` and
-shown to ``on_command``.
+leads, each with the share of drive that its servo may use; and the first goal of a servo, written
+and read back before torque comes on. ``GoalCompensation.held`` remembers what was sent, and
+``on_command`` is called with it.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from so101_motion.drivers.feetech.servo_setup import engage
 
 
 class GoalWriter:
-    """Sends what ``compensation`` wants. Used by the I/O thread only.
+    """Sends the goals of ``compensation``. Used by the I/O thread only.
 
     Args:
-        compensation: Where the joints are wanted.
-        clock: What time it is.
+        compensation: Computes the goals.
+        clock: The clock of the rig.
         index: The joint of each servo.
         ram: What RAM registers must hold, by servo.
 
@@ -47,7 +47,7 @@ class GoalWriter:
         self._index, self._ram = index, ram
 
     def send(self, bus: Bus, silent: Collection[int], left: Collection[int]) -> None:
-        """Send the joints where they are wanted, but ``silent`` servos and joints ``left`` alone.
+        """Send the goals, except to ``silent`` servos and to joints ``left`` alone.
 
         Raises:
             PortUnavailable: The port is gone.

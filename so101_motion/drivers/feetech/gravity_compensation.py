@@ -1,28 +1,28 @@
-"""Bring joints to rest where they were sent, in spite of weight and friction.
+"""Compensate weight and friction, so that joints come to rest where they were sent.
 
-``Trim`` makes the goals wrong in advance by as much as the servos will give way, in two parts:
+``Trim`` offsets the goals by the distance the servos will give way, in two parts:
 
-*What is known*, feed-forward: the torque that holds the commanded pose, and the friction on the way
-there, turned into a distance by ``servo_model.py``. It is there while the arm moves, so the path is
-followed and not only its end. Friction works against the motion, and when a joint turns round it
-does not change sides at once but over ``ENGAGING`` of its way; a trembling command therefore does
-not rattle the goals. When the command comes to rest, friction stays on the side it was.
+*Feed-forward*, from the model: the torque that holds the commanded pose and the friction of the
+motion, turned into a distance by ``servo_model.py``. It acts while the arm moves, so the whole path
+is followed and not only its end. Friction opposes the motion. When a joint turns round, its
+friction does not change sides at once but over twice ``ENGAGING`` of travel, so a trembling command
+does not shake the goals. When the command comes to rest, friction stays on the side it was.
 
-*What is left*, a slow integral: while command and joint stand still, the measured error is added
-up. It first turns friction over to the side it is needed on, quickly, for as long as nothing
-moves; the rest is load that the model does not know, and is kept for the motions that follow. What
-of it a mass in the hand would explain is kept as that mass, because it weighs differently in every
-pose; the remainder stays with its joint.
-While the joint moves without its command the integral waits. While the command moves it learns
-slowly, from what is missing beyond the lag that nothing makes up for: taken for weight, the lag of
-a joint that is led at 50 deg/s carried it up to 3 deg past the place where it was stopped.
+*A slow integral*, for the rest: while command and joint stand still, the measured error is added
+up. It first turns friction over to the side where it is needed, quickly, as long as nothing moves.
+The rest is load that the model does not know, and is kept for the motions that follow. The part
+that a mass in the gripper explains is kept as that mass, because its torque changes with the pose;
+the remainder stays with its joint. While the joint moves without its command the integral waits.
+While the command moves it learns slowly, from the error beyond the uncompensated lag: when that lag
+was taken for weight, a joint that followed a target at 50 deg/s went up to 3 deg past the place
+where it was stopped.
 
-What keeps the integral from doing harm: an error too large for the arm's weight is no droop but a
-joint that is held fast or still on its way, and is left alone; the integral is bounded by the share
-of the motor's drive it can cause. Errors of a tick or two are left alone too, and half a second
-after the command has come to rest every joint that has arrived: with play and friction a joint
-would hunt from one side of its goal to the other for ever. The jaw has no trim: its error is the
-grip.
+Three rules keep the integral from doing harm. An error too large for the arm's weight is not droop:
+the joint is held fast or still moving, and nothing is learnt. The integral is bounded by the share
+of full drive it can cause. And errors of a tick or two are ignored, as are, half a second after the
+command has come to rest, all errors of joints that have arrived: with play and friction a joint
+would otherwise hunt from one side of its goal to the other for ever. The jaw has no trim: its error
+is the grip.
 """
 
 from __future__ import annotations
@@ -44,103 +44,103 @@ GAIN = 8.0
 delay included, is twice as fast."""
 
 GAIN_MOVING = 2.0
-"""The same while the command moves [1/s], for joints that bear weight: a load that is not known
-bears on them too. The error of the others is lag, which is over when they rest. Chosen."""
+"""Integral gain while the command moves [1/s], for joints that bear weight: an unknown load acts on
+them too. The error of the others is lag, which ends when they rest. Chosen."""
 
 GAIN_KNOWN, REST_KNOWN = 4.0, 0.2
-"""The gain [1/s] for servos whose own figures are known, and the share of it for what a mass in the
-hand does not explain: such a servo is seldom off for another reason. Chosen by trial."""
+"""The same gain [1/s] for servos whose own figures are known, and the share of it for errors that
+no mass in the gripper explains: such a servo seldom has another error. Chosen by trial."""
 
 BEARING = 0.3
-"""A joint with less of the arm's weight learns less while it moves [N m]; chosen."""
+"""Joints that bear less weight than this learn less while they move [N m]; chosen."""
 
 MOVING_ERROR = to_rad(4.0)
-"""A joint further off than this while it moves is held up [rad]; chosen."""
+"""A moving joint with a larger error is blocked by something [rad]; chosen."""
 
 TURNING = to_rad(10.0)
 """How fast friction is turned over to the other side at rest [rad/s]. Chosen: done in 0.2 s under
 the arm's weight, and not 4 ticks too far when the joint breaks loose."""
 
 ENGAGING = to_rad(0.3)
-"""Half the way on which friction changes sides when a joint turns round [rad]. Chosen: four times
-the tremor of a hand that teleoperates."""
+"""Half the travel over which friction changes sides when a joint turns round [rad]. Chosen: four
+times the tremor of a hand that teleoperates."""
 
 DEAD_BAND = 2.5 * RAD_PER_TICK
-"""Errors up to this are left alone [rad]; chosen."""
+"""Errors up to this are ignored [rad]; chosen."""
 
 LATE = 0.45
-"""How long after the command has come to rest small errors are worth a motion [s]; chosen."""
+"""How long after the command has come to rest small errors are still corrected [s]; chosen."""
 
 SETTLE_POSITION = to_rad(0.33)
 """How near to its goal a joint must come to have arrived [rad]: not quite four ticks; a fitted
 servo that breaks loose moves by three. Chosen."""
 
 LEFT_ALONE = to_rad(0.5)
-"""A joint that had arrived once ``LATE`` was over is left alone up to here [rad]. Chosen: its
-reading may change by a tick, and a motion to and fro is worse than what it would mend."""
+"""Errors up to this are ignored for a joint that had arrived after ``LATE`` [rad]. Chosen: its
+reading may change by a tick, and moving to and fro is worse than such an error."""
 
 SETTLE_VELOCITY = to_rad(3.0)
-"""How slow a joint at rest is [rad/s]: its encoder was seen to scatter by 3 ticks."""
+"""A joint slower than this is at rest [rad/s]: its encoder was seen to scatter by 3 ticks."""
 
 SETTLE_TIMEOUT = 2.0
 """How long settling may take [s]: ten time constants of the trim's integral."""
 
 LARGEST_DRIVE = 0.25
-"""Share of full drive that the integral may ask for. Chosen: 300 g in the jaws of the stretched
-arm take 0.22 at the shoulder, their friction included."""
+"""Share of full drive that the integral may cause. Chosen: 300 g in the jaws of the stretched arm
+need 0.22 at the shoulder, their friction included."""
 
 LARGEST_SAG = 0.5
 """Share of full drive beyond which an error cannot be the arm's weight: with 300 g in the jaws of
 the stretched arm its shoulder takes 0.46 to be lifted."""
 
 LARGEST_OFFSET = LARGEST_SAG + LARGEST_DRIVE
-"""Share of full drive that both parts together may ask for."""
+"""Share of full drive that both parts together may cause."""
 
 INERTIA = (0.012, 0.014, 0.007, 0.002, 0.001)
 """Of the links that each joint moves, on top of rotor and gears [kg m^2]; chosen, averages."""
 
 HEAVIEST = 0.4
-"""Most that the hand is taken to carry, or to lack [kg]. Chosen; what a weaker motor looks like
-counts as well."""
+"""Largest mass that is learnt, positive or negative [kg]. Chosen; a weaker motor looks like a mass
+too."""
 
 CARRIES = 0.3
-"""Mass that the hand may carry without anybody knowing [kg]; chosen."""
+"""Unknown mass that the gripper may carry [kg]; chosen."""
 
 UNSURE = 0.05
-"""How far the weight of a joint may be off its model [N m], and a twentieth of it. Chosen: what an
-arm without a load weighs less, 5 deg further."""
+"""Error of the modelled weight of a joint [N m], plus a twentieth of that weight. Chosen: the
+change of an unloaded arm's weight over 5 deg."""
 
 WEIGHTLESS = 0.008
-"""A smaller load leaves an output where its motor drags it [N m]. Chosen: the emulator takes 0.01,
-and 0.3 kg make so much less of it if the zero of the roll is off by 5 deg."""
+"""A smaller load leaves an output where its motor drags it [N m]. Chosen: the emulator's limit is
+0.01, less the effect of 0.3 kg with a roll zero that is off by 5 deg."""
 
 _FELT = 0.5
-"""Where a kilogram in the hand would be felt less than this [N m], nothing is learnt of it."""
+"""The carried mass is learnt only where a kilogram needs at least this torque [N m]."""
 
 _STILL = 0.06
 """How long the command must have stood still [s]: twice a healthy servo's delay. Chosen."""
 
 _AT_REST = to_rad(4.0)
-"""A joint faster than this is on its way [rad/s]; chosen, above the scatter of a resting one."""
+"""A joint faster than this is moving [rad/s]; chosen, above the scatter of a resting one."""
 
 _UPRIGHT = (0, 4)
-"""Pan and roll bear no weight in any pose. Another joint that seems to bear none now goes through
-its play soon, or does already: its weight is not known that well."""
+"""Pan and roll bear no weight in any pose. For the other joints a modelled weight near zero is not
+known that well."""
 
 _JAW = 5
 
 
 class Trim:
-    """What to add to the goals of the six joints; nothing to the jaw's.
+    """Offsets of the six joints' goals against weight and friction; zero for the jaw.
 
     Args:
         gravity: The torque that holds a pose.
-        per_kg: What each kilogram in the hand adds to it; None to learn of no such load.
+        per_kg: The torque that each kilogram in the gripper adds; None to learn no such load.
 
     Attributes:
-        models: What is known of each servo.
-        carried: The mass that the hand seems to carry [kg].
-        lags: How far each joint stays behind its command now, and nothing makes up for it [rad].
+        models: The model of each servo.
+        carried: Estimated mass in the gripper [kg].
+        lags: The uncompensated lag of each joint now [rad].
     """
 
     def __init__(self, gravity: Gravity, per_kg: Gravity | None = None) -> None:
@@ -169,7 +169,7 @@ class Trim:
         way: Sequence[float] = (0.0,) * 5,
         qd: Sequence[float] = (0.0,) * 5,
     ) -> list[float]:
-        """What weight, friction and speed must add to the goals of the arm joints [rad].
+        """The offsets of the arm joints' goals for weight, friction and speed [rad].
 
         Args:
             q: Where all six joints are [rad].
@@ -192,20 +192,20 @@ class Trim:
 
     @property
     def weights(self) -> Sequence[float]:
-        """What holds the joints where they will be when the last goal is felt [N m]."""
+        """Holding torques of the joints where they will be when the last goal acts [N m]."""
         return self._weight
 
     @property
     def rest(self) -> list[float]:
-        """What of ``offset`` neither weight nor friction explain [rad]."""
+        """The part of ``offset`` that neither weight nor friction explain [rad]."""
         return list(self._rest)
 
     def in_play(self) -> list[int]:
-        """The joints that may stand in their play now, given what the hand may carry.
+        """The joints that may stand in their play now, with any load the gripper may carry.
 
-        A joint stands where a load that leads it on falls away: its motor goes through the play
-        first. Where no load leads a joint on, its motor drags it; where one does for good, it stays
-        ahead of its motor.
+        A joint stands still while its motor crosses the play: where a load that pulled it ahead of
+        its motor falls away. Without such a load the motor drags the output; under a lasting one
+        the output stays ahead of the motor.
         """
         found = []
         for i in range(_JAW):
@@ -222,12 +222,12 @@ class Trim:
 
     @property
     def largest(self) -> list[float]:
-        """How much ``offset`` may be at most [rad]."""
+        """Bounds of ``offset`` [rad]."""
         return [LARGEST_OFFSET * model.yielding for model in self.models[:_JAW]] + [0.0]
 
     @property
     def offset(self) -> list[float]:
-        """What to add to the six commanded positions [rad]."""
+        """The offsets to add to the six commanded positions [rad]."""
         return [known + rest for known, rest in zip(self._known, self._rest, strict=True)]
 
     def command(
@@ -238,15 +238,15 @@ class Trim:
         ahead: float = 0.0,
         ways: Sequence[float | None] = (None,) * 5,
     ) -> None:
-        """The six joints are sent to ``goal`` [rad] at ``now`` [s].
+        """Take the next command of the six joints, ``goal`` [rad], at ``now`` [s].
 
         Args:
-            goal: Where to.
-            now: When.
-            qd: How fast they are wanted there [rad/s].
-            ahead: How much later a goal is felt than it is sent [s].
-            ways: Which way and how fully friction is to be overcome, -1 to 1, where that is
-                foreseen; for None it follows from the way that the joint has come.
+            goal: Commanded joint angles.
+            now: The time.
+            qd: Commanded velocities [rad/s].
+            ahead: How long after sending a goal acts [s].
+            ways: The direction in which friction is to be overcome, and how fully, -1 to 1, where
+                it is predicted; for None it follows from the last motion of the joint.
         """
         if goal == self._goal:
             return
@@ -264,12 +264,12 @@ class Trim:
             self._find(i, qd[i])
 
     def give_way(self, i: int) -> None:
-        """Push no more with joint ``i``, which something holds up, until it is sent elsewhere."""
+        """Stop pushing with joint ``i``, which is blocked, until its command changes."""
         self._gives_way[i], self._way[i] = True, 0.0
         self._find(i)
 
     def lag(self, i: int, qd: float, qdd: float) -> float:
-        """How far joint ``i`` would stay behind its set-point [rad].
+        """The lag of joint ``i`` behind its set-point [rad].
 
         Args:
             i: Which joint.
@@ -281,15 +281,15 @@ class Trim:
         return model.distance(torque + more, qd) - model.distance(torque)
 
     def start(self, goal: list[float], now: float, sag: Sequence[float | None]) -> None:
-        """The six joints stand at ``goal`` [rad] at ``now`` [s] and shall stay there.
+        """Start with the six joints at rest at ``goal`` [rad] at ``now`` [s].
 
         Args:
             goal: Where they are.
-            now: When.
-            sag: How far from there the goals of their servos are [rad], None for a limp one. What
-                is added begins with that, as far as the weight can be the reason. A limp joint
-                begins with what its weight explains: the servo then carries it from the first
-                moment, and no more than it, so a joint that lies on something stays there.
+            now: The time.
+            sag: Distance from there to their servos' goals [rad], None for a limp joint. The offset
+                begins with it, as far as the weight can be the reason. The offset of a limp joint
+                begins with its weight alone: the servo carries it from the first moment, and a
+                joint that lies on something stays there.
         """
         self.carried, self._gives_way = 0.0, [False] * 6
         self._take_up(goal, goal, now)
@@ -312,10 +312,10 @@ class Trim:
         """Learn from a measurement.
 
         Args:
-            q: Where the six joints are [rad].
-            qd: How fast they are [rad/s].
-            fresh: Which of them have been measured now.
-            now: When [s].
+            q: Measured angles of the six joints [rad].
+            qd: Measured velocities [rad/s].
+            fresh: The joints that were measured this time.
+            now: The time [s].
         """
         dt, self._last = min(now - self._last, 0.05), now
         if not self._goal:
@@ -347,7 +347,7 @@ class Trim:
         self._learn(steps, [REST_KNOWN if each.is_known else 1.0 for each in self.models])
 
     def _turn_over(self, i: int, error: float, dt: float) -> float:
-        """Turn the friction of joint ``i`` over; once it is, what it must learn [rad]."""
+        """Turn the friction of joint ``i`` over; return what to learn once that is done [rad]."""
         model, way = self.models[i], self._way[i]
         side = 1.0 if error > 0.0 else -1.0
         if way * side >= 1.0:
@@ -359,7 +359,7 @@ class Trim:
         return 0.0
 
     def _learn(self, steps: list[float], shares: Sequence[float] = (1.0,) * 6) -> None:
-        """Let more be added to the goals by ``steps`` [rad], for whatever load that is."""
+        """Increase the offsets by ``steps`` [rad]: as carried mass first, then joint by joint."""
         if not any(steps):
             return
         heaviness = sum(each * each for each in self._per_kg[:_JAW])
@@ -386,7 +386,7 @@ class Trim:
         self._weight, self._per_kg = self._weights(q)
 
     def _weights(self, q: Sequence[float]) -> tuple[list[float], list[float]]:
-        """What holds the joints at ``q`` [rad], and what of it each kilogram carried takes."""
+        """Holding torques at ``q`` [rad], and the torque that each kilogram carried adds."""
         at = np.array(q)
         own: list[float] = self._gravity(at).tolist()
         if self._load is None:
@@ -395,7 +395,7 @@ class Trim:
         return [w + self.carried * u for w, u in zip(own, per_kg, strict=True)], per_kg
 
     def _find(self, i: int, speed: float = 0.0) -> None:
-        """What joint ``i``'s weight and friction add to its goal."""
+        """Update the offset of joint ``i`` for its weight and friction."""
         model, way, weight = self.models[i], self._way[i], self._weight[i]
         torque = weight
         if way:

@@ -1,18 +1,18 @@
 """Guide the arm by hand: the joints carry their weight and yield to a push.
 
-How it works. A joint holds a place, its *anchor*, softly: like a spring of the P gain asked for.
-Pushed beyond the dead band it takes the anchor along, so it stays where it is left. Its weight is
-carried by the goal being so much wrong in advance, as when it holds (``gravity_compensation.py``).
+How it works. A joint holds an angle, its *anchor*, softly: like a spring with the requested P gain.
+Pushed beyond the dead band it takes the anchor along, so it stays where it is left. An offset of
+the goal carries its weight, as when it holds (``gravity_compensation.py``).
 
-The servo's own spring is stiffer than that, and its gain lives in EEPROM, which is left alone. So
-the goal is not the anchor but a point between the joint and the anchor; it moves with the joint, a
-hundred times a second. The torque limit, in RAM, is what carries the weight and a little more: so
-much and no more can the joint put up against a hand, whatever else goes wrong.
+The servo's own spring is stiffer than that, and its gain is in EEPROM, which is not changed. So the
+goal is not the anchor but a point between the joint and the anchor; it moves with the joint, a
+hundred times a second. The torque limit, in RAM, is what carries the weight and a little more: the
+joint can never push harder than that against a hand, whatever else goes wrong.
 
-What the model does not know of the weight would let a joint sink once it is let go. As long as it
-is slow, the joint therefore learns what it takes to stay at its anchor, a little; against a slow
-hand it learns the same, hence the bound. Forgetting is always allowed, so a joint that a hand has
-led slowly catches itself when it is let go.
+A weight that the model does not know would let a joint sink once it is released. While it is slow,
+the joint therefore learns a small offset that keeps it at its anchor. A slow hand teaches it one,
+too, hence the bound. The offset may always shrink, so a joint that a hand has led slowly catches
+itself when it is released.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from so101_motion.drivers.feetech.gravity_compensation import ENGAGING, Trim
 from so101_motion.drivers.feetech.servo_model import yielding
 
 LEARNING = 5.0
-"""How fast it learns [1/s], as when it holds."""
+"""Gain of the learnt offset [1/s], as when the joint holds."""
 
 UNSURE = 0.3
-"""Share of a joint's modelled weight that may be learnt: something in the hand, another supply
-voltage. Chosen: 50 g in the jaws are that to the shoulder."""
+"""Bound of the learnt offset as a share of the joint's modelled weight: for an object in the
+gripper or another supply voltage. Chosen: 50 g in the jaws are that much at the shoulder."""
 
 UNSURE_DRIVE = 0.01
-"""Share of full drive that any joint may learn beyond that. Chosen."""
+"""Share of full drive that is added to this bound. Chosen."""
 
 SLOW = to_rad(6.0)
-"""Slower than this it learns [rad/s]; chosen, nobody guides an arm so slowly for long."""
+"""A slower joint learns [rad/s]; chosen, nobody guides an arm so slowly for long."""
 
 CONTENT = 0.6
-"""Share of the dead band within which it learns nothing. Chosen: with play and friction it would
-otherwise swing about its anchor for ever, once in 14 s."""
+"""Share of the dead band within which a joint learns nothing. Chosen: with play and friction it
+would otherwise swing about its anchor for ever, once in 14 s."""
 
 HELP = 0.5
-"""Share of friction and motor brake that is taken off the hand. Chosen: what is left holds the
-joint and slows it down, and stays more than nothing where friction or torque are a third off."""
+"""Share of friction and motor brake that is compensated for the hand. Chosen: the rest holds the
+joint and slows it down, and stays positive if friction or torque are a third off."""
 
 N = 5
 """The joints of the arm; the jaw is not guided."""
@@ -53,10 +53,10 @@ class HandGuiding:
     """Computes the goals of the arm joints while a hand guides them.
 
     Args:
-        compliance: How they yield.
-        trim: What carries them while they hold, and has carried them until now.
-        q: Where they are [rad].
-        now: What time it is [s].
+        compliance: How stiff they are.
+        trim: The gravity compensation that has carried them until now.
+        q: Their angles [rad].
+        now: The time [s].
     """
 
     def __init__(self, compliance: Compliance, trim: Trim, q: Sequence[float], now: float) -> None:
@@ -71,12 +71,12 @@ class HandGuiding:
     def step(
         self, q: Sequence[float], qd: Sequence[float], now: float
     ) -> tuple[list[float], list[float]]:
-        """Where to send the joints now, and what they may use.
+        """The goals of the arm joints now, and the drive that they may use.
 
         Args:
-            q: Where all six joints are [rad].
-            qd: How fast they are [rad/s].
-            now: What time it is [s].
+            q: Measured angles of all six joints [rad].
+            qd: Measured velocities [rad/s].
+            now: The time [s].
 
         Returns:
             Goals [rad] and shares of full drive of the arm joints.

@@ -1,12 +1,12 @@
-"""Pull limp joints softly, for the hand that leads them to feel.
+"""Pull limp joints softly, so that the hand that leads them feels it.
 
-The arm counts as limp meanwhile: nothing carries it, and it stays wherever the hand takes it. Its
-servos are switched on where they are, with the torque limit lowered first, and pull towards a place
-with no more than the share of their drive that was asked for. The goal is never farther from the
-joint than that share takes, and the limit in RAM bounds it once more. The jaw stays limp.
+The arm counts as limp meanwhile: nothing carries it, and it stays where the hand takes it. Its
+servos are switched on where they are, with the torque limit lowered first, and pull towards given
+angles with at most the requested share of their drive. The goal is never farther from the joint
+than that share needs, and the limit in RAM bounds it once more. The jaw stays limp.
 
-Whoever asks for it asks again and again: without being asked it ends by itself. So it does when a
-servo or the port comes back after a loss, and when the joints are held, released or given up.
+A pull ends by itself unless it is requested again and again. It also ends when a servo or the port
+comes back after a loss, and when the joints are held, released or given up.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Pull:
     """A soft pull.
 
     Attributes:
-        toward: Where to, angles of the five arm joints [rad].
+        toward: Angles of the five arm joints to pull towards [rad].
         share: Share of full drive that each of them uses at most.
         until: When it ends by itself [s].
     """
@@ -36,11 +36,11 @@ class Pull:
 
 
 class HandPull:
-    """Pulls the arm joints, or does not. Used by the I/O thread only.
+    """Pulls the arm joints while a pull is requested. Used by the I/O thread only.
 
     Args:
-        parts: The servos and what is known of them.
-        switch: Their torque.
+        parts: The servos and their state.
+        switch: Switches their torque.
     """
 
     def __init__(self, parts: ServoParts, switch: TorqueSwitch) -> None:
@@ -55,7 +55,7 @@ class HandPull:
         return self._pull is not None
 
     def ask(self, bus: Bus, pull: Pull) -> None:
-        """Pull like this from the next ``step`` on.
+        """Start the pull, or change it, from the next ``step`` on.
 
         Raises:
             BusError: A servo of the arm is silent, does not obey, or two readings of it disagree.
@@ -65,7 +65,7 @@ class HandPull:
         self._pull = pull
 
     def step(self, bus: Bus) -> None:
-        """Send goals for where the joints are now, or end it if its time is over.
+        """Send the goals for the joints' present angles, or end the pull if its time is over.
 
         Raises:
             BusError: A servo did not let go.
@@ -87,7 +87,7 @@ class HandPull:
         self._goals.lead(bus, goals, shares, self._chain.presence.silent, left)
 
     def end(self, bus: Bus) -> None:
-        """Let go of the joints; nothing if they are not pulled.
+        """Let go of the joints, if they are pulled.
 
         Raises:
             BusError: A servo did not let go. It keeps its low limit then, and this can be repeated.

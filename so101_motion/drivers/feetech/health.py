@@ -17,7 +17,7 @@ VITALS_COUNT = reg.PRESENT_CURRENT.address + reg.PRESENT_CURRENT.size - VITALS_S
 
 
 VITALS_PERIOD = 0.1
-"""How often that block is read [s]; makes the average cycle 1.07 times the shortest one."""
+"""Time between two reads of that block [s]; makes the average cycle 1.07 times the shortest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +81,7 @@ def joint_health(
     )
 
 
-# Both are asked in every cycle, and the answer changes ten times a second at most.
+# Both are called in every cycle, and their results change ten times a second at most.
 
 
 @lru_cache(maxsize=256)
@@ -121,7 +121,7 @@ class HealthReadings:
         return VITALS_COUNT if now >= self._due else reg.PRESENT_POSITION.size
 
     def take(self, now: float, found: Mapping[int, Answer]) -> Mapping[int, float]:
-        """Keep what was read, by servo, if it was the whole block; the supplies [V] in there."""
+        """Keep the blocks by servo, if whole ones were read; return their supply voltages [V]."""
         if now < self._due:
             return {}
         self._due = now + VITALS_PERIOD
@@ -138,8 +138,8 @@ class HealthReadings:
 
         Args:
             names: The joints, by servo, base to jaw.
-            counters: How well each is heard.
-            silent: Who does not answer at present.
+            counters: Their reply counters.
+            silent: The servos that do not answer at present.
         """
         blocks = self._blocks
         return tuple(

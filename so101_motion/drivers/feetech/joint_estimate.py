@@ -1,13 +1,13 @@
 """Estimate joint positions and velocities from the servos' replies; bridge lost replies.
 
-An answer that physics forbids is not believed but asked for again (``position_check.py``).
+A position that is physically impossible is rejected and asked for again (``position_check.py``).
 
 An answer is lost now and then, and a busy computer may hold all of them back for a tenth of a
-second, while the setpoints go on. To let the last position stand in would make a joint at 80 deg/s
-seem to be 8 deg behind by then, and somebody would stop it for that. So what stands in is the last
-position and as much as the joint has been sent on since, but nothing beyond where it is wanted: one
-that is told to stay where it was pushed goes nowhere. One that nobody sends anywhere, because it is
-limp or a hand leads it, is where it was seen.
+second, while the setpoints go on. With the last position, a joint at 80 deg/s would seem to be 8
+deg behind by then, and its motion would be stopped for that. So a missing position is estimated as
+the last one plus the change of the command since, but never beyond the command: a joint that is
+commanded to stay where it was pushed goes nowhere. A joint without a command, because it is limp or
+a hand leads it, is assumed to be where it was last.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class JointEstimate:
         n: How many joints; one without a servo stays at 0.
 
     Attributes:
-        q: Where the joints are [rad].
-        qd: How fast they are [rad/s].
+        q: Joint angles [rad].
+        qd: Joint velocities [rad/s].
     """
 
     def __init__(self, maps: Mapping[int, JointMap], n: int = 6) -> None:
@@ -51,21 +51,21 @@ class JointEstimate:
         return self._maps[i].to_ticks(self.q[i])
 
     def surely(self, i: int) -> float:
-        """Where joint ``i`` is [rad], if two answers agree on it; else NaN."""
+        """The angle of joint ``i`` [rad], if two answers agree on it; else NaN."""
         return self.q[i] if self._belief.is_sure(i) else math.nan
 
     def found(self, i: int, ticks: Ticks, now: float) -> None:
-        """Joint ``i``'s servo has been set up, and this is surely its position ``now`` [s]."""
+        """Start from the confirmed position of joint ``i``'s servo ``now`` [s]."""
         self._belief.begin(i, ticks, now)
         self.q[i] = self._maps[i].to_rad(ticks)
         self._seen[i] = (self.q[i], None)
 
     def forget(self) -> None:
-        """There was a gap; velocities begin anew."""
+        """Start the velocities anew, after a gap."""
         self._slope.clear()
 
     def unconfirmed(self, since: float = -math.inf) -> list[int]:
-        """The joints that no two answers have placed, or none since then [s]."""
+        """The joints whose position no two answers have confirmed since then [s]."""
         return self._belief.unconfirmed(self._maps, since)
 
     def ask(
@@ -73,16 +73,16 @@ class JointEstimate:
     ) -> tuple[dict[int, Answer], Collection[int]]:
         """Ask all servos for ``count`` bytes from the position on.
 
-        Whose position is not believed is asked once more at once.
+        Servos whose position is rejected are asked once more at once.
 
         Args:
-            bus: Where they are.
+            bus: The bus.
             count: How many bytes.
-            given_up: Who is not worth waiting for.
-            clock: What time it is.
+            given_up: Servos that are not worth waiting for.
+            clock: The clock of the rig.
 
         Returns:
-            The answers whose positions are believed, by servo, and whose never were.
+            The answers with credible positions, by servo, and the servos without one.
         """
         asked = clock.now()
         found = bus.sync_read(tuple(self._servos), _START, count, given_up=given_up)
@@ -108,11 +108,11 @@ class JointEstimate:
     def look(
         self, answers: Mapping[int, Answer], wanted: Sequence[float | None], now: float
     ) -> None:
-        """Take in what the servos answered.
+        """Update the estimate from the servos' answers.
 
         Args:
-            answers: Those that are believed, by servo.
-            wanted: Where the joints have been sent [rad]; None is nowhere.
+            answers: The credible answers, by servo.
+            wanted: Commanded joint angles [rad]; None for a joint without a command.
             now: When they were asked [s].
         """
         for i, joint in self._maps.items():

@@ -1,20 +1,20 @@
-"""Compute where to send a servo so that its joint keeps up with where it is wanted.
+"""Compute how far ahead of a joint its servo's goal must be, so that the joint does not lag.
 
-A servo does not jump to a goal. It drives a set-point of its own there, which never goes faster
-than lets it stop in time: running after a goal that moves on at speed v, it stays v^2 / 2a behind,
-12 deg at 120 deg/s. Being quadratic, that lag is not the same for joints of different speed: they
-leave the path together, and by then most of what the collision check was worth.
+A servo does not jump to a goal. It moves an internal set-point there, which is never too fast to
+stop in time: behind a goal that moves at speed v it stays v^2 / 2a, 12 deg at 120 deg/s. That lag
+is quadratic, so joints of different speeds lag differently, and together they leave the path that
+was checked for collisions.
 
-So a joint is not sent to where it shall be but to where it would come to rest from there, were it
-to brake as hard as the servo can. The servo's set-point then runs with the reference. Two lags in
-proportion to the speed remain, and are made up for as well: it takes a while until a goal is felt
-(``DELAY`` and the servo's own), and the motor works against the voltage it induces itself
-(``Trim.lag``). Should the next goal not come, the joint comes to rest that much later.
+So the goal is not the commanded angle but the angle at which the joint would come to rest from
+there, braking as hard as the servo can. The servo's set-point then moves with the command. Two lags
+in proportion to the speed remain and are compensated too: a goal acts late (``DELAY`` and the
+servo's own delay), and the motor works against the voltage it induces (``Trim.lag``). If the next
+goal does not come, the joint comes to rest that much later.
 
-Those two are made up for only in motions that know their own acceleration: planned ones, and
-followings of a target that says how it accelerates. One that does not say changes it at every
-moment, and joints driven ahead of it would overshoot at every turn: 1,150 deg/s^2 where 600 were
-commanded. For teleoperation ``predictor.py`` says it.
+These two are compensated only in motions with a known acceleration: planned ones, and those that
+follow a target with a given acceleration. The acceleration of other targets changes at any moment,
+and joints driven ahead would overshoot at every turn: 1,150 deg/s^2 where 600 were commanded. In
+teleoperation ``predictor.py`` estimates it.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ BRAKING = tuple(to_rad(each) for each in (624.0, 464.0, 627.0, 572.0, 572.0, 572
 arm; the others get their mean."""
 
 DELAY = 0.0065
-"""From a setpoint to the servo's set-point that follows it, on average, and beyond its own delay
-[s]: half a period, and what the emulated servo loses in whole milliseconds. Chosen by trial."""
+"""Average delay from a setpoint to the servo's set-point, beyond the servo's own [s]: half a
+period, and the rounding of the emulated servo to milliseconds. Chosen by trial."""
 
 CUT_OFF = 0.5
-"""How far below its way a travelling set-point is on average [tick]: firmware counts finer than in
-ticks, divides, and drops the rest. Read in a reconstruction of the factory firmware, whose division
-the emulator copies; at rest nothing is dropped, because goals are whole ticks."""
+"""How much the firmware drops of a moving set-point on average [tick]: it counts finer than in
+ticks, divides, and drops the remainder. Read in a reconstruction of the factory firmware, whose
+division the emulator copies; at rest nothing is dropped, because goals are whole ticks."""
 
 CUT_OFF_SPEED = to_rad(10.0)
 """A slower set-point is at its goal for a part of every period, and loses less [rad/s]. Chosen: at
 this speed it is a tick behind."""
 
 _FULL = to_rad(980.0)
-"""The same with a register 85 that does not bind: what 100 units of register 41 stand for, by the
-slope they measured. With a larger register 85 nobody has measured; LeRobot leaves it at 254."""
+"""Largest braking with a larger register 85 [rad/s^2]: 100 units of register 41 by the measured
+slope. It was never measured with a larger register 85; LeRobot writes 254."""
 
 
 def braking(i: int, top_units: int) -> float:
@@ -51,7 +51,7 @@ def braking(i: int, top_units: int) -> float:
 
 
 def cut_off(qd: float) -> float:
-    """What the firmware drops of a set-point that travels at ``qd`` [rad/s], on average [rad]."""
+    """The average that the firmware drops of a set-point moving at ``qd`` [rad/s], [rad]."""
     return CUT_OFF * RAD_PER_TICK * min(abs(qd) / CUT_OFF_SPEED, 1.0)
 
 

@@ -1,15 +1,15 @@
 """Leave joints that are outside their limits alone, and bring them in slowly when asked.
 
-A servo clamps every goal into its limits. So a joint outside cannot be told to stay there: whatever
-goal it gets, it sets off for its limit, as fast as its caps let it. Until somebody wants it inside
-it therefore gets no goal at all, and stays as it was found: limp, or held by a goal from before
-these limits were there.
+A servo clamps every goal into its limits. So a joint outside cannot be commanded to stay there:
+with any goal it moves to its limit, as fast as its caps let it. It therefore gets no goal at all
+before a command inside the limits, and stays as it was found: limp, or held by a goal from before
+these limits were set.
 
 The first goal inside the limits brings it in: its caps are lowered to a crawl, then it is driven.
-When it has come in it gets its caps back and is a joint like any other. If a goal outside comes
-before that, it is stopped where it is: its torque is switched off and on again, and a servo that is
-switched on holds what it finds. (LeRobot relies on that on many arms. Should a firmware know
-better, the joint crawls on to its limit.)
+Once inside it gets its caps back and is a joint like any other. If a goal outside comes before
+that, it is stopped where it is: its torque is switched off and on again, and a servo that is
+switched on holds its present position. (LeRobot relies on that on many arms. With a firmware that
+behaves otherwise, the joint would crawl on to its limit.)
 """
 
 from __future__ import annotations
@@ -50,22 +50,22 @@ class OutOfRangeJoints:
 
     @property
     def free(self) -> Collection[int]:
-        """All of them: no goal keeps them in place, and their servos keep them slow."""
+        """All joints outside: no goal keeps them in place, and their servos keep them slow."""
         return (*self.left, *self._coming)
 
     def found(self, i: int, *, crawls: bool) -> None:
-        """Joint ``i`` has been set up; if its caps were lowered, it is held outside its limits."""
+        """Take over joint ``i`` after set-up; with lowered caps it is held outside its limits."""
         self._coming.discard(i)
         for group in (self.left, self._crawling):
             (group.add if crawls else group.discard)(i)
 
     def may_be_driven(self, bus: Bus, i: int, here: Ticks) -> bool:
-        """Whether joint ``i`` may be told to stay where it is; if not, it is left alone.
+        """Whether joint ``i`` is inside, so that a goal can keep it; if not, it is left alone.
 
         Args:
-            bus: Where its servo is.
-            i: Which joint.
-            here: Where its servo pulls it, or where it is if that is limp.
+            bus: The bus.
+            i: The joint.
+            here: Its servo's goal, or its position if the servo is limp.
 
         Raises:
             BusError: Its caps could not be put back.
@@ -80,15 +80,15 @@ class OutOfRangeJoints:
         return True
 
     def lead(self, bus: Bus, goals: Sequence[float], ticks: Mapping[int, Ticks]) -> list[int]:
-        """Bring in those that are wanted inside, stop those that are not any more.
+        """Start to bring in joints whose command is inside, and stop those whose is not any more.
 
         Args:
-            bus: Where they are.
-            goals: Where all six joints are wanted [rad].
-            ticks: The same as goals of the servos that answer, by servo, within their limits.
+            bus: The bus.
+            goals: Commanded angles of all six joints [rad].
+            ticks: The goals of the servos that answer, by servo, within their limits.
 
         Returns:
-            Those that were stopped.
+            The joints that were stopped.
 
         Raises:
             BusError: A servo did not obey.
@@ -114,7 +114,7 @@ class OutOfRangeJoints:
         return stopped
 
     def arrive(self, bus: Bus, q: Sequence[float]) -> None:
-        """Give those their caps back that have come in to ``q`` [rad].
+        """Restore the caps of joints that are inside at ``q`` [rad].
 
         Raises:
             BusError: A servo did not take them.
@@ -124,7 +124,7 @@ class OutOfRangeJoints:
             self._coming.discard(i)
 
     def let_go(self, bus: Bus) -> None:
-        """All are limp now; it is decided anew when they are driven again.
+        """Forget all joints outside, because all are limp now; restore their caps.
 
         Raises:
             BusError: The caps of one could not be put back.
@@ -135,7 +135,7 @@ class OutOfRangeJoints:
             self._put_back(bus, i)
 
     def nearest(self, q: Sequence[float]) -> dict[int, float]:
-        """Where each of them would be taken in [rad], by index."""
+        """The angle to which each joint outside would be brought in [rad], by index."""
         found = {}
         for i in (*self.left, *self._coming):
             joint = self._maps[i]

@@ -9,26 +9,25 @@ from so101_motion.common.errors import NoReply, ServoFault
 from so101_motion.drivers.bus.bus import Bus
 
 SILENT_AFTER = 0.25
-"""For how long a servo must not have answered to count as silent [s]. Chosen: meanwhile its joint
-goes on to its goals unseen."""
+"""A servo counts as silent after so long without an answer [s]. Chosen: meanwhile its joint moves
+on unseen."""
 
 ALL_SILENT_AFTER = 0.5
-"""The same while nobody answers [s]. A busy computer was seen to keep all answers from us for 0.3 s
-(its kernel hands over what a port has received when it finds the time), and that is no reason to
-end a motion; without power, which is the other cause, there is none to end. Chosen."""
+"""The same while no servo answers [s]. A busy computer was seen to hold back all answers for 0.3 s,
+which is no reason to end a motion; without power, the other cause, nothing moves. Chosen."""
 
 _FEWEST = 8
-"""And so many reads in a row. With 7 % of the answers spoiled, that happens by chance once in 2e9
-answers: to a resting arm, which is looked at every 50 ms, twice a year. Chosen."""
+"""A servo counts as silent after at least so many reads. With 7 % of the answers spoiled, that
+happens by chance once in 2e9 answers: twice a year for a resting arm, read every 50 ms. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class PresenceChange:
-    """The servos whose presence one read has changed.
+    """The servos that fell silent or came back with one read.
 
     Attributes:
         fallen: Servos that are silent from now on.
-        back: Servos that are not any more.
+        back: Servos that answer again.
     """
 
     fallen: tuple[int, ...]
@@ -42,10 +41,10 @@ class Presence:
     """Keeps track of which servos answer.
 
     Args:
-        servo_ids: Who should.
+        servo_ids: The servos that should answer.
 
     Attributes:
-        silent: Who does not; replaced whole, so any thread may look.
+        silent: The servos that do not; replaced whole, so any thread may read it.
     """
 
     def __init__(self, servo_ids: Sequence[int]) -> None:
@@ -56,16 +55,16 @@ class Presence:
 
     @property
     def unanswering(self) -> Collection[int]:
-        """Who did not answer the last time, silent or not: not worth waiting for in a cycle."""
+        """The servos that did not answer last time: not worth waiting for in a cycle."""
         return self._misses.keys() | self.silent if self._misses or self.silent else ()
 
     @property
     def all_silent(self) -> bool:
-        """Whether nobody answers."""
+        """Whether no servo answers."""
         return len(self.silent) == len(self._ids)
 
     def judge(self, found: Collection[int], now: float) -> PresenceChange:
-        """Take in who answered a read at ``now`` [s]."""
+        """Update the silent servos from a read at ``now`` [s]; return the changes."""
         if len(found) == len(self._ids) and not self._misses and not self.silent:
             return _NO_CHANGE
         before, self._misses = self._misses, {}
@@ -86,11 +85,11 @@ class Presence:
         return change
 
     def dismiss(self, servo_id: int) -> None:
-        """Take a servo for silent that has just answered but cannot be talked to."""
+        """Count a servo as silent that answered a read but could not be set up."""
         self.silent |= {servo_id}
 
     def restart(self, found: Collection[int]) -> None:
-        """After connecting: only ``found`` are there."""
+        """Start anew after connecting, with only ``found`` present."""
         self._misses = {}
         self.silent = frozenset(self._ids) - set(found)
 
@@ -98,7 +97,7 @@ class Presence:
 def unconfirmed_position(bus: Bus, servo_id: int) -> NoReply:
     """The error for a servo whose position no two replies agree on."""
     return NoReply(
-        f"{bus.label(servo_id)} does not say where it is: no two of its answers"
+        f"the position of {bus.label(servo_id)} is not clear: no two of its answers"
         " agree; nothing was switched on. Keep the joint still, check the plugs of its cable, then"
         " try again",
         servo_id=servo_id,
@@ -110,7 +109,7 @@ def restarted_servos(bus: Bus, restarted: Sequence[int]) -> ServoFault:
     """The error for servos that lost their power for a moment and are held again."""
     names = ", ".join(bus.label(servo_id) for servo_id in restarted)
     return ServoFault(
-        f"{names} restarted and holds where it is now; its power must have failed: check"
+        f"{names} restarted and holds where it is now; its power probably failed: check"
         " its cable and the supply, then let the arm hold again",
         servo_id=restarted[0],
     )
@@ -119,18 +118,18 @@ def restarted_servos(bus: Bus, restarted: Sequence[int]) -> ServoFault:
 def missing_servos(
     bus: Bus, missing: Sequence[int], others: Collection[int], doubted: Collection[int] = ()
 ) -> NoReply:
-    """The error for servos that do not answer: it says which cable to check.
+    """The error for servos that do not answer; it says which cable to check.
 
     Args:
-        bus: Where they are missed.
-        missing: Who does not answer, in order.
-        others: Who does.
-        doubted: Who answers, but says to be where no joint can have got to.
+        bus: Their bus.
+        missing: The servos that do not answer, in order.
+        others: The servos that do.
+        doubted: The servos that answer, but with an impossible position.
     """
     first = missing[0]
     if first in doubted:
         return NoReply(
-            f"{bus.label(first)} says to be where its joint cannot have got to, again and again;"
+            f"{bus.label(first)} reports positions that its joint cannot have reached;"
             " check the plugs of its cable, switch its power off and on, and if that does not help"
             " replace the servo",
             servo_id=first,

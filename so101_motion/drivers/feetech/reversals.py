@@ -1,13 +1,13 @@
-"""Foresee where planned joints turn round, so that their servos do it in time.
+"""Compensate friction and play in advance where planned joints turn round.
 
 Where a joint turns round, its friction changes sides, and unless its load presses its gears to one
-side, its motor has to go through the play before the joint follows. Done when the joint has turned,
-that takes so long that it is a degree behind by then. So friction changes sides shortly before, and
-the motor is driven through the play about then, while the joint hardly moves. A load that changes
-sides takes a joint through the play as well; then the motor has to bring it back.
+side, its motor has to cross the play before the joint follows. If compensation starts only when the
+joint has turned, the joint is a degree behind. So the compensation of friction changes sides
+shortly before, and the motor is driven through the play while the joint hardly moves. A load that
+changes sides takes a joint through the play as well; then the motor has to bring it back.
 
-That needs to be known beforehand, so it is done in planned motions only; and a motor is driven
-through the play only if somebody has found out how much there is.
+The turn has to be known in advance, so this is done in planned motions only; and a motor is driven
+through the play only if an identification has measured it.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ EARLY = 0.045
 """How long before a joint turns round its friction begins to change sides [s]. Chosen by trial."""
 
 FLIP = 0.04
-"""In which time friction changes sides [s]; chosen by trial."""
+"""Time in which friction changes sides [s]; chosen by trial."""
 
 CROSSING = 0.06
-"""In which time a motor is driven through the play [s]; chosen by trial."""
+"""Time in which a motor is driven through the play [s]; chosen by trial."""
 
 STANDS = to_rad(1.0)
-"""Nothing is foreseen of a slower joint [rad/s]. Chosen."""
+"""Nothing is predicted for a slower joint [rad/s]. Chosen."""
 
 PRESSED = 0.03
-"""A smaller load does not surely keep the gears on its side [N m]; chosen by trial."""
+"""A smaller load may not keep the gears on its side [N m]; chosen by trial."""
 
 _N = 5
 
 
 class Reversals:
-    """Where the friction and the play of the arm joints are, and where they will be.
+    """Predicts the sides of friction and play of the arm joints.
 
     Args:
-        trim: Knows the servos and what they bear.
+        trim: The models of the servos and their loads.
 
     Attributes:
-        crossing: How fast each motor is driven through the play [rad/s].
+        crossing: Speed at which each motor is driven through the play now [rad/s].
     """
 
     def __init__(self, trim: Trim) -> None:
@@ -53,18 +53,18 @@ class Reversals:
         self.crossing = [0.0] * _N
 
     def unknown(self) -> None:
-        """Nobody knows how the joints go on."""
+        """Predict nothing, because the coming motion is not known."""
         self.crossing = [0.0] * _N
 
     def foresee(self, qd: Sequence[float], qdd: Sequence[float], dt: float) -> list[float | None]:
-        """Which way and how fully the friction of each joint is to be overcome now, -1 to 1.
+        """The side to which each joint's friction is to be compensated now, and how fully, -1 to 1.
 
-        None for one that hardly moves: it may be coming to rest, or creep on for long.
+        None for a joint that hardly moves: it may be coming to rest, or creep on for long.
 
         Args:
-            qd: How fast the joints are wanted [rad/s].
-            qdd: How that changes from now on [rad/s^2].
-            dt: How long after the last time [s].
+            qd: Commanded velocities [rad/s].
+            qdd: Their change from now on [rad/s^2].
+            dt: Time since the last call [s].
         """
         ways: list[float | None] = []
         for i, (speed, change) in enumerate(zip(qd, qdd, strict=True)):

@@ -1,8 +1,8 @@
 """Judge a servo by its supply, temperature, load and faults, with one table of thresholds.
 
-The executor ends motions for what must ``stop`` them, the motor setup refuses a wrong supply, and
-``diagnose``, ``so101 doctor`` and the page report the same findings in the same words. A status
-bit alone never is an error, because the reading that came with it is good; it is judged here.
+The executor ends motions for findings of level ``stop``, the motor setup refuses a wrong supply,
+and ``diagnose``, ``so101 doctor`` and the page report the same findings in the same words. The bus
+never turns a status bit into an error, because the reading with it is good; it is judged here.
 """
 
 from __future__ import annotations
@@ -16,33 +16,32 @@ import numpy as np
 from so101_motion.drivers.feetech.health import JointHealth
 
 HOT_C = 65
-"""From here on a joint is not moved any more [degC]; the servo itself gives up at 70 (FT)."""
+"""At this temperature a joint is not moved any more [degC]; the servo switches off at 70 (FT)."""
 
 WARM_C = 55
-"""From here on motions get slower [degC]. Chosen."""
+"""Above this temperature motions get slower [degC]. Chosen."""
 
 TOO_LOW_V, TOO_LOW_7V4 = 5.5, 4.5
-"""Below this a joint is not moved, and below this a 7.4 V servo does not fit its supply [V]. The
-first is for servos of either type: on the power of a USB port alone they have no strength and
-restart. Chosen; many 7.4 V arms are fed with 5 V, and 4 V is the servo's own limit (WS)."""
+"""Lowest supply at which a joint is moved: if the servo's type is not known or 12 V, and if it is a
+7.4 V servo [V]. On the power of a USB port alone servos are weak and restart. Chosen; many 7.4 V
+arms run on 5 V, and 4 V is the servo's own limit (WS)."""
 
 LOW_V = 6.0
-"""Below this a 7.4 V servo works, but has little strength [V]. Chosen; an empty battery of two
-cells has 6 V."""
+"""A 7.4 V servo below this is weak [V]. Chosen; an empty battery of two cells has 6 V."""
 
 LOW_12_V = 9.0
-"""The same for a 12 V servo [V], and what tells the two types apart: their own upper limits are 8.0
-and 14.0 V (WS, FW)."""
+"""The same for a 12 V servo [V]. Also the border between the two types' own upper limits, 8.0 and
+14.0 V (WS, FW)."""
 
 SAG_V = 0.7
 """The voltage may drop this much from the first servo to the last [V]. Chosen."""
 
 LOSSY, BROKEN = 0.005, 0.1
-"""Shares of lost or garbled answers that are worth a warning and that make a bus unusable. Chosen:
-a good bus has none, and retries make up for 7 % (``bus.RETRIES``)."""
+"""Shares of lost or garbled answers that cause a warning and that make a bus unusable. Chosen: a
+good bus has none, and retries make up for 7 % (``bus.RETRIES``)."""
 
 ENOUGH = 1000
-"""A share is judged from so many answers on; fewer do not tell half a percent."""
+"""Fewest answers for which a share is judged; half a percent of fewer is chance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +49,7 @@ class ServoTrouble:
     """One thing that is wrong with a servo.
 
     Attributes:
-        kind: What it is about; ``"fault"`` is what only a status bit tells.
+        kind: Its subject; ``"fault"`` if only a status bit shows it.
         level: ``"stop"`` if its joint must not be moved, ``"warn"`` if the servo does not fit its
             supply, ``"note"`` if it works, but not as well as it could.
         sentence: What is wrong, with its figure.
@@ -80,8 +79,8 @@ def judge(
 
     Args:
         volts: Its supply [V].
-        lowest_volts: The lower limit that it is set for [V].
-        highest_volts: The upper one; None if that is not known.
+        lowest_volts: The lower limit in its registers [V].
+        highest_volts: The upper limit in its registers [V]; None if not known.
         celsius: Its temperature [degC].
         load: Its drive, -1 to 1.
         amps: Its current [A].
@@ -116,8 +115,8 @@ def judge(
         supply = ServoTrouble(
             kind="fault",
             level="stop",
-            sentence="its servo reports a supply outside the limits that it is set for, or one that"
-            f" sags under load (last read: {volts:.1f} V)",
+            sentence="its servo reports a supply outside its limits, or one that drops under load"
+            f" (last read: {volts:.1f} V)",
             fix="check the power supply and, with 7.4 V servos, that it is not a 12 V one",
         )
     found += [] if supply is None else [supply]
@@ -136,7 +135,7 @@ def judge(
 def judge_supply(
     volts: float, lowest_volts: float, highest_volts: float | None
 ) -> ServoTrouble | None:
-    """What is wrong with a servo's supply; None if nothing is. Arguments as for ``judge``."""
+    """The trouble of a servo's supply, or None; arguments as for ``judge``."""
     if highest_volts is not None and volts > highest_volts:
         nominal = nominal_volts(highest_volts)
         mixed_up = ": a 7.4 V servo on a 12 V supply" if nominal < LOW_12_V < volts else ""
@@ -175,12 +174,12 @@ def judge_supply(
 
 
 def nominal_volts(highest_volts: float) -> float:
-    """The supply a servo is sold for [V], 7.4 or 12, by its own upper limit [V]."""
+    """The rated supply of a servo, 7.4 or 12 [V], by the upper limit in its registers [V]."""
     return 7.4 if highest_volts < LOW_12_V else 12.0
 
 
 def sag(volts: Sequence[float]) -> ServoTrouble | None:
-    """What the voltages along the cable, base to jaw [V], say of it; None if all is well."""
+    """The trouble of a voltage that drops along the cable, base to jaw [V]; None if all is well."""
     if volts[0] - volts[-1] <= SAG_V:
         return None
     return ServoTrouble(
@@ -211,12 +210,12 @@ def alarms(health: Iterable[JointHealth]) -> dict[str, str]:
 
 
 def share_of_speed(health: Iterable[JointHealth]) -> float:
-    """What share of its speed the arm should use, 1 to 0.25, by its hottest servo."""
+    """The share of its speed that the arm should use, 1 to 0.25, by its hottest servo."""
     hottest = max((joint.temperature_c for joint in health), default=0)
     return float(np.interp(hottest, (WARM_C, HOT_C), (1.0, 0.25)))
 
 
 def lossy_share(count: int, asked: int) -> float:
-    """The share of answers that were lost or garbled, if it is worth a word; else 0."""
+    """The share of lost or garbled answers, if it deserves a warning; else 0."""
     share = count / asked if asked >= ENOUGH else 0.0
     return share if share > LOSSY else 0.0

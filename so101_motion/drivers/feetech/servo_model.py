@@ -1,9 +1,9 @@
-"""Compute the goal that brings a servo to a position under load: its behaviour, inverted.
+"""Compute how far beyond its joint a servo's goal must be to make a torque.
 
 A position loop without integral makes torque only from an error: ``p_gain / 4`` thousandths of full
-drive for each tick, and a constant that helps it over its friction. So a goal lies beyond the place
-where a joint is wanted by what its load, its friction and, at speed, the voltage that the motor
-induces itself take. How much torque full drive makes follows from the supply.
+drive for each tick, and a constant that helps it over its friction. So a goal lies beyond the
+wanted position by the error that makes the torque for load and friction and, at speed, overcomes
+the voltage that the motor induces. How much torque full drive makes follows from the supply.
 
 Dry friction opposes the motion and grows with what the gears carry, so a joint that is lifted needs
 more than its weight and one that is lowered less. In between it rests wherever it has come to.
@@ -33,28 +33,28 @@ from so101_motion.drivers.servo_types import (
 )
 
 PLAY, PLAY_MARGIN = to_rad(1.0), 1.1
-"""The play that unknown gears are taken to have at most [rad]; the factor for a measured play."""
+"""Largest play of gears that were not measured [rad]; safety factor for a measured play."""
 
 FREED = 0.04
-"""Friction that its load helped a motor to overcome, and that it now overcomes alone [N m].
-Chosen, with the next."""
+"""Friction that a motor must overcome alone once its load no longer helps [N m]. Chosen together
+with ``CHANGED``."""
 
 CHANGED = 0.045
-"""How much the load still changes while the motor crosses the play [N m]. Chosen so that no
-emulated joint that crosses its play seems to have met something: ``test_servo_model.py`` has how
-far such joints strayed, by type, P gain and speed."""
+"""Change of the load while the motor crosses the play [N m]. Chosen so that no emulated joint that
+crosses its play seems to have hit something: ``test_servo_model.py`` lists how far such joints
+fell behind, by type, P gain and speed."""
 
 _DEAD_ZONE = 1.0 * RAD_PER_TICK
 """Errors up to this count as none: registers 26 and 27 as delivered [rad]."""
 
 
 def yielding(p_gain: int) -> float:
-    """How far a joint gives way under full drive at a P gain, were it a spring to the end [rad]."""
+    """The error at which a P gain makes full drive, if the servo is taken for a spring [rad]."""
     return 4000.0 / max(p_gain, 1) * RAD_PER_TICK
 
 
 class ServoModel:
-    """One servo, as its type is known to be, and as it was found to differ.
+    """Model of one servo: its type, and how it was found to differ from it.
 
     Args:
         sold_as: Its type.
@@ -68,8 +68,8 @@ class ServoModel:
         braking: As given.
         figures: As given.
         kind: The type with its own figures.
-        yielding: How far it gives way under full drive [rad].
-        volts: Its supply [V]; as measured, if it was.
+        yielding: The error at which it makes full drive [rad].
+        volts: Its supply [V], measured if possible.
     """
 
     def __init__(
@@ -88,8 +88,8 @@ class ServoModel:
         """How far beyond its joint the goal must be [rad].
 
         Args:
-            torque: What the motor shall exert on the gears [N m].
-            speed: How fast the joint turns [rad/s].
+            torque: Wanted torque of the motor on the gears [N m].
+            speed: Speed of the joint [rad/s].
         """
         kind = self.kind
         share = (torque / kind.torque_per_volt + kind.back_emf * speed) / self.volts
@@ -98,15 +98,15 @@ class ServoModel:
 
     @property
     def lag(self) -> float:
-        """How long after its setpoint a joint is where it was sent [s], were nothing done."""
+        """How long a joint lags behind its setpoint without compensation [s]."""
         return self.kind.goal_delay + self.kind.back_emf / self.volts * self.yielding
 
     def stray_in_play(self, speed: float) -> float:
-        """How far a joint falls behind while its motor crosses the play, at ``speed`` [rad].
+        """How far a joint falls behind at ``speed`` while its motor crosses the play [rad].
 
-        A free motor gets ``h`` faster for each unit of error, ``late`` after the error. At speed v
-        it has gone v t + h v (t - late)^2 / 2 after the time t; it has crossed the play when that
-        equals the play.
+        A free motor accelerates by ``h`` times the error, ``late`` after the error. At speed v it
+        has moved by v t + h v (t - late)^2 / 2 at time t; it has crossed the play when that equals
+        the play.
         """
         kind, play = self.kind, self.figures.play
         play = PLAY if play is None else PLAY_MARGIN * play
@@ -122,20 +122,20 @@ class ServoModel:
 
     @property
     def is_known(self) -> bool:
-        """Whether somebody has found out how it differs from its type."""
+        """Whether an identification has found how it differs from its type."""
         return self.figures != AS_SOLD
 
     def torque(self, distance: float) -> float:
-        """Roughly what torque [N m] a further ``distance`` [rad] of the goal adds."""
+        """Approximate torque [N m] that a further ``distance`` [rad] of the goal adds."""
         return distance / self.yielding * self.volts * self.kind.torque_per_volt
 
     def friction(self, load: float, way: float, speed: float = 0.0) -> float:
-        """What the motor must add to move its joint one way [N m], zero or positive.
+        """Friction torque that the motor must overcome [N m], zero or positive.
 
         Args:
-            load: Torque that the joint needs to be held, were there no friction [N m].
-            way: Which way and how fully friction is to be overcome, -1 to 1.
-            speed: How fast [rad/s].
+            load: Torque that holds the joint without friction [N m].
+            way: Direction in which friction is to be overcome, and how fully, -1 to 1.
+            speed: Speed of the joint [rad/s].
         """
         kind = self.kind
         still = math.exp(-abs(speed) / kind.stribeck_speed)

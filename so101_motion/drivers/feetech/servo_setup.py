@@ -1,4 +1,4 @@
-"""Set up a servo: write only the registers that differ from what the driver relies on.
+"""Set up a servo: write those registers that differ from the values the driver needs.
 
 EEPROM: position mode, positions within one turn, writes acknowledged, and, where a calibration is
 given, its homing offset and limits. RAM: the speed and acceleration caps and the torque limit. A
@@ -7,13 +7,13 @@ whenever one was silent.
 
 A servo that is driven stays driven, and its joint stays where it is, whatever is changed:
 
-* A goal is counted from the homing offset, so a new offset would take the joint along. The servo is
-  let go of for the 10 ms that this takes and then given the same place under its new number. (It
-  builds up its pull anew then: a loaded joint dips and comes back, by 1.6 deg on the emulated arm.)
+* A goal is counted from the homing offset, so a new offset would move the joint. The servo is made
+  limp for the 10 ms that the change takes and then gets the same position in new ticks. (Its torque
+  builds up anew then: a loaded joint dips and comes back, by 1.6 deg on the emulated arm.)
 * A goal outside new limits is left as it is, and the caps are set to a crawl before the limits are
-  written, in case a firmware takes that for a reason to move. See ``out_of_range.py``.
-* A servo that cannot reach its goal for lack of torque (a program died that had turned it down)
-  would leap there once it is allowed to. Its goal is first brought to where it pulls as hard as
+  written, in case the firmware then moves. See ``out_of_range.py``.
+* A servo that cannot reach its goal for lack of torque (a program died that had lowered the limit)
+  would jump there once the limit is raised. Its goal is first moved to where it pulls as hard as
   before.
 """
 
@@ -36,8 +36,8 @@ from so101_motion.drivers.servo_types import ServoType, type_of
 T = TypeVar("T")
 
 CRAWL_SPEED = to_rad(8.0)
-"""How fast a joint comes in from outside its limits [rad/s]. Chosen: slow enough to look what it
-does and to take a hand away; the servo itself turns no slower than 4 to 9 deg/s."""
+"""Speed at which a joint outside its limits comes in [rad/s]. Chosen: slow enough to see it and to
+take a hand away; the servo itself turns no slower than 4 to 9 deg/s."""
 
 CRAWL: Mapping[Register, int] = {
     reg.ACCELERATION: 1,
@@ -46,12 +46,12 @@ CRAWL: Mapping[Register, int] = {
 """The caps of such a joint."""
 
 OUTSIDE_TICKS = 4
-"""A joint so little beyond its limits counts as inside [tick]: 0.35 deg, half of what the gears
-have of play. Chosen."""
+"""A joint so little beyond its limits counts as inside [tick]: 0.35 deg, half the play of the
+gears. Chosen."""
 
 NEAR_TICKS = 16
-"""Two positions read one after the other agree if they are no farther apart: 1.4 deg, what the
-fastest joint does in 2 ms. Chosen."""
+"""Two positions read one after the other agree if they are no farther apart [tick]: 1.4 deg, the
+travel of the fastest joint in 2 ms. Chosen."""
 
 _READINGS = 12  # after so many that do not agree it is given up
 
@@ -65,13 +65,13 @@ class ServoCondition:
 
     Attributes:
         torque: Whether it drives its joint.
-        goal_ticks: What its position loop pulls towards. None if its goal register is no clue: it
-            is so far off that the servo would pull as hard as it can.
-        present_ticks: Where it is.
+        goal_ticks: The goal of its position loop. None if the goal register is so far off that the
+            servo would pull as hard as it can.
+        present_ticks: Its position.
         p_gain: Proportional gain of its position loop.
-        kind: Which type it is, told by the highest supply it is set for.
-        max_acceleration: What its acceleration is cut at, in units of register 41.
-        torque_limit: What its torque limit is now, in thousandths of full drive.
+        kind: Its type, by the upper limit of its supply.
+        max_acceleration: Cap of its acceleration, in units of register 41.
+        torque_limit: Its torque limit now, in thousandths of full drive.
         crawls: Whether its caps have been set to a crawl, because its goal is outside its limits.
         changed: Names of the registers that had to be changed.
     """
@@ -88,13 +88,13 @@ class ServoCondition:
 
 
 def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCondition:
-    """Make a servo ready; whether it is driven, and where to, stays as it is.
+    """Set up a servo; its torque stays on or off, and a driven joint stays where it is.
 
     Args:
-        bus: Where it is.
-        joint: Which one, and what its calibration is.
-        ram: What RAM registers must hold. Without a torque limit among them it becomes what the
-            servo starts with.
+        bus: Its bus.
+        joint: The servo and its calibration.
+        ram: Values of RAM registers. If the torque limit is not among them, it becomes the value
+            that the servo starts with.
 
     Raises:
         BusError: It cannot be reached or does not take a value.
@@ -137,7 +137,7 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
 
 
 def read_position(bus: Bus, servo_id: int) -> int:
-    """Where a servo is [tick], as four answers in a row have it.
+    """The position of a servo [tick], on which four answers in a row agree.
 
     Raises:
         BusError: It cannot be reached, or its answers do not agree.
@@ -151,7 +151,7 @@ def read_position(bus: Bus, servo_id: int) -> int:
 
 
 def agreed(read: Callable[[], T], alike: Callable[[T, T], bool] = eq, times: int = 2) -> T:
-    """What ``read`` returns as soon as so many in a row are alike.
+    """Call ``read`` until ``times`` results in a row are alike; return the last.
 
     Raises:
         BusError: It cannot be read, or is something else each time.
@@ -187,7 +187,7 @@ def is_outside(joint: JointMap, ticks: Ticks) -> bool:
 
 
 def _pull(bus: Bus, servo_id: int, block: bytes, *, p_gain: int, may_do_more: bool) -> int | None:
-    """What a servo pulls towards as hard as it does now [tick]; None if that cannot be told."""
+    """The goal with which a servo pulls as hard as it does now [tick]; None if not known."""
     goal, limit = reg.GOAL_POSITION.cut(block, _START), reg.TORQUE_LIMIT.cut(block, _START)
     present = read_position(bus, servo_id)
     most = 4 * limit // max(p_gain, 1)  # its drive is p_gain / 4 thousandths a tick
@@ -195,11 +195,11 @@ def _pull(bus: Bus, servo_id: int, block: bytes, *, p_gain: int, may_do_more: bo
         return goal
     if may_do_more:
         return present + (most if goal > present else -most)
-    return None  # no arm's weight takes all it can: the joint is held fast, or the goal is old
+    return None  # no arm's weight needs full drive: the joint is held fast, or the goal is old
 
 
 def _fill(bus: Bus, servo_id: int, ram: Mapping[Register, int]) -> tuple[str, ...]:
-    """See that RAM registers hold what they must; the names of those that did not."""
+    """Write the RAM registers that differ; return their names."""
     block = bus.read_block(servo_id, _START, _COUNT, what="its settings")
     differing = {row: value for row, value in ram.items() if row.cut(block, _START) != value}
     for register, value in differing.items():

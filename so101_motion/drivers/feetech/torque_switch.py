@@ -1,7 +1,7 @@
-"""Switch joints on where they are, and off.
+"""Switch the torque of joints on, where they are, and off.
 
-A joint is only driven at a place that two readings agree on, and a joint outside its limits, where
-no goal can keep it, is left as it is.
+A joint is switched on only at a position that two readings agree on. A joint outside its limits,
+where no goal can keep it, is left as it is.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
 from so101_motion.drivers.feetech.presence import missing_servos, unconfirmed_position
 
 _FRESH = 0.1
-"""How old the position may be that a joint is held at [s]. Chosen: two looks at a resting arm."""
+"""Oldest position at which a joint is held [s]. Chosen: two reads of a resting arm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoParts:
-    """What the ways to drive an arm's servos share.
+    """The parts of a driver that torque switch and pull share.
 
     Attributes:
         chain: The servos.
-        compensation: Where the joints are wanted.
-        at: Where they are.
-        out_of_range: Those that are left as they are.
+        compensation: Computes their goals.
+        at: Estimates the joints' positions.
+        out_of_range: The joints outside their limits.
         goals: Sends the goals.
-        clock: What time it is.
+        clock: The clock of the rig.
     """
 
     chain: Chain
@@ -46,10 +46,10 @@ class ServoParts:
 
 
 class TorqueSwitch:
-    """The torque of all servos. Used by the I/O thread only.
+    """Switches the torque of all servos. Used by the I/O thread only.
 
     Args:
-        parts: The servos and what is known of them.
+        parts: The servos and their state.
         maps: The servo of each joint, by index.
     """
 
@@ -102,7 +102,7 @@ class TorqueSwitch:
             self._goals.engage(bus, joint.servo_id, joint.to_goal(self._at.q[i]))
 
     def limit_again(self) -> None:
-        """Let all servos use as much of their drive as they may.
+        """Restore the torque limits of all servos.
 
         Raises:
             BusError: One did not take it; the others have been tried.
@@ -111,7 +111,7 @@ class TorqueSwitch:
         self._chain.put_all(reg.TORQUE_LIMIT, {i: own[reg.TORQUE_LIMIT] for i, own in ram.items()})
 
     def require_arm(self, bus: Bus) -> None:
-        """See that all servos of the arm answer.
+        """Check that all servos of the arm answer.
 
         Raises:
             NoReply: One does not.
@@ -121,10 +121,10 @@ class TorqueSwitch:
             raise missing_servos(bus, lost, set(index) - silent)
 
     def refuse_unsure(self, bus: Bus, joints: Collection[int]) -> None:
-        """See that two readings agree on where each of ``joints`` is before it is held there.
+        """Refuse to hold ``joints`` whose position two recent readings do not confirm.
 
         Raises:
-            NoReply: They do not, for one that answers.
+            NoReply: The readings of a joint that answers do not agree.
         """
         for i in self._at.unconfirmed(self._clock.now() - _FRESH):
             servo_id = self._maps[i].servo_id

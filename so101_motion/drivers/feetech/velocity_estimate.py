@@ -2,8 +2,8 @@
 
 The servo's own velocity comes in steps of 4.4 deg/s, because it counts ticks over 20 ms. A straight
 line through the positions of the last tenth of a second is finer and needs no bytes: with 100
-measurements a second a scatter of one tick becomes 0.4 deg/s. It is also half that window late,
-which does not matter to what it is used for: telling whether a joint is at rest.
+measurements a second a scatter of one tick becomes 0.4 deg/s. It is half that window late, which
+does not matter for its use: deciding whether a joint is at rest.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ WINDOW = 0.1
 """How far back the line reaches [s]; chosen, see above."""
 
 _SPACING = WINDOW / 16
-"""Measurements that follow closer than that [s] are left out: at 100 a second none, at 200 every
-other one. They would cost time and add little."""
+"""Measurements closer together than this [s] are left out: at 100 a second none, at 200 every other
+one. They would cost time and add little."""
 
 _FEWEST = 3  # with two points the scatter would be the slope; slow polling keeps this many
 
@@ -34,7 +34,7 @@ class VelocityEstimate:
         self._signals: tuple[deque[float], ...] = tuple(deque() for _ in range(n))
 
     def add(self, t: float, values: Sequence[float]) -> None:
-        """Take in ``values``, n of them, measured at ``t`` [s]."""
+        """Add ``n`` values measured at ``t`` [s]."""
         if self._t and t - self._t[-1] < _SPACING:
             return
         self._t.append(t)

@@ -1,4 +1,4 @@
-"""Find what on this computer disturbs serial ports: programs, udev rules, latency timers (Linux).
+"""Check this computer for disturbances of serial ports: programs, udev rule, latency timer (Linux).
 
 Nothing here opens a port.
 """
@@ -11,19 +11,19 @@ from pathlib import Path
 from so101_motion.drivers.port.port_list import ADAPTERS
 
 RULES = Path("/etc/udev/rules.d/70-so101.rules")
-"""Where our udev rule lies. Its number comes before 73, where ``uaccess`` is acted on."""
+"""Path of our udev rule. Its number is below 73, the rule that carries out ``uaccess``."""
 
 _PROCESSES = Path("/proc")
 _TTYS = Path("/sys/class/tty")
 
 _INTERFERING = {
     "ModemManager": (
-        "ModemManager asks every new serial port whether it is a modem, which servos answer with"
-        " silence or worse for half a minute after the adapter was plugged in"
+        "ModemManager probes every new serial port for a modem, which disturbs the servos for half"
+        " a minute after the adapter was plugged in"
     ),
     "brltty": (
-        "brltty, which drives Braille displays, may take adapters with a CH340 chip for one; then"
-        " there is no serial port for them"
+        "brltty, which drives Braille displays, may take adapters with a CH340 chip for such a"
+        " display; then they have no serial port"
     ),
 }
 
@@ -31,7 +31,7 @@ _INTERFERING = {
 def udev_rules() -> str:
     """The udev rule that lets the logged-in user and the group dialout use servo adapters."""
     lines = [
-        "# Servo adapters of the SO-101: usable without root, and no business of ModemManager.",
+        "# Servo adapters of the SO-101: usable without root, and ignored by ModemManager.",
         "# Written by: so101 install-udev",
     ]
     for (vendor, product), chip in ADAPTERS.items():
@@ -45,7 +45,7 @@ def udev_rules() -> str:
 
 
 def is_rule_installed(rules: Path = RULES) -> bool:
-    """Whether our udev rule is in place, as it is now."""
+    """Whether our udev rule is installed in its present version."""
     try:
         return rules.read_text(encoding="utf-8") == udev_rules()
     except OSError:
@@ -53,7 +53,7 @@ def is_rule_installed(rules: Path = RULES) -> bool:
 
 
 def interfering_programs(processes: Path = _PROCESSES) -> dict[str, str]:
-    """Running programs that are known to interfere with serial ports, and what they do."""
+    """Running programs that are known to interfere with serial ports, each with its effect."""
     running = set()
     for comm in processes.glob("[0-9]*/comm"):
         try:

@@ -3,14 +3,14 @@
 A port has several names, and most of them change. ``/dev/ttyACM0`` is whichever adapter came first;
 macOS shows a device as ``cu``, as ``tty`` and perhaps once more by a vendor's driver. Each adapter
 is listed once, under the name that stays: Linux keeps links by serial number and, for the cheap
-adapters without one, by the USB socket. ``key`` does the same for names of other things: it is made
-of the serial number, else of the socket, else of the port's name.
+adapters without one, by the USB socket. ``key`` is a short name that stays too: it is made of the
+serial number, else of the socket, else of the port's name.
 
-Only USB adapters are listed, those that servo boards have first. A port that is none (a Raspberry
-Pi's own, a network one) has to be named by the user.
+Only USB adapters are listed, those of servo boards first. The user has to name any other port, such
+as a Raspberry Pi's own or one on the network.
 
-Nothing here opens a port. Whoever opens one may reset what is behind it, and as root he would get
-into a conversation that another program is having.
+Nothing here opens a port: that may reset the device behind it, and root would disturb another
+program that is using the port.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ class FoundPort:
     """A serial port.
 
     Attributes:
-        name: What to put into a configuration: the name that stays, or what the user called it.
-        device: What the system calls it today.
-        key: Short and lasting, for names of what is connected to it: letters, digits, ``-``, ``_``.
+        name: The name for a configuration: the one that stays, or the user's.
+        device: The system's name for it today.
+        key: A short name that stays, for components on this port: letters, digits, ``-``, ``_``.
         aliases: Its other names.
-        description: What the adapter calls itself, or what its chip is.
-        serial_number: The adapter's own; None if it has none that tells it apart.
+        description: The adapter's own description, or its chip.
+        serial_number: The adapter's own; None if it has none or shares it with others.
         is_servo_adapter: Whether its chip is one that servo boards have.
     """
 
@@ -89,16 +89,13 @@ def find_ports(extra: Collection[str] = (), *, links: Path = _LINKS) -> tuple[Fo
 
 
 def port_problem(name: str) -> str | None:
-    """Why a port cannot be opened, found without opening it; None if no reason is found.
-
-    The reason ends with what to do.
-    """
+    """The reason why a port cannot be opened and what to do, found without opening it; or None."""
     if sys.platform == "win32":
         return None  # ports are no files there; opening will tell
     if not os.path.exists(name):
         return open_error_text(name, FileNotFoundError(errno.ENOENT, "no such port"))
     if os.path.isdir(name):
-        return "is not a serial port; see which there are: so101 ports"
+        return "is not a serial port; list the ports with: so101 ports"
     if not os.access(name, os.R_OK | os.W_OK):
         return open_error_text(name, PermissionError(errno.EACCES, "permission denied"))
     # A pseudo-terminal is also open in the program behind it, say an emulator; opening will tell.
@@ -122,7 +119,7 @@ def programs_using(name: str) -> list[str]:
 
 
 def open_error_text(name: str, error: Exception) -> str:
-    """Turn the error of opening a port into the reason and what to do."""
+    """The reason and what to do, as text, for an error of opening a port."""
     number = error.errno if isinstance(error, OSError) else None
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         lost = adapters_without_port()
@@ -208,13 +205,13 @@ def _describe(group: list[Any], shares: dict[int, bool], links: Path) -> FoundPo
 
 
 def _shares_serial_number(port: Any, serial_numbers: Counter[Any]) -> bool:
-    """Whether the serial number does not tell this port from others."""
+    """Whether a port has no serial number of its own."""
     same = serial_numbers[(port.vid, port.pid, port.serial_number)]
     return not port.serial_number or (same > 1 and _MAC.fullmatch(str(port.device)) is None)
 
 
 def _merge(listed: Iterable[Any]) -> list[list[Any]]:
-    """Entries of one and the same port together, the best name first."""
+    """Group the entries of the same port, the best name first."""
     groups: dict[str, list[Any]] = {}
     for port in listed:
         on_mac = _MAC.fullmatch(str(port.device))

@@ -1,19 +1,19 @@
 """Open a serial port exclusively and read it without spinning; only this file imports pyserial.
 
-``SerialPort`` is opened exclusively twice over, because there are two kinds of neighbours:
-``flock`` refuses other programs that lock (pyserial does when asked), ``TIOCEXCL`` those that just
-open. Who holds a port is named in the error (``port_list.py``).
+``SerialPort`` is locked in two ways: ``flock`` refuses other programs that lock (pyserial can),
+``TIOCEXCL`` those that just open. The error names the program that holds the port
+(``port_list.py``).
 
-Reading sleeps in ``poll`` until bytes arrive or a moment has passed, so waiting for a servo costs
-nothing. A port that goes away under us (USB unplugged) shows as a hang-up, an I/O error or an end
-of file; all become ``PortUnavailable``.
+Reading sleeps in ``poll`` until bytes arrive or the timeout ends, so waiting for a servo costs no
+processor time. A port that goes away (USB unplugged) shows as a hang-up, an I/O error or an end of
+file; all become ``PortUnavailable``.
 
 Reading, writing and discarding never wait (the port is non-blocking) and keep Python's interpreter
-lock: whoever gives it away queues for it again, half a millisecond behind each busy thread, and a
-control cycle makes six such calls. Only ``poll`` gives it away.
+lock: a thread that releases it waits half a millisecond for each busy thread to get it back, and a
+control cycle makes six such calls. Only ``poll`` releases it.
 
-``find_again`` answers where a port is after it was plugged out and in: under its name, or, for an
-adapter with a serial number, under whatever name that number has now.
+``find_again`` finds a port after it was unplugged and plugged in: under its name, or, for an
+adapter with a serial number, under the name that this adapter has now.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UsbIdentity:
-    """Identifies a USB adapter, whatever its port is called today.
+    """Identifies a USB adapter independently of its port's name.
 
     Attributes:
         vendor: USB vendor id.
@@ -65,7 +65,7 @@ class SerialPort:
     """A serial port that is open exclusively.
 
     Args:
-        name: What to open: a device or a link to one.
+        name: The device to open, or a link to one.
         baud: Bits per second.
 
     Attributes:
@@ -162,7 +162,7 @@ class SerialPort:
 
 
 def _checked(result: int) -> int:
-    """What a call of the C library returned; its error is raised."""
+    """Return the result of a C library call; raise ``OSError`` if it failed."""
     if result < 0:
         code = ctypes.get_errno()
         raise OSError(code, os.strerror(code))
@@ -173,7 +173,7 @@ _UNPLUGGED = "the port went away; check the USB cable and wait, it reconnects by
 
 
 class PortOpener:
-    """Opens the same adapter again and again, in whichever socket it is.
+    """Opens the same adapter each time, even if it was plugged into another socket.
 
     Args:
         name: The port as configured.
@@ -201,7 +201,7 @@ class PortOpener:
             baud: Another rate, this once.
 
         Raises:
-            PortUnavailable: Why it cannot be had.
+            PortUnavailable: It cannot be opened; the message says why.
         """
         name = find_again(self._name, self._usb)
         if name is None:
