@@ -1,5 +1,5 @@
-"""The compiled part of planning: C sources, and how the library made of them is found.
+"""The compiled part of planning: C sources, and the loader of the library built from them.
 
-``build_native.py`` at the top of the checkout compiles it when the package is installed. Without it
-everything works as well, only slower.
+``build_native.py`` at the top of the checkout compiles them when the package is installed. Without
+the library everything works, only slower.
 """

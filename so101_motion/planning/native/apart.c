@@ -1,14 +1,14 @@
-/* Whether two arms that move at the same time stay apart, and where they come too near.
+/* Proves that two moving arms stay apart, or finds where they come too near.
  *
- * Each arm's motion is a row of configurations, evenly spaced in time and straight in between. For
- * every pair of bodies there is a time until which they cannot meet: as far apart as they are now,
- * they have to travel that far first, and how far a body travels in each step is known. Only when
- * that time has come the pair is looked at again (conservative advancement; B. Mirtich, Impulse-based
- * Dynamic Simulation of Rigid Body Systems, 1996). Far from each other a few looks clear a motion. Near
- * each other, a plane between two bodies that still is one at the end of a step clears that step.
+ * Each arm's motion is a list of configurations, evenly spaced in time and straight in between. Every
+ * pair of bodies has a time before which they cannot meet: together they must first travel the
+ * distance between them, and the travel of each body in each step is known. The pair is checked again
+ * only at that time (conservative advancement; B. Mirtich, Impulse-based Dynamic Simulation of Rigid
+ * Body Systems, 1996). A few checks clear a motion if the arms are far from each other. Near each
+ * other, a plane that separates two bodies at both ends of a step clears that step.
  *
- * Nobody is on time to the very instant. So what must stay free grows with the speed of the slower
- * of the two: `skew` is how much one may be early against the other, in steps.
+ * The arms do not keep their times exactly. So the distance to keep grows with the speed of the
+ * slower of two bodies: `skew` is how much one arm may be ahead of the other, in steps.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -19,9 +19,9 @@
 #define PLACES 10      /* of a stop; as HARDEST, AT_LEAST in course.py, which says what they are */
 #define HARDEST 5.0
 #define AT_LEAST 0.1
-#define PART 0.25   /* of the margin: the least travel between two looks at a pair */
-#define SOON 0.5      /* of the time until a pair must be looked at; then it is, if others must */
-#define CLOSE 0.01  /* so far apart beyond the need they need not be known to be [m]; chosen by trying */
+#define PART 0.25   /* of the margin: the least travel between two checks of a pair */
+#define SOON 0.5    /* of the time until a pair is due: from then on it is checked with others */
+#define CLOSE 0.01  /* distances this far above the needed one need not be exact [m]; chosen by trial */
 
 void so101_look(Arm *arm, const double *placement, int n, double t) {
     const Scene *s = arm->scene;
@@ -43,7 +43,7 @@ void so101_look(Arm *arm, const double *placement, int n, double t) {
     }
 }
 
-/* How far apart two bodies are at least, by balls around them. */
+/* A lower bound on the distance of two bodies, by balls around them. */
 static double balls(const Arm *a, int i, const Arm *b, int j) {
     const Body *first = &a->scene->body[i], *second = &b->scene->body[j];
     double square = 0.0;
@@ -59,7 +59,7 @@ double so101_between(const Arm *a, int i, const Arm *b, int j, double need, doub
     return so101_gap(a->scene, a->pose, i, b->scene, b->pose, j, need, enough, v, along);
 }
 
-/* Until when a pair may go on that has `room` left to travel; `last` for ever. */
+/* The step until which a pair may move on with `room` left to travel; INFINITY if to the end. */
 static double until(const Arm *a, int i, const Arm *b, int j, int n, double t, double room,
                     double skew) {
     const int bodies_a = a->scene->bodies, bodies_b = b->scene->bodies;
@@ -72,10 +72,10 @@ static double until(const Arm *a, int i, const Arm *b, int j, int n, double t, d
     return INFINITY;
 }
 
-/* How far each body travels in each step at most: by how far its points are from each axis. And how
- * far they are from the straight line between, if that is asked for: an eighth of what the velocity
- * changes by, and the second derivative of a point by two joints is no longer than its way to the
- * axis of the later one. */
+/* Upper bounds on the travel of each body in each step, by the distances of its points from each axis.
+ * With `bend`, also on how far its points leave the straight line between: an eighth of the change of
+ * velocity; the second derivative of a point by two joints is at most its distance from the axis of
+ * the later one. */
 void so101_travelled(const Scene *s, const double *levers, int n, const double *q, double *travel,
                       double *bend) {
     for (int k = 0; k < n - 1; k++)
@@ -93,7 +93,7 @@ void so101_travelled(const Scene *s, const double *levers, int n, const double *
         }
 }
 
-/* Where both arms are at each step, from when that is first asked for. */
+/* The poses of both arms at each step, computed when first needed. */
 typedef struct {
     const Arm *arms;
     const double *placement;
@@ -111,8 +111,8 @@ static const Arm *at_step(Steps *s, int k) {
     return s->at[k];
 }
 
-/* Until when two bodies are surely apart whose `gap` is known at `t`, and how far they are apart along v:
- * they have to travel that far first, or the same plane keeps them apart at both ends of a step. */
+/* The step until which two bodies surely stay apart, from their `gap` at `t` and their distance `along` v:
+ * they have to travel the gap first, or the same plane separates them at both ends of a step. */
 static double clear_until(Steps *s, int i, int j, double t, double margin, double skew, double gap,
                           double along, const double *v) {
     const Arm *a = &s->arms[0], *b = &s->arms[1];
@@ -134,8 +134,7 @@ static double clear_until(Steps *s, int i, int j, double t, double margin, doubl
     }
 }
 
-/* All must be looked at but those that are so far from each other in the beginning that all of the
- * way is too short. */
+/* Marks all pairs as due, except those so far apart at the start that their whole travel is less. */
 static void begin(Known *known, const Arm *a, const Arm *b, int n, double margin, double skew) {
     const Arm *arms[2] = {a, b};
     double way[2][MOST_BODIES], fastest[2][MOST_BODIES];
@@ -223,9 +222,9 @@ int so101_known_apart(const Scene *a, const Scene *b, const double *placement,
     return found;
 }
 
-/* FREE if bodies keep `margin` apart throughout; TOUCHING fills `out`: when, in steps; how near;
- * which bodies. UNKNOWN: there is no memory. `placement`: where b's base is in a's, rotation by rows,
- * then place; `levers`: how far points of each body are from each joint's axis at most. */
+/* FREE if all bodies keep `margin` apart. TOUCHING fills `out`: time in steps, distance, the two
+ * bodies. UNKNOWN: no memory. `placement`: b's base in a's, rotation by rows, then translation;
+ * `levers`: bounds on the distance of each body's points from each joint's axis. */
 int so101_apart(const Scene *a, const Scene *b, const double *placement, const double *levers_a,
                 const double *levers_b, int n, const double *qa, const double *qb, double margin,
                 double skew, double *out) {
@@ -234,8 +233,8 @@ int so101_apart(const Scene *a, const Scene *b, const double *placement, const d
     return so101_known_apart(a, b, placement, levers_a, levers_b, n, qa, qb, margin, skew, &known, out);
 }
 
-/* How far apart every body of `a` is from every body of `b` at each of `n` configurations, at least and
- * about, see so101_gap; `out`: n tables, a row for each body of `a`. Bases are infinitely far apart. */
+/* Distances of every body of `a` from every body of `b` at each of `n` configurations, as so101_gap
+ * gives them; `out`: n tables, a row for each body of `a`. The bases are infinitely far apart. */
 void so101_gaps(const Scene *a, const Scene *b, const double *placement, int n, const double *qa,
                 const double *qb, double need, double enough, double *out) {
     double lie[MOST_BODIES][MOST_BODIES][3], along;
@@ -276,8 +275,7 @@ static double stop_of(const Course *c, double t, double places[PLACES][JOINTS]) 
     return duration;
 }
 
-/* Where two arms are every `step` seconds from `since` on, `n` configurations of each; 0 without
- * memory. */
+/* Configurations of two arms every `step` seconds from `since` on, `n` of each; 0 without memory. */
 double *so101_sampled(const Course *both, double since, double step, int *n) {
     const double end =
         fmax(both[0].t + both[0].dt * (both[0].n - 1), both[1].t + both[1].dt * (both[1].n - 1)) -
@@ -290,8 +288,8 @@ double *so101_sampled(const Course *both, double since, double step, int *n) {
     return q;
 }
 
-/* As so101_apart, for two arms from `since` on along their courses, which are held against each
- * other every `step` seconds and straight in between; see so101_stops_apart for the arguments. */
+/* Like so101_apart, for two arms on their courses from `since` on, sampled every `step` seconds and
+ * straight in between; see so101_stops_apart for the arguments. */
 int so101_courses_apart(const Scene *a, const Scene *b, const double *placement,
                         const double *levers_a, const double *levers_b, const double *a_course,
                         int na, const double *qa, const double *b_course, int nb, const double *qb,
@@ -307,9 +305,9 @@ int so101_courses_apart(const Scene *a, const Scene *b, const double *placement,
     return found;
 }
 
-/* Whether two arms keep apart if both have to stop along their courses at any of the instants from
- * `since` to `end`, `every` apart; as so101_apart, but `out` tells the time. `skew` and `step` in
- * seconds; `a_course` and `b_course`: when they begin, and the time between their configurations. */
+/* Whether two arms keep apart if both stop along their courses at any of the instants from `since` to
+ * `end`, `every` apart; like so101_apart, but the time in `out` is in seconds, as are `skew` and
+ * `step`. `a_course` and `b_course`: the start, and the time between their configurations. */
 int so101_stops_apart(const Scene *a, const Scene *b, const double *placement,
                       const double *levers_a, const double *levers_b, const double *a_course,
                       int na, const double *qa, const double *b_course, int nb, const double *qb,
@@ -317,7 +315,7 @@ int so101_stops_apart(const Scene *a, const Scene *b, const double *placement,
                       double skew, double *out) {
     const Course first = {a_course[0], a_course[1], na, qa};
     const Course second = {b_course[0], b_course[1], nb, qb};
-    double before[2][2][JOINTS], moved[2][MOST_BODIES]; /* where they were last, and are */
+    double before[2][2][JOINTS], moved[2][MOST_BODIES]; /* last and present configurations; travel */
     Known known;
     memset(&known, 0, sizeof known);
     for (int k = 0; since + every * k < end; k++) {

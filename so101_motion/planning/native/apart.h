@@ -1,4 +1,4 @@
-/* What is shared by the proofs that two arms keep apart: apart.c and led_apart.c. */
+/* Declarations shared by apart.c and led_apart.c, which prove that two arms keep apart. */
 #ifndef SO101_APART_H
 #define SO101_APART_H
 
@@ -6,44 +6,44 @@
 
 typedef struct {
     const Scene *scene;
-    const double *q, *travel; /* configurations; what each body travels in each step at most [m], */
-    const double *bend;       /* and how far it leaves the straight line between */
+    const double *q, *travel; /* configurations; bounds on each body's travel in each step [m], */
+    const double *bend;       /* and on how far it leaves the straight line between */
     Pose pose[JOINTS + 1];
     double centre[MOST_BODIES][3];
 } Arm;
 
-/* What is known of every two bodies; of `low` and `lie` nothing if they are 0. */
+/* State of every pair of bodies; `low` and `lie` are 0 if not known. */
 typedef struct {
-    double due[MOST_BODIES][MOST_BODIES];    /* when they must be looked at, in steps */
-    double soon[MOST_BODIES][MOST_BODIES];   /* when they are if others must be */
-    double low[MOST_BODIES][MOST_BODIES];    /* how far apart they are at least in the beginning */
-    double lie[MOST_BODIES][MOST_BODIES][3]; /* about how the first lies from the second */
+    double due[MOST_BODIES][MOST_BODIES];    /* when it must be checked, in steps */
+    double soon[MOST_BODIES][MOST_BODIES];   /* when it is checked if another pair must be */
+    double low[MOST_BODIES][MOST_BODIES];    /* a lower bound on their distance at the start */
+    double lie[MOST_BODIES][MOST_BODIES][3]; /* approximate vector from the second to the first */
 } Known;
 
-/* What an arm will do: `n` configurations from `t` on, `dt` apart; it rests before and after. */
+/* The course of an arm: `n` configurations from `t` on, `dt` apart; it rests before and after. */
 typedef struct {
     double t, dt;
     int n;
     const double *q;
 } Course;
 
-/* What is asked of an arm that is led beside another one, what is answered, and what is left of the last
- * proof; zeros before the first. See Beside in led_apart.py, which has the same in front. */
+/* Question, answer and memory of so101_led_apart; zeros before the first. The first fields are laid out
+ * as in led_apart.py. */
 typedef struct {
     const Scene *scene[2]; /* of both arms */
     const double *levers[2];
     double placement[12];
     Course course[2];
     double since, step, margin, skew, pushed, parting, within, gap;
-    double told[4];      /* when and how near they meet, and which bodies */
-    double gained, near; /* how far they keep apart now [m]; how many rows there are */
+    double told[4];      /* time and distance at which they meet, and the two bodies */
+    double gained, near; /* the distance to keep now [m]; the number of rows */
     double row[MOST_NEAR][NEAR_ARM_ROW];
-    double q[2][JOINTS]; /* where both were */
+    double q[2][JOINTS]; /* the last configurations of both */
     Known known;
 } Beside;
 
 void so101_look(Arm *arm, const double *placement, int n, double t);
-/* As so101_gap, of bodies of two arms. */
+/* Like so101_gap, for bodies of two arms. */
 double so101_between(const Arm *a, int i, const Arm *b, int j, double need, double enough, double *v,
                       double *along);
 void so101_travelled(const Scene *s, const double *levers, int n, const double *q, double *travel,

@@ -1,11 +1,11 @@
-/* Closed-form inverse kinematics, compiled: the same formulas, in the same order, as the Python.
+/* Closed-form inverse kinematics: the formulas of ik_closed.py in C, in the same order.
  *
- * `ClosedForms.nearest` of ik_closed.py tells what is worked out here and why; each function has
- * the name of the Python function that it follows, and the explanations stand there. A test holds
- * the two against each other to 1e-9. Change both, or neither.
+ * This is `ClosedForms.nearest` of ik_closed.py; each function has the name of the Python function
+ * that it follows, and the explanations are there. A test compares the two to 1e-9. Change both, or
+ * neither.
  *
- * One call answers one goal: it fills a list of configurations, the one to be tried first at the
- * front. Nothing is allocated and nothing is kept between calls. Metres and radians throughout. */
+ * One call solves one goal: it fills a list of configurations, the best first. Nothing is allocated
+ * and nothing is kept between calls. Metres and radians throughout. */
 
 #include "arm_ik.h"
 
@@ -216,7 +216,7 @@ static int approach_rolls(const Arm *arm, const Goal *goal, double *rolls)
     return count;
 }
 
-/* Those near enough to the approach go to the front of `found`, the others to `rest`. */
+/* Configurations near enough to the approach go to `found`, the others to `rest`. */
 static int approach(const Arm *arm, const Goal *goal, const double *rolls, int n_rolls,
                     Configuration *found, Configuration *rest, int *n_rest)
 {
@@ -380,7 +380,7 @@ static int full_pose(const Arm *arm, const Goal *goal, Configuration *found)
     return count;
 }
 
-/* The configurations of ClosedForms.nearest, at most MOST; returns how many. */
+/* Writes the configurations of ClosedForms.nearest, at most MOST; returns their number. */
 int so101_ik_nearest(const Arm *arm, const Goal *goal, Configuration *found)
 {
     if (goal->metric == POSITION_ONLY)

@@ -1,8 +1,7 @@
-/* What planar.c and arm_ik.c share: an arm, and the closed forms of its three parallel joints.
+/* Declarations shared by planar.c and arm_ik.c: an arm, and the closed forms of its parallel joints.
  *
  * Compile both without contraction of products and sums (-ffp-contract=off) and without
- * -ffast-math: a comparison that comes out otherwise than in Python would choose another
- * configuration. */
+ * -ffast-math: if a comparison differed from Python's, another configuration would be chosen. */
 
 #ifndef SO101_ARM_IK_H
 #define SO101_ARM_IK_H
@@ -25,7 +24,7 @@ typedef struct {
     double straight, squares, twice, slack, cos_max, shortest[2]; /* elbow down, elbow up */
 } Arm;
 
-/* Where the hand shall end within the plane, from the shoulder, and the hand: planar_3r.py. */
+/* Target of the hand's end within the plane, from the shoulder, and the hand: planar_3r.py. */
 typedef struct {
     double x, z, hand, hand_elevation;
 } Target;
@@ -41,7 +40,7 @@ static inline double clipped(double value, double low, double high)
     return value < high ? value : high;
 }
 
-/* remainder(angle, TAU); libm takes long for it, and within a turn and a half it is exact like this. */
+/* remainder(angle, TAU); libm is slow at it, and within a turn and a half this is exact. */
 static inline double wrapped(double angle)
 {
     if (fabs(angle) <= 0.5 * TAU)

@@ -1,18 +1,19 @@
-/* One pair of convex bodies in double precision: how far apart, up to what decides.
+/* Measures the distance of one pair of convex bodies in double precision, as far as needed.
  *
- * The nearest point of the difference of two bodies to the origin (Gilbert, Johnson, Keerthi 1988).
- * The nearest point of a simplex is looked for among all edges and faces that it can be on. As in
- * lanes.c, a length of a combination of points is an upper bound and a plane that touches the
- * difference gives a lower one, so an error in the iteration could cost time, never a wrong verdict.
+ * It finds the point of the difference of two bodies nearest to the origin (E. G. Gilbert, D. W.
+ * Johnson, S. S. Keerthi, 1988). The nearest point of a simplex is searched among all edges and faces
+ * that it can be on. As in lanes.c, the length of a combination of points is an upper bound and a
+ * plane that touches the difference gives a lower one, so an error in the iteration could cost time,
+ * never a wrong verdict.
  */
 #include <math.h>
 #include <string.h>
 
 #include "native.h"
 
-#define BAND 3e-6 /* nearer to the margin than this coal decides [m]: it is no more exact itself */
+#define BAND 3e-6 /* nearer to the margin than this coal decides, which is as exact [m] */
 #define ROUNDS 64
-#define FLAT 1e-18 /* edges and faces of less are none [m^2] */
+#define FLAT 1e-18 /* smaller edges and faces are ignored [m^2] */
 
 typedef struct {
     const double *points;
@@ -62,12 +63,12 @@ static void furthest(const Hull *h, const double *n, double sign, double *out) {
         out[r] = h->p[r] + (h->R ? dot(h->R + 3 * r, at) : at[r]);
 }
 
-/* The point of a simplex nearest to the origin; keeps the corners that carry it, with as many of
- * `a` if that is given, and says what share each has in it.
+/* Finds the point of a simplex nearest to the origin; keeps the corners that it is a combination of,
+ * the same ones of `a` if given, and their shares.
  *
- * The last corner is the newest and always carries it, else it had brought nothing nearer. So the
- * nearest point is the last corner and shares of the edges from there to the others, of which those
- * that are not negative, sum up to one at most, and bring it nearest are looked for. */
+ * The last corner is the newest and always one of them, otherwise it would not have come nearer. So
+ * the nearest point is the last corner plus shares of the edges from there to the others; the shares
+ * are not negative and sum up to at most one. */
 static int nearest(double (*w)[3], double (*a)[3], int n, double *v, double *shares) {
     const int m = n - 1;
     const double *last = w[m];
@@ -156,10 +157,10 @@ static Hull hull_of_piece(const Scene *s, int piece) {
 }
 
 #define TENTH 1e-4 /* [m] */
-#define ROUGH 0.1  /* what is so much too little of what is to spare does */
+#define ROUGH 0.1  /* allowed error of a distance, as a share of its excess over the needed one */
 #define EXACT 1e-8 /* [m] */
 
-/* Ends as soon as they are known to be more than `enough` apart, or how far is known to `exact`. */
+/* Ends as soon as the distance is proven above `enough`, or known to `exact`. */
 static Closest closest(const Hull *first, const Hull *second, double enough, double exact) {
     double w[4][3], a[4][3], share[4] = {1.0}, v[3], pa[3], pb[3], last = INFINITY;
     Closest found = {0};
@@ -187,8 +188,8 @@ static Closest closest(const Hull *first, const Hull *second, double enough, dou
     return found;
 }
 
-/* As `furthest`, of a body. Points are compared in single precision, so the one that is found may be
- * nearer than the furthest, by less than half of ROUNDED. */
+/* Like `furthest`, of a body. Points are compared in single precision, so the point found may be nearer
+ * than the furthest, by less than half of ROUNDED. */
 #define ROUNDED 1e-6 /* [m] */
 
 static void body_furthest(const Scene *s, const Body *b, const Pose *pose, const double *n,
@@ -203,7 +204,7 @@ static void body_furthest(const Scene *s, const Body *b, const Pose *pose, const
         out[r] = pose->p[r] + dot(R + 3 * r, s->points + 3 * (b->first + i));
 }
 
-/* As so101_gap; `point`, if that is given, is where the first is nearest to the second. */
+/* Like so101_gap; `point`, if given, gets the point of the first nearest to the second. */
 static double gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                   int body_b, double need, double enough, double *v, double *along, double *point) {
     const Body *first = &a->body[body_a], *second = &b->body[body_b];

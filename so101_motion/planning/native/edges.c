@@ -1,6 +1,6 @@
-/* Configurations, straight joint lines and whole motions: what continuous_check.py does, compiled.
+/* Checks configurations, straight joint lines and whole motions, like continuous_check.py.
  *
- * Both give the same answers. Arithmetic here is in double precision and never contracted, so that
+ * Both give the same verdicts. Arithmetic here is in double precision and never contracted, so that
  * they do not depend on the processor either.
  */
 #include <math.h>
@@ -11,7 +11,7 @@
 
 #define CUT 4             /* as in continuous_check.py */
 #define AT_ONCE 64        /* configurations in one go */
-#define BETWEEN_ASKS 1024 /* so many are looked at before it is asked whether to go on; 0.5 ms */
+#define BETWEEN_ASKS 1024 /* configurations between two questions whether to go on; 0.5 ms */
 
 static void ask_on(Scene *s, int n) {
     s->looked_at += n;
@@ -22,7 +22,7 @@ static void ask_on(Scene *s, int n) {
     if (said == 2) s->stopped = 1;
 }
 
-/* Verdicts without UNKNOWN. After an end that was asked for all counts as touching. */
+/* Verdicts without UNKNOWN. When it was told to stop, all the rest counts as touching. */
 int so101_check(Scene *s, const Level *level, const double *q, int n, int stop, uint8_t *verdict) {
     int found = 0;
     for (int i = 0; i < n; i += AT_ONCE) {
@@ -59,7 +59,7 @@ static int between(Scene *s, const Level *level, const double *a, const double *
     return so101_check(s, level, q, n, 1, verdict);
 }
 
-/* Looks at a line every `spacing` of travel; at `b` too with 1 `ends`, at both with 2. */
+/* Checks a line at samples every `spacing` of travel; with 1 `ends` also `b`, with 2 both ends. */
 int so101_is_clear(Scene *s, const Level *level, const double *reach, double spacing,
                    const double *a, const double *b, double q_jaw, int ends) {
     double step[5], travel = 0.0;
@@ -94,8 +94,8 @@ static void along(const double *points, const double *travelled, int n, double q
     }
 }
 
-/* As first_blocked of continuous_check.py: FREE is a proof; TOUCHING fills `blocked`, 5 angles;
- * UNKNOWN if it was ended, or has no memory. */
+/* Like first_blocked of continuous_check.py: FREE is a proof; TOUCHING fills `blocked`, 5 angles;
+ * UNKNOWN if it was told to stop, or has no memory. */
 int so101_first_blocked(Scene *s, const Level *levels, int n_levels, const double *reach,
                         const double *points, int n, double q_jaw, double *blocked) {
     int result = UNKNOWN, room = AT_ONCE;

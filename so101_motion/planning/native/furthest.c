@@ -1,4 +1,4 @@
-/* Which of some points lies furthest along a direction, LANES of them at a time.
+/* Finds the point furthest along a direction, LANES points at a time.
  *
  * Compiled once more for processors with wider vectors, see build_native.py; the answer is the same.
  */

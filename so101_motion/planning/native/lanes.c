@@ -1,17 +1,17 @@
-/* Many configurations at once, one in each lane of the processor's vectors.
+/* Checks many configurations at once, one in each lane of the processor's vectors.
  *
- * For every pair of bodies two bounds on their distance close in on each other (Gilbert's
- * iteration): v is a point of the difference of the two hulls, so its length is an upper bound;
- * the plane across v that touches the difference gives a lower one; v then moves along the line
- * to the point where it touches. A lane is done with a pair as soon as one bound has passed the
- * margin. What is still open after a few rounds is settled by convex.c in double precision.
+ * For every pair of bodies two bounds on their distance approach each other (Gilbert's iteration):
+ * v is a point of the difference of the two hulls, so its length is an upper bound; the plane across
+ * v that touches the difference gives a lower one; v then moves towards the point where it touches.
+ * A lane is done with a pair as soon as one bound has passed the margin. Pairs still open after a
+ * few rounds are settled by convex.c in double precision.
  *
- * Obstacles are the leaves of a tree of boxes. A box is passed over when it is apart along the
- * base's axes, along those of the body's own box, or behind a plane that was found to separate
- * this body from another obstacle: one plane hides a whole wall of cubes.
+ * Obstacles are the leaves of a tree of boxes. A box is skipped when it is apart along the base's
+ * axes, along those of the body's own box, or behind a plane that was found to separate this body
+ * from another obstacle: one plane hides a whole wall of cubes.
  *
  * Every comparison is written so that a NaN proves nothing. This file is compiled once for each
- * width of vectors; the verdicts do not depend on it, for only what is proven counts.
+ * width of vectors; the verdicts do not depend on it, because only proofs count.
  *
  * Source: E. G. Gilbert, An Iterative Procedure for Computing the Minimum of a Quadratic Form on a
  * Convex Set, SIAM J. Control 1966.
@@ -20,11 +20,11 @@
 #include "vectors.h"
 
 #define ROUNDS 12     /* of the iteration, at most; chosen by time */
-#define FEW 2         /* so few open lanes are cheaper one by one */
+#define FEW 2         /* this few open lanes are cheaper one by one */
 #define FEW_AFTER 4
 #define PLANES 3
 #define MOST_OPEN 96
-#define LARGEST 8.0   /* angles beyond this are left to coal [rad] */
+#define LARGEST 8.0   /* coal decides for larger angles [rad] */
 
 static void place(const Scene *s, const V *q, Frame *frame) {
     for (int i = 0; i < 9; i++) frame[0].R[i] = all(i % 4 == 0);
@@ -147,7 +147,7 @@ static I iterate(const Scene *s, const Body *a, const Frame *fa, const Body *b, 
     return need;
 }
 
-/* The box of one body in each lane, and how to see that another box is apart from it. */
+/* The box of one body in each lane, with what `apart` and `pierced` need. */
 typedef struct {
     V middle[3], half[3]; /* along the base's axes, margin included */
     V own[3][3], size[3][3]; /* the body's axes, and their magnitudes */
@@ -194,8 +194,8 @@ static inline I apart(const Extent *e, const Planes *planes, const float *middle
     return far;
 }
 
-/* Lanes in which the body's line passes through a box. The point that shows it is looked at itself,
- * so divisions by nothing do no harm. */
+/* Lanes in which the body's line passes through a box. The point in the box is checked itself, so
+ * divisions by zero do no harm. */
 static inline I pierced(const Extent *e, const float *middle, const float *core) {
     V enter = all(0.0f), leave = all(1.0f), from[3];
     for (int c = 0; c < 3; c++) {
@@ -213,7 +213,7 @@ static inline I pierced(const Extent *e, const float *middle, const float *core)
     return inside;
 }
 
-/* What the vectors could not settle. */
+/* The pairs that the vectors could not settle. */
 typedef struct {
     struct {
         unsigned lanes;

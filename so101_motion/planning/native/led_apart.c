@@ -1,5 +1,5 @@
-/* Whether an arm that is led keeps apart from another one, or does nothing but part from it; and what
- * of the other is near it. See led_apart.py.
+/* Proves that an arm that follows a target keeps apart from another arm, or only moves away from it,
+ * and finds the near bodies. See led_apart.py.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -11,9 +11,9 @@
 #define BARELY 1e-6 /* bodies whose hulls are nearer than this may overlap [m] */
 #define TENTH 1e-4  /* to which so101_gap knows distances [m] */
 
-/* Whether two bodies are as far apart at an instant as at the first, where that is `now` to a tenth,
- * or `room`. UNKNOWN where they touch, or where it is too close to say. `lie` as in Known; `limit` is
- * between what and what that is exactly, or 0 if nobody has looked. */
+/* Whether two bodies are at least as far apart as at the start, or as `room`; `now` is their distance
+ * at the start to a tenth of a millimetre. UNKNOWN if they touch, or if it is too close to decide.
+ * `lie` as in Known; `limit`: exact bounds of that distance, 0 if not yet computed. */
 static int pair_parts(const Arm *first, const Arm *at, int i, int j, double now, double room,
                       double *limit, double *lie) {
     const Scene *a = at[0].scene, *b = at[1].scene;
@@ -35,8 +35,8 @@ static int pair_parts(const Arm *first, const Arm *at, int i, int j, double now,
     return found.length - radii < limit[0] ? TOUCHING : UNKNOWN;
 }
 
-/* Whether two arms only part, see only_part in led_apart.py: at every half a step in the beginning, then
- * at every step; how near they are at first. */
+/* Whether two arms only move apart, see only_part in led_apart.py: checked every half step at first,
+ * then every step. `nearest` gets their distance at the start. */
 static int arms_part(const Course *both, const Scene *a, const Scene *b, const double *placement,
                      double since, double step, double room, Known *known, double *nearest) {
     double q[2][JOINTS], limit[MOST_BODIES][MOST_BODIES][2], along;
@@ -72,8 +72,8 @@ static int arms_part(const Course *both, const Scene *a, const Scene *b, const d
 
 int so101_beside_size(void) { return sizeof(Beside); }
 
-/* Whether an arm that is led may stop along a course beside another's, see led_apart in led_apart.py. As
- * so101_courses_apart, but `told` is when, how near, which bodies. UNKNOWN: the caller finds out. */
+/* Whether an arm that follows a target may stop along its course, see led_apart in led_apart.py. Like
+ * so101_courses_apart; `told` gets time, distance and bodies. UNKNOWN: the caller has to decide. */
 int so101_led_apart(Beside *beside) {
     const Scene *a = beside->scene[0], *b = beside->scene[1];
     const double *levers_a = beside->levers[0], *levers_b = beside->levers[1];

@@ -1,11 +1,11 @@
-"""Find and load the compiled library, if there is one that was made of these very sources.
+"""Find and load the compiled library, if there is one built from exactly these sources.
 
-Its file carries a hash of the sources and the platform in its name, so a library that a later
-version left behind, or one for another processor, is never loaded. Nothing is loaded before
-somebody plans. ``SO101_NATIVE=off`` leaves it alone.
+Its file name contains a hash of the sources and the platform, so a library of another version or
+for another processor is never loaded. Nothing is loaded before the first plan. ``SO101_NATIVE=off``
+switches it off.
 
-The standard library is all this needs, because ``build_native.py`` runs it before anything else is
-installed.
+This file needs only the standard library, because ``build_native.py`` uses it before anything else
+is installed.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from typing import NamedTuple
 FOLDER = Path(__file__).resolve().parent
 
 BUILD = "build_native.py"
-"""Makes the library; at the top of a checkout."""
+"""The script that builds the library, at the top of a checkout."""
 
 
 class Native(NamedTuple):
-    """What became of loading it.
+    """The loaded library, or why there is none.
 
     Attributes:
-        library: The library, None if there is none to be used.
+        library: The library, or None.
         lanes: How many configurations it checks at once on this processor.
         reason: Why there is no library; empty if there is.
     """
@@ -40,7 +40,7 @@ class Native(NamedTuple):
 
 
 def library_file(system: str = sys.platform, machine: str = "", folder: Path = FOLDER) -> Path:
-    """Where the library for these sources and a platform is, or will be."""
+    """Path of the library for these sources and a platform."""
     known = hashlib.blake2b(digest_size=6)
     for source in sorted(folder.glob("*.[ch]")):
         known.update(source.name.encode() + b"\0" + source.read_bytes())

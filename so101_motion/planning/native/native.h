@@ -1,8 +1,8 @@
-/* What the parts of the compiled planning library share. Metres, radians, base frame.
+/* Declarations shared by all parts of the compiled planning library. Metres, radians, base frame.
  *
  * A configuration is six doubles: five joints and the jaw. "Touching" means that some pair of
- * bodies is within its margin. Answers are proofs from both sides: a direction along which two
- * bodies are far enough apart, or two points of them that are too near. What neither proves is
+ * bodies is within its margin. Verdicts are proofs: a direction along which two bodies are far
+ * enough apart, or two points of them that are too near. If neither is found, the verdict is
  * "unknown", and the caller asks coal.
  */
 #ifndef SO101_NATIVE_H
@@ -18,10 +18,10 @@
 #define MOST_BODIES 32  /* bits of a mask */
 #define MOST_POINTS 512 /* of one body */
 #define LANES 8         /* points that furthest.c compares at once */
-#define NEAR_ROW 16     /* numbers that nearest.c says of a pair */
-#define BOUND 7         /* of a step: its row, what that must be at least, how little room there is */
-#define NEAR_ARM_ROW 9  /* of a body and one of another arm: a bound, and which they are */
-#define MOST_NEAR 24    /* of these are told */
+#define NEAR_ROW 16     /* numbers of nearest.c for a pair */
+#define BOUND 7         /* numbers of a bound of a step: five factors, the smallest value, the room */
+#define NEAR_ARM_ROW 9  /* numbers for a body and one of another arm: a bound and the two bodies */
+#define MOST_NEAR 24    /* most rows of these */
 
 enum { FREE = 0, TOUCHING = 1, UNKNOWN = 2 };
 enum { LATE = 1, STOPPED = 2 };
@@ -31,9 +31,9 @@ enum { LATE = 1, STOPPED = 2 };
 #define SLACK 3e-6f
 #define SLACK_PER_METRE 5e-7f
 
-/* Something that may move: points whose hull, widened by a radius, is the body. */
+/* A body that may move: the hull of points, widened by a radius. */
 typedef struct {
-    int joint; /* it hangs on, 0 for the base */
+    int joint; /* that carries it, 0 for the base */
     int first, count;
     double radius;
     float centre[3], ball;         /* a ball around a point inside the hull that holds the points */
@@ -62,7 +62,7 @@ typedef struct {
     double at[3]; /* the shape's origin */
     int shape;
     int object;    /* the obstacle it is part of */
-    uint32_t mask; /* which bodies are held against it */
+    uint32_t mask; /* the bodies that are checked against it */
 } Piece;
 
 /* A box that holds all pieces below; `count` of them from `first`, or two nodes at `first`. */
@@ -78,7 +78,7 @@ typedef struct {
 typedef int (*Ask)(const double *q, int level);
 
 typedef struct {
-    double offset[JOINTS][12]; /* where each joint is in the one before: rotation by rows, place */
+    double offset[JOINTS][12]; /* each joint in the one before: rotation by rows, translation */
     int bodies, pairs, nodes;
     Body body[MOST_BODIES];
     double *points; /* of bodies, in their joints' frames */
@@ -94,7 +94,7 @@ typedef struct {
     int objects;
     double *nearest; /* room for what nearest.c finds, a row for each object */
     Ask ask;
-    int late, stopped; /* what ask(-1) has said */
+    int late, stopped; /* the answers of ask(-1) */
     long looked_at, next_ask;
     long undecided; /* how often coal was asked */
 } Scene;
@@ -110,7 +110,7 @@ typedef struct {
     double R[9], p[3];
 } Pose;
 
-/* How an arm's lines are looked at in its scene: sampled, or proven with all levels. */
+/* How an arm's lines are checked in its scene: at samples, or proven with all levels. */
 typedef struct {
     Scene *scene;
     const Level *levels;
@@ -119,7 +119,7 @@ typedef struct {
     double spacing, q_jaw;
 } Checker;
 
-/* Two arms of a team, by number, and what so101_apart wants to know of them. */
+/* Two arms of a team, by number, and the arguments of so101_apart for them. */
 typedef struct {
     int first, second;
     const Scene *a, *b;
@@ -127,8 +127,8 @@ typedef struct {
     double placement[12];
 } Couple;
 
-/* Arms whose joints, five each, stand in a row in a configuration, and who has to stay `room` [m]
- * apart. An arm by itself is a team, too. */
+/* Arms with all joints, five each, in one configuration, and the pairs of arms that must stay `room`
+ * [m] apart. A single arm is a team, too. */
 typedef struct {
     int arms, couples;
     const Checker *arm;
@@ -142,18 +142,18 @@ int so101_team_is_apart(const Team *m, const double *q);
 int so101_team_is_free(const Team *m, const double *q);
 int so101_team_is_clear(const Team *m, const double *a, const double *b, int ends);
 
-/* JOINTS + 1 poses. `placement`: where the base is, rotation by rows, then place; 0 for the origin. */
+/* JOINTS + 1 poses. `placement`: pose of the base, rotation by rows, then translation; 0 for none. */
 void so101_poses(const Scene *s, const double *q, const double *placement, Pose *pose);
-/* `v`: about how the second lies from the first, to begin with. */
+/* `v`: approximate vector from the first to the second, as a start. */
 int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin, const double *v);
 int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, double margin,
                       const double *v);
 int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin);
 
-/* How far apart two bodies are at least [m]: exact to TENTH where that is less than `need`, else to
- * a tenth of what is to spare, and what is more than `enough` will do. `v`: about how the first lies
- * from the second, zero if nobody knows; keeps what was found, for the next time. `along`: how far they
- * are apart at least along v; minus infinity if that is not known. */
+/* A lower bound on the distance of two bodies [m]: exact to TENTH below `need`, above it to a tenth of
+ * the excess; above `enough` any value above it. `v`: approximate vector from the second to the first,
+ * zero if not known; updated for the next time. `along`: a lower bound on their distance along v, minus
+ * infinity if not known. */
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                  int body_b, double need, double enough, double *v, double *along);
 
@@ -162,12 +162,13 @@ double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, c
 double so101_gap_at(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                     int body_b, double enough, double *v, double *point);
 
-/* How far apart two bodies are at least along v, from the second to the first [m]; NaN for no v. */
+/* A lower bound on the distance of two bodies along v, from the second to the first [m]; NaN if v is
+ * zero. */
 double so101_gap_along(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                        int body_b, const double *v);
 
-/* How far apart two bodies are without their radii, at least and as found [m], and where they are
- * nearest; `low` alone counts if that is more than `enough`. A length of 0 is not to be trusted. */
+/* The distance of two bodies without their radii, as a lower bound and as found [m], and their nearest
+ * points; if `low` is above `enough`, only `low` is valid. A length of 0 may be wrong. */
 typedef struct {
     double low, length, first[3], second[3];
 } Closest;
@@ -181,8 +182,8 @@ int so101_near_arm(const Scene *a, const Pose *at_a, const Scene *b, const Pose 
                    double low[MOST_BODIES][MOST_BODIES], double lie[MOST_BODIES][MOST_BODIES][3],
                    double within, double margin, double gap, double row[MOST_NEAR][NEAR_ARM_ROW]);
 
-/* Checks n configurations. With `stop`, ends soon after the first that touches. Returns whether
- * one was found to touch. One for each width of vectors; so101_lanes is the widest usable. */
+/* Checks n configurations. With `stop`, ends soon after the first that touches. Returns whether one
+ * touches. There is one for each width of vectors; so101_lanes is the widest usable. */
 typedef int (*Lanes)(const Scene *s, const double *q, int n, const double *margin, int stop,
                      uint8_t *verdict);
 int so101_lanes_base(const Scene *, const double *, int, const double *, int, uint8_t *);

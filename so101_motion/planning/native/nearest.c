@@ -1,15 +1,15 @@
-/* Which pairs of bodies are near each other, where, and how the joints bring them nearer.
+/* Finds the pairs of bodies that are near each other, with nearest points and gradients.
  *
- * Every pair is one of bodies that joints move, or of one of them and the floor or an obstacle. Of an
- * obstacle's pieces the nearest counts; they are looked for in the tree, the nearer branch first, and
- * what is surely further than the nearest until now is left out.
+ * A pair is two bodies that joints move, or one of them and the floor or an obstacle. Of an obstacle's
+ * pieces the nearest counts; it is searched in the tree, the nearer branch first, and boxes further
+ * than the nearest piece so far are skipped.
  */
 #include <math.h>
 #include <string.h>
 
 #include "native.h"
 
-#define TRUSTED 1e-6 /* [m]: bodies that are nearer than this, or not known so well, are coal's */
+#define TRUSTED 1e-6 /* coal decides for nearer bodies, or if a distance is less exact [m] */
 #define DEEP 64
 
 typedef struct {
@@ -23,7 +23,7 @@ static double dot(const double *a, const double *b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* How fast a point [m/rad] goes along a direction with each joint that moves it. */
+/* Adds the speed of a point along a direction [m/rad] by each joint that moves it. */
 static void add_rates(const Look *l, int joint, const double *p, const double *n, double sign,
                       double *gradient) {
     for (int j = 1; j <= joint && j < JOINTS; j++) {
@@ -35,7 +35,7 @@ static void add_rates(const Look *l, int joint, const double *p, const double *n
     }
 }
 
-/* A row: which pair, distance, the two points, the normal from the first to the second, gradient. */
+/* Writes a row: pair, distance, the two points, the normal from the first to the second, gradient. */
 static void write(const Look *l, double *row, int id, double distance, const double *first,
                   const double *second, const double *normal, int joint_a, int joint_b) {
     row[0] = id, row[1] = distance;
@@ -47,7 +47,7 @@ static void write(const Look *l, double *row, int id, double distance, const dou
     add_rates(l, joint_a, first, normal, -1.0, row + 11);
 }
 
-/* Whether two bodies are within reach of each other; if they are, their row. */
+/* Whether two bodies are within a distance of each other; if so, writes their row. */
 static int is_near(Look *l, const Closest *c, double within, double ra, double rb, int id,
                    int joint_a, int joint_b, double *row) {
     if (c->low - ra - rb > within) return 0;
@@ -85,7 +85,7 @@ static double away(const Node *node, const double *centre) {
     return sqrt(square);
 }
 
-/* The rows of the obstacles near a body, in the scene's own room. */
+/* Writes the rows of the obstacles near a body to the scene's own memory. */
 static void look_around(Look *l, int body, const double *centre) {
     const Scene *s = l->scene;
     const Body *b = &s->body[body];
@@ -118,9 +118,9 @@ static void look_around(Look *l, int body, const double *centre) {
     }
 }
 
-/* Writes a row of each pair within `within` [m] at a configuration, `most` at most; returns how many
- * there are, or -1 if coal has to say. Pairs are counted on: of movers, with the floor by body, with
- * each obstacle by body. */
+/* Writes a row of each pair within `within` [m] at a configuration, at most `most`; returns their
+ * number, or -1 if coal has to decide. Pairs are numbered: first of movers, then with the floor by
+ * body, then with each obstacle by body. */
 int so101_nearest(const Scene *s, const double *q, double within, int most, double *out) {
     Look l = {.scene = s, .within = within};
     double centre[MOST_BODIES][3];
@@ -159,8 +159,9 @@ int so101_nearest(const Scene *s, const double *q, double within, int most, doub
     return l.unknown ? -1 : n;
 }
 
-/* Whether at one of n configurations a pair lacks more of its margin than it may, -1 if coal has to
- * say; both by pair, counted as above, and no margin is above `within`. `near`: room for `most` rows. */
+/* Whether at one of n configurations a pair is closer than its margin by more than `may`, -1 if coal has
+ * to decide; both by pair, numbered as above, and no margin is above `within`. `near`: memory for `most`
+ * rows. */
 int so101_lacks_more(const Scene *s, const double *q, int n, const double *margin, const double *may,
                      double within, int most, double *near) {
     for (int i = 0; i < n; i++) {
@@ -172,9 +173,8 @@ int so101_lacks_more(const Scene *s, const double *q, int n, const double *margi
     return 0;
 }
 
-/* Of each pair that so101_nearest finds, the bound of a step that brings it no nearer than to its margin
- * and `gap` beyond that. `margin` and `pair_of`, by pair: its margin, and what the caller calls it, which
- * the rows are told by as well. */
+/* Like so101_nearest, with a bound for each pair: of a step that keeps it `gap` farther apart than its
+ * margin. `margin` and `pair_of`: of each pair its margin, and the caller's number of it for the rows. */
 int so101_near_bounds(const Scene *s, const double *q, double within, int most, double *near,
                       const double *margin, const double *pair_of, double gap, double *bound) {
     const int n = so101_nearest(s, q, within, most, near);
@@ -188,10 +188,9 @@ int so101_near_bounds(const Scene *s, const double *q, double within, int most, 
     return n;
 }
 
-/* Writes a row of each body of an arm that is within `within` [m] of one of another arm's: the bound of a
- * step that brings them no nearer than `gap` beyond `margin`, and the two bodies. Returns how many there
- * are. Bodies that may overlap are left out. `low`: how far apart they are at least, which is made better;
- * `lie`: about how the first lies from the second. */
+/* Writes a row for each pair of bodies of two arms within `within` [m]: the bound of a step that keeps
+ * them `gap` farther apart than `margin`, and the two bodies. Returns their number. Bodies that may
+ * overlap are left out. `low`: lower bounds of the distances, improved here; `lie`: as in Known. */
 int so101_near_arm(const Scene *a, const Pose *at_a, const Scene *b, const Pose *at_b,
                    double low[MOST_BODIES][MOST_BODIES], double lie[MOST_BODIES][MOST_BODIES][3],
                    double within, double margin, double gap, double row[MOST_NEAR][NEAR_ARM_ROW]) {

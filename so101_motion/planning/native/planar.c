@@ -1,7 +1,7 @@
-/* The three parallel joints, compiled: planar_3r.py and nearest_pitch.py.
+/* Inverse kinematics of the three parallel joints: planar_3r.py and nearest_pitch.py in C.
  *
- * Each function has the name of the Python function that it follows, and the explanations stand
- * there; see arm_ik.c. */
+ * Each function has the name of the Python function that it follows, and the explanations are there;
+ * see arm_ik.c. */
 
 #include "arm_ik.h"
 
@@ -96,13 +96,13 @@ static int bands_of(const Arm *arm, Target t, bool elbow_up, double bands[2][2])
     return 2;
 }
 
-/* What cuts the bands of a target, for both bends of the elbow. */
+/* The angles that split the bands of a target, for both bends of the elbow. */
 typedef struct {
-    int count; /* -1: not worked out yet */
+    int count; /* -1: not computed yet */
     double at[8], aligned;
 } Splits;
 
-static void work_out_splits(const Arm *arm, Target t, Splits *splits)
+static void compute_splits(const Arm *arm, Target t, Splits *splits)
 {
     double hand = t.hand > TINY ? t.hand : TINY, distance = hypot(t.x, t.z);
     double *found = splits->at;
@@ -157,7 +157,7 @@ static int intervals_of(const Arm *arm, Target t, double pitch, bool elbow_up, S
     if (n_bands == 0)
         return 0;
     if (splits->count < 0)
-        work_out_splits(arm, t, splits);
+        compute_splits(arm, t, splits);
     double aligned = splits->aligned, home = pitch - aligned;
     for (int i = 0; i < n_bands; i++) {
         double low = bands[i][0], high = bands[i][1], ends[9] = {high};

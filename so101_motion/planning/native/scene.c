@@ -1,12 +1,13 @@
-/* Packs what kernel.py hands over, builds the tree of obstacles, and chooses the vectors' width. */
+/* Copies the bodies of a scene from packed_bodies.py, builds the tree of obstacles, and chooses the
+ * width of the vectors. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "native.h"
 
-#define LARGE 0.06 /* boxes with longer edges together are looked into [m]; chosen */
-#define PIECES 4 /* of a leaf at most */
+#define LARGE 0.06 /* boxes with a larger sum of edges get a core [m]; chosen */
+#define PIECES 4 /* most of a leaf */
 
 Lanes so101_lanes = so101_lanes_base;
 Furthest so101_furthest = so101_furthest_base;
@@ -14,8 +15,8 @@ Furthest so101_furthest = so101_furthest_base;
 #if defined(__x86_64__)
 #include <cpuid.h>
 
-/* Whether the processor, and the system that saves its registers, can do what lanes.c was compiled
- * for; asked of the processor itself because not every compiler's own question gets an answer. */
+/* Whether processor and system support the instructions that lanes.c was compiled for; asked of the
+ * processor itself because not every compiler's builtin works. */
 static int can(int width) {
     unsigned a, b, c, d, low, high;
     if (!__get_cpuid(1, &a, &b, &c, &d) || !(c >> 27 & 1)) return 0; /* osxsave */
@@ -34,7 +35,7 @@ static int can(int width) {
 }
 #endif
 
-/* How many configurations go through at once: 4, 8 or 16; at most `most`. */
+/* Chooses how many configurations are checked at once: 4, 8 or 16, at most `most`; returns it. */
 int so101_start(int most) {
     so101_lanes = so101_lanes_base;
     so101_furthest = so101_furthest_base;
@@ -59,7 +60,7 @@ void so101_free(Scene *s) {
     free(s->nearest), free(s);
 }
 
-/* A box in single precision that holds the one between low and high. */
+/* A box in single precision that contains the one between low and high. */
 static void boxed(const double *low, const double *high, float *middle, float *half) {
     for (int c = 0; c < 3; c++) {
         middle[c] = (float)(0.5 * (low[c] + high[c]));
@@ -109,7 +110,7 @@ static void bounds(const double *points, int n, double *low, double *high, doubl
     }
 }
 
-/* From the middle of the points near one end to that near the other. */
+/* The body's line: from the mean of the points near one end to that near the other. */
 static void fill_spine(Body *b, const double *points, const double *low, const double *high) {
     int axis = 0;
     for (int c = 1; c < 3; c++)
@@ -157,7 +158,7 @@ static int is_box(const double *points, int count, const double *low, const doub
     return corners == 0xff;
 }
 
-/* `largest`: the largest coordinate at which this shape stands. */
+/* `largest`: the largest coordinate of this shape's places. */
 static void fill_shape(Shape *f, const double *points, double largest) {
     double low[3], high[3], mean[3];
     bounds(points, f->count, low, high, mean);
@@ -176,7 +177,7 @@ static void fill_shape(Shape *f, const double *points, double largest) {
     for (int c = 0; c < 3; c++) f->half[c] += SLACK_PER_METRE * (float)largest;
 }
 
-/* Moves the piece that is `k`-th along an axis to its place, smaller ones before it. */
+/* Partitions pieces along an axis so that the `k`-th is in its place, smaller ones before it. */
 static void divide(Piece *p, int n, int k, int axis) {
     int low = 0, high = n - 1;
     while (low < high) {
@@ -229,7 +230,7 @@ static void plant(Scene *s, int index, int first, int count) {
     plant(s, child + 1, first + left, count - left);
 }
 
-/* 0 without memory. All arrays are copied; `first` has one more than there are bodies or shapes. */
+/* Makes a scene; 0 without memory. All arrays are copied; `first` has one more than bodies or shapes. */
 Scene *so101_new(const double *offsets, int bodies, const int *joint, const int *first,
                  const double *points, const double *radius, int pairs, const int *pair,
                  uint32_t with_floor, double floor_z, int shapes, const int *shape_first,
@@ -284,10 +285,10 @@ failed:
     return 0;
 }
 
-/* Lets a scene that was ended or late go on. */
+/* Lets a scene go on after it was stopped or late. */
 void so101_resume(Scene *s) { s->late = s->stopped = 0; }
 
-/* What it has come to: whether it was ended, whether time was up, configurations, asked of coal. */
+/* Whether it was stopped, whether time was up, configurations checked, and those decided by coal. */
 void so101_tally(const Scene *s, long *out) {
     out[0] = s->stopped, out[1] = s->late, out[2] = s->looked_at, out[3] = s->undecided;
 }

@@ -1,4 +1,4 @@
-/* RRT-Connect and shortening: what rrt_connect.py and shorten.py do, compiled, with the same names.
+/* RRT-Connect and shortening of paths: rrt_connect.py and shorten.py in C, with the same names.
  *
  * The same request and seed give the same path on every machine: all arithmetic is in double
  * precision or plain single precision and never contracted, and verdicts do not depend on the
@@ -12,14 +12,14 @@
 
 #define STEP 0.20  /* as in rrt_connect.py */
 #define TRIES 16   /* random configurations at a time; chosen, as wide as vectors get */
-#define AS_LONG 512 /* nodes that take as long to compare as a configuration to look at */
+#define AS_LONG 512 /* nodes that take as long to compare as a configuration to check */
 #define PIECE 0.25 /* as in shorten.py, and what follows */
 #define CUTS 60
 #define MOST_FAILED_CUTS 14
 #define GAIN 0.005
 
 typedef struct {
-    double *points; /* of so many joints */
+    double *points; /* each has `joints` numbers */
     float *weighted[MOST_JOINTS];
     int *parents;
     int count, room, roots;
@@ -92,7 +92,7 @@ static int nearest(const Team *m, const Search *h, const Tree *t, const double *
     return found;
 }
 
-/* Tries some branches towards random configurations; the new node, -1 if none, -2 at an end. */
+/* Tries some branches towards random configurations; the new node, -1 if none, -2 if stopped. */
 static int grow(const Team *m, Search *h, Tree *t) {
     double ends[TRIES * MOST_JOINTS];
     int parents[TRIES];
@@ -120,7 +120,7 @@ static int grow(const Team *m, Search *h, Tree *t) {
     return -1;
 }
 
-/* Grows towards a configuration: the last node if it was reached, -1 if not, -2 at an end. */
+/* Grows towards a configuration: the last node if it was reached, -1 if not, -2 if stopped. */
 static int follow(const Team *m, Search *h, Tree *t, const double *target) {
     int parent = nearest(m, h, t, target), is_clear = 1;
     const size_t size = h->joints * sizeof *target;
@@ -165,7 +165,7 @@ void so101_search_free(Search *h) {
     free(h->path), free(h);
 }
 
-/* In so many joints, of all arms of a team in a row. */
+/* `joints`: the number of joints of all arms of a team. */
 Search *so101_search_new(int joints, const double *lower, const double *upper,
                          const double *weights, const double *start, const double *goals, int n,
                          uint64_t seed) {
@@ -184,8 +184,8 @@ Search *so101_search_new(int joints, const double *lower, const double *upper,
     return 0;
 }
 
-/* At most `most` rounds, endless for 0. The number of waypoints that so101_search_path then gives,
- * 0 if none was found in time, -1 at an end or without memory. */
+/* At most `most` rounds, any number for 0. Returns the number of waypoints for so101_search_path, 0 if
+ * no path was found in time, -1 if stopped or without memory. */
 int so101_search_run(const Team *m, Search *h, int most) {
     Tree *here = &h->tree[0], *there = &h->tree[1];
     for (int round = 0; most == 0 || round < most; round++) {
@@ -208,13 +208,13 @@ int so101_search_run(const Team *m, Search *h, int most) {
     return over == LATE || (most && over != STOPPED) ? 0 : -1;
 }
 
-/* The waypoints; the index of the goal they lead to. */
+/* Copies the waypoints; returns the index of the goal they lead to. */
 int so101_search_path(const Search *h, double *points) {
     memcpy(points, h->path, h->joints * (size_t)h->length * sizeof *points);
     return h->goal;
 }
 
-/* How many nodes a tree has; copies them if there is room for. */
+/* Returns the number of nodes of a tree; copies them if arrays are given. */
 int so101_search_tree(const Search *h, int which, double *points, int *parents) {
     const Tree *t = &h->tree[which];
     if (points) memcpy(points, t->points, h->joints * (size_t)t->count * sizeof *points);
@@ -222,8 +222,8 @@ int so101_search_tree(const Search *h, int which, double *points, int *parents) 
     return t->count;
 }
 
-/* Shortening. A path is an array of points of so many joints, d; lengths are those of joint angles. Points that lie
- * on its lines have not been looked at themselves, so ends of lines are here. */
+/* Shortening. A path is an array of points of d joints; lengths are in joint angles. Points on its lines
+ * have not been checked themselves, so the ends of lines are checked here. */
 
 static double apart(const double *a, const double *b, int d) {
     double square = 0.0;
@@ -274,7 +274,7 @@ static void at(const double *p, const double *end, int i, int d, double length,
     between(p + d * (i - 1), p + d * i, d, part, out);
 }
 
-/* There must be room for CUTS more points, and for as many ends. */
+/* `p` and `end` must have room for CUTS more points. */
 static int cut(const Team *m, double *p, int n, double *end, uint64_t *random) {
     const int d = ARM_JOINTS * m->arms;
     measure(p, n, d, end);
@@ -329,8 +329,8 @@ static int pulled(const Team *m, double *p, int n) {
     return n;
 }
 
-/* Shortens n points into `out`, which has room for `room` points. Returns how many there are, 0 if
- * that is too little room, -1 at an end or without memory. Without `only_skip`, all three ways. */
+/* Shortens n points into `out`, which has room for `room` points. Returns their number, 0 if that is too
+ * little room, -1 if stopped or without memory. With `only_skip`, only by skipping points. */
 int so101_shorten(const Team *m, const double *points, int n, double *out, int room, uint64_t seed,
                   int only_skip) {
     const int d = ARM_JOINTS * m->arms;

@@ -1,12 +1,12 @@
-/* Configurations and lines of several arms in a row, each held against its own scene and against
- * the other arms. What is quick to look at comes first: an arm against its scene, then arms against
- * each other at single places of a line, then the proof that they keep apart all along it.
+/* Checks configurations and lines of several arms, each against its own scene and the other arms.
+ * Quick checks come first: an arm against its scene, then arms against each other at single places
+ * of a line, then the proof that they keep apart all along it.
  */
 #include <string.h>
 
 #include "native.h"
 
-#define AS_LONG 200 /* configurations take as long to look at as the line of two arms; measured */
+#define AS_LONG 200 /* configurations take as long to check as the line of two arms; measured */
 
 static const double SHARES[] = {0.5, 0.25, 0.75};
 
@@ -19,7 +19,7 @@ int so101_team_is_over(const Team *m) {
     return late ? LATE : 0;
 }
 
-/* Whether arms keep apart that go straight from `a` to `b`, or stand at `a` without it. */
+/* Whether arms keep apart that go straight from `a` to `b`, or stand at `a` if `b` is 0. */
 static int are_apart(const Team *m, const double *a, const double *b) {
     for (int k = 0; k < m->couples; k++) {
         const Couple *c = &m->couple[k];
@@ -40,10 +40,10 @@ static int are_apart(const Team *m, const double *a, const double *b) {
     return 1;
 }
 
-/* Whether no two arms are too near each other at a configuration. */
+/* Whether all arms keep apart at a configuration. */
 int so101_team_is_apart(const Team *m, const double *q) { return are_apart(m, q, 0); }
 
-/* Verdicts of n configurations, at most MOST_AT_ONCE, without those of two arms. */
+/* Verdicts of n configurations, at most MOST_AT_ONCE, of each arm alone in its scene. */
 void so101_team_check(const Team *m, const double *q, int n, uint8_t *verdict) {
     double full[MOST_AT_ONCE * JOINTS];
     uint8_t own[MOST_AT_ONCE];
@@ -76,7 +76,7 @@ static int is_clear(const Checker *c, const double *a, const double *b, int ends
     return so101_is_clear(c->scene, c->levels, c->reach, c->spacing, a, b, c->q_jaw, ends);
 }
 
-/* A line; with 1 `ends` nobody has looked at `b`, with 2 neither at `a`. */
+/* Whether a line is clear; with 1 `ends` `b` has not been checked, with 2 neither end has. */
 int so101_team_is_clear(const Team *m, const double *a, const double *b, int ends) {
     for (int k = 0; k < m->arms; k++)
         if (!is_clear(&m->arm[k], a + ARM_JOINTS * k, b + ARM_JOINTS * k, ends)) return 0;

@@ -1,5 +1,5 @@
-/* Vectors of single-precision numbers, one configuration in each lane, and what lanes.c does with
- * them. Their width is what the file that includes this is compiled for. */
+/* Vectors of single-precision numbers, one configuration in each lane, and functions on them for
+ * lanes.c. The compiler flags of the including file set their width. */
 #ifndef SO101_VECTORS_H
 #define SO101_VECTORS_H
 
@@ -77,7 +77,7 @@ static inline void moved(const Frame *f, const float *point, V *out) {
 
 static inline V dot(const V *a, const V *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-/* The one of some points that lies furthest along a direction. */
+/* The point that lies furthest along a direction, in each lane. */
 static inline void furthest(const float *points, int count, const V *n, V *out) {
     V x = all(points[0]), y = all(points[1]), z = all(points[2]);
     V best = n[0] * points[0] + n[1] * points[1] + n[2] * points[2];

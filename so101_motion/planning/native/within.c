@@ -1,17 +1,15 @@
-/* The step nearest to a wanted one that some linear bounds leave room for; see nearest_within.py, which
- * does the same.
- */
+/* Finds the step nearest to a wanted one that keeps linear bounds: nearest_within.py in C. */
 #include <math.h>
 #include <string.h>
 
 #include "native.h"
 
-#define MOST 8 /* bounds that are taken account of */
+#define MOST 8 /* bounds that are used */
 #define ROUNDS 12
 #define ROUNDING 1e-9
 #define SINGULAR 1e-15
 
-/* The numbers of the bounds with the least room, in order; how many. */
+/* Writes the numbers of the bounds with the least room, in order; returns their number. */
 static int with_least_room(const double *bounds, int n, int *near) {
     int count = 0;
     for (int k = 0; k < n; k++) {
@@ -24,7 +22,7 @@ static int with_least_room(const double *bounds, int n, int *near) {
     return count;
 }
 
-/* Solves a symmetric system of `n` rows, whose right side is the last column; 0 without a solution. */
+/* Solves a symmetric system of `n` rows, whose right side is the last column; 0 if it is singular. */
 static int solved(double row[MOST][MOST + 1], int n, double *x) {
     for (int i = 0; i < n; i++) {
         if (!(row[i][i] > SINGULAR)) return 0;
@@ -47,8 +45,8 @@ static double dot(const double *a, const double *b) {
     return sum;
 }
 
-/* `given`: the step, which is changed; room for the numbers of the bounds that hold it; then all `n`
- * bounds. Returns how many hold it, or minus that if no step is found. */
+/* `given`: the step, which is changed; room for the numbers of the active bounds; then all `n` bounds.
+ * Returns the number of active bounds, or minus that if no step is found. */
 int so101_nearest_within(double *given, int n) {
     double *step = given, *told = given + ARM_JOINTS;
     const double *bounds = told + MOST;
