@@ -1,8 +1,9 @@
 """From a request to a verified trajectory: numbers in, numbers out.
 
 ``planner.py`` runs the stages; each stage has a folder: ``kinematics``, ``collision``, ``paths``,
-``timing``, ``cartesian`` (lines and arcs of the tool) and ``differential`` (jogging and dragging).
-Nothing here knows a port, a thread, a clock or Viam. It may import ``common`` only.
+``timing``, ``cartesian`` (lines and arcs of the tool), ``differential`` (jogging and following) and
+``cell`` (several arms together); ``native`` holds the C sources. Nothing here knows a port, a
+thread, a clock or Viam. It may import ``common`` only.
 
 Names that mean the same everywhere: ``q``, ``qd``, ``qdd`` are the joints' angles, velocities and
 accelerations, shape (5,), [rad], [rad/s], [rad/s^2]; ``q_start``, ``q_goal``, ``q_from``, ``q_to``

@@ -1,16 +1,16 @@
-"""Plan one arm's motion among others that share its space, and move too.
+"""Plan one arm's motion among other arms that share its space and may be moving.
 
-Where the others will come to rest counts as standing in the way: whoever stops there would be hit.
-Around that two motions are planned. One knows nothing else of the others and waits until the way
-is free; the other goes around all places that they will be at, and need not wait. Whichever ends
-earlier is taken. Both are proven against the timed motions of the others (``apart.py``).
+The places where the others come to rest are obstacles. Around these two motions are planned: one
+ignores the others' motions and waits until its path is free; the other avoids the place where it
+would meet another arm, and need not wait. The one that ends earlier is taken. Both are proven
+against the timed motions of the others (``apart.py``).
 
-Who stands too near to another already may only leave: from then on the two never come any nearer to
-each other than they are, until there is room between them again.
+An arm that is already too near to another may only leave: the two come no nearer to each other than
+they are, until there is room between them again.
 
-A proof needs more than everybody's keeping to his time. Any arm may be stopped, and those that it
-is in the way of have to stop as well. So at every instant all arms must be able to brake at once,
-each along its own path, without coming near each other: that is looked at, too.
+The proof does not rely on all arms keeping their times. Any arm may be stopped, and then the arms
+that would run into it have to stop as well. So at every instant all arms must be able to brake at
+once, each along its own path, without coming near each other; that is checked, too.
 """
 
 from __future__ import annotations
@@ -41,30 +41,29 @@ from so101_motion.planning.request import Plan, PlanRequest
 from so101_motion.planning.timing.trajectory import Trajectory
 
 WAIT = 0.05
-"""By how much a wait is made longer until the way is free [s]; chosen."""
+"""Step by which a wait is made longer until the path is free [s]; chosen."""
 
 SURELY = 0.7
-"""Who is nearer than this share of what must stay free is refused by every proof; chosen, a proof
-leaves seven eighths of it."""
+"""Arms nearer than this share of ``ROOM`` fail every proof. Chosen: proofs leave seven eighths."""
 
 COARSE = 4
-"""So many times as long are the steps in which a wait is looked for first; chosen."""
+"""Waits are tried first in steps so many times as long; chosen."""
 
 TRIED = 0.025
-"""How long a way around moving arms is searched at most [s]; chosen, waiting is the alternative,
-and searches that succeed take some milliseconds."""
+"""Longest search for a path around moving arms [s]; chosen: waiting is the alternative, and
+searches that succeed take some milliseconds."""
 
 BRAKES = 0.1
-"""How far apart the instants are at which all brake [s]; chosen."""
+"""Time between the instants at which it is checked that all arms can brake [s]; chosen."""
 
 LEAVING = 0.1
-"""How far apart the instants are from which on two arms that were too near may be apart [s]."""
+"""Time between the instants at which two arms that were too near are tried to be apart [s]."""
 
 
 def crosses(arm: str, meeting: Meeting) -> InCollision:
     """The error for a motion that comes too near to another arm, whenever it begins."""
     return InCollision(
-        f"on the way the {meeting.first} would come within"
+        f"on its path the {meeting.first} would come within"
         f" {max(meeting.distance, 0.0) * 1e3:.0f} mm of {arm}'s {meeting.second} while {arm} moves;"
         f" wait until {arm} rests, or choose another goal",
         first=meeting.first,
@@ -80,23 +79,23 @@ def plan_among(
     alone: Plan | None = None,
     before: float = math.inf,
 ) -> Plan:
-    """Plan among other arms.
+    """Plan a motion among other arms.
 
     Args:
-        plan: Plans a motion among things that stand.
-        request: What is wanted; ``others`` are the other arms.
-        alone: The plan for the same request without them, if it is known: a straight one that
-            keeps off where they come to rest is the one that would be found.
+        plan: Plans a motion among obstacles.
+        request: The request; ``others`` are the other arms.
+        alone: The plan for the same request without them, if known: if it is straight and keeps off
+            the places where they come to rest, it would be found again.
         before: A motion that ends later [s] need not be found.
 
     Returns:
-        A motion that keeps ``ROOM`` away from the other arms; where it has to wait for them it
-        begins with standing still.
+        A motion that keeps ``ROOM`` away from the other arms; if it has to wait for them, it begins
+        with standing still.
 
     Raises:
         InCollision: No wait helps.
-        PlanningError: As for a motion among things that stand; the others' links, where they come
-            to rest, are among these.
+        PlanningError: As for a motion among obstacles, of which the others' links, where they come
+            to rest, are some.
     """
     ends = [_standing(each, each.course.q[-1:]) for each in request.others]
     known = replace(request, others=(), scene=_with_arms(request.scene, ends))
@@ -117,7 +116,7 @@ def plan_among(
 
 
 def _keeps_off(plan: Plan, request: PlanRequest) -> bool:
-    """Whether a straight plan comes near no arm where it comes to rest."""
+    """Whether a plan is straight and keeps off the places where the others come to rest."""
     if not plan.report.straight or plan.report.departure:
         return False
     course = Course.along(plan.trajectory, request.q_jaw)
@@ -135,7 +134,7 @@ def earliest_wait(
 ) -> float | None:
     """The shortest wait [s] after which a motion crosses no other arm; None if none helps.
 
-    Longer ones than ``longest`` [s] are hardly looked at.
+    Waits longer than ``longest`` [s] are hardly tried.
     """
     held, last = request.scene.attached, max(e.course.end for e in request.others)
     met: tuple[str, float] | None = None  # whom the motion met last, and how long after it began
@@ -166,7 +165,7 @@ def _still_meet(
     name: str,
     after: float,
 ) -> bool:
-    """Whether a course still meets another arm so long after its beginning [s]; a quick no."""
+    """Quick check whether a course still meets another arm, ``after`` [s] from its beginning."""
     [other] = [each for each in others if each.name == name]
     at = np.array([course.t + after])
     mine, theirs = (Course(t=0.0, dt=1.0, q=each.at(at)) for each in (course, other.course))
@@ -181,13 +180,13 @@ def crossing(
     *,
     since: float = 0.0,
 ) -> tuple[str, Meeting] | None:
-    """The arm that a course comes too near to, and where; None if it keeps away from all.
+    """The first arm that a course comes too near to, and where; None if it keeps off all.
 
     Args:
-        held: What the arm holds.
-        course: What it is about to do.
+        held: The objects the arm holds.
+        course: Its planned motion.
         others: The other arms.
-        since: From when on to look [s].
+        since: Start of the check [s].
     """
     for other in others:
         meeting = _meeting(held, course, other, since)
@@ -226,9 +225,9 @@ def _leaving(
     room: float,
     early: float,
 ) -> float | None:
-    """From when on two arms that are too near keep their room, coming no nearer before [s].
+    """The time from which two arms that are too near keep their room [s].
 
-    None if they do come nearer, or stay too near.
+    None if they come nearer to each other before, or stay too near.
     """
     near = nearness(mine, theirs, T, at=since, room=room)
     if near is None or near <= PARTING:
@@ -253,8 +252,9 @@ def _around(
 ) -> Plan | None:
     """A motion around the others that need not wait and ends before ``last`` [s]; or None.
 
-    The arm that would be met is taken to stand there as well. Once only: of 140 searches in 200
-    tasks of two arms 8 found such a motion at once, and none of 50 where the next meeting was.
+    The arm that would be met becomes an obstacle at the place of the meeting, too. This is tried
+    once: of 140 searches in 200 tasks of two arms 8 found such a motion at once, and none of 50 in
+    a second try with the next meeting.
     """
     held, others = request.scene.attached, {each.name: each for each in request.others}
     q_others = {name: each.course.q[-1:] for name, each in others.items()}
@@ -286,7 +286,7 @@ def _waiting(plan: Plan, wait: float, others: Sequence[OtherArm]) -> Plan:
 
 
 def delayed(trajectory: Trajectory, wait: float) -> Trajectory:
-    """The same motion after standing still for a time [s], to a whole sample."""
+    """The same motion after standing still for ``wait`` [s], rounded to a sample."""
     count = round(wait / trajectory.dt)
     if count == 0:
         return trajectory

@@ -1,6 +1,6 @@
 """Find collision-free joint angles for a tool goal, the nearest first.
 
-They are worked out one by one as a path to them is looked for: most requests need but the first.
+They are computed one by one while a path to them is searched: most requests only need the first.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from so101_motion.planning.paths.contact_recovery import freed
 from so101_motion.planning.planning_context import PlanningContext
 
 APPROACHES = 12
-"""From how many configurations above a pose the line to it is tried. Chosen: a few branches, each
-with a few pitches."""
+"""Number of configurations above a pose from which the line to it is tried. Chosen: a few branches,
+each with a few pitches."""
 
 
 def free_configurations(context: PlanningContext, goal: PoseGoal, q_from: Array) -> Iterator[Array]:
-    """Joint angles for a pose, shape (5,), [rad], free of contact, those near ``q_from`` first.
+    """Collision-free joint angles for a pose, shape (5,), [rad], those near ``q_from`` first.
 
     Raises:
-        InCollision: There are joint angles for the pose, but none is free.
+        InCollision: There are joint angles for the pose, but none are free.
         Overloaded: Some are free, but the servos cannot hold the arm there.
     """
     request, collision = context.request, context.moves.collision
@@ -61,7 +61,7 @@ def free_configurations(context: PlanningContext, goal: PoseGoal, q_from: Array)
 
 
 def _solutions(context: PlanningContext, goal: PoseGoal, q_from: Array) -> Iterator[IkSolution]:
-    """All solutions for a pose, nearest first; the time they take is counted."""
+    """All solutions for a pose, nearest first; their time is counted."""
     with context.stage("ik"):
         solutions = context.ik.candidates(goal, q_from)
     while True:
@@ -79,12 +79,12 @@ def configurations_above(
 
     Args:
         context: The request.
-        q_from: What they shall be near to.
+        q_from: Joint angles that they shall be near to.
         goal: The pose.
-        kept: Is given the number of each such configuration and the line from there.
+        kept: Output: the number of each such configuration and the line from there.
 
     Raises:
-        PlanningError: There are none; says what is wrong with the line from the nearest.
+        PlanningError: There are none; the message is about the line from the nearest.
     """
     nearest = None
     for number, q in enumerate(free_configurations(context, goal.above, q_from)):

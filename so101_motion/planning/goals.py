@@ -13,16 +13,17 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, frozen_array
 
 FARTHEST = 1_000.0
-"""Goals farther from the base are not meant [m]; chosen. Nearer ones are answered with the nearest
-point in reach."""
+"""Goals farther from the base are probably in millimetres and refused [m]; chosen. For nearer ones
+out of reach, the error names the nearest reachable point."""
 
 FARTHEST_LINE = 5.0
-"""The same for where a line ends [m]: 30 m take 20 s to look along. Chosen, ten times the reach."""
+"""The same for the end of a line [m]: a line of 30 m takes 20 s to search. Chosen, ten times the
+reach."""
 
 
 def _refuse_far(T_base_tool: SE3, most: float) -> None:
     p = T_base_tool.p
-    if np.isfinite(p).all() and np.abs(p).max() > most:  # what is no number is the planner's
+    if np.isfinite(p).all() and np.abs(p).max() > most:  # the planner refuses NaN and infinity
         given = [round(float(x), 3) for x in p]
         raise ConfigError("goal", given, f"must be within {most:g} m of the base; is it in metres?")
 
@@ -31,20 +32,20 @@ class GoalMetric(Enum):
     """How much of a target pose counts. Five joints cannot reach every orientation."""
 
     POSITION_ONLY = "position_only"
-    """The point counts; the arm takes the configuration nearest to where it is, keeping its
+    """The point counts; the arm takes the configuration nearest to its present one and keeps its
     roll."""
     POSITION_AND_APPROACH = "position_and_approach"
     """The point and the direction of the tool's z axis count; roll about it is free."""
     FULL_POSE = "full_pose"
-    """Everything counts; refused with the nearest pose where five joints cannot."""
+    """Everything counts; if five joints cannot reach it, the error names the nearest pose."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseCloud:
-    """Tolerances around a pose: every pose in the cloud is as good as the pose itself.
+    """Tolerances around a pose: every pose within them is as good as the pose itself.
 
-    All are about the pose seen from the goal, ``T_goal_reached``, and reach as far to either side.
-    The largest possible orientation tolerances are 1, 1, 2 and pi: then it does not count.
+    All are tolerances of ``T_goal_reached``, the same to either side. With orientation tolerances
+    1, 1, 2 and pi, the largest possible, the orientation does not count.
 
     Attributes:
         x: Along the goal's x axis [m].
@@ -72,7 +73,7 @@ class PoseCloud:
 
     @property
     def metric(self) -> GoalMetric:
-        """How much of the pose counts: what the tolerances leave open altogether does not."""
+        """How much of the pose counts: parts with the largest tolerance do not."""
         if self.theta < math.pi:
             return GoalMetric.FULL_POSE
         if self.o_x < 1.0 or self.o_y < 1.0 or self.o_z < 2.0:
@@ -85,13 +86,13 @@ class PoseGoal:
     """Bring a frame of the gripper to a pose, along any free path.
 
     Attributes:
-        T_base_tool: Where ``frame`` shall be, in the base frame.
+        T_base_tool: Goal pose of ``frame`` in the base frame.
         metric: How much of the pose counts.
         frame: ``"tool"`` or ``"jaw_tip"``.
         position_tolerance: Largest position error that counts as arrived [m].
         approach_tolerance: Largest angle between wanted and reached approach axis [rad]; for
             ``FULL_POSE`` the largest rotation error.
-        cloud: Poses that will do as well; it replaces ``metric`` and both tolerances.
+        cloud: Tolerances that replace ``metric`` and both tolerances above; None to use those.
     """
 
     T_base_tool: SE3
@@ -106,7 +107,7 @@ class PoseGoal:
 
     @classmethod
     def at_point(cls, p_base: ArrayLike, *, frame: str = "tool") -> PoseGoal:
-        """Bring ``frame`` to a point, shape (3,), [m] in the base frame, however it is turned."""
+        """Bring ``frame`` to a point, shape (3,), [m] in the base frame, in any orientation."""
         return cls(T_base_tool=SE3.from_translation(p_base), frame=frame)
 
 
@@ -122,7 +123,7 @@ class JointGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathGoal:
-    """Follow joint waypoints without stopping at each; the path itself is given, not chosen.
+    """Follow given joint waypoints without stopping at each.
 
     Attributes:
         waypoints: Shape (n, 5), n >= 1, [rad], not including the start.
@@ -143,14 +144,14 @@ class LineGoal:
     """Move the tool point along a straight line to a pose.
 
     Attributes:
-        T_base_tool: The end of the line; as much of it counts as ``metric`` says.
-        metric: How much of the pose counts along the path and at the end. What counts of the
-            orientation turns steadily from the start's to the goal's.
+        T_base_tool: The end of the line.
+        metric: How much of the pose counts along the path and at the end. The orientation, as far
+            as it counts, turns steadily from the start's to the goal's.
         frame: ``"tool"`` or ``"jaw_tip"``.
         tolerance: How far the tool point may leave the line [m].
-        orientation_tolerance: How far the tool may be turned from where it should be, anywhere on
-            the line [rad]: its approach axis, or for ``FULL_POSE`` all of it. It is kept as near
-            as five joints can; what they cannot is in the plan's report.
+        orientation_tolerance: Largest deviation of the orientation anywhere on the line [rad]: of
+            the approach axis, or for ``FULL_POSE`` of the whole orientation. It is kept as small as
+            five joints can; the plan's report has the rest.
     """
 
     T_base_tool: SE3
@@ -175,8 +176,8 @@ class ArcTo:
     """A circular segment of a tool path, to a pose.
 
     Attributes:
-        T_base_tool: Where it ends.
-        p_via: A point it passes on the way, shape (3,), [m].
+        T_base_tool: Its end.
+        p_via: A point it passes in between, shape (3,), [m].
     """
 
     T_base_tool: SE3
@@ -188,15 +189,15 @@ class ArcTo:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolPathGoal:
-    """Move the tool point along lines and arcs, without stopping where the corners are rounded.
+    """Move the tool point along lines and arcs, without a stop at rounded corners.
 
     Attributes:
-        segments: The lines and arcs, each from where the one before ends.
-        blend: How far from each corner the tool may leave the segments, to round it [m]; half a
-            segment where that is less. 0 for sharp corners, at which the arm stops.
+        segments: The lines and arcs, each from the end of the one before.
+        blend: Distance from each corner within which it is rounded [m], at most half a segment. 0
+            for sharp corners, at which the arm stops.
         metric: As for :class:`LineGoal`.
         frame: ``"tool"`` or ``"jaw_tip"``.
-        tolerance: How far the tool point may leave the path [m], rounded as it is.
+        tolerance: How far the tool point may leave the rounded path [m].
         orientation_tolerance: As for :class:`LineGoal`.
     """
 
@@ -210,17 +211,17 @@ class ToolPathGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ApproachGoal:
-    """Approach a pose along a straight line, after any free path to where the line begins.
+    """Approach a pose along a straight line, after any free path to the start of the line.
 
-    The configuration above the pose is chosen among those from which the line can be followed.
-    Leaving again is a :class:`LineGoal`.
+    The configuration above the pose is chosen among those from which the line can be followed. Use
+    a :class:`LineGoal` to leave again.
 
     Attributes:
-        T_base_tool: Where ``frame`` shall be in the end.
-        hover: Where the line begins, seen from there, shape (3,), in the base frame [m].
+        T_base_tool: Goal pose of ``frame``.
+        hover: Start of the line relative to the goal, shape (3,), in the base frame [m].
         metric: How much of the pose counts, at the beginning, along the line and at the end.
         frame: ``"tool"`` or ``"jaw_tip"``.
-        approach_tolerance: How far the tool may be turned off where the line begins [rad].
+        approach_tolerance: How far the tool may be turned off at the start of the line [rad].
         tolerance: How far the tool point may leave the line [m].
         orientation_tolerance: How far the tool may be turned off along it [rad].
     """
@@ -239,7 +240,7 @@ class ApproachGoal:
 
     @property
     def above(self) -> PoseGoal:
-        """Where the line begins, as a goal."""
+        """The start of the line, as a goal."""
         return PoseGoal(
             T_base_tool=SE3(self.T_base_tool.R, self.T_base_tool.p + self.hover),
             metric=self.metric,
@@ -267,8 +268,8 @@ ToolGoal = LineGoal | ToolPathGoal
 class LeaveContactGoal:
     """Leave contact by a slow straight joint motion, and stop as soon as the arm is free.
 
-    For an arm that hangs below its table or in an obstacle that is not there. Every other goal is
-    refused if more than a small motion is needed to get free.
+    For an arm below the modelled table, or inside an obstacle that is not really there. Every other
+    goal is refused if more than a small motion is needed to get free.
 
     Attributes:
         farthest: Longest motion of any point of the arm [m].

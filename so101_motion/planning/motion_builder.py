@@ -1,10 +1,10 @@
 """Turn a collision-free path into a motion, and verify every sample of it.
 
-A path says where, a motion also when; the two differ where corners are rounded and acceleration is
-smoothed. So nothing is inherited: every motion made here is measured again, sample by sample as it
-will be sent, against position, velocity, acceleration and jerk limits, the cap on the tool's speed,
-and contact. Where a rounded motion does not pass, the corners are rounded less; at last the arm
-stops at each corner, which keeps it exactly on the lines that were proven.
+A motion is a path with timing; it leaves the path where corners are rounded and acceleration is
+smoothed. So every motion is checked again, sample by sample as it will be sent, against position,
+velocity, acceleration and jerk limits, the cap on the tool's speed, and contact. If a rounded
+motion fails, the corners are rounded less; in the end the arm stops at each corner, which keeps it
+exactly on the lines that were proven.
 """
 
 from __future__ import annotations
@@ -43,39 +43,40 @@ Pieces = list[Trajectory]
 """A motion in parts, with the arm at rest between them."""
 
 DEPARTURE_SPEED = 0.25
-"""Fastest joint on the way out of a start in contact or beyond a limit [rad/s]. Chosen: slow enough
-to be watched; the path is seldom longer than 0.3 rad."""
+"""Speed of the fastest joint while leaving a start in contact or beyond a limit [rad/s]. Chosen:
+slow enough to watch; the path is seldom longer than 0.3 rad."""
 
 SMOOTHING_SHARE = 0.25
-"""Share of a corner tolerance left to the smoothing of acceleration. Chosen."""
+"""Share of a corner tolerance for the smoothing of acceleration. Chosen."""
 
 SMOOTHING_MOST = 0.02
-"""Most that smoothing may leave the path [rad], which is what ``retime`` takes by default."""
+"""Largest deviation from the path by smoothing [rad]; the default of ``retime``."""
 
 NARROWEST, WIDEST = 0.002, 0.5
-"""Corner tolerances below the first are kept by stopping, which is then faster than rounding
-(seen: at 0.001 rad by a tenth); above the second no corner gets any rounder [rad]. Chosen."""
+"""With a corner tolerance below the first the arm stops at corners, which is then faster than
+rounding (seen: at 0.001 rad by a tenth); above the second no corner gets any rounder [rad].
+Chosen."""
 
 _ROUNDER = 0.25
-"""By how much smaller the second attempt to round corners is."""
+"""Factor of the roundings in the second attempt."""
 
 MARGIN_TOLERANCE = 0.2
-"""Share of its margin that a pair may lack on the way. A path is proven at other configurations
-than its motion is; between them it may come a little nearer. Chosen."""
+"""Share of its margin by which a pair may be closer during a motion. A path is proven at other
+configurations than its motion; between them it may come a little nearer. Chosen."""
 
 LOOK = 0.02
-"""Travel between the configurations that are looked at before time is spent on a motion [m]."""
+"""Travel between the samples of a quick check before a motion is timed [m]."""
 
 _PER_PIECE = 16
-"""Points of each piece of a rounded path that are looked at before time is spent on it."""
+"""Points of each piece of a rounded path in a quick check before it is timed."""
 
 SAME = 1e-6
-"""Configurations whose joints all agree this well are the same [rad]. Chosen: a servo tick is
+"""Configurations whose joints all agree to this count as equal [rad]. Chosen: a servo tick is
 1.5e-3."""
 
 _TOOL_POINTS = 65
 _TOOL_SLACK = 1e-3
-"""Relative excess of tool speed that a motion may show between the points looked at."""
+"""Relative excess of tool speed that is accepted, because it is limited at points only."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,12 +85,12 @@ class MotionBuilder:
 
     Attributes:
         model: The arm.
-        collision: What is in the way.
+        collision: Checks for contact.
         q_jaw: Jaw angle during the motion [rad].
-        limits: Caps the motion keeps.
+        limits: Caps of the motion.
         dt: Time between samples [s].
         tool: Kinematics of the tool point, whose speed has a cap.
-        load: What the servos have to bear; None not to look at it.
+        load: Load of the servos; None not to check it.
     """
 
     model: RobotModel
@@ -117,7 +118,7 @@ class MotionBuilder:
         """The slow motion along a straight joint line out of a bad start.
 
         Raises:
-            InCollision: The motion is not as harmless as the path was.
+            InCollision: The motion is not harmless, unlike the path.
         """
         slow = self.limits.scaled_to(np.full(5, DEPARTURE_SPEED), np.inf)
         trajectory = replace(self, limits=slow).straight(q_from, q_to)
@@ -126,11 +127,11 @@ class MotionBuilder:
         return trajectory
 
     def motions(self, waypoints: Array, tolerance: float, *, spline: bool) -> Iterator[Pieces]:
-        """Motions along a free polyline (m, 5), the swiftest first; none has been checked.
+        """Motions along a free polyline (m, 5), the fastest first; none has been checked.
 
-        The last ones stop at every corner and stay on the polyline. A motion of several pieces
-        rests between them. Each joint may leave the polyline by ``tolerance`` [rad]; ``spline``
-        tries the curve through all waypoints first.
+        The last one stops at every corner and stays on the polyline. A motion of several pieces
+        rests between them. Each joint may leave the polyline by ``tolerance`` [rad]; with
+        ``spline`` the curve through all waypoints is tried first.
         """
         if self.load is not None:
             self.load.check_holding(_between(waypoints), "on the way")
@@ -165,10 +166,10 @@ class MotionBuilder:
         return trajectory
 
     def slowed_to_torque_limits(self, trajectory: Trajectory) -> Trajectory:
-        """The same motion, as slow as it must be for the servos to bear it.
+        """The same motion, slowed down until the servos can bear it.
 
         Raises:
-            Overloaded: They cannot, however slow it is.
+            Overloaded: They cannot bear it at any speed.
         """
         if self.load is None:
             return trajectory
@@ -177,7 +178,7 @@ class MotionBuilder:
         return slowed(trajectory, longer) if longer > 1.0 else trajectory
 
     def check(self, trajectory: Trajectory) -> verify.LimitReport:
-        """Refuse a motion that breaks a limit, touches something or is too heavy."""
+        """Refuse a motion that breaks a limit, touches something or overloads a servo."""
         report = self.check_limits(trajectory)
         if self.load is not None:
             report = replace(report, effort=self.load.check(trajectory))
@@ -219,7 +220,7 @@ class MotionBuilder:
     def _within_tool_speed(
         self, q_from: Array, q_to: Array, limits: MotionLimits, cap: float
     ) -> MotionLimits:
-        """Limits under which the tool keeps its cap anywhere on a straight joint line."""
+        """Limits with which the tool keeps its cap anywhere on a straight joint line."""
         step = q_to - q_from
         share = np.linspace(0.0, 1.0, _TOOL_POINTS)[:, None]
         per_path = float(
@@ -236,7 +237,7 @@ class MotionBuilder:
         path = spline_path(waypoints)
         if _deviation(path, waypoints) > tolerance - smoothing:
             return
-        # Most of what would be refused after timing is refused here, at once.
+        # Most motions that would be refused after timing are refused here already.
         look = self.collision.sampled_check(self.q_jaw, spacing=LOOK)
         if not all(map(look.is_free, _dense(path))):
             return
@@ -244,7 +245,7 @@ class MotionBuilder:
             yield [self._retimed(path, waypoints, smoothing)]
 
     def _rounded(self, waypoints: Array, corners: Array, smoothing: float) -> Iterator[Pieces]:
-        """The motion along a polyline whose corners are cut so far, with stops where they are 0."""
+        """The motion along a polyline with corners cut by ``corners``, with stops where it is 0."""
         with suppress(PlanningError):
             yield [
                 self._retimed(blended_path(part, cut), part, smoothing)
@@ -267,9 +268,9 @@ def joined(pieces: Sequence[Trajectory]) -> Trajectory:
 
 
 def _between_ends(trajectory: Trajectory, waypoints: Array) -> Trajectory:
-    """The same motion from the first to the last waypoint to the very bit.
+    """The same motion with exactly the first and the last waypoint at its ends.
 
-    The path's own ends are those of polynomials, equal to the waypoints but for the last bit.
+    The path's own ends are values of polynomials, equal to the waypoints except for rounding.
     """
     q = np.array(trajectory.q)
     q[0], q[-1] = waypoints[0], waypoints[-1]

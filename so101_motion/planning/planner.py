@@ -2,7 +2,7 @@
 
 The stages, for every kind of goal:
 
-    departure   only if the start is beyond a limit or in contact: a short, slow way out
+    departure   only if the start is beyond a limit or in contact: a short, slow motion out of it
     ik          a pose becomes joint angles; all that are free of contact are candidates
     path        a polyline in joint space proven free, straight if possible
     retime      the polyline becomes a motion: ruckig along a straight line, toppra through corners,
@@ -55,13 +55,13 @@ __all__ = ["Plan", "PlanReport", "PlanRequest", "Planner"]
 
 CORNER = 0.1
 """How far each joint may cut the corners of a path that was found here [rad]. Chosen: large enough
-to keep the speed up; a corner that proves blocked is cut less."""
+to keep the speed up; a blocked corner is cut less."""
 
 _PICTURE_POINTS = 64
-"""How many points of the tool's path a plan carries for pictures."""
+"""Number of points of the tool's path in a plan, for pictures."""
 
 _Frame = tuple[str, tuple[float, ...], tuple[float, ...]]
-"""A further frame's name, rotation and position, as something that can be looked up by."""
+"""A further frame's name, rotation and position, as a cache key."""
 
 
 class _Solvers(NamedTuple):
@@ -77,7 +77,7 @@ class Planner:
 
     Args:
         model: The arm.
-        checkpoint: Called every few milliseconds while a plan is made; what it raises ends that.
+        checkpoint: Called every few milliseconds during planning; an exception of it ends that.
     """
 
     def __init__(self, model: RobotModel, checkpoint: Checkpoint = wanted) -> None:
@@ -90,18 +90,18 @@ class Planner:
         """Plan one motion.
 
         Args:
-            request: Where from, where to, how fast.
+            request: Start, goal, limits and surroundings.
 
         Returns:
-            A motion from rest to rest whose every sample has been verified. A goal that is where
-            the arm stands gives a motion of duration 0.
+            A motion from rest to rest whose every sample has been verified; of duration 0 if the
+            arm is at the goal.
 
         Raises:
             Unreachable: The goal is out of reach.
             OutsideLimits: A joint goal or a waypoint is outside the joint limits.
             InCollision: Start, goal, or a path that was prescribed, is in contact.
             NoPath: Start and goal are free, but no path was found between them in time.
-            Overloaded: A servo would have to bear too much, however slow the motion.
+            Overloaded: A servo would have to bear too much at any speed.
             ConfigError: The request holds a value that is not valid.
         """
         return plan_among(self._plan, request) if request.others else self._plan(request)
@@ -127,7 +127,7 @@ class Planner:
         *,
         departure: bool = False,
     ) -> Plan:
-        """A plan with a motion that has been verified, along ``waypoints``, shape (m, 5), [rad]."""
+        """The plan for a verified motion along ``waypoints``, shape (m, 5), [rad]."""
         request = context.request
         closest = context.moves.collision.clearance(trajectory.q[-1], request.q_jaw)
         return Plan(
@@ -162,7 +162,7 @@ class Planner:
                 yield error
 
     def warm_up(self) -> None:
-        """Run everything once that is slow the first time, toppra's import included."""
+        """Run once everything that is slow the first time, toppra's import included."""
         limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
         steps = np.array([[0.2, -0.1, 0.0, 0.0, 0.0], [0.2, 0.1, 0.1, 0.0, 0.0]])
         for goal in (
@@ -194,7 +194,7 @@ class Planner:
         return _Solvers(model, ik, CartesianPlanner(ik))
 
     def _narrower(self, request: PlanRequest) -> tuple[tuple[float, ...], ...] | None:
-        """The request's joint limits where they are narrower than the model's, None if nowhere."""
+        """The narrower of the request's and the model's joint limits; None if the model's."""
         model = self._model
         lower = model.lower if request.lower is None else np.maximum(model.lower, request.lower)
         upper = model.upper if request.upper is None else np.minimum(model.upper, request.upper)
@@ -228,7 +228,7 @@ class Planner:
         )
 
     def _load(self, request: PlanRequest) -> Load | None:
-        """What the servos have to bear, if that is looked at."""
+        """The load of the servos; None if the request does not check torques."""
         if request.strength is None:
             return None
         payload = carried(request.payload, request.scene.attached)
@@ -236,7 +236,7 @@ class Planner:
         return Load(model, request.strength, request.q_start, payload)
 
     def _departure(self, context: PlanningContext) -> tuple[Pieces, Array]:
-        """The slow way out of a bad start, none for a good one, and where planning begins."""
+        """The slow motion out of a bad start, none for a good one, and where planning begins."""
         request, moves = context.request, context.moves
         q_start = request.q_start
         if not needs_departure(context.model, moves.collision, q_start, request.q_jaw):
@@ -276,7 +276,7 @@ class Planner:
     def _to_any(
         self, context: PlanningContext, q_from: Array, goals: Iterator[Array]
     ) -> tuple[Array, Pieces]:
-        """A free path to the first of the goals that can be had."""
+        """Waypoints and motion to the first of the goals that can be reached."""
         with context.stage("path"):
             found = context.finder.find(q_from, goals, context.request.time_budget)
         if context.branches:
@@ -286,7 +286,7 @@ class Planner:
     def _along(
         self, context: PlanningContext, q_from: Array, goal: PathGoal
     ) -> tuple[Array, Pieces]:
-        """Through waypoints that were given."""
+        """Waypoints and motion through given waypoints."""
         with context.stage("path"):
             waypoints = checked_path(context.model, context.moves, q_from, goal.waypoints)
         return waypoints, self._timed(context, waypoints, goal.tolerance, spline=True)
@@ -294,7 +294,7 @@ class Planner:
     def _on_path(
         self, context: PlanningContext, q_from: Array, goal: ToolGoal
     ) -> tuple[Array, Pieces]:
-        """Along a prescribed path of the tool."""
+        """Waypoints and motion along a prescribed path of the tool."""
         with context.stage("path"):
             found = context.lines.find(goal, q_from, context.moves.collision, context.request.q_jaw)
         return found.waypoints, self._followed(context, found)
@@ -312,7 +312,7 @@ class Planner:
     def _approach(
         self, context: PlanningContext, q_from: Array, goal: ApproachGoal
     ) -> tuple[Array, Pieces]:
-        """By any free path to above a pose, then straight to it."""
+        """Waypoints and motion by any free path to above a pose, then straight to it."""
         kept: list[tuple[int, ToolMotion]] = []
         with context.stage("path"):
             above = configurations_above(context, q_from, goal, kept)
@@ -327,10 +327,10 @@ class Planner:
     def _timed(
         self, context: PlanningContext, waypoints: Array, tolerance: float, *, spline: bool
     ) -> Pieces:
-        """The first of several ways to time a polyline that passes verification.
+        """Time a polyline in several ways; the first result that passes verification.
 
         Raises:
-            PlanningError: None does, not even stopping at every corner.
+            PlanningError: None passes, not even stopping at every corner.
         """
         motions = context.moves.motions(waypoints, tolerance, spline=spline)
         problem: PlanningError | None = None
@@ -359,7 +359,7 @@ def _farthest(context: PlanningContext) -> float:
 
 
 def _towards(context: PlanningContext) -> list[Array]:
-    """Where the motion wants to go eventually."""
+    """Configurations that the motion will go to, if known."""
     goal = context.request.goal
     if isinstance(goal, JointGoal):
         return [goal.q]

@@ -1,4 +1,4 @@
-"""State of the planner for one request: solvers, stage times, figures for the report."""
+"""State of the planner for one request: solvers, stage times and figures for the report."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ class PlanningContext:
     """The request that is being planned.
 
     Attributes:
-        request: What is asked for.
+        request: The request.
         model: The arm with its own joint limits and frames.
         ik: Inverse kinematics for it.
-        lines: Straight lines and other ways of its tool.
+        lines: Plans lines and arcs of its tool.
         moves: Makes and checks motions.
-        finder: Finds paths around things.
+        finder: Finds collision-free paths.
         stages_ms: Wall time of each stage so far [ms].
-        branches: IK branches of the configurations for the goal that were offered.
-        branch: That of the configuration that was taken.
+        branches: IK branches of the configurations that were tried as goals.
+        branch: The branch of the configuration that was taken.
         load: Largest share of a velocity, acceleration or jerk limit that is used.
         effort: Largest share of a servo's torque that is used.
-        path_deviation: How far the tool is from a path that was prescribed, if one was.
+        path_deviation: How far the tool is from a prescribed path, if there is one.
     """
 
     request: PlanRequest
@@ -51,7 +51,7 @@ class PlanningContext:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Count the time spent inside, without that of stages within, under ``name``."""
+        """Measure the time spent in this block, without that of stages within it."""
         self.moves.collision.checkpoint()
         outer_ms, self._inner_ms = self._inner_ms, 0.0
         begin = time.perf_counter()
@@ -64,7 +64,7 @@ class PlanningContext:
             self._inner_ms = outer_ms + spent_ms
 
     def check(self, pieces: Pieces) -> None:
-        """Refuse motions that may not be sent, and note how much of the limits they use."""
+        """Check motions, and note how much of the limits they use; raises if one fails."""
         reports = [self.moves.check(piece) for piece in pieces]
         self.load = max(report.worst for report in reports)
         self.effort = max(self.effort, *(report.effort for report in reports))

@@ -21,13 +21,13 @@ from so101_motion.planning.timing.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Search:
-    """Options of one plan beside its goal and its caps.
+    """Options of a planning request besides its goal and caps.
 
     Attributes:
-        scene: What is around and in the hand; None for what the arm knows.
+        scene: Obstacles and held objects; None for those that the arm knows.
         frames: Further frames fixed to the tool that the goal may name: ``T_tool_frame`` by name.
-        seed: Of the random choices when a path around something is searched.
-        time_budget: When to give up searching [s].
+        seed: Seed of the random choices in a search for a path.
+        time_budget: Longest search [s].
     """
 
     scene: Scene | None = None
@@ -41,21 +41,21 @@ class PlanRequest:
     """Everything a plan depends on.
 
     Attributes:
-        q_start: Where the arm stands, shape (5,), [rad]; may be outside the joint limits.
-        goal: What is wanted.
+        q_start: Present joint angles, shape (5,), [rad]; may be outside the joint limits.
+        goal: The goal.
         limits: Speed, acceleration and jerk caps of the five joints, and of the tool.
         q_jaw: Jaw angle during the motion [rad].
-        scene: What is around the arm and in its hand.
-        others: Other arms that share the space, and what they are about to do.
-        payload: What the gripper carries beside what is attached in the scene.
-        strength: What the servos can bear; None not to look at torques.
+        scene: The obstacles around the arm and the objects it holds.
+        others: Other arms that share the space, with their courses.
+        payload: The gripper's payload without the objects attached in the scene.
+        strength: Torque limits of the servos; None not to check torques.
         frames: Further frames fixed to the tool that the goal may name: ``T_tool_frame`` by name.
-        lower: Smallest joint angles of this very arm, shape (5,), [rad]; None for the model's. The
-            narrower of the two counts.
+        lower: Smallest joint angles of this particular arm, shape (5,), [rad]; None for the
+            model's. The narrower limit counts.
         upper: Largest joint angles, likewise.
         dt: Time between the samples of the motion [s].
-        seed: Of the random choices when a path around something is searched.
-        time_budget: When to give up searching [s].
+        seed: Seed of the random choices in a search for a path.
+        time_budget: Longest search [s].
     """
 
     q_start: Array
@@ -92,11 +92,11 @@ class PlanRequest:
 
 
 class PathDeviation(NamedTuple):
-    """How far the tool leaves a path that was prescribed, at the most.
+    """Largest deviation of the tool from a prescribed path.
 
     Attributes:
         position: Its distance from the path [m].
-        angle: How far it is turned off, as far as the goal's metric counts it [rad].
+        angle: Deviation of its orientation, as far as the goal's metric counts it [rad].
     """
 
     position: float
@@ -113,12 +113,12 @@ class PlanReport:
         straight: Whether the motion is one straight line in joint space.
         departure: Whether the start had to be left slowly first, see ``start_recovery.py``.
         load: Largest share of a velocity, acceleration or jerk limit that is used.
-        effort: Largest share of what a servo may have to exert; 0 when that was not looked at.
+        effort: Largest share of a servo's torque limit that is used; 0 if not checked.
         waits: How long the arm waits for others before it moves [s]; part of the motion.
         waits_for: The names of the arms it waits for, or goes around.
-        clearance: How close bodies are at the goal [m].
-        closest: The two bodies that are.
-        path_deviation: For a line or path of the tool what five joints make of it, else None.
+        clearance: Distance of the closest bodies at the goal [m].
+        closest: The names of these two bodies.
+        path_deviation: Deviation from a line or path of the tool; None without one.
     """
 
     stages_ms: Mapping[str, float]
@@ -136,16 +136,16 @@ class PlanReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plan:
-    """A verified motion, and what it was made from.
+    """A verified motion with its path, limits and report.
 
     Attributes:
-        q_start: Where it starts, shape (5,), [rad].
-        q_goal: Where it ends, shape (5,), [rad].
+        q_start: Joint angles at its start, shape (5,), [rad].
+        q_goal: Joint angles at its end, shape (5,), [rad].
         trajectory: The motion.
         path: The joint waypoints it follows, shape (m, 5), [rad].
         tool_path: Points of the tool's path in the base frame, shape (k, 3), [m].
         limits: The caps it keeps.
-        report: How it came about.
+        report: Figures on how it was made.
     """
 
     q_start: Array

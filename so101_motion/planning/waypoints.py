@@ -1,7 +1,8 @@
-"""Check prescribed waypoints, and leave out those that change nothing.
+"""Check prescribed waypoints, and leave out repeated ones and those on a straight line.
 
-A prescribed path is followed or refused, never replaced by another; so the refusal says which
-waypoint or which stretch between two is to blame. Waypoints are counted from 1, the start is none.
+A prescribed path is followed or refused, never replaced by another; so the error names the
+waypoint, or the two waypoints between which the path is blocked. Waypoints are counted from 1,
+without the start.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ def checked_path(model: RobotModel, moves: MotionBuilder, q_from: Array, waypoin
         waypoints: Shape (n, 5), n >= 1, [rad].
 
     Raises:
-        OutsideLimits: A waypoint is outside the joint limits; says which.
-        InCollision: A waypoint, or the path to it, is in contact; says which.
+        OutsideLimits: A waypoint is outside the joint limits; the message says which.
+        InCollision: A waypoint, or the path to it, is in contact; the message says which.
         ConfigError: There is no waypoint.
     """
     if len(waypoints) == 0:
@@ -62,7 +63,7 @@ def _check(model: RobotModel, moves: MotionBuilder, q: Array, name: str) -> None
 
 
 def simplified(waypoints: Array) -> Array:
-    """A polyline without the waypoints that do not matter: repeated ones and those on a line.
+    """A polyline without repeated waypoints and those on a straight line.
 
     Args:
         waypoints: Shape (m, n), m >= 2, [rad].

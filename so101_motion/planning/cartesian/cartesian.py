@@ -1,19 +1,19 @@
 """Turn a tool path into smooth joint curves.
 
-How it works. On a line every point of the tool's path is prescribed; what five joints leave open is
-the pitch, for some goals the roll, and which way the elbow bends. That is decided for the whole
-line at once:
+How it works. A line prescribes every point of the tool's path; five joints leave the pitch free,
+for some goals the roll, and the side to which the elbow bends. These are chosen for the whole line
+at once:
 
-1. *Lay out* configurations in columns, one column each centimetre or so
+1. *List* configurations in columns, one column about each centimetre
    (``configuration_columns.py``).
 2. *Search* them for the best sequence from the start to the end (``ladder_graph.py``).
-3. *Look for contact* along the sequence. What is blocked is forbidden, and the search repeated;
-   if that does not soon help, all configurations that might still be used are looked at.
-4. *Lay a smooth curve* through it along which the tool keeps to its path (``curve_fit.py``).
+3. *Check* the sequence for contact. Configurations in contact are forbidden, and the search is
+   repeated; if that does not soon help, all configurations that might still be used are checked.
+4. *Fit a smooth curve* through it along which the tool keeps to its path (``curve_fit.py``).
 
-If a look finds nothing, a closer one is taken (``path_search.py`` is one look). If the closest
+If a search finds nothing, a finer one follows (``path_search.py`` is one search). If the finest
 finds nothing either, the error says how far the path can be followed, to the millimetre, and what
-ends it there (``failure_report.py``).
+stops the arm there (``failure_report.py``).
 
 ``exact_retiming.py`` then times the curves.
 """
@@ -41,10 +41,10 @@ LOOKS = (
     Resolution(spacing=0.005, pitch_step=math.radians(2.0), offsets=9, rolls=9),
     Resolution(spacing=0.0025, pitch_step=math.radians(1.0), offsets=13, rolls=13),
 )
-"""How closely a path is looked at, one look after the other. Chosen: benchmarks/bench_line.py."""
+"""The resolutions of the searches, one after the other. Chosen: benchmarks/bench_line.py."""
 
 STILL = 1e-6
-"""A path on which the tool turns and moves by less than this is no motion [rad], [m]. Chosen."""
+"""A tool that turns by less than this does not turn [rad]. Chosen."""
 
 
 class CartesianPlanner:
@@ -62,17 +62,17 @@ class CartesianPlanner:
     def find(
         self, goal: ToolGoal, q_start: Array, collision: CollisionModel, q_jaw: float
     ) -> ToolMotion:
-        """Curves of the joints along which the tool follows the goal's path, free of contact.
+        """Find joint curves along which the tool follows the goal's path, free of contact.
 
         Args:
-            goal: The line or path, and what else counts.
+            goal: The line or path, its metric and tolerances.
             q_start: A free configuration inside the limits, shape (5,), [rad]; the path starts
                 there.
 
         Raises:
             Unreachable: The path cannot be followed to its end; says for how many millimetres it
                 can, and what stops the arm there.
-            InCollision: It could be, but not free of contact.
+            InCollision: It can be followed, but not free of contact.
             ConfigError: The goal holds numbers that are not valid.
         """
         found = self._look(goal, q_start, collision, q_jaw)
@@ -83,14 +83,14 @@ class CartesianPlanner:
     def find_if_any(
         self, goal: ToolGoal, q_start: Array, collision: CollisionModel, q_jaw: float
     ) -> ToolMotion | None:
-        """As :meth:`find`, but None where the path cannot be followed, without asking why."""
+        """Like :meth:`find`, but None if the path cannot be followed; saves finding out why."""
         found = self._look(goal, q_start, collision, q_jaw)
         return found if isinstance(found, ToolMotion) else None
 
     def _look(
         self, goal: ToolGoal, q_start: Array, collision: CollisionModel, q_jaw: float
     ) -> ToolMotion | PathSearch:
-        """What is found; or the closest look, which found nothing."""
+        """The motion; or the finest search, if none found one."""
         tools = self._tools(goal.frame)
         tool_path = self._tool_path(goal, q_start)
         if tool_path.spin and (goal.metric is GoalMetric.POSITION_ONLY or tool_path.turn < STILL):

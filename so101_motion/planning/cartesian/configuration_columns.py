@@ -1,17 +1,17 @@
 """Compute the possible configurations at points of a tool path: the columns of the ladder graph.
 
-At each point the position is prescribed; five joints leave two freedoms, pitch and roll, and up to
-four branches. How much of them counts depends on the goal's metric:
+Each point prescribes the position; five joints leave pitch and roll free, and up to four branches.
+The goal's metric decides which of these are tried:
 
-* *Position only*: every pitch all round, with the roll the arm has. The roll moves a frame by its
-  distance from the roll axis at most, and of 134 random lines none existed for another roll only.
-* *Position and approach*: pitches around the one that brings the approach nearest to where it
-  should point. The roll is the arm's own; a second, finer look tries others, because turning the
-  tool, which is beside the roll axis, lets the arm's plane face a few degrees to either side.
-* *Full pose*: pitches around the same, each with the roll that then comes nearest.
+* *Position only*: pitches of the whole circle, with the present roll. The roll moves a frame by its
+  distance from the roll axis at most, and of 134 random lines none needed another roll.
+* *Position and approach*: pitches around the one that points the approach best. The roll is the
+  present one; a finer search tries others, because turning the tool, which is beside the roll axis,
+  lets the arm's plane face a few degrees to either side.
+* *Full pose*: pitches around the same, each with its best roll.
 
-Where upper arm and forearm are in line the elbow may turn over from up to down. The two pitches at
-which that is so are among those of a position-only column, however coarse it is: lines past such a
+Where upper arm and forearm are in line, the elbow may change from up to down. A position-only
+column always has the two pitches at which they are in line, however coarse it is: lines past such a
 point could not be followed otherwise.
 """
 
@@ -40,18 +40,18 @@ from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.planar_3r import JOINT_SLACK, TAU
 
 ROOM = 0.05
-"""Closer to a joint limit or a straight arm than this, configurations cost more [rad]. Chosen: 3
+"""Configurations closer than this to a joint limit or a straight arm cost more [rad]. Chosen: 3
 deg."""
 
 OF_LIMIT = 0.3
-"""Price of being at one of these all the way, against 1 for a radian of pitch. Chosen."""
+"""Cost of a whole path at a joint limit, against 1 for a radian of pitch. Chosen."""
 
 OF_DEVIATION = 10.0
-"""Price of being turned off by the whole tolerance all the way. Chosen: as near as joints can."""
+"""Cost of a whole path with the tool turned off by the tolerance. Chosen: deviations stay small."""
 
 
 class Allowed(NamedTuple):
-    """Allowed configurations of one point; as in :class:`Columns`, without the first axis."""
+    """Allowed configurations of one point; the fields are those of :class:`Columns`."""
 
     q: Array
     price: Array
@@ -63,12 +63,12 @@ class Columns(NamedTuple):
 
     Attributes:
         q: Joint angles, shape (n, k, 5), [rad]; beyond the limits too.
-        price: Of a path all of such configurations, shape (n, k); infinite where one is not
+        price: Cost of a whole path of such configurations, shape (n, k); infinite where one is not
             allowed.
-        excess: How far beyond its limits the joint is that is furthest off, shape (n, k), [rad];
-            infinite where the point is out of reach like this.
+        excess: Largest distance of a joint beyond its limits, shape (n, k), [rad]; infinite where
+            the point is out of reach.
         deviation: How far the tool is turned off, shape (n, k), [rad]; 0 where it does not count.
-        in_front: Whether the arm faces the point, shape (n, k), or leans over backwards to it.
+        in_front: Whether the arm faces the point, shape (n, k), or reaches it over its back.
     """
 
     q: Array
@@ -89,7 +89,7 @@ class Columns(NamedTuple):
         )
 
     def allowed(self) -> list[Allowed]:
-        """For each point what is allowed there."""
+        """The allowed configurations of each point."""
         return [
             Allowed(self.q[i, each], self.price[i, each], self.in_front[i, each])
             for i, each in enumerate(np.isfinite(self.price))
@@ -97,13 +97,13 @@ class Columns(NamedTuple):
 
 
 class Resolution(NamedTuple):
-    """How closely to look.
+    """The resolution of a search.
 
     Attributes:
         spacing: Distance between points [m].
-        pitch_step: Distance between pitches where all are allowed [rad].
-        offsets: How many pitches within a tolerance.
-        rolls: How many rolls where it is free or, within a tolerance, how many of those.
+        pitch_step: Distance between pitches where the pitch is free [rad].
+        offsets: Number of pitches within a tolerance.
+        rolls: Number of rolls where the roll is free, or within a tolerance.
     """
 
     spacing: float
@@ -113,14 +113,14 @@ class Resolution(NamedTuple):
 
 
 class Criteria(NamedTuple):
-    """What counts along a path.
+    """The conditions on configurations along a path.
 
     Attributes:
-        metric: How much of the pose.
+        metric: Which parts of the pose count.
         frame: Which frame of the gripper follows the path.
-        orientation_tolerance: [rad].
+        orientation_tolerance: Largest deviation of the orientation [rad].
         roll: The roll to keep where it is free [rad].
-        pitch: The pitch that is among those tried [rad].
+        pitch: A pitch that must be among those tried [rad].
     """
 
     metric: GoalMetric
@@ -131,7 +131,7 @@ class Criteria(NamedTuple):
 
 
 class ConfigurationSource:
-    """Lays out columns of configurations for one arm."""
+    """Computes columns of configurations for one arm."""
 
     def __init__(self, structure: ArmStructure, chain: ArmChain) -> None:
         self._structure, self._chain = structure, chain
@@ -221,11 +221,11 @@ class ConfigurationSource:
 
 
 def _offsets(criteria: Criteria, count: int) -> Array:
-    """Angles within the tolerance, an odd number of them, so that zero is among them [rad]."""
+    """Evenly spaced angles within the tolerance [rad]; ``count`` is odd, so 0 is among them."""
     within = 0.999 * min(criteria.orientation_tolerance, np.pi)
     return np.linspace(-within, within, count)
 
 
 def _flat(values: Array) -> Array:
-    """Points first, all configurations of a point in one row: shape (n, k, last)."""
+    """Reshape to (n, k, last): all configurations of a point in one axis."""
     return values.reshape(len(values), -1, values.shape[-1])

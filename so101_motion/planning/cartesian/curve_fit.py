@@ -1,20 +1,18 @@
 """Fit a smooth joint curve along which the tool keeps to its path.
 
-How it works. Configurations a centimetre apart, one for each of a few points of the path, are
-given; they come from a search over a grid, so what is free (the pitch, mostly) changes in steps. In
-between:
+How it works. Given are configurations for points of the path a centimetre apart; they come from a
+search over a grid, so what is free (mostly the pitch) changes in steps.
 
-1. *Smooth.* The sequence is replaced by the one that stays near it with the least second
-   differences. That takes the tool off its path a little.
-2. *Project.* Newton's method with the least joint motion puts the tool back. The freedom that the
-   path leaves is untouched by that, so it stays smooth.
-3. *Lay a cubic spline through the configurations*, and look in the middle between them. Where the
-   tool is off by more than 0.45 of the tolerance there, the middles are projected and become
+1. *Smooth.* The sequence is replaced by a near one with small second differences. That moves the
+   tool off its path a little.
+2. *Project.* Newton's method with the least joint motion puts the tool back. It does not change the
+   freedom that the path leaves, so that stays smooth.
+3. *Lay a cubic spline through the configurations*, and check the middle between each two. Where the
+   tool is off by more than 0.45 of the tolerance there, the middles are projected and added as
    configurations, until it is not.
 
-Curves that leave the joint limits, do not settle or are not accepted are tried again with less
-smoothing, in the end with none. Where none can be had the path comes close to a singular
-configuration.
+Curves that leave the joint limits, do not converge or are not accepted are tried again with less
+smoothing, in the end with none. If none succeeds, the path comes close to a singular configuration.
 """
 
 from __future__ import annotations
@@ -31,28 +29,27 @@ from so101_motion.planning.timing import verify
 from so101_motion.planning.timing.path_geometry import JointPath
 
 SMOOTHED = (30.0, 1.0, 0.0)
-"""How much smoothness counts against staying near, one attempt after the other, where all that is
-given up for it is a pitch that nobody asked for. Chosen: the first evens out what is shorter than
-ten configurations."""
+"""Weights of smoothness against nearness, one attempt after the other, where the pitch is free.
+Chosen: the first evens out changes shorter than ten configurations."""
 
 EXACT = (0.0, 1.0)
-"""The same where the configurations turn the tool as was asked."""
+"""The same where the goal prescribes the tool's orientation."""
 
 MOST_CONFIGURATIONS, FINEST = 400, 0.001
 """A curve that needs more configurations than this, and closer together [m], is given up: it passes
 too close to a singular configuration."""
 
 SETTLING = 0.7
-"""Twice the configurations leave less than this share of the error, or the curve is no motion.
-Chosen: a spline through one leaves a sixteenth."""
+"""With twice the configurations less than this share of the error must be left, or the fit is given
+up. Chosen: for a smooth curve a sixteenth is left."""
 
 MIDWAY = 0.45
 """Share of the tolerance by which a curve may be off in the middle between its configurations.
-Elsewhere it may be a tenth further off than there (1.09 times was the most on 180 lines), so half
-the tolerance is kept everywhere."""
+Elsewhere it may be a tenth further off than there (at most 1.09 times on 180 lines), so half the
+tolerance is kept everywhere."""
 
 LIMIT_SLACK = 0.5 * verify.POSITION_TOLERANCE
-"""How far a curve may be outside the joint limits [rad]: safely what verification lets pass."""
+"""How far a curve may be outside the joint limits [rad]: half of what verification accepts."""
 
 _EXACT = 1e-8
 """A tool this close to its path is on it [m]."""
@@ -67,12 +64,12 @@ _DAMPING = 1e-10
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FitFailure:
-    """Where no curve could be laid.
+    """Where and why no curve could be fitted.
 
     Attributes:
         s: How far along the path [m].
-        q: The configuration that is at fault, shape (5,), [rad].
-        turned: How far it turns the tool off [rad], if that is what is wrong with it.
+        q: The configuration that failed, shape (5,), [rad].
+        turned: How far it turns the tool off [rad], if that is too far.
         in_contact: Whether it is in contact. If neither, the path is near a singular configuration.
     """
 
@@ -83,14 +80,14 @@ class FitFailure:
 
 
 Accept = Callable[[JointPath], FitFailure | None]
-"""Judges a curve; None if it will do."""
+"""Checks a curve; returns None if it is accepted."""
 
 
 class CurveFitter:
-    """Lays curves along paths of one frame."""
+    """Fits joint curves to tool paths of one frame."""
 
     def __init__(self, chain: ArmChain, lower: Array, upper: Array, tolerance: float) -> None:
-        """Prepare.
+        """Prepare to fit curves.
 
         Args:
             chain: Kinematics of the frame.
@@ -105,14 +102,14 @@ class CurveFitter:
         """A curve through configurations near given ones.
 
         Args:
-            tool_path: What the tool shall keep to.
+            tool_path: The path of the tool.
             s: Places on it, evenly spaced, shape (n,), n >= 6, [m].
             q: A configuration for each, shape (n, 5), [rad]. The first is kept as it is.
             stiffnesses: ``SMOOTHED`` or ``EXACT``.
-            accept: What else a curve must stand up to.
+            accept: A further check of each curve.
 
         Returns:
-            The curve over ``s - s[0]``; or where the last one tried fails.
+            The curve over ``s - s[0]``; or why the last attempt failed.
         """
         p = tool_path.places(s)
         widest = int(np.argmax(np.linalg.norm(np.diff(q, axis=0), axis=1)))
@@ -227,7 +224,7 @@ def _extremes(path: JointPath) -> tuple[Array, Array]:
 
 
 def _is_ragged(q: Array) -> bool:
-    """Whether what the path leaves free changes along configurations, so that smoothing pays."""
+    """Whether pitch or roll change along the configurations, so that smoothing helps."""
     pitch = q[:, 1:4].sum(axis=1)
     return bool(max(np.ptp(pitch), np.ptp(q[:, 4])) > 1e-9)
 
@@ -247,7 +244,7 @@ def _smoothed(q: Array, stiffness: float) -> Array:
 
 
 def _between(values: Array, middles: Array) -> Array:
-    """Values with others in the middle between them."""
+    """Values interleaved with those in the middle between them."""
     both = np.empty((len(values) + len(middles), *values.shape[1:]))
     both[::2], both[1::2] = values, middles
     return both

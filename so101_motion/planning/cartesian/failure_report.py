@@ -1,10 +1,10 @@
-"""Explain why a tool path cannot be followed: how far it can, and what stops the arm there.
+"""Explain how far a tool path can be followed, and what stops the arm there.
 
-How it works. A search has failed. It knows the last column of configurations that anything reaches.
-From there the path is followed in steps of half a millimetre, with every configuration that is near
-one before it, until there is none left. What stops the arm is then read off the configurations it
-would need next: one in contact, one beyond a joint limit, one that turns the tool off too far, or
-none at all, because the point itself is out of reach.
+How it works. The failed search knows the last column of configurations that is reached. From there
+the path is followed in steps of half a millimetre, with every configuration that is near one before
+it, until none is left. The configurations that would be needed next show what stops the arm: one in
+contact, one beyond a joint limit, one that turns the tool off too far, or none at all, because the
+point itself is out of reach.
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.ik_task import limit_name
 
 STEP = 0.0005
-"""How closely the end of what can be followed is found [m]. Chosen: millimetres are told."""
+"""Step in which the path is followed [m]. Chosen: messages are in whole millimetres."""
 
 NEAR = 0.15
-"""Configurations this close to one before could follow it; without the pan [rad]. Chosen: half a
-millimetre takes a tenth of that, but near singular configurations."""
+"""Largest change of the joints but the pan in one step [rad]. Chosen: half a millimetre takes a
+tenth of that, except near singular configurations."""
 
 PAN_NEAR = 0.6
-"""The same for the pan [rad]: half a millimetre past the pan axis, one beside it."""
+"""The same for the pan [rad]: it turns so far in half a millimetre, one millimetre off its axis."""
 
 NEAR_END = 0.010
-"""A point out of reach so soon after the path ends is what ended it [m]. Chosen."""
+"""If a point so soon after the end is out of reach, that is the reason [m]. Chosen."""
 
 _ADVICE = "end it earlier, or start it from another configuration"
 _SINGULAR = "a singular configuration, past which the joints would have to turn over at once"
 
 
 class _End(NamedTuple):
-    """The end of what can be followed.
+    """The end of the part of a path that can be followed.
 
     Attributes:
-        s: How far along the way it is [m].
+        s: How far along the path it is [m].
         q: Configurations there, shape (k, 5), k >= 1, [rad].
-        ahead: What there is just beyond it, for one point; None where that is no reason to end.
-        fit_failure: Why no curve can be laid any further, where that is what ends it.
+        ahead: Configurations of the next point; None if they are not the reason.
+        fit_failure: Why no curve can be fitted any further, if that is the reason.
     """
 
     s: float
@@ -60,7 +60,7 @@ class _End(NamedTuple):
 
 
 def refusal(ik: IkSolver, search: PathSearch) -> PlanningError:
-    """The error for a path that even the closest look, ``search``, could not follow."""
+    """The error for a path that even the finest search, ``search``, could not follow."""
     end = _followed(search)
     task = search.task
     done_so_far = _progress(search, end.s)
@@ -107,11 +107,11 @@ def _progress(search: PathSearch, s: float) -> str:
 
 
 def _followed(search: PathSearch) -> _End:
-    """Follow the path from the last column that is reached, as far as anything does."""
+    """Follow the path from the last column that is reached, as far as possible."""
     column, q_reached = search.farthest()
     reached = float(search.s[column])
     if column == len(search.s) - 1:
-        # Every column is reached, but no curve can be laid through them.
+        # Every column is reached, but no curve can be fitted through them.
         fit_failure = min(search.fit_failures, key=lambda each: each.s, default=None)
         return _End(fit_failure.s if fit_failure else reached, q_reached, fit_failure=fit_failure)
     q, here = q_reached, reached
@@ -125,7 +125,7 @@ def _followed(search: PathSearch) -> _End:
             if not next_q:
                 return _End(here, q, point)
             q, here = np.array(next_q), float(each)
-    # Small steps get by where a motion would have to turn over at once.
+    # Small steps pass a point where a whole motion would have to turn over at once.
     return _End(reached, q_reached)
 
 

@@ -2,17 +2,16 @@
 
 How it works. The path of the tool is cut at a number of points. At each point the arm has many
 configurations: that is a column. A motion takes one configuration of each column, and neighbours
-must be near each other in joint space. Dynamic programming finds the sequence that costs least over
-the *whole* path (R. Bellman, Dynamic Programming, 1957), so a path that begins well cannot end in a
-dead end that another beginning would have avoided; and if there is no sequence, it says how far any
+must be near each other in joint space. Dynamic programming finds the cheapest sequence over the
+*whole* path (R. Bellman, Dynamic Programming, 1957), so a good beginning never leads into a dead
+end that another beginning would have avoided; and if there is no sequence, it says how far one
 gets.
 
-What is known to cost something is in the costs from the beginning. Contact is dear to look for and
-seldom there, so it is looked for along the best sequence only, and what is found blocked is
-forbidden and the search repeated from there on.
+Contact is expensive to check and rare. So only the best sequence is checked; configurations in
+contact are forbidden, and the search is repeated from there on.
 
-Costs. A sequence pays for the joint motion it takes and, more, for changing the pitch: both by the
-squares of the steps, which spreads a change evenly. A configuration may have a price of its own.
+Costs. A sequence pays for its joint motion and, more, for changes of the pitch: both by the squares
+of the steps, which spreads a change evenly. Each configuration may have its own price.
 
 Source: the ladder graph of Descartes, ROS-Industrial's Cartesian path planner; J. De Maeyer,
 B. Moyaers, E. Demeester, Cartesian Path Planning for Arc Welding Robots: Evaluation of the
@@ -30,28 +29,27 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint, wanted
 
 JUMP = 0.5
-"""Configurations of neighbouring columns further apart than this are not one motion, as Euclidean
-distance without the pan [rad]. Chosen: five times what a centimetre of the path takes on average.
-The curve is held against the path of the tool afterwards."""
+"""Largest Euclidean distance between configurations of neighbouring columns, without the pan [rad].
+Chosen: five times the average for a centimetre of path. The curve is compared with the tool path
+afterwards."""
 
 PAN_JUMP = 1.5
-"""The same for the pan alone [rad]. But for front and back a point leaves no choice which way it
-faces; past the pan axis it has to turn much in a few millimetres. Chosen: half of what separates
-front from back."""
+"""The same for the pan alone [rad]. Past the pan axis it has to turn far in a few millimetres.
+Chosen: half of what separates facing a point from reaching it over the back."""
 
 SIDE_JUMP = 0.3
-"""The same where front becomes back, which is one motion only where the two are one configuration,
-with the tool on the pan axis [rad]. Chosen."""
+"""The same for a change from facing to reaching over the back, which is one motion only with the
+tool on the pan axis [rad]. Chosen."""
 
 OF_MOTION = 0.01
-"""Price of joint motion, against 1 for the pitch. Chosen: a pitch that can stay stays."""
+"""Cost of joint motion, against 1 for the pitch. Chosen: the pitch stays if it can."""
 
 Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
 
 class LadderGraph:
-    """Configurations in columns, and what it costs to go through them.
+    """Configurations in columns, and the costs of sequences through them.
 
     Attributes:
         q: For each column its configurations, shape (k, 5), [rad]; k differs and may be 0.
@@ -68,8 +66,8 @@ class LadderGraph:
 
         Args:
             q: For each column its configurations, shape (k, 5), [rad]; at least two columns.
-            price: What each costs, shape (k,), over the whole path: 1 for each is a price of 1.
-            in_front: Whether the arm faces the point in each, shape (k,), or leans over backwards.
+            price: Cost of a whole path of such configurations, for each, shape (k,).
+            in_front: Whether the arm faces the point in each, shape (k,), or is over its back.
         """
         self.q = q
         self._checkpoint = checkpoint
@@ -85,7 +83,7 @@ class LadderGraph:
         """The cheapest sequence from the first column to one of the others, the last if not given.
 
         Returns:
-            Which configuration of each column it takes, shape (column + 1,); None if there is none.
+            Its configuration in each column, by index, shape (column + 1,); None if there is none.
         """
         column = len(self.q) - 1 if column is None else column
         if self.farthest() < column:
@@ -120,7 +118,7 @@ class LadderGraph:
         return np.flatnonzero(np.isfinite(self._cost[column]))
 
     def useful(self) -> list[Indices]:
-        """For each column up to the farthest its configurations that are on the way to there."""
+        """For each column, the configurations from which the farthest column can be reached."""
         last = self.farthest()
         useful = [self.reached(last)]
         for i in range(last - 1, -1, -1):
@@ -131,17 +129,17 @@ class LadderGraph:
         return useful[::-1]
 
     def forbid(self, column: int, rows: Indices | int) -> None:
-        """Take configurations out of a column; not of the first."""
+        """Remove configurations from a column other than the first."""
         self._price[column][rows] = np.inf
         del self._cost[column:], self._before[column:]
 
     def forbid_step(self, column: int, row: int, next_row: int) -> None:
-        """Take out the step from a configuration to one of the next column."""
+        """Remove the step from a configuration to one of the next column."""
         self._steps[column][row, next_row] = np.inf
         del self._cost[column + 1 :], self._before[column + 1 :]
 
     def _step(self, column: int) -> Array:
-        """What each step from a column to the next costs, shape (k, l)."""
+        """Cost of each step from a column to the next, shape (k, l)."""
         moved = _squares(self._without_pan[column], self._without_pan[column + 1])
         pitched = (self._pitch[column + 1] - self._pitch[column][:, None]) ** 2
         cost = (pitched + OF_MOTION * moved) * (len(self.q) - 1)
@@ -153,7 +151,7 @@ class LadderGraph:
 
 
 def are_near(q: Array, others: Array, jump: float, pan_jump: float) -> Flags:
-    """Which of ``q`` (k, 5) [rad] could be followed by which of ``others`` (l, 5); shape (k, l)."""
+    """Which of ``others`` (l, 5) are near which of ``q`` (k, 5), [rad]; shape (k, l)."""
     squares = _squares(q[:, 1:], others[:, 1:])
     return np.asarray((squares <= jump**2) & (np.abs(q[:, :1] - others[:, 0]) <= pan_jump))
 

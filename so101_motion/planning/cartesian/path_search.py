@@ -1,6 +1,6 @@
-"""Search a tool path once, at one resolution: columns, the best sequence, a curve.
+"""Search a tool path at one resolution: columns, the best sequence, a curve.
 
-See ``cartesian.py`` for how it works. How closely to look is given.
+See ``cartesian.py`` for how it works.
 """
 
 from __future__ import annotations
@@ -32,37 +32,37 @@ from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.timing.path_geometry import JointPath
 
 FEWEST = 8
-"""Fewest parts that a path between two rests is cut into."""
+"""Fewest parts into which a path between two rests is cut."""
 
 TURN_SPACING = 0.15
 """Largest turn of the tool between two columns [rad]. Chosen: 9 degrees."""
 
 ATTEMPTS = 20
-"""How many sequences are tried. Chosen: none of 684 random lines took more than 4 to be found."""
+"""How many sequences are tried. Chosen: none of 684 random lines needed more than 4."""
 
 FIT_FAILURES = 10
-"""After so many of them for which no curve could be laid, a look is given up."""
+"""The search is given up after so many sequences through which no curve could be fitted."""
 
 CONTACTS_BEFORE_THOROUGH = 3
-"""After so many in contact, all configurations that might still be used are looked at."""
+"""After so many sequences in contact, all configurations that might still be used are checked."""
 
 AT_ONCE = 16
-"""For so many places configurations are worked out between two checkpoints. Chosen: the closest
-look takes some milliseconds for as many."""
+"""Number of points whose configurations are computed between two checkpoints. Chosen: the finest
+search takes some milliseconds for them."""
 
 _LOOKS = 8
-"""At how many points of each piece of a curve the tool is held against its path."""
+"""Number of points of each piece of a curve at which the tool is compared with its path."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathTask:
-    """What is to be followed, and what is in the way.
+    """The path to follow, and the obstacles.
 
     Attributes:
-        goal: What counts, and how exactly.
+        goal: The goal with its metric and tolerances.
         tool_path: The path of the goal's frame.
-        q_start: Where the joints start, shape (5,), [rad].
-        collision: What is in the way.
+        q_start: Joint angles at the start, shape (5,), [rad].
+        collision: Checks for contact.
         q_jaw: Jaw angle during the motion [rad].
     """
 
@@ -79,11 +79,11 @@ class PathTask:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tools:
-    """What a search works with.
+    """Kinematics that a search uses.
 
     Attributes:
-        ik: The arm's solver; its structure is known.
-        structure: That structure.
+        ik: The arm's solver.
+        structure: The arm's structure.
         chain: Kinematics of the frame that follows the path.
         tool_chain: Kinematics of the tool, whose orientation counts.
     """
@@ -95,13 +95,13 @@ class Tools:
 
 
 class PathSearch:
-    """One look at a path.
+    """One search of a path at one resolution.
 
     Attributes:
-        task: What is searched.
-        s: Where the columns are, shape (n,), [m].
+        task: The path to follow.
+        s: Places of the columns, shape (n,), [m].
         ladder: The columns; the first holds the start.
-        fit_failures: Where sequences were given up because no curve could be laid.
+        fit_failures: Where no curve could be fitted through a sequence.
     """
 
     def __init__(self, tools: Tools, task: PathTask, resolution: Resolution) -> None:
@@ -130,7 +130,7 @@ class PathSearch:
         self.fit_failures: list[FitFailure] = []
 
     def columns(self, s: Array) -> Columns:
-        """Configurations for places on the way, shape (n,), [m]."""
+        """Configurations for places on the path, shape (n,), [m]."""
         parts = zip(*self._parts(s), strict=True)
         return Columns(*(np.concatenate(values) for values in parts))
 
@@ -142,7 +142,7 @@ class PathSearch:
             yield self._source.columns(self._criteria, p[some], R[some], self._resolution)
 
     def run(self) -> ToolMotion | None:
-        """The motion; None if this look finds none."""
+        """Find the motion; None if there is none at this resolution."""
         in_contact = 0
         for _ in range(ATTEMPTS):
             if len(self.fit_failures) == FIT_FAILURES:
@@ -181,7 +181,7 @@ class PathSearch:
         return self.task.collision.first_blocked(q, self.task.q_jaw) is not None
 
     def _forbid_blocked(self, rows: Indices, *, thorough: bool) -> None:
-        """Take out what is in contact: of a sequence, or of all that might still be used."""
+        """Forbid configurations in contact: of a sequence, or of all that might still be used."""
         looked_at = self.ladder.useful() if thorough else [row[None] for row in rows]
         found = False
         for column, here in enumerate(looked_at[1:], 1):
@@ -217,7 +217,7 @@ class PathSearch:
         return ToolMotion(q_start=self.task.q_start, curves=tuple(curves), off=off, turned=turned)
 
     def _judge(self, begin: float) -> Callable[[JointPath], FitFailure | None]:
-        """What else a curve that starts at ``begin`` [m] must stand up to."""
+        """The check of orientation and contact for a curve that starts at ``begin`` [m]."""
 
         def judge(curve: JointPath) -> FitFailure | None:
             s, angles = self._turned(curve, begin)
@@ -235,13 +235,13 @@ class PathSearch:
         return judge
 
     def _off(self, curve: JointPath, begin: float) -> float:
-        """How far the tool is from its path at the most [m]."""
+        """Largest distance of the tool from its path [m]."""
         at = _looks(curve)
         p = self._tools.chain.positions(curve.evaluate(at).q)
         return float(np.linalg.norm(p - self.task.tool_path.places(begin + at), axis=1).max())
 
     def _turned(self, curve: JointPath, begin: float) -> tuple[Array, Array]:
-        """Places on the way [m], and how far the tool is turned off there [rad]."""
+        """Places on the path [m], and how far the tool is turned off there [rad]."""
         metric = self.task.goal.metric
         if metric is GoalMetric.POSITION_ONLY:
             return np.array([begin]), np.zeros(1)
@@ -253,14 +253,14 @@ class PathSearch:
         return begin + at, rotation_angles(R.transpose(0, 2, 1) @ wanted)
 
     def _R_base_tool(self, s: Array) -> Array:
-        """How the tool shall be turned; of no meaning where only the position counts."""
+        """Wanted rotations of the tool; without meaning where only the position counts."""
         if self.task.goal.metric is GoalMetric.POSITION_ONLY:
             return np.broadcast_to(np.eye(3), (len(s), 3, 3))
         return self.task.tool_path.rotations(s) @ self._R_frame_tool
 
 
 def _looks(curve: JointPath) -> Array:
-    """Where a curve is held against its path."""
+    """The points at which a curve is compared with its path."""
     return np.linspace(0.0, curve.length, _LOOKS * (len(curve.knots) - 1) + 1)
 
 

@@ -1,8 +1,8 @@
 """Segments of a tool path: lines, arcs and rounded corners between them.
 
-A stretch is run through by the distance ``s`` from its start, and can be followed a little beyond
-its ends. Where two stretches meet, direction or curvature jumps, and an arm that moves on would
-have to jump with it. A rounded corner leaves both stretches some distance from where they meet and
+A stretch is parametrised by the distance ``s`` from its start, also a little beyond its ends. Where
+two stretches meet, direction or curvature jumps, and an arm that moves on would have to jump with
+it. A rounded corner leaves both stretches some distance before and after their meeting point and
 follows a polynomial of fifth degree that agrees with each in place, direction and curvature.
 """
 
@@ -23,18 +23,18 @@ SHORTEST = 1e-6
 """Points closer than this are the same [m]. Chosen: a hundredth of the tolerance of a line."""
 
 STRAIGHTEST = 1e-4
-"""An arc whose via point is nearer to the chord than this share of it is none. Chosen: its radius
-would be more than a thousand times its length."""
+"""An arc is refused if its via point is nearer to the chord than this share of the chord. Chosen:
+its radius would be more than a thousand times its length."""
 
 _ROUNDS = 4
-"""Rounds of finding out how long a rounded corner is; each gains two digits."""
+"""Iterations for the length of a rounded corner; each gains two digits."""
 
 _ROUNDEST = 1.5
-"""Shortest rounded corner, in ``reach``. Chosen: a path that turns back on itself has hardly any
-length there, and would be given a turn too tight to move through."""
+"""Shortest rounded corner, in ``reach``. Chosen: the corner of a path that turns back on itself has
+hardly any length, and would become too tight to move through."""
 
 _SAMPLES = 64
-"""Points at which a rounded corner is measured."""
+"""Number of points at which the length of a rounded corner is measured."""
 
 
 class PathPoint(NamedTuple):
@@ -53,12 +53,12 @@ class PathPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A straight stretch; or a point, which counts as long as it is told to.
+    """A straight stretch; or a point, whose length is only nominal.
 
     Attributes:
-        p_start: Where it starts, shape (3,), [m].
-        p_end: Where it ends [m].
-        length: [m].
+        p_start: Start point, shape (3,), [m].
+        p_end: End point [m].
+        length: Length, or for a turn on the spot what it counts [m].
     """
 
     p_start: Array
@@ -105,12 +105,11 @@ class Rounding(NamedTuple):
     """The curve around a corner.
 
     Attributes:
-        length: [m], nearly so: what it is run through by is the distance travelled only on
-            average.
-        reach: How far from the corner it leaves and meets the stretches [m].
+        length: Its length [m]; the parameter is the distance travelled only on average.
+        reach: Distance from the corner at which it leaves and meets the stretches [m].
         coefficients: Of four polynomials in the share of ``length`` done, shape (6, 4): the place
-            [m], and how far from the corner the stretches on either side are then, from ``-reach``
-            to ``reach`` [m].
+            [m], and the place on the stretches on either side as a distance from the corner, from
+            ``-reach`` to ``reach`` [m].
     """
 
     length: float
@@ -126,9 +125,9 @@ def stretch_to(p_start: Array, segment: LineTo | ArcTo, number: int) -> Stretch:
     """The curve of one segment.
 
     Args:
-        p_start: Where it starts, shape (3,), [m].
-        segment: Where it goes.
-        number: What messages call it.
+        p_start: Its start point, shape (3,), [m].
+        segment: The segment.
+        number: Its number in messages.
 
     Raises:
         ConfigError: It has no length, or its three points are on no circle.
@@ -156,7 +155,7 @@ def _arc(p_start: Array, p_via: Array, p_end: Array, number: int) -> Arc:
             "segments",
             number,
             f"the arc of segment {number} passes {to_mm(aside):.3g} mm beside the line between its"
-            " ends, so it is on no circle; move its via point aside, or make it a line",
+            " ends, which is too straight for an arc; move its via point aside, or make it a line",
         )
     balance = (to_end @ to_end) * to_via - (to_via @ to_via) * to_end
     centre = p_start + np.cross(normal, balance) / (2.0 * (normal @ normal))
@@ -169,7 +168,7 @@ def _arc(p_start: Array, p_via: Array, p_end: Array, number: int) -> Arc:
 
 
 def rounded(before: Stretch, after: Stretch, reach: float) -> Rounding:
-    """What rounds the corner between two stretches, ``reach`` [m] to either side."""
+    """The rounded corner between two stretches, ``reach`` [m] to either side."""
     ends = []
     for stretch, at, off in ((before, before.length - reach, -reach), (after, reach, reach)):
         place, direction, curvature = (value[0] for value in stretch.at(np.array([at])))

@@ -15,18 +15,18 @@ from so101_motion.planning.timing.path_geometry import JointPath
 from so101_motion.planning.timing.trajectory import Trajectory
 
 SAME = 1e-6
-"""Joints that all move by no more than this do not move [rad]. Chosen: a servo tick is 1.5e-3."""
+"""A motion smaller than this is none [rad]. Chosen: a servo tick is 1.5e-3."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolMotion:
-    """How the joints follow a path of the tool, without time.
+    """Joint curves that follow a tool path, still without timing.
 
     Attributes:
-        q_start: Where they start, shape (5,), [rad].
-        curves: One after the other; the arm rests between them. None if it is there already.
-        off: How far the tool is from its path at the most [m].
-        turned: How far it is turned off at the most, as far as that counts [rad].
+        q_start: Joint angles at the start, shape (5,), [rad].
+        curves: One after the other; the arm rests between them. Empty if the arm is there already.
+        off: Largest distance of the tool from its path [m].
+        turned: Largest deviation of its orientation, as far as that counts [rad].
     """
 
     q_start: Array
@@ -36,7 +36,7 @@ class ToolMotion:
 
     @property
     def waypoints(self) -> Array:
-        """The configurations the curves were laid through, shape (m, 5), [rad]."""
+        """The configurations through which the curves go, shape (m, 5), [rad]."""
         knots = [curve.evaluate(curve.knots).q[1:] for curve in self.curves]
         return np.concatenate([self.q_start[None], *(knots or [self.q_start[None]])])
 

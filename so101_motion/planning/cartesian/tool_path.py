@@ -1,13 +1,13 @@
 """Tool paths: lines and arcs of a gripper frame, with rounded corners.
 
-How it works. A path is a chain of parts, run through by one number ``s`` in metres. On a line or an
-arc the frame turns steadily from the orientation at one end to that at the other. Within ``blend``
-metres of a corner the path follows a rounding instead (``path_segments.py``), so the arm need not
-stop; and the frame's turning goes over from one steady turn to the other: each goes on beyond the
-corner, and a smooth weight leads across. Without blending the arm rests at each corner.
+How it works. A path is a chain of parts with one parameter ``s`` in metres. On a line or an arc the
+frame turns steadily from the orientation at one end to that at the other. Within ``blend`` metres
+of a corner the path follows a rounding instead (``path_segments.py``), so the arm need not stop.
+There both steady turns are continued beyond the corner, and a smooth weight blends them. Without
+blending the arm rests at each corner.
 
-``s`` is the distance the frame travels, nearly so on roundings. A turn on the spot has no length;
-it counts as long as its angle times ``LEVER``.
+``s`` is the distance the frame travels, approximately so on roundings. A turn on the spot has no
+length; its nominal length is its angle times ``LEVER``.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ from so101_motion.planning.goals import ArcTo, LineTo
 Indices = NDArray[np.intp]
 
 LEVER = 0.1
-"""How long a turn on the spot counts [m/rad]: about the lever from wrist to jaw. Chosen."""
+"""Nominal length of a turn on the spot [m/rad]: about the lever from wrist to jaw. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Leg:
-    """A segment, without what is cut off for roundings.
+    """A segment without the ends that are cut off for roundings.
 
     Attributes:
-        number: Which segment, from 0.
-        stretch: All of the segment.
-        R_start: How the frame is turned at its start, shape (3, 3).
-        turn: By what it turns until its end, as a rotation vector [rad].
+        number: Number of the segment, from 0.
+        stretch: The whole segment.
+        R_start: Orientation at its start, shape (3, 3).
+        turn: Rotation from its start to its end, as a rotation vector [rad].
         begin: Where on the segment the leg begins [m].
         end: Where it ends [m].
     """
@@ -150,18 +150,18 @@ class ToolPath:
         return [at for (a, b), at in meetings if isinstance(a, _Leg) and isinstance(b, _Leg)]
 
     def segment_at(self, s: float) -> int:
-        """Which segment a place on the way belongs to, from 0; a corner to the one it leads to."""
+        """The segment of a place on the path, from 0; a corner belongs to the segment after it."""
         return self.parts[int(self._part_at(np.array([s]))[0])].number
 
     def places(self, s: Array) -> Array:
-        """Where the frame shall be after ``s`` (n,) metres, shape (n, 3), [m]."""
+        """Positions of the frame after ``s`` (n,) metres, shape (n, 3), [m]."""
         p = np.empty((len(s), 3))
         for part, here, along in self._split(s):
             p[here] = part.places(along)
         return p
 
     def rotations(self, s: Array) -> Array:
-        """How it shall be turned after ``s`` (n,) metres, shape (n, 3, 3)."""
+        """Orientations of the frame after ``s`` (n,) metres, shape (n, 3, 3)."""
         R = np.empty((len(s), 3, 3))
         for part, here, along in self._split(s):
             R[here] = part.rotations(along)
@@ -195,13 +195,13 @@ def straight_path(T_start: SE3, T_end: SE3) -> ToolPath:
 
 
 def path_through(T_start: SE3, segments: Sequence[LineTo | ArcTo], blend: float) -> ToolPath:
-    """Lines and arcs one after the other.
+    """A path of lines and arcs one after the other.
 
     Args:
-        T_start: Where the frame is.
-        segments: Where it shall go.
-        blend: How far from a corner the path may leave the segments [m]; half a segment where that
-            is less. 0 for corners at which the arm rests.
+        T_start: Start pose of the frame.
+        segments: The lines and arcs.
+        blend: Distance from a corner within which the path may leave the segments [m], at most half
+            a segment. 0 for corners at which the arm rests.
 
     Raises:
         ConfigError: There is no segment, one has no length or is no arc, or ``blend`` is negative

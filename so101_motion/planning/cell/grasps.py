@@ -1,7 +1,7 @@
-"""How a gripper may take hold of a thing: across two opposite sides of the box around it.
+"""List grasps of an object: the jaws close across two opposite sides of the box around it.
 
-The jaws close along one axis of the box, from any other side, near its middle or near an end. Which
-of these can be had, and do not run into the hand that holds the thing already, others decide.
+The jaws close along one axis of the box, from any other side, near its middle or near an end.
+``handover.py`` decides which of these can be reached and keep off the hand that holds the object.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from so101_motion.planning.collision.scene import Shape, ShapeFile
 from so101_motion.planning.collision.shape_files import read_shape
 
 THICKEST = 0.06
-"""What the jaws can take between them at the most [m]; chosen, they open to 90 mm."""
+"""Thickest object that is grasped [m]; chosen: the jaws open to 90 mm."""
 
 DEEP = 0.015
-"""How far the jaws reach into a thing at most, up to the place on the pad [m]; chosen."""
+"""Largest distance from the object's edge to the middle of the grip [m]; chosen."""
 
 FROM_END = 0.012
-"""How far from an end of a thing it is taken there [m]; chosen, the jaws are 20 mm wide."""
+"""Distance from the object's end of a grasp near an end [m]; chosen: the jaws are 20 mm wide."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grasp:
-    """A way to take hold of a thing.
+    """A grasp of an object.
 
     Attributes:
-        T_object_grip: Where the middle of the grip is on it: z along the approach, x across the
-            jaws.
-        thickness: How thick it is there [m].
+        T_object_grip: The middle of the grip in the object's frame: z along the approach, x across
+            the jaws.
+        thickness: The object's thickness there [m].
     """
 
     T_object_grip: SE3
@@ -42,7 +42,7 @@ class Grasp:
 
 
 def grasps_of(shape: Shape | ShapeFile) -> Iterator[Grasp]:
-    """The ways to take hold of a thing by the box around it; none if it is too thick everywhere."""
+    """The grasps of an object by the box around it; none if it is too thick everywhere."""
     _, points = held_shape(read_shape(shape))
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)

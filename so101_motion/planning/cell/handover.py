@@ -1,15 +1,15 @@
-"""Plan to pass a thing from one arm's hand to another's.
+"""Plan to pass an object from one arm's gripper to another's.
 
-Three motions, all of them planned and proven before anything moves. *Approach*: all arms in one
-motion, the giver to where the thing can be taken, the taker to a place before it. *Take*: the taker
-goes straight to the thing with its jaw open. It closes, the giver opens, and *leave*: the giver
-goes straight back. Where the arms meet is found (``meetings.py``), and so is how the thing is taken
-if nobody says that (``grasps.py``).
+Three motions, all of them planned and proven before anything moves. *Approach*: all arms move
+together, the giver to where the object can be taken, the taker to a place before it. *Take*: the
+taker goes straight to the object with its jaw open. It closes, the giver opens, and *leave*: the
+giver goes straight back. ``meetings.py`` finds where the arms meet, and ``grasps.py`` how the
+object is taken, if the request does not say it.
 
-The thing may be touched by the taker's gripper and jaw from the last straight line on, and by the
-giver's until it has left. Nothing else is excepted: the arms themselves keep apart all the time, as
-far as ever, and the thing keeps off everything else. It is held by the giver, then by both, each
-counting all of its weight, then by the taker.
+The taker's gripper and jaw may touch the object from the straight line to it on, the giver's until
+it has left. There is no other exception: the arms themselves always keep apart, and the object
+keeps off everything else. It is held by the giver, then by both, each counting all of its weight,
+then by the taker.
 """
 
 from __future__ import annotations
@@ -38,37 +38,37 @@ from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import Plan
 
 BEFORE = 0.06
-"""How far before the thing the taker begins its straight line, and how far back the giver goes [m].
-Chosen: twice what the jaws reach over the thing, and ``ROOM``."""
+"""Length of the taker's straight line to the object and of the giver's away from it [m]. Chosen:
+twice what the jaws reach over the object, and ``ROOM``."""
 
 WIDER = to_rad(15.0)
-"""How much wider than the thing a jaw is open while it is around it and does not hold it [rad];
+"""How much wider than the object a jaw is open while it is around it without holding it [rad];
 chosen, 20 mm."""
 
 BESIDE = 0.002
-"""How far the pad of the fixed jaw is off the thing when the taker has arrived [m]; chosen, so that
-it does not push the thing out of the other hand."""
+"""Gap between the pad of the taker's fixed jaw and the object before it closes [m]; chosen, so that
+it does not push the object out of the other gripper."""
 
 MOST = 12
-"""So many meetings are planned for before it is given up; chosen."""
+"""How many meetings are planned for before planning fails; chosen."""
 
 AT_A_TIME = 5
-"""So many meetings are found before the first is planned for; chosen."""
+"""How many meetings are found before the best of them is planned for; chosen."""
 
 SEEDS = 6
-"""So often meetings are looked for, among other random configurations each time; chosen."""
+"""How often meetings are searched, among other random configurations each time; chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HandoverRequest:
-    """What is to be passed, and by whom to whom.
+    """Request to pass an object from one arm to another.
 
     Attributes:
-        team: All arms of the cell from where they are; their goals are not looked at.
-        giver: The name of the arm that holds the thing.
+        team: All arms of the cell from where they are; their goals are ignored.
+        giver: The name of the arm that holds the object.
         taker: The name of the arm that shall take it.
-        thing: Its name among what the giver holds.
-        grasps: How it may be taken; found by the box around it if there are none.
+        thing: The object's name among those the giver holds.
+        grasps: How it may be taken; empty to use the box around it.
     """
 
     team: tuple[TeamMember, ...]
@@ -84,19 +84,19 @@ class HandoverRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Handover:
-    """A plan to pass a thing on.
+    """A plan to pass an object on.
 
     Attributes:
         giver: The name of the arm that holds it.
         taker: The name of the arm that takes it.
-        thing: What it is, in the giver's hand.
-        taken: The same in the taker's hand.
+        thing: The object in the giver's gripper.
+        taken: The object in the taker's gripper.
         approach: The motion of each arm by its name, begun and ended together.
-        take: The straight motion of the taker to the thing.
+        take: The straight motion of the taker to the object.
         leave: The straight motion of the giver away from it.
-        q_jaw_open: How far the taker's jaw is open on its way [rad].
-        q_jaw_closed: Where it stands when it has closed on the thing [rad].
-        q_jaw_free: How far the giver's jaw is open on its way back [rad].
+        q_jaw_open: Angle of the taker's open jaw before it takes the object [rad].
+        q_jaw_closed: Angle of the taker's jaw closed on the object [rad].
+        q_jaw_free: Angle of the giver's open jaw while it leaves [rad].
     """
 
     giver: str
@@ -112,23 +112,23 @@ class Handover:
 
     @property
     def duration(self) -> float:
-        """How long the arms move [s]; what the jaws need comes on top."""
+        """How long the arms move [s], without the time for the jaws."""
         approach = max(each.duration for each in self.approach.values())
         return approach + self.take.duration + self.leave.duration
 
 
 def plan_handover(planner: Planner, request: HandoverRequest) -> Handover:
-    """Plan to pass a thing from hand to hand.
+    """Plan to pass an object from gripper to gripper.
 
     Raises:
-        ConfigError: There is no such arm or thing, or giver and taker are the same.
+        ConfigError: There is no such arm or object, or giver and taker are the same.
         PlanningError: It cannot be taken, the arms cannot meet for it, or no motion was found.
     """
     return _Planning(planner, request).run()
 
 
 class _Planning:
-    """The arms with the thing in the hand of either, and what is planned for them."""
+    """Plans one handover."""
 
     def __init__(self, planner: Planner, request: HandoverRequest) -> None:
         team = {each.name: each for each in request.team}
@@ -153,7 +153,7 @@ class _Planning:
         self._q_jaw_free = min(self._giver.request.q_jaw + WIDER, self._jaw.opened)
 
     def run(self) -> Handover:
-        """The first meeting for which everything can be planned."""
+        """Plan the first meeting for which everything can be planned."""
         grasps = self._free_grasps()
         problem: So101Error | None = None
         tried = 0
@@ -179,7 +179,7 @@ class _Planning:
         )
 
     def _free_grasps(self) -> list[Grasp]:
-        """The ways to take the thing that keep off the hand that holds it.
+        """The grasps that keep off the gripper that holds the object.
 
         Raises:
             NoPath: There is none.
@@ -189,7 +189,7 @@ class _Planning:
         giver = Hand(self._of_giver, self._q_jaw_free)
         hand = cache(lambda q_jaw: Hand(self._of_taker, q_jaw))
         for grasp in grasps:
-            clearance = giver.clearance(hand(self._q_jaw_open(grasp)), self._way(grasp))
+            clearance = giver.clearance(hand(self._q_jaw_open(grasp)), self._T_giver_taker(grasp))
             best = max(best, clearance)
             if clearance >= ROOM:
                 free.append(grasp)
@@ -206,16 +206,16 @@ class _Planning:
     def _q_jaw_open(self, grasp: Grasp) -> float:
         return min(self._jaw.angle_for(grasp.thickness) + WIDER, self._jaw.opened)
 
-    def _way(self, grasp: Grasp) -> SE3:
-        """Where the taker's tool has to be in the frame of the giver's."""
+    def _T_giver_taker(self, grasp: Grasp) -> SE3:
+        """The pose of the taker's tool in the giver's tool frame."""
         T_tool_grip = self._jaw.T_tool_grip(grasp.thickness + 2.0 * BESIDE)
         return self._thing.T_tool_object @ grasp.T_object_grip @ T_tool_grip.inverse
 
     def _meetings(self, grasps: Sequence[Grasp]) -> Iterator[Meeting]:
-        """Meetings, of some at a time those first for which both arms have to turn least."""
+        """Meetings, a few at a time, those first for which both arms move least."""
         T_giver_taker = self._giver.T_cell_base.inverse @ self._taker.T_cell_base
         meetings = Meetings(self._of_giver, self._of_taker, T_giver_taker)
-        ways = [self._way(each) for each in grasps]
+        T_tools = [self._T_giver_taker(each) for each in grasps]
         q_giver, q_taker = self._giver.request.q_start, self._taker.request.q_start
 
         def turned(each: Meeting) -> float:
@@ -225,12 +225,12 @@ class _Planning:
 
         for round_ in range(SEEDS):
             seed = self._giver.request.seed + 2 * round_
-            found = meetings.find(ways, seed)
+            found = meetings.find(T_tools, seed)
             while some := list(islice(found, AT_A_TIME)):
                 yield from sorted(some, key=turned)
 
     def _ready(self, meeting: Meeting, grasp: Grasp) -> Array | None:
-        """Where the taker stands before it takes the thing; None if the meeting is of no use."""
+        """The taker's configuration before it takes the object; None if the meeting is no use."""
         q_jaw = self._q_jaw_open(grasp)
         giver, taker = self._giver, _with(self._taker, q_jaw=q_jaw)
         at_giver, at_taker = self._at_giver, self._at_taker
@@ -272,7 +272,7 @@ class _Planning:
         """Plan all motions of one meeting.
 
         Raises:
-            PlanningError: One of them cannot be.
+            PlanningError: One of them cannot be planned.
         """
         planner, giver = self._planner, self._giver
         taker = _with(self._taker, q_jaw=self._q_jaw_open(grasp))
@@ -323,12 +323,12 @@ class _Planning:
         return self._jaw.angle_for(grasp.thickness)
 
     def _T_between(self, q_giver: Array, q_taker: Array) -> SE3:
-        """Where the taker's tool is in the frame of the giver's."""
+        """The pose of the taker's tool in the giver's tool frame, at two configurations."""
         giver = self._giver.T_cell_base @ self._of_giver.frame(q_giver)
         return giver.inverse @ self._taker.T_cell_base @ self._of_taker.frame(q_taker)
 
     def _holding(self, giver: TeamMember) -> TeamMember:
-        """The giver with the thing that the taker may touch."""
+        """The giver, with the taker allowed to touch the object."""
         held = tuple(
             replace(each, passed_to=self._taker.name) if each.name == self._thing.name else each
             for each in giver.request.scene.attached
@@ -343,10 +343,10 @@ class _Planning:
         return self._planner.plan(replace(mover.request, goal=goal, others=seen))
 
     def _check_left(self, giver: TeamMember, taker: TeamMember) -> None:
-        """Refuse a place at which the giver still stands at the thing.
+        """Check that the giver has left the object's surroundings.
 
         Raises:
-            NoPath: It does.
+            NoPath: It is still too near.
         """
         first, second = (
             (bodies_of(each.request.scene.attached, ""), each.resting(each.request.q_start))

@@ -1,7 +1,7 @@
-"""How fast several arms may be on a common path: the nearer to each other, the slower.
+"""Limit the speed of several arms on a common path where they are near each other.
 
-A proof asks for more room where both arms are fast (``apart.py``). A path that leaves less is
-slowed down where it does, instead of all of it. What comes out is only likely to be proven.
+A proof asks for more room where both arms are fast (``apart.py``). A path that leaves less room is
+slowed down there, instead of everywhere. The result will probably pass the proof; it is not one.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from so101_motion.planning.collision.arm_bodies import ArmBodies
 from so101_motion.planning.timing.path_geometry import JointPath
 
 LOOKS = 64
-"""At so many places of a path it is looked how near arms are; chosen, a millisecond."""
+"""Number of places of a path at which distances are measured; chosen, a millisecond."""
 
 FAR = 0.3
-"""Bodies that are further apart than this slow nobody down [m]; chosen."""
+"""Bodies further apart than this limit no speed [m]; chosen."""
 
 SHARE = 0.8
-"""So much of the room that is left may be used; chosen, between two places it may be less."""
+"""Share of the spare room that may be used; chosen: between two places there may be less."""
 
 SLOWEST = 0.02
-"""Nothing is made slower than this [m/s]; chosen."""
+"""Lowest limit of a speed [m/s]; chosen."""
 
 
 class PacedArm(NamedTuple):
     """An arm on a common path.
 
     Attributes:
-        bodies: The arm's, with what it holds.
-        T_cell_base: Where its base stands.
-        q_jaw: Its jaw [rad].
+        bodies: Its bodies, with those it holds.
+        T_cell_base: Pose of its base.
+        q_jaw: Its jaw angle [rad].
     """
 
     bodies: ArmBodies
@@ -45,15 +45,15 @@ class PacedArm(NamedTuple):
 
 
 def pace_on(path: JointPath, arms: Sequence[PacedArm]) -> Callable[[Array, Array], Array] | None:
-    """How fast arms are on a path, as a share of what is likely to be proven.
+    """Make a function for the speed of arms on a path, as a share of what will probably be proven.
 
     Args:
-        path: Of all joints, five for each arm.
+        path: Path of all joints, five for each arm.
         arms: The arms in the order of their joints.
 
     Returns:
-        From joint angles (m, n) on the path and their rates (m, n) to that share, (m,); None if
-        arms come so near to each other that they could not move at all.
+        A function from joint angles (m, n) on the path and their rates (m, n) to that share, (m,);
+        None if arms come so near to each other that they could not move at all.
     """
     places = path.evaluate(np.linspace(0.0, path.length, LOOKS)).q
     q = [

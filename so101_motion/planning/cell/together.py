@@ -1,13 +1,13 @@
-"""Plan for several arms at once: one motion in all their joints, begun and ended together.
+"""Plan one motion for several arms, begun and ended together.
 
-Three ways, the quickest first. *All at once*: every arm is planned for as if it were alone, and the
-faster ones are slowed down to the slowest. *One after the other*: an arm is planned for, and the
-next among it (``planning/among.py``), in every order there is; whoever is there early rests. *As
-one*: where arms have to make room for each other, a path is searched for all joints together, and
-timed as one, slower where they are near each other (``pace.py``). Each is looked for only if the
-one before fails; of the orders the one that ends earliest is taken.
+Three methods, the quickest first; each is tried only if the one before fails. *All at once*: every
+arm is planned as if it were alone, and the faster ones are slowed down to the slowest. *One after
+the other*: one arm is planned, and the next among those before it (``planning/among.py``), in
+several orders; the order that ends earliest is taken, and an arm that arrives early rests. *As
+one*: where arms have to make room for each other, a path is searched for all joints together and
+timed as one motion, slower where the arms are near each other (``pace.py``).
 
-What is found is proven as a whole: every arm by itself as always, and every two arms in time.
+The result is proven as a whole: every arm by itself as always, and every two arms in time.
 """
 
 from __future__ import annotations
@@ -53,33 +53,33 @@ from so101_motion.planning.timing.torque import slowed
 from so101_motion.planning.timing.trajectory import Trajectory
 
 SLOWER = (1.0, 1.5, 2.2, 3.3, 5.0)
-"""So much slower a common motion is tried: slow arms may be nearer to each other. Chosen."""
+"""Factors by which a common motion is slowed: slow arms may be nearer to each other. Chosen."""
 
 SPARE = 0.005
-"""What a common path keeps of room beyond that of a motion [m]: its corners are cut; chosen."""
+"""Extra room of a common path [m], because its corners are cut; chosen."""
 
 MOST_ORDERS = 6
-"""In so many orders arms are planned for one after the other; chosen, all orders of three."""
+"""Number of orders in which arms are planned one after the other; chosen, all orders of three."""
 
 
 T_co = TypeVar("T_co", covariant=True)
 
 
 class TeamTask(Protocol[T_co]):
-    """Something that is planned for several arms."""
+    """A planning request for several arms."""
 
     def made_by(self, planner: Planner) -> T_co:
-        """Plan it; raises what the planner raises."""
+        """Plan it; raises the planner's errors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TeamMember:
-    """One of several arms that are planned for together.
+    """One of several arms that are planned together.
 
     Attributes:
-        name: What messages call it.
-        T_cell_base: Where its base stands.
-        request: Where it is and what is wanted of it; its ``others`` are not looked at.
+        name: Its name in messages.
+        T_cell_base: Pose of its base in the cell.
+        request: Its start and goal; its ``others`` are ignored.
     """
 
     name: str
@@ -91,7 +91,7 @@ class TeamMember:
         return Course.resting(q, self.request.q_jaw)
 
     def seen_from(self, other: TeamMember, course: Course) -> OtherArm:
-        """This arm as another has to know it."""
+        """This arm as another arm's request needs it."""
         return OtherArm(
             name=self.name,
             T_base_other=other.T_cell_base.inverse @ self.T_cell_base,
@@ -102,7 +102,7 @@ class TeamMember:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TeamRequest:
-    """What is wanted of several arms together.
+    """Request for a common motion of several arms.
 
     Attributes:
         team: The arms.
@@ -116,15 +116,15 @@ class TeamRequest:
 
 
 def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
-    """One motion for several arms, which they begin and end together.
+    """Plan one motion for several arms, which they begin and end together.
 
     Returns:
-        The part of each arm by its name; all have as many samples. An arm that is there before
-        the others rests until the end.
+        The plan of each arm by its name; all have the same number of samples. An arm that arrives
+        before the others rests until the end.
 
     Raises:
-        PlanningError: One of the goals cannot be had, two of them not at the same time, or no
-            motion was found in time.
+        PlanningError: A goal cannot be reached, two of them not at the same time, or no motion was
+            found in time.
     """
     team = _with_goals(planner, team)
     alone = [_alone(planner, each) for each in team]
@@ -143,7 +143,7 @@ def _makespan(plans: Sequence[Plan]) -> float:
 
 
 def _with_goals(planner: Planner, team: Sequence[TeamMember]) -> list[TeamMember]:
-    """The same with joint angles for goals, in which all may stand at the same time.
+    """The same arms with joint angles as goals, at which all can stand at the same time.
 
     Raises:
         PlanningError: There are none.
@@ -187,7 +187,7 @@ def _goal_of(member: TeamMember) -> Array:
 
 
 def _alone(planner: Planner, member: TeamMember) -> Plan | None:
-    """The plan of an arm as if there were no others; None if none was found.
+    """Plan an arm as if there were no others; None if no path is found.
 
     Raises:
         PlanningError: The arm cannot be at its start or its goal, whatever the others do.
@@ -201,7 +201,7 @@ def _alone(planner: Planner, member: TeamMember) -> Plan | None:
 
 
 def _at_once(team: Sequence[TeamMember], alone: Sequence[Plan | None]) -> dict[str, Plan] | None:
-    """Every arm as if it were alone, all as slow as the slowest; None if they would meet."""
+    """Every arm's own plan, slowed down to the slowest; None if arms would meet."""
     plans = [each for each in alone if each is not None]
     if len(plans) < len(team):
         return None
@@ -218,7 +218,7 @@ def _at_once(team: Sequence[TeamMember], alone: Sequence[Plan | None]) -> dict[s
 def _in_turn(
     planner: Planner, team: Sequence[TeamMember], alone: Sequence[Plan | None]
 ) -> list[list[Plan]]:
-    """One after the other, in different orders; those that take longer than others are left out."""
+    """Plans made one after the other, in several orders; longer ones are given up early."""
     found: list[list[Plan]] = []
     for _, order in zip(range(MOST_ORDERS), permutations(range(len(team))), strict=False):
         plans: dict[int, Plan] = {}
@@ -248,7 +248,7 @@ def _in_turn(
 def _proven(
     team: Sequence[TeamMember], plans: Sequence[Plan], trajectories: Sequence[Trajectory]
 ) -> dict[str, Plan] | None:
-    """Plans with motions of the same length, if no two arms come too near to each other."""
+    """Plans with trajectories of the same length; None if two arms come too near to each other."""
     length = max(map(len, trajectories))
     even = [_lengthened(each, length) for each in trajectories]
     if not _keep_apart(team, even):
@@ -285,7 +285,7 @@ def _lengthened(trajectory: Trajectory, length: int) -> Trajectory:
 
 
 def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
-    """A path for all joints together, timed as one motion.
+    """Search one path for all joints together, and time it as one motion.
 
     Raises:
         NoPath: None was found in time.
@@ -303,8 +303,8 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
     names = " and ".join(each.name for each in team)
     if not checker.is_free(start):
         raise NoPath(
-            f"{names} stand too near to each other, or to something, to be moved together; move one"
-            " of them away first",
+            f"{names} cannot be moved together, because they stand too near to each other or to an"
+            " obstacle; move one of them away first",
             where="start",
             blockers=(),
         )
@@ -379,7 +379,7 @@ def _timed(
 ) -> Iterator[Trajectory]:
     """Motions along a path of all joints.
 
-    With its corners cut, slower where arms are near each other; then with a stop at each.
+    First with its corners cut, slower where arms are near each other; then with a stop at each.
     """
     limits = [each.moves.limits for each in contexts]
     caps = MotionLimits(
@@ -406,7 +406,7 @@ def _paced(team: Sequence[TeamMember]) -> list[PacedArm]:
 
 
 def _borne(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> Trajectory:
-    """The same motion, so slow that all servos bear it and all tools keep their caps."""
+    """The same motion, slowed down until no servo is overloaded and all tool speeds are kept."""
     slower = 1.0
     for part, context in zip(_split(trajectory), contexts, strict=True):
         moves = context.moves
@@ -419,7 +419,7 @@ def _borne(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> Traje
 
 
 def _check(parts: Sequence[Trajectory], contexts: Sequence[PlanningContext]) -> None:
-    """Check what each arm does by itself; raises what a plan raises."""
+    """Check each arm's motion by itself; raises the errors of a plan."""
     for part, context in zip(parts, contexts, strict=True):
         context.check([part])
 

@@ -1,9 +1,9 @@
-"""Prove that two arms keep apart wherever on its own way either of them is.
+"""Prove that two arms on fixed paths keep apart at any timing of either.
 
-Nothing is known of when: each goes at its own pace, waits as long as it likes, and begins again. So
-every configuration of the one is held against the whole way of the other. How that stays cheap: of
-a piece of the first's way only the configuration in the middle is looked at, with as much more room
-as the bodies travel from there to the ends of the piece. Is that not enough, its halves are.
+Each arm may go at its own pace, wait, and begin again. So every configuration of one path is
+checked against the whole path of the other. To keep that cheap, only the middle configuration of a
+piece of the first path is checked, with as much more room as the bodies travel from there to the
+ends of the piece. If that fails, the piece is halved.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from so101_motion.planning.collision.apart import ROOM, are_apart
 from so101_motion.planning.collision.arm_bodies import ArmBodies
 
 SPACING = 0.008
-"""How far any body travels at most from one configuration of a way to the next [m]. Chosen: less
-than half the room between arms."""
+"""Largest travel of any body from one configuration of a path to the next [m]. Chosen: less than
+half the room between arms."""
 
 _KEPT = 0.75
-"""The share of its room that ``are_apart`` keeps between two looks."""
+"""The share of its room that ``are_apart`` keeps between two checks."""
 
 
 def evenly(bodies: ArmBodies, q: Array) -> Array:
-    """Configurations of a way, ``SPACING`` apart.
+    """Configurations of a path, ``SPACING`` apart.
 
     Args:
         bodies: The arm's.
@@ -40,24 +40,24 @@ def evenly(bodies: ArmBodies, q: Array) -> Array:
     return np.column_stack([np.interp(at, passed, column) for column in q.T])
 
 
-def never_meet(a: ArmBodies, b: ArmBodies, T: SE3, way_a: Array, way_b: Array) -> bool:
-    """Whether two arms keep ``ROOM`` apart as plans do, whatever the time of either.
+def never_meet(a: ArmBodies, b: ArmBodies, T: SE3, q_a: Array, q_b: Array) -> bool:
+    """Whether two arms keep ``ROOM`` apart, as plans do, at any timing of either.
 
     Args:
         a: An arm's bodies.
         b: Another's.
-        T: Where its base is in the first's.
-        way_a: Where the first is, ``SPACING`` apart, as of ``evenly``, shape (n, 6), [rad].
-        way_b: The same of the second, shape (m, 6).
+        T: The base of the second in the frame of the first's.
+        q_a: Configurations of the first arm's path from ``evenly``, shape (n, 6), [rad].
+        q_b: Those of the second arm's path, shape (m, 6).
     """
-    way_b = np.ascontiguousarray(way_b)
-    least = ROOM + SPACING / _KEPT  # half a step of either way
+    q_b = np.ascontiguousarray(q_b)
+    least = ROOM + SPACING / _KEPT  # half a step of either path
 
     def keeps_off(k: int, room: float) -> bool:
-        stays = np.ascontiguousarray(np.broadcast_to(way_a[k], way_b.shape))
-        return are_apart(a, b, T, stays, way_b, room=room)
+        stays = np.ascontiguousarray(np.broadcast_to(q_a[k], q_b.shape))
+        return are_apart(a, b, T, stays, q_b, room=room)
 
-    pieces = [(0, len(way_a) - 1)]
+    pieces = [(0, len(q_a) - 1)]
     while pieces:
         first, last = pieces.pop(0)
         middle = (first + last + 1) // 2

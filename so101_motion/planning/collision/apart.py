@@ -1,9 +1,9 @@
 """Prove that two arms stay apart while both move, or say when and where they would not.
 
-The compiled library does it (``native/apart.c``, which says how); without it the same is done here
-with coal, some hundred times slower. Bodies are those of ``bodies.py``: hulls that contain the real
-parts, and what an arm holds. What is passed from hand to hand need not keep off the gripper and the
-jaw of the arm that takes it; everything else of both arms keeps apart as ever.
+The compiled library does it (``native/apart.c`` says how); without it the same is done here with
+coal, some hundred times slower. Bodies are those of ``bodies.py``: hulls that contain the real
+parts, and held objects. An object that is passed from one gripper to another need not keep off the
+gripper and the jaw of the arm that takes it; all other bodies of both arms keep apart as always.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from so101_motion.planning.collision.scene import HOLDERS
 from so101_motion.planning.native.library import native
 
 ROOM = 0.02
-"""How far arms stay apart when they are planned [m]. Chosen: backlash and sag of both, and how well
-it is known where they stand."""
+"""Distance that planned arms keep [m]. Chosen: for backlash and sag of both, and for the error of
+their base poses."""
 
 GUARDED = 0.01
-"""How far they stay apart when they are led, and whatever happens [m]; chosen, half of it."""
+"""Distance that arms keep when they follow targets, and when they stop [m]; chosen, half of it."""
 
 EARLY = 0.03
 """How much one arm may be ahead of the other [s]. Chosen: three periods of the control loop; both
 lag behind their commands, by nearly the same time."""
 
 GUARDED_EARLY = 0.01
-"""The same for arms that are led [s]: one period of the control loop."""
+"""The same for arms that follow targets [s]: one period of the control loop."""
 
 PARTING, TENTH = 5e-4, 1e-4
 """Arms that are too near already may come so much nearer [m], because parts that slide along each
-other do; distances are known to the second. Chosen."""
+other do. The second is the precision of distances. Chosen."""
 
 _PART, UNKNOWN = 0.25, 2  # as in apart.c and native.h
 
 _Found = tuple[float, float, int, int] | None
-"""When, how near, and which bodies of either arm."""
+"""Time or step, distance, and the index of the body of each arm; None if they do not meet."""
 
 
 class Meeting(NamedTuple):
@@ -64,7 +64,7 @@ class Meeting(NamedTuple):
 
 
 def _groups(a: ArmBodies, b: ArmBodies) -> Sequence[tuple[ArmBodies, ArmBodies]]:
-    """Which bodies of two arms must keep apart: all, if nothing is passed from hand to hand."""
+    """The groups of bodies that must keep apart: all, if no object is passed between the arms."""
     passed = a.passed | b.passed
     if not passed:
         return ((a, b),)
@@ -87,14 +87,14 @@ def first_meeting(
 ) -> Meeting | None:
     """Where two arms first come too near to each other, or None: a proof that they never do.
 
-    Both are taken to rest at the ends of their courses.
+    Both rest at the ends of their courses.
 
     Args:
         first: An arm's bodies and its course.
         second: Another's.
-        T_first_second: Where the second's base is in the first's.
-        since: From when on to look [s].
-        room: How far they must stay apart [m]; between two looks at a pair, seven eighths of it.
+        T_first_second: The second's base in the first's base frame.
+        since: Start of the check [s].
+        room: Distance they must keep [m]; between two checks of a pair, seven eighths of it.
         early: How much one may be ahead of the other [s]: the faster both are, the further apart
             they must stay.
     """
@@ -115,7 +115,7 @@ def _first_meeting(
 ) -> Meeting | None:
     a, b = first[0], second[0]
     if a.handle is not None and b.handle is not None:
-        return _told(
+        return _asked(
             "so101_courses_apart", first, second, T_first_second, (since, STEP, room, early)
         )
     span = max(first[1].end, second[1].end) - since
@@ -137,17 +137,17 @@ def nearness(
     at: float,
     room: float,
 ) -> float | None:
-    """How near two arms are at an instant that are nearer than ``room``; None if they are not.
+    """The distance of two arms at an instant, if it is less than ``room``; else None.
 
     Args:
         first: An arm's bodies and its course.
         second: Another's.
-        T_first_second: Where the second's base is in the first's.
+        T_first_second: The second's base in the first's base frame.
         at: The instant [s].
-        room: How near [m].
+        room: Largest distance of interest [m].
 
     Returns:
-        So far are they apart at least, and ``TENTH`` more at most; 0 or less if they touch, or
+        A lower bound of the distance, at most ``TENTH`` too small; 0 or less if they touch, or
         nearly [m].
     """
     here, there = (course.at(np.array([at])) for _, course in (first, second))
@@ -164,10 +164,10 @@ def are_apart(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, room:
     Args:
         a: An arm's bodies.
         b: Another's.
-        T: Where its base is in the first's.
+        T: The second's base in the first's base frame.
         qa: The first arm's joints and jaw, shape (n, 6), contiguous, [rad].
         qb: The second's; as many.
-        room: How far they must stay apart [m].
+        room: Distance they must keep [m].
     """
     meet = _meet if a.handle is not None and b.handle is not None else _meet_by_coal
     return meet(a, b, T, qa, qb, room, 0.0) is None
@@ -179,15 +179,15 @@ def clearance_over_time(
     T_first_second: SE3,
     times: Array,
 ) -> list[Meeting]:
-    """The two bodies of two arms that are closest to each other at each of some times.
+    """The closest bodies of two arms at each of some times.
 
-    For people to look at; it takes a tenth of a millisecond for each time.
+    For display; it takes a tenth of a millisecond for each time.
 
     Args:
         first: An arm's bodies and its course.
         second: Another's.
-        T_first_second: Where the second's base is in the first's.
-        times: When, shape (n,), [s].
+        T_first_second: The second's base in the first's base frame.
+        times: The times, shape (n,), [s].
     """
     (a, _), (b, _) = first, second
     found = []
@@ -200,19 +200,19 @@ def clearance_over_time(
 def distances(
     a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, need: float, enough: float
 ) -> Array:
-    """How far apart bodies of two arms are at least at configurations, shape (n, k, m), [m].
+    """Lower bounds of the distances between bodies of two arms, shape (n, k, m), [m].
 
-    Exact to ``TENTH`` where that is less than ``need``, else to a tenth of what is to spare, and
-    what is more than ``enough`` will do. Those of the bases are infinitely far from each other.
+    Exact to ``TENTH`` below ``need``, else to a tenth of the excess; distances above ``enough`` may
+    be given as any value above it. The two bases are infinitely far from each other.
 
     Args:
         a: An arm's bodies.
         b: Another's.
-        T: Where its base is in the first's.
+        T: The second's base in the first's base frame.
         qa: The first arm's joints and jaw, shape (n, 6), [rad].
         qb: The second's; as many.
-        need: How far they should be apart [m].
-        enough: How far they need not be [m].
+        need: Distance below which they are exact [m].
+        enough: Distance above which they need not be known [m].
     """
     if a.handle is None or b.handle is None:
         one, other = Course(t=0.0, dt=1.0, q=qa), Course(t=0.0, dt=1.0, q=qb)
@@ -241,9 +241,9 @@ def gaps(
     T: SE3,
     times: Array,
 ) -> Iterator[Array]:
-    """How far apart the bodies of two arms are at some times, shape (n, m), [m], by coal.
+    """Distances between the bodies of two arms at some times, shape (n, m), [m], by coal.
 
-    Those of the bases, which stay where they are, are infinitely far from each other.
+    The two bases, which do not move, are infinitely far from each other.
     """
     (a, one), (b, other) = first, second
     data, request = (a.model.createData(), b.model.createData()), coal.DistanceRequest()
@@ -269,15 +269,15 @@ def stops_meeting(
     room: float,
     early: float,
 ) -> Meeting | None:
-    """Where two arms would come too near if both had to stop at some instant; None if nowhere.
+    """Where two arms would come too near if both stopped at some instant; None if nowhere.
 
     Args:
         first: An arm's bodies and its course.
         second: Another's.
-        T_first_second: Where the second's base is in the first's.
-        since: From when on to look [s]; until one of them rests.
-        every: How far apart the instants are [s].
-        room: How far they must stay apart [m].
+        T_first_second: The second's base in the first's base frame.
+        since: Start of the check [s]; it ends when one of them rests.
+        every: Time between the instants [s].
+        room: Distance they must keep [m].
         early: As in ``first_meeting`` [s].
     """
     (a, one), (b, other) = first, second
@@ -290,27 +290,27 @@ def stops_meeting(
                 return met
         return None
     figures = since, end, every, STEP, room, early
-    told = (
-        _told("so101_stops_apart", (mine, one), (theirs, other), T_first_second, figures)
+    met_in_groups = (
+        _asked("so101_stops_apart", (mine, one), (theirs, other), T_first_second, figures)
         for mine, theirs in _groups(a, b)
     )
-    return min(filter(None, told), default=None)
+    return min(filter(None, met_in_groups), default=None)
 
 
-def _told(
+def _asked(
     question: str,
     first: tuple[ArmBodies, Course],
     second: tuple[ArmBodies, Course],
     T: SE3,
     figures: tuple[float, ...],
 ) -> Meeting | None:
-    """What the compiled library answers about two courses."""
+    """Ask the compiled library about two courses."""
     (a, one), (b, other) = first, second
     library, n, m = native().library, one.q.size, other.q.size
     assert library is not None
-    told = np.array([one.t, one.dt, other.t, other.dt, 0.0, 0.0, 0.0, 0.0])
-    given = np.concatenate((placement(T), one.q.ravel(), other.q.ravel(), told))
-    at: int = given.ctypes.data  # asking for an address takes as long as some looks
+    timing = np.array([one.t, one.dt, other.t, other.dt, 0.0, 0.0, 0.0, 0.0])
+    given = np.concatenate((placement(T), one.q.ravel(), other.q.ravel(), timing))
+    at: int = given.ctypes.data  # asking for an address takes as long as some checks
     placed, qa, qb, times, others, out = (
         ctypes.c_void_p(at + given.itemsize * k)
         for k in (0, 12, 12 + n, 12 + n + m, 14 + n + m, 16 + n + m)
@@ -323,7 +323,7 @@ def _told(
 
 
 def meeting(found: int, out: Sequence[float] | Array, a: ArmBodies, b: ArmBodies) -> Meeting | None:
-    """What an answer of the library says; None if the arms do not meet."""
+    """Turn an answer of the library into a ``Meeting``; None if the arms do not meet."""
     met = _found(found, out)
     return None if met is None else Meeting(met[0], met[1], a.names[met[2]], b.names[met[3]])
 
@@ -334,7 +334,7 @@ def _meet(
     library, count, size = native().library, len(qa), qa.size
     assert library is not None
     given = np.concatenate((np.zeros(4), placement(T), qa.ravel(), qb.ravel()))
-    at: int = given.ctypes.data  # asking for an address takes as long as some looks
+    at: int = given.ctypes.data  # asking for an address takes as long as some checks
     placed, first, second = (at + given.itemsize * k for k in (4, 16, 16 + size))
     found = library.so101_apart(
         a.handle,
@@ -359,7 +359,7 @@ def _found(found: int, out: Sequence[float] | Array) -> _Found:
 
 
 def placement(T: SE3) -> Array:
-    """A transform in the library's form: rotation by rows, then place, shape (12,)."""
+    """A transform in the library's form: rotation by rows, then translation, shape (12,)."""
     return np.concatenate((T.R.ravel(), T.p))
 
 
@@ -396,7 +396,7 @@ def _meet_by_coal(
 
 
 def _until(speeds: Array, t: float, k: int, room: float, early: float) -> float:
-    """As ``until`` in apart.c; ``speeds`` begin at step ``k``, shape (m, 2), [m]."""
+    """Like ``until`` in apart.c; ``speeds`` begin at step ``k``, shape (m, 2), [m]."""
     for step, (va, vb) in enumerate(speeds, k):
         left, late = (step + 1 - t) * (va + vb), early * min(va, vb)
         if left + late > room:

@@ -1,7 +1,7 @@
-"""The bodies of an arm and of what it holds, for keeping two arms apart.
+"""The bodies of an arm and of the objects it holds, for keeping two arms apart.
 
-Hulls that contain the real parts (``bodies.py``), how far each moves with the joints, and where
-they are at a configuration.
+They are hulls that contain the real parts (``bodies.py``), with bounds on how far each moves with
+the joints, and their places at a configuration.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ from so101_motion.planning.native.library import native
 
 
 class ArmBodies:
-    """The bodies of one arm and of what it holds. May be used by any thread.
+    """The bodies of one arm and of the objects it holds. May be used by any thread.
 
     Args:
         model: The arm.
-        attached: What it holds.
-        left_out: Names of bodies that are not looked at.
-        passed: Names of things that the other arm may touch with its hand.
+        attached: The objects it holds.
+        left_out: Names of bodies to leave out.
+        passed: Names of objects that the other arm's gripper may touch.
 
     Attributes:
         passed: As given.
-        names: What messages call them.
-        levers: How far from each joint's axis any point of each body can be, shape (n, 6), [m].
-        handle: The compiled library's form of them; None without it.
+        names: Their names in messages.
+        levers: Bounds on the distance of any point of each body from each joint's axis, shape
+            (n, 6), [m].
+        handle: The compiled library's handle of them; None without it.
     """
 
     def __init__(
@@ -61,21 +62,21 @@ class ArmBodies:
 
     @property
     def handle(self) -> ctypes.c_void_p | None:
-        """Where the compiled library has them."""
+        """The compiled library's handle of them; None without it."""
         return None if self._batch is None else self._batch.scene
 
     def without(self, left_out: frozenset[str]) -> ArmBodies:
-        """The same without some bodies, and with nothing that is passed on."""
+        """A copy without some bodies, and without objects that are passed on."""
         if left_out not in self._without:
             self._without[left_out] = ArmBodies(self._robot, self._attached, left_out)
         return self._without[left_out]
 
     def travel(self, q: Array) -> Array:
-        """How far each body moves at most from one configuration (n, 6) to the next, (n-1, k)."""
+        """Bounds on how far each body moves from one configuration (n, 6) to the next, (n-1, k)."""
         return np.ascontiguousarray(np.abs(np.diff(q, axis=0)) @ self.levers.T)
 
     def placed(self, q: Array, T: SE3, data: Any) -> list[Any]:
-        """Where the bodies are at a configuration (6,) of an arm whose base is at ``T``; coal's."""
+        """Poses of the bodies at a configuration (6,) of an arm with its base at ``T``; coal's."""
         pin.forwardKinematics(self.model, data, q)
         base = pin.SE3(np.array(T.R), np.array(T.p))
         places = [base * data.oMi[each.parentJoint] * each.placement for each in self.objects]
@@ -89,12 +90,12 @@ def _model() -> RobotModel:
 
 @lru_cache(maxsize=32)
 def bodies_of(attached: tuple[Attached, ...] = (), to: str | None = None) -> ArmBodies:
-    """The bodies of an SO-101 that holds ``attached``; made once for things that look alike.
+    """The bodies of an SO-101 that holds ``attached``; cached.
 
     Args:
-        attached: What it holds.
-        to: The arm that they are held against, which may touch what is passed to it; None for
-            whichever it is.
+        attached: The objects it holds.
+        to: The arm they are checked against, which may touch an object passed to it; None for any
+            arm.
     """
     return _bodies_in(Scene(attached=attached, floor_z=None), to)
 
@@ -106,7 +107,7 @@ def _bodies_in(scene: Scene, to: str | None) -> ArmBodies:
 
 
 def _levers(body: Any, offsets: Sequence[Array]) -> Array:
-    """How far from each joint's axis the points of a body can be, shape (6,), [m]."""
+    """Bounds on the distance of a body's points from each joint's axis, shape (6,), [m]."""
     levers, joint = np.zeros(6), int(body.parentJoint)
     if joint == 0:
         return levers

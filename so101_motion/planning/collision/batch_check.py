@@ -1,8 +1,8 @@
-"""Check many configurations at once with the compiled library; coal decides what it leaves open.
+"""Check many configurations at once with the compiled library; coal decides the close calls.
 
-The same bodies, pairs and margins as coal has, packed once for each scene. The library proves most
-configurations free or touching by bounds on the distances (``native/lanes.c``); what is within a
-few micrometres of a margin it hands back, and coal's verdict counts. So the verdicts are coal's.
+The library gets the same bodies, pairs and margins as coal, packed once for each scene. It proves
+most configurations free or touching by bounds on the distances (``native/lanes.c``). Within a few
+micrometres of a margin it asks coal, so the verdicts are always coal's.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from so101_motion.planning.collision.packed_bodies import packed, points_of
 from so101_motion.planning.native.library import native
 
 MOST_BODIES = 32
-"""More of them than the arm will ever have or hold are left to coal."""
+"""With more moving bodies than this only coal is used; no arm has or holds as many."""
 
 MOST_ARMS = 8
-"""Of a team; as in ``native.h``."""
+"""Most arms of a team; as in ``native.h``."""
 
 FEW = 64
-"""Up to so many waypoints are handed over in an array whose address is known."""
+"""Up to so many waypoints are passed in an array whose address is known."""
 
 NEAR_ROW, BOUND = 16, 7
 """As in ``native.h``."""
@@ -50,7 +50,7 @@ class _Level(ctypes.Structure):
 
 
 class Levels:
-    """Checks of different margins in the library's form; coal's are asked in their place."""
+    """Checks with different margins in the library's form, each with coal's for the close calls."""
 
     def __init__(self, batch: BatchCheck, levels: Sequence[Level]) -> None:
         self.count = len(levels)
@@ -99,7 +99,7 @@ class BatchCheck:
         weakref.finalize(self, library.so101_free, self.scene)
 
     def register(self, touches: Touches) -> int:
-        """The number by which the library asks for this check."""
+        """Register coal's check; return the number by which the library asks for it."""
         self._coal.append(touches)
         return len(self._coal) - 1
 
@@ -115,7 +115,7 @@ class BatchCheck:
         return bool(one)
 
     def touching(self, levels: Levels, configurations: Array) -> Array:
-        """Which of some configurations, shape (n, 6), [rad], touch something; booleans, (n,)."""
+        """Which of the configurations, shape (n, 6), [rad], touch something; booleans, (n,)."""
         q = np.ascontiguousarray(configurations, dtype=np.float64)
         verdicts = np.zeros(len(q), dtype=np.uint8)
         self.library.so101_check(
@@ -132,10 +132,10 @@ class BatchCheck:
     def near(
         self, q: Array, q_jaw: float, within: float, gap: float = 0.0
     ) -> tuple[Array, Array] | None:
-        """The pairs of bodies within a distance [m] of each other; None if coal has to say.
+        """The pairs of bodies within a distance [m] of each other; None if coal has to decide.
 
         Returns:
-            As ``CollisionModel.near_bounds``; the bounds until this is asked again.
+            As ``CollisionModel.near_bounds``; the bounds are valid until the next call.
         """
         self._one[:5] = q
         self._one[5] = q_jaw
@@ -146,7 +146,7 @@ class BatchCheck:
         return None if n < 0 else (self._near[:n].copy(), self._bounds[:n])
 
     def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool | None:
-        """As ``CollisionModel.lacks_more``; None if coal has to say."""
+        """Like ``CollisionModel.lacks_more``; None if coal has to decide."""
         q = np.full((len(places), 6), q_jaw)
         q[:, :5] = places
         margins, lack = margins[self._pair_of], lack[self._pair_of]
@@ -159,7 +159,7 @@ class BatchCheck:
     def first_blocked(
         self, levels: Levels, reach: Array, points: Array, q_jaw: float
     ) -> Array | None:
-        """As ``continuous_check.first_blocked``."""
+        """Like ``continuous_check.first_blocked``."""
         count, at = len(points), self._at_points
         if count <= FEW:
             self._points[:count] = points
@@ -185,7 +185,7 @@ class BatchCheck:
     def is_clear(
         self, levels: Levels, reach: Array, spacing: float, q_from: Array, q_to: Array, q_jaw: float
     ) -> bool:
-        """As ``SampledCheck.is_clear``."""
+        """Like ``SampledCheck.is_clear``."""
         self._points[0], self._points[1], self._reach[:] = q_from, q_to, reach
         clear = self.library.so101_is_clear(
             self.scene,
@@ -201,12 +201,12 @@ class BatchCheck:
         return bool(clear)
 
     def watch(self, checkpoint: Checkpoint) -> None:
-        """Call this again and again while the library is at work."""
+        """Set the function that the library calls again and again while it works."""
         self._checkpoint = checkpoint
 
     @contextmanager
     def until(self, is_late: Callable[[], bool]) -> Iterator[None]:
-        """Tell the library, while the block runs, that time is up when it is."""
+        """Stop the library's search in this block when ``is_late`` says that time is up."""
         self._is_late = is_late
         try:
             yield
@@ -222,26 +222,26 @@ class BatchCheck:
             raise error
 
     def tally(self) -> tuple[int, int]:
-        """How many configurations were looked at, and how many of them coal had to decide."""
+        """How many configurations were checked, and how many of them coal had to decide."""
         counts = (ctypes.c_long * 4)()
         self.library.so101_tally(self.scene, counts)
         return counts[2], counts[3]
 
     def answer(self, q: Any, level: int) -> int:
-        """What the library asks: coal's verdict, or, for -1, whether to go on."""
+        """Answer the library: coal's verdict for a level, or, for -1, whether to go on."""
         try:
             if level < 0:
                 if self._checkpoint is not None:
                     self._checkpoint()
                 return _TIME_IS_UP if self._is_late and self._is_late() else _GO_ON
             return int(self._coal[level](np.array(q[:6])))
-        except BaseException as error:  # raised again by whoever called the library
+        except BaseException as error:  # ``raise_error`` raises it after the library returns
             self._error = error
             return _END
 
 
 class Checker(ctypes.Structure):
-    """How the library looks at lines: some way of travel apart, or by proof."""
+    """How the library checks straight joint motions: sampled, or by proof."""
 
     _fields_ = [
         ("scene", ctypes.c_void_p),
@@ -255,11 +255,11 @@ class Checker(ctypes.Structure):
 
 
 class BatchSampledCheck:
-    """``SampledCheck``, many configurations at a time.
+    """``SampledCheck`` by the library, many configurations at a time.
 
     Attributes:
-        batch: Whose bodies it is about.
-        checker: The same in the library's form.
+        batch: The bodies in the library.
+        checker: This check in the library's form.
     """
 
     def __init__(
@@ -285,7 +285,7 @@ class BatchSampledCheck:
         )
 
     def proven(self) -> BatchSampledCheck:
-        """The same, but lines are clear only if that is proven."""
+        """The same check, but straight motions are clear only if that is proven."""
         return BatchSampledCheck(
             self.batch,
             self._levels,
@@ -307,7 +307,7 @@ class BatchSampledCheck:
         return int(free[0]) if len(free) else None
 
     def is_clear(self, q_from: Array, q_to: Array) -> bool:
-        """Whether nothing is seen between two configurations, themselves not looked at."""
+        """Whether no sample between two configurations touches; the two are not checked."""
         if self.checker.proven:
             points = np.array([q_from, q_to])
             blocked = self.batch.first_blocked(self._levels, self._reach, points, self._q_jaw)
@@ -318,9 +318,9 @@ class BatchSampledCheck:
 
 
 class Couple(ctypes.Structure):
-    """Two arms of a team that must stay apart, by number; their bodies as ``so101_apart`` has them.
+    """Two arms of a team that must stay apart, in the library's form.
 
-    ``placement``: where the second's base is in the first's, rotation by rows, then place.
+    ``placement``: the second's base in the first's base frame, rotation by rows, then translation.
     """
 
     _fields_ = [
@@ -345,16 +345,16 @@ class _Team(ctypes.Structure):
 
 
 class BatchTeamCheck:
-    """Arms whose joints stand in a row, for the library's search; one by itself is a team, too.
+    """Check of one or several arms with all joints in one vector, for the library's search.
 
     Args:
-        checks: How each looks at its lines, at most ``MOST_ARMS`` of them.
-        couples: Who must stay apart.
-        room: How far [m].
+        checks: The check of each arm, at most ``MOST_ARMS`` of them.
+        couples: The pairs of arms that must stay apart.
+        room: Distance they must keep [m].
 
     Attributes:
         library: The library.
-        team: The same in its form, by reference.
+        team: This check in its form, by reference.
     """
 
     def __init__(
@@ -373,7 +373,7 @@ class BatchTeamCheck:
 
     @contextmanager
     def until(self, is_late: Callable[[], bool]) -> Iterator[None]:
-        """Tell the library, while the block runs, that time is up when it is.
+        """Stop the library's search in this block when ``is_late`` says that time is up.
 
         Raises:
             BaseException: What a check of coal or the checkpoint raised meanwhile.
@@ -387,7 +387,7 @@ class BatchTeamCheck:
 
 
 def weakly(batch: BatchCheck) -> Callable[[Any, int], int]:
-    """Its ``answer``, without keeping it alive."""
+    """A function that calls ``batch.answer`` without keeping the batch alive."""
     this = weakref.ref(batch)
 
     def ask(q: Any, level: int) -> int:
@@ -403,7 +403,7 @@ def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
 
 
 def batch_check(model: Any, bodies: Bodies, floor_z: float | None) -> BatchCheck | None:
-    """The batch check for some bodies; None without the library, or if they are too many for it."""
+    """The batch check of bodies; None without the library, or if there are too many of them."""
     if native().library is None:
         return None
     movers = [each for each in bodies.geometry.geometryObjects if each.parentJoint > 0]

@@ -1,18 +1,18 @@
 """Build the collision bodies and pairs for Pinocchio and coal: links, held objects, obstacles.
 
-*Bodies.* Each link is one convex hull that contains the whole real part (``urdf/README.md``). A
-box, a sphere, a capsule is itself; a mesh is its triangles; a point cloud an octree of full cubes;
-the floor a half-space. What the gripper holds rides on the gripper's link; a mesh or a cloud that
-is held is taken as its convex hull, which is cheap and on the safe side.
+*Bodies.* Each link is one convex hull that contains the whole real part (``urdf/README.md``).
+Boxes, spheres and capsules are used as they are; a mesh is its triangles; a point cloud an octree
+of full cubes; the floor a half-space. Held objects move with the gripper's link; a held mesh or
+cloud is replaced by its convex hull, which is cheap and on the safe side.
 
-*Pairs.* Links that hinge on each other always touch and some others never can; the table of
-``so101_description`` says which and how that was found out. Base and shoulder cannot move towards
-the floor, nor the base towards anything, so these are not checked. What is held may touch the
-gripper and the jaw, and whatever the scene allows. An obstacle is held only against the links that
-can come near it: a link stays in a ball around the pan's axis whatever the joints do.
+*Pairs.* Links joined by a hinge always touch, and some others never can; the table of
+``so101_description`` says which, and how that was found. Base and shoulder cannot move towards the
+floor, nor the base towards anything, so these pairs are not checked. Held objects may touch the
+gripper, the jaw and what the scene allows. An obstacle is checked only against links that can come
+near it: each link stays in a ball around the pan joint whatever the joints do.
 
-*Margins.* A scene's margin says how well its obstacles are known. How far the links must stay apart
-from each other does not depend on that, so a margin wider than the usual one does not count there.
+*Margins.* A scene's margin says how well its obstacles are known. The distance that links keep from
+each other does not depend on that, so it never gets wider than the default margin.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ from so101_motion.planning.collision.scene import (
 from so101_motion.planning.collision.shape_files import read_shape
 
 NEAR = 0.1
-"""Obstacles that a link can never come nearer than this are not held against it [m]. Chosen: more
+"""An obstacle is not checked against a link that never comes nearer than this [m]. Chosen: more
 than the widest clearance that a proof asks for."""
 
 SUNK = 0.001
-"""So deep the base may stand in what it is screwed to [m]. Chosen: a table that is given as a box
-has its top where the base plate has its underside."""
+"""How deep the base may be inside the obstacle it is screwed to [m]. Chosen: the top of a table
+that is given as a box is where the base plate has its underside."""
 
 _LOWERING = frozenset(LINKS[LINKS.index("upper arm") :])
 """The links that can move towards the floor."""
@@ -70,18 +70,18 @@ _LOWERING = frozenset(LINKS[LINKS.index("upper arm") :])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bodies:
-    """Everything that can touch, in the form of Pinocchio.
+    """All collision bodies and pairs, in the form of Pinocchio.
 
     Attributes:
         geometry: The bodies and the pairs of them that are checked, Pinocchio's.
         pairs: Those pairs by name.
-        margins: How far each pair must stay apart, shape (len(pairs),), [m].
+        margins: Distance that each pair must keep, shape (len(pairs),), [m].
         moved_by: How many of the arm's joints move the first and the second body of each pair,
             integers, shape (len(pairs), 2).
         swapped: Whether coal answers for a pair as if its second body had been named first.
-        levers: How far from each arm joint's axis anything it moves can be.
-        standing: What stands around, by its index among the bodies: its shape as it was given, of
-            a cloud the cubes that are near.
+        levers: Bounds on the distance of moved points from each joint's axis.
+        standing: Shapes of the obstacles by their index among the bodies; of a cloud, the cubes
+            that are near.
     """
 
     geometry: Any
@@ -100,8 +100,8 @@ class Cubes(NamedTuple):
     """The full cubes of a point cloud.
 
     Attributes:
-        middles: Where they are in the cloud's frame, shape (n, 3), [m].
-        edge: How long their edges are [m].
+        middles: Their middles in the cloud's frame, shape (n, 3), [m].
+        edge: Length of their edges [m].
     """
 
     middles: Array
@@ -112,8 +112,8 @@ class Hull(NamedTuple):
     """The convex hull of points, widened all around.
 
     Attributes:
-        points: In a frame of its own, shape (n, 3), [m].
-        radius: By how much [m].
+        points: The points in its own frame, shape (n, 3), [m].
+        radius: How much it is widened [m].
     """
 
     points: Array
@@ -125,14 +125,14 @@ Standing = Box | Sphere | Capsule | Mesh | Cubes | Hull
 
 
 class _Mover(NamedTuple):
-    """A body that joints may move: a link or something held.
+    """A body that joints may move: a link or a held object.
 
     Attributes:
-        name: What messages call it.
-        joint: The joint it hangs on, 0 for none.
-        placement: Where it is in that joint's frame, Pinocchio's.
-        shape: coal's.
-        points: It lies inside their hull; in the joint's frame, shape (n, 3), [m].
+        name: Its name in messages.
+        joint: The joint that carries it, 0 for none.
+        placement: Its pose in that joint's frame, Pinocchio's.
+        shape: Its shape, coal's.
+        points: Points whose hull contains it, in the joint's frame, shape (n, 3), [m].
     """
 
     name: str
@@ -164,14 +164,14 @@ def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = wanted) -> Bodi
 
 
 def bodies_without(model: Any, attached: tuple[Attached, ...], left_out: frozenset[str]) -> Bodies:
-    """The bodies of an arm and of what it holds, but for some; no pair of them is checked."""
+    """The bodies of an arm and of held objects without those left out; no pairs are checked."""
     carried = _carried(_Same(model), attached)
     kept = [each for each in carried.movers if each.name not in left_out]
     return _Gathered(model, carried._replace(movers=kept)).bodies(set(), 0.0)
 
 
 def _passed(attached: tuple[Attached, ...], other: StandingArm) -> set[frozenset[str]]:
-    """The pairs that may touch because an arm and one that stands pass something on."""
+    """The pairs that may touch because two arms pass an object on."""
     given = {each.name for each in attached if each.passed_to == other.name}
     taken = {each.name for each in other.attached if each.passed_to}
     pairs = (*product(given, HOLDERS), *product(HOLDERS | given, taken))
@@ -179,9 +179,9 @@ def _passed(attached: tuple[Attached, ...], other: StandingArm) -> set[frozenset
 
 
 def around_base(model: Any, scene: Scene) -> str | None:
-    """What the base stands in, deeper than ``SUNK``, by name; None if it is free.
+    """The name of an obstacle that the base stands in, deeper than ``SUNK``; None if it is free.
 
-    Motions are not held against this, for no joint moves the base. Other arms keep their room.
+    Motions are not checked for this, because no joint moves the base. Other arms keep their room.
     """
     _, base = next(iter(_hulls().values()))
     standing = [
@@ -205,12 +205,12 @@ def _shape_of(obstacle: Obstacle) -> Any:
 
 
 class _Part(NamedTuple):
-    """A link of an arm that stands, or something it holds, widened.
+    """A link of another arm at rest, or an object it holds, widened.
 
     Attributes:
-        name: What messages of that arm call it.
-        joint: The joint it hangs on, 0 for none.
-        shape: coal's, in the joint's frame.
+        name: Its name in messages about that arm.
+        joint: The joint that carries it, 0 for none.
+        shape: Its shape in the joint's frame, coal's.
         form: The same as numbers.
     """
 
@@ -222,7 +222,7 @@ class _Part(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _widened(same: _Same, attached: tuple[Attached, ...], radius: float) -> list[_Part]:
-    """The links of an arm and what it holds, widened all around by a radius [m]."""
+    """The links of an arm and the objects it holds, widened all around by a radius [m]."""
     parts = []
     for each in reversed(_carried(same, attached).movers):
         shape = convex_hull(each.points)
@@ -233,7 +233,7 @@ def _widened(same: _Same, attached: tuple[Attached, ...], radius: float) -> list
 
 
 def _parts_of(model: Any, arm: StandingArm) -> Iterator[tuple[str, _Part, SE3]]:
-    """The parts of an arm that stands, at each of its configurations, and what messages call them.
+    """The parts of another arm at rest, at each of its configurations, with names for messages.
 
     They are widened by the arm's room.
     """
@@ -247,7 +247,7 @@ def _parts_of(model: Any, arm: StandingArm) -> Iterator[tuple[str, _Part, SE3]]:
 
 
 class _Gathered:
-    """Bodies and pairs as they come together."""
+    """Collects bodies and pairs."""
 
     def __init__(self, model: Any, carried: _Carried) -> None:
         self._geometry = pin.GeometryModel()
@@ -260,7 +260,7 @@ class _Gathered:
         self._centre = np.array(model.jointPlacements[1].translation)
 
     def pair_movers(self, attached: tuple[Attached, ...]) -> None:
-        """Pairs of links that can meet, and things held with the links that do not hold them."""
+        """Add pairs of links that can meet, and of held objects with the links that do not hold."""
         index = {each.name: i for i, each in enumerate(self._movers)}
         free_to_meet = _link_pairs()
         for held in attached:
@@ -270,7 +270,7 @@ class _Gathered:
         self._pairs += [(index[outer], index[inner]) for inner, outer in free_to_meet]
 
     def add_floor(self, floor_z: float) -> None:
-        """Everything below ``floor_z`` [m]."""
+        """Add the floor: everything below ``floor_z`` [m]."""
         plane = coal.Halfspace(np.array([0.0, 0.0, 1.0]), floor_z)
         floor = self._add(FLOOR, 0, pin.SE3.Identity(), plane)
         for i, each in enumerate(self._movers):
@@ -278,7 +278,7 @@ class _Gathered:
                 self._pairs.append((i, floor))
 
     def add_obstacle(self, obstacle: Obstacle, checkpoint: Checkpoint) -> None:
-        """Something that stands, unless nothing can come near it."""
+        """Add an obstacle, unless nothing can come near it."""
         form, T = read_shape(obstacle.shape), obstacle.T_base_obstacle
         given: Standing
         if isinstance(form, PointCloud):
@@ -292,12 +292,12 @@ class _Gathered:
         self._stand(obstacle.name, given, shape, T)
 
     def add_arm(self, arm: StandingArm) -> None:
-        """An arm that stands."""
+        """Add another arm at rest."""
         for name, part, T in _parts_of(self._model, arm):
             self._stand(name, part.form, part.shape, T)
 
     def _stand(self, name: str, given: Standing, shape: Any, T: SE3) -> None:
-        """Something that stands, if anything can come near it."""
+        """Add a shape that does not move, if a link can come near it."""
         shape.computeLocalAABB()
         away = float(np.linalg.norm(T @ shape.aabb_center - self._centre)) - shape.aabb_radius
         near = [
@@ -318,7 +318,7 @@ class _Gathered:
         return np.asarray(cubes[away < max(self._spans) + NEAR + diagonal])
 
     def bodies(self, allowed: set[frozenset[str]], margin: float) -> Bodies:
-        """What has come together, without the pairs that may touch."""
+        """The collected bodies, without the pairs that may touch."""
         objects = list(self._geometry.geometryObjects)
         names = [each.name for each in objects]
         movable = [min(each.parentJoint, 5) for each in objects]
@@ -345,7 +345,7 @@ class _Gathered:
 
 
 class _Same:
-    """A Pinocchio model to look something up by: the very same object."""
+    """A cache key for a Pinocchio model, equal only for the same object."""
 
     def __init__(self, model: Any) -> None:
         self.model = model
@@ -358,12 +358,12 @@ class _Same:
 
 
 class _Carried(NamedTuple):
-    """An arm with what it holds, whatever is around.
+    """An arm with the objects it holds, without its surroundings.
 
     Attributes:
         movers: Its bodies.
-        levers: How far from each joint's axis anything it moves can be.
-        spans: Until where each body can be from the pan's joint [m].
+        levers: Bounds on the distance of moved points from each joint's axis.
+        spans: Largest distance of each body from the pan joint [m].
     """
 
     movers: Sequence[_Mover]
@@ -373,7 +373,7 @@ class _Carried(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _carried(same: _Same, attached: tuple[Attached, ...]) -> _Carried:
-    """Made once: scenes change more often."""
+    """The bodies that an arm carries; cached, because scenes change more often."""
     model = same.model
     # The outermost first: they are hit most often, and bodies are looked at in this order.
     movers = [*_held(model, attached), *reversed(list(_links(model)))]
@@ -411,7 +411,7 @@ def _placement(T: SE3) -> Any:
 
 @cache
 def _hulls() -> dict[str, tuple[str, Any]]:
-    """The hull of each link with the name of its part; read once, for they never change."""
+    """The hull of each link with the name of its part; cached."""
     return {
         link: (part, convex_hull(so101_description.load_hull(part).vertices))
         for link, part in so101_description.PARTS.items()
@@ -419,7 +419,7 @@ def _hulls() -> dict[str, tuple[str, Any]]:
 
 
 def hull_of(link: str) -> Any:
-    """The hull of a link by its name in the URDF, in its frame; coal's."""
+    """The hull of a link, by its name in the URDF, in the link's frame; coal's."""
     return _hulls()[link][1]
 
 

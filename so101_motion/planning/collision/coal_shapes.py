@@ -1,8 +1,8 @@
 """Convert the shapes of a scene to coal's: one form for obstacles, one for held objects.
 
-coal knows boxes, spheres, capsules and octrees itself. A mesh that stands becomes a tree of
-bounding volumes over its triangles, exact and searched in microseconds. Such trees are slow to
-hold against each other; so what is held is convex.
+coal has boxes, spheres, capsules and octrees itself. The mesh of an obstacle becomes a tree of
+bounding volumes over its triangles, exact and searched in microseconds. Two such trees are slow to
+check against each other, so held objects are convex.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from so101_motion.planning.collision.cubes import cube_middles, cube_numbers
 from so101_motion.planning.collision.scene import Box, Capsule, Mesh, PointCloud, Shape, Sphere
 
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
-"""Of a cube of edge 1."""
+"""Corners of a cube of edge 1."""
 
 _THICKNESS = 5e-4
-"""What is held and flat is taken as so thick [m], because a hull needs a volume. Chosen."""
+"""Flat held objects are made so thick [m], because a hull needs a volume. Chosen."""
 
 
 def standing_shape(shape: Box | Sphere | Capsule | Mesh) -> Any:
@@ -56,11 +56,11 @@ def full_cubes(cloud: PointCloud, checkpoint: Checkpoint = wanted) -> Array:
 
 
 _AT_ONCE = 16_384
-"""So many points are looked at between two checkpoints. Chosen: 3 ms."""
+"""Number of points handled between two checkpoints. Chosen: 3 ms."""
 
 
 def held_shape(shape: Shape) -> tuple[Any, Array]:
-    """The shape of what is held, and points whose hull it lies in, shape (n, 3), [m]."""
+    """The shape of a held object, and points whose hull contains it, shape (n, 3), [m]."""
     if isinstance(shape, Mesh | PointCloud):
         hull = convex_hull(shape.vertices if isinstance(shape, Mesh) else _full_corners(shape))
         return hull, np.array(hull.points())
@@ -68,7 +68,7 @@ def held_shape(shape: Shape) -> tuple[Any, Array]:
 
 
 def convex_hull(points: Array) -> Any:
-    """The convex hull of points, shape (n, 3), [m]; of flat ones, a thin one."""
+    """The convex hull of points, shape (n, 3), [m]; flat points get a thin hull."""
     _, axes = np.linalg.eigh(np.cov(points.T, bias=True))
     if np.ptp(points @ axes[:, 0]) < _THICKNESS:
         # Without a volume, coal 3.0.3 ends the process (observed).

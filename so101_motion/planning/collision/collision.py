@@ -1,13 +1,12 @@
 """Check configurations for collisions, and measure distances between bodies.
 
-Together with ``bodies.py``, which says what there is, one of the two doors of Pinocchio
-(``model.py`` is the other) and the only one of coal.
+Pinocchio is imported only in this folder and in ``kinematics``, coal only in this folder.
 
 One configuration is one call into coal: kinematics, bounding boxes, and exact checks of the pairs
 whose boxes meet. A configuration is free if every pair keeps more than its margin apart. The jaw is
-placed by its own angle: an open gripper is wider. How whole motions are checked is told in
-``continuous_check.py``. Where the compiled library is there, it checks many at once, and coal only
-decides what it leaves open (``batch_check.py``).
+placed by its own angle: an open gripper is wider. Whole motions are checked as described in
+``continuous_check.py``. If the compiled library is there, it checks many configurations at once,
+and coal decides only the close calls (``batch_check.py``).
 
 A model belongs to one thread, like everything that holds Pinocchio's data.
 """
@@ -45,14 +44,14 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 
 class Clearance(NamedTuple):
-    """How close two bodies are.
+    """The distance of two bodies.
 
     Attributes:
-        distance: Between them [m]; negative by the depth if they overlap.
-        first: A link by its human name, such as ``"upper arm"``, or something held.
+        distance: Distance between them [m]; negative by the depth if they overlap.
+        first: A link by its human name, such as ``"upper arm"``, or a held object.
         second: Another link, ``"floor"`` or an obstacle.
-        margin: How far they must stay apart [m].
-        called: What messages call the two.
+        margin: Distance they must keep [m].
+        called: The names of the two in messages.
     """
 
     distance: float
@@ -63,7 +62,7 @@ class Clearance(NamedTuple):
 
     @property
     def room(self) -> float:
-        """What is left beyond the margin [m]; negative if the two are too close."""
+        """Distance beyond the margin [m]; negative if the two are too close."""
         return self.distance - self.margin
 
     def message(self, verb: str = "would be") -> str:
@@ -75,18 +74,18 @@ class Clearance(NamedTuple):
 
 
 class ClosePair(NamedTuple):
-    """Two bodies that are near each other, and how the joints bring them nearer.
+    """Two bodies that are near each other, and the gradient of their distance.
 
     Attributes:
-        distance: Between them [m]; negative by the depth if they overlap.
+        distance: Distance between them [m]; negative by the depth if they overlap.
         first: As in ``Clearance``.
         second: As in ``Clearance``.
         p_first: The point of the first that is nearest to the second, in base, shape (3,), [m].
         p_second: The point of the second that is nearest to the first, in base, shape (3,), [m].
-        normal: Along which they are apart, from the first to the second, unit, shape (3,).
-        gradient: What each joint adds to the distance, shape (5,), [m/rad].
-        margin: How far they must stay apart [m].
-        pair: Their place in ``CollisionModel.pairs``.
+        normal: Unit vector from the first to the second, shape (3,).
+        gradient: Derivative of the distance by each joint, shape (5,), [m/rad].
+        margin: Distance they must keep [m].
+        pair: Their index in ``CollisionModel.pairs``.
     """
 
     distance: float
@@ -105,17 +104,17 @@ class CollisionModel:
 
     Args:
         model: The arm.
-        scene: What is around it and in its hand; just the floor if not given.
-        checkpoint: Called every now and then while something takes long.
+        scene: Obstacles and held objects; just the floor by default.
+        checkpoint: Called again and again during long computations.
         compiled: Whether to use the compiled library, if it is there. The verdicts are the same.
 
     Attributes:
-        scene: The same.
-        batch: The compiled library's part of it, if it is used.
-        margin: How far things in the scene must stay apart [m].
-        pairs: The pairs of bodies that are checked, by the names messages call them by.
-        margins: How far each of them must stay apart, shape (len(pairs),), [m].
-        checkpoint: As given; whoever works with this model calls it too.
+        scene: The scene.
+        batch: The check by the compiled library, if it is used.
+        margin: Distance that must be kept from obstacles [m].
+        pairs: The pairs of bodies that are checked, by name.
+        margins: Distance that each pair must keep, shape (len(pairs),), [m].
+        checkpoint: As given; code that uses this model calls it too.
         reach: For each arm joint, a bound on how far a point moves per angle, shape (5,), [m/rad].
     """
 
@@ -189,7 +188,7 @@ class CollisionModel:
         return np.array([result.min_distance for result in self._distances.distanceResults])
 
     def lacking(self, q: ArrayLike, q_jaw: float, margins: Array) -> Array:
-        """How much each pair lacks of a margin, both of shape (len(pairs),), [m]; 0 of most."""
+        """How much each pair is closer than its margin, both shape (len(pairs),), [m]; mostly 0."""
         self.checkpoint()
         lack, widest = np.zeros(len(self.pairs)), float(margins.max(initial=0.0))
         near = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, widest)
@@ -199,21 +198,21 @@ class CollisionModel:
             return lack
         self._q[:5] = q
         self._q[5] = q_jaw
-        # The others are further apart than the widest margin, and so lack nothing.
+        # The others are further apart than the widest margin.
         for k in self._near_pairs(widest)(self._q):
             distance = pin.computeDistance(self._bodies, self._distances, k).min_distance
             lack[k] = max(margins[k] - distance, 0.0)
         return lack
 
     def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool:
-        """Whether a pair lacks more of a margin than ``lack`` [m] at one of some places (n, 5)."""
+        """Whether at one of several configurations (n, 5) ``lacking`` exceeds ``lack`` [m]."""
         said = None if self.batch is None else self.batch.lacks_more(places, q_jaw, margins, lack)
         if said is not None:
             return said
         return any((self.lacking(q, q_jaw, margins) > lack).any() for q in places)
 
     def clearance(self, q: ArrayLike, q_jaw: float = 0.0) -> Clearance:
-        """The pair of bodies that is closest for what it must keep."""
+        """The pair of bodies with the least distance beyond its margin."""
         distances = self.distances(q, q_jaw)
         closest = int(np.argmin(distances - self.margins))
         first, second = self.pairs[closest]
@@ -236,7 +235,7 @@ class CollisionModel:
         """The pairs of bodies that are near each other, the nearest first.
 
         Args:
-            within: How near [m], at most ``NEAR``; meant to be the same from call to call.
+            within: Largest distance [m], at most ``NEAR``; fastest if the same in each call.
 
         Raises:
             ValueError: ``within`` is out of range.
@@ -245,7 +244,7 @@ class CollisionModel:
         return [self.described(row) for row in rows[np.argsort(rows[:, 1], kind="stable")]]
 
     def described(self, row: Array) -> ClosePair:
-        """A row of ``near_bounds`` in words and vectors."""
+        """Turn a row of ``near_bounds`` into a ``ClosePair``."""
         k = int(row[0])
         p_first, p_second, normal, gradient = row[2:5], row[5:8], row[8:11], row[11:]
         vectors = p_first, p_second, normal, gradient
@@ -254,15 +253,15 @@ class CollisionModel:
     def near_bounds(
         self, q: ArrayLike, q_jaw: float = 0.0, *, within: float, gap: float = 0.0
     ) -> tuple[Array, Array]:
-        """The same as numbers, in any order, for whoever asks in every control cycle.
+        """Like ``nearest``, but as numbers and in any order, for use in every control cycle.
 
         Args:
-            gap: What a step shall leave free beyond the margins, where it is free now [m].
+            gap: Distance beyond the margins that a step shall keep free where it is free now [m].
 
         Returns:
-            A row for each pair of bodies: its place in ``pairs``, distance, ``p_first``,
+            A row for each pair of bodies: its index in ``pairs``, distance, ``p_first``,
             ``p_second``, normal, gradient; shape (n, 16). And the bounds of such a step
-            (``nearest_within.py``), shape (n, 7), which count until this is asked again.
+            (``nearest_within.py``), shape (n, 7), valid until the next call.
 
         Raises:
             ValueError: ``within`` is out of range.
@@ -287,7 +286,7 @@ class CollisionModel:
         return self._rows(found) if found else np.zeros((0, NEAR_ROW))
 
     def _rows(self, found: list[tuple[int, float, Any]]) -> Array:
-        """Pairs by index, distances and coal's results, as they leave this door."""
+        """The rows of ``near_rows`` from pair indices, distances and coal's results."""
         pairs = [k for k, _, _ in found]
         sides = [
             (each.getNearestPoint2(), each.getNearestPoint1(), -each.normal)
@@ -324,10 +323,11 @@ class CollisionModel:
 
         Args:
             points: Joint angles, shape (n, 5), n >= 1, [rad].
-            tolerance: Share of its margin that a pair may lack.
-            bend: How far any point of the arm may be off where those lines lead it [m]; the margins
-                are widened by as much, and the proof holds for all such motions. Without tolerance.
-            extra: By how much the margins are widened besides [m]; with ``bend`` only.
+            tolerance: Share of its margin by which a pair may be closer.
+            bend: How far any point of the arm may be off those lines [m]; the margins are widened
+            by
+                as much, and the proof holds for all such motions. Not with ``tolerance``.
+            extra: Further widening of the margins [m]; with ``bend`` only.
         """
         proof = self._plain
         if tolerance or bend:
@@ -341,11 +341,11 @@ class CollisionModel:
     def sampled_check(
         self, q_jaw: float = 0.0, *, spacing: float, extra: float = 0.0
     ) -> SampledCheck | BatchSampledCheck:
-        """A quicker look at motions, which proves nothing.
+        """A quicker check of motions at samples, which proves nothing between them.
 
         Args:
-            spacing: Travel between the configurations that are looked at, at most [m].
-            extra: What pairs must keep beyond their margins [m].
+            spacing: Largest travel between two samples [m].
+            extra: Distance that pairs must keep beyond their margins [m].
         """
         proof, reach = self._wider(extra) if extra else self._plain, self._levers.at(q_jaw)
         if self.batch is not None and proof.native is not None:
@@ -362,7 +362,7 @@ class CollisionModel:
     def _level(
         self, clearance: float, *, part: float = 1.0, extra: float = 0.0, at_least: float = 0.0
     ) -> Level:
-        """A check for a part of the margins and something extra [m], or for a clearance."""
+        """A check of ``part`` of the margins plus ``extra`` [m], at least ``at_least`` [m]."""
         margins = np.maximum(part * self.margins + extra, at_least)
         own, scene = (
             max(part * each + extra, at_least) for each in (min(self.margin, MARGIN), self.margin)
@@ -381,16 +381,16 @@ class CollisionModel:
         return _Proof(levels, None if self.batch is None else Levels(self.batch, levels))
 
     def _with_room(self, extra: float) -> _Proof:
-        """A check of the margins and something more."""
+        """A check of the margins plus ``extra`` [m]."""
         return self._proof(self._level(self._plain.levels[0].clearance + extra, extra=extra))
 
     def _with_tolerance(self, tolerance: float) -> _Proof:
-        """The levels, and below them a check of what remains of the margins."""
+        """The levels, and below them a check of the margins less the tolerance."""
         levels, kept = self._plain.levels, 1.0 - tolerance
         return self._proof(self._level(kept * levels[0].clearance, part=kept), *levels)
 
     def _with_bend(self, bend: float, extra: float) -> _Proof:
-        """The levels for motions that are off the lines that are looked at by ``bend`` [m]."""
+        """The levels for motions that are off the checked lines by up to ``bend`` [m]."""
         least, *wider = self._plain.levels
         lowest = self._level(least.clearance + extra, extra=bend + extra)
         higher = (each._replace(clearance=each.clearance - bend) for each in wider)
@@ -421,7 +421,7 @@ class CollisionModel:
 
 
 class _Lazy:
-    """A check that is made when it is first needed."""
+    """A check that is built when it is first needed."""
 
     def __init__(self, make: Callable[[], Touches]) -> None:
         self._make = make
@@ -434,7 +434,7 @@ class _Lazy:
 
 
 class _Proof(NamedTuple):
-    """What a proof goes by: checks, from the margins up, and the same for the library."""
+    """The levels of a proof, from the margins up, and the same for the library."""
 
     levels: Sequence[Level]
     native: Levels | None

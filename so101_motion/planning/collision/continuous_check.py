@@ -1,17 +1,17 @@
 """Check joint motions for contact: a proof by motion bounds, and a quicker sampled check.
 
-Both rest on *travel*. No point of the arm moves further along a joint motion than the joint angles
+Both use *travel*, an upper bound on how far any point of the arm moves: the sum of the joint angles
 passed, each times the distance of the furthest point from that joint's axis.
 
 *The proof.* If all pairs of bodies keep ``c`` apart at some configuration, nothing touches within
-``c`` of travel before and after it. So a motion is cut into parts, each with a configuration in its
-middle that has to clear half the part's travel. What fails is cut into smaller parts, down to those
-that the margins themselves clear. Far from everything a few configurations clear a whole move; what
-comes out is that the bodies keep at least their margins at every smallest part looked at, and never
-touch in between.
+``c`` of travel before and after it. So a motion is cut into parts, and the configuration in the
+middle of each must clear half the part's travel. A part that fails is cut into smaller ones, down
+to those that the margins themselves clear. Far from everything a few configurations clear a whole
+move. The result: the bodies keep at least their margins in the middle of every smallest part, and
+never touch in between.
 
-*The look.* The margins at configurations that are some way of travel apart. It costs a third of a
-proof near obstacles, and misses little: the search for a path looks, and what it finds is proven.
+*The sampled check.* The margins at configurations a fixed travel apart. Near obstacles it costs a
+third of a proof and misses little: the search for a path uses it, and the result is proven.
 
 Source: F. Schwarzer, M. Saha, J.-C. Latombe, Adaptive Dynamic Collision Checking for Single and
 Multiple Articulated Robots in Complex Environments, IEEE T-RO 2005.
@@ -32,10 +32,10 @@ from so101_motion.planning.checkpoint import Checkpoint, wanted
 
 WIDER = (0.012, 0.048)
 """Clearances beyond the margins that a proof asks for [m]. Chosen with the next: of nine sets, none
-was faster on the paths of four scenes, and the ones as fast had more clearances."""
+was faster on the paths of four scenes, and equally fast ones had more clearances."""
 
 CUT = 4
-"""Into so many parts a part is cut that is not clear."""
+"""A part that is not clear is cut into so many parts."""
 
 Touches = Callable[[Array], bool]
 """Whether any pair is too close at a configuration of all six joints, shape (6,), [rad]."""
@@ -45,9 +45,9 @@ class Level(NamedTuple):
     """A check of configurations.
 
     Attributes:
-        clearance: What all pairs keep apart, at least, if it does not find one too close [m].
+        clearance: Distance that all pairs keep if the check finds none too close [m].
         touches: The check itself.
-        margins: How far it wants links of the arm and all other pairs to be apart [m].
+        margins: Distances that it demands of pairs of links and of all other pairs [m].
     """
 
     clearance: float
@@ -56,7 +56,7 @@ class Level(NamedTuple):
 
 
 def travel(reach: Array, points: Array) -> Array:
-    """As :meth:`CollisionModel.travel`, for ``points`` (n, 5); ``reach`` (5,) is per joint [m]."""
+    """Like :meth:`CollisionModel.travel`, for ``points`` (n, 5); ``reach`` (5,), per joint, [m]."""
     steps: Array = np.abs(np.diff(points, axis=0)) @ reach
     return np.concatenate(([0.0], np.cumsum(steps)))
 
@@ -89,7 +89,7 @@ def first_blocked(
         if k == 0:
             return np.array(configurations[failed[0], :5])
         if k == len(levels) - 1:
-            # Most of what is blocked is seen here already.
+            # Most contacts are found here already.
             for i in failed:
                 if levels[0].touches(configurations[i]):
                     return np.array(configurations[i, :5])
@@ -98,7 +98,7 @@ def first_blocked(
 
 
 def _touching(touches: Touches, configurations: Array, checkpoint: Checkpoint) -> list[int]:
-    """Which of some configurations, shape (n, 6), [rad], are too close to something."""
+    """Which of the configurations, shape (n, 6), [rad], are too close to something."""
     failed = []
     for i, configuration in enumerate(configurations):
         checkpoint()
@@ -123,14 +123,14 @@ def _configurations(points: Array, travelled: Array, at: Array, q_jaw: float) ->
 
 
 class SampledCheck:
-    """Looks at configurations, and at straight joint lines between them: quick, and no proof.
+    """Checks configurations and, at samples, straight joint lines: quick, and no proof.
 
     Args:
         touches: The check of a configuration.
         reach: As for ``travel``.
         q_jaw: Jaw angle [rad].
-        spacing: Travel between the configurations that are looked at on a line, at most [m].
-        checkpoint: Called with every look.
+        spacing: Largest travel between two samples of a line [m].
+        checkpoint: Called with every check.
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class SampledCheck:
         )
 
     def is_clear(self, q_from: Array, q_to: Array) -> bool:
-        """Whether nothing is seen between two configurations, themselves not looked at."""
+        """Whether no sample between two configurations touches; the two are not checked."""
         self._checkpoint()
         step = q_to - q_from
         count = int(np.abs(step) @ self._reach / self._spacing)

@@ -1,4 +1,4 @@
-"""What an arm will do if nothing else is decided: where its joints are, and when."""
+"""The course of an arm: its joint angles over time, and how it would stop."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.planning.collision.scene import Attached
 
 STEP = 0.02
-"""Time between the samples at which two courses are held against each other [s]. Chosen: a joint
-that accelerates at 10 rad/s^2 is then within 0.2 mm of the straight line between."""
+"""Time between the samples at which two courses are compared [s]. Chosen: a joint that accelerates
+at 10 rad/s^2 is then within 0.2 mm of the straight line between."""
 
 
 class Samples(Protocol):
@@ -31,10 +31,10 @@ class Samples(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course:
-    """The joints of an arm over time; at rest at the end, and where it begins before that.
+    """Joint angles of an arm over time; at rest before the first sample and after the last.
 
     Attributes:
-        t: When the first sample is [s].
+        t: Time of the first sample [s].
         dt: Time between the samples [s]; the joints go straight from one to the next.
         q: The five joints and the jaw at each, shape (n, 6), n >= 1, [rad].
     """
@@ -49,7 +49,7 @@ class Course:
 
     @classmethod
     def stop(cls, q: Array, q_jaw: float, *, t: float, dt: float) -> Course:
-        """Of an arm that goes through ``q``, shape (n, 5), with the jaw at ``q_jaw`` [rad]."""
+        """The course of an arm through ``q``, shape (n, 5), with the jaw at ``q_jaw`` [rad]."""
         path = np.empty((len(q), 6))
         path[:, :5], path[:, 5] = q, q_jaw
         path.setflags(write=False)
@@ -57,12 +57,12 @@ class Course:
 
     @classmethod
     def resting(cls, q: Array, q_jaw: float) -> Course:
-        """Of an arm that stays at ``q``, shape (5,), with the jaw at ``q_jaw`` [rad]."""
+        """The course of an arm that stays at ``q``, shape (5,), with the jaw at ``q_jaw`` [rad]."""
         return cls.stop(q[None], q_jaw, t=0.0, dt=1.0)
 
     @classmethod
     def along(cls, motion: Samples, q_jaw: float, *, t: float = 0.0) -> Course:
-        """Of an arm that begins a motion at ``t`` [s] with the jaw at ``q_jaw`` [rad]."""
+        """The course of an arm that starts a motion at ``t`` [s], the jaw at ``q_jaw`` [rad]."""
         return cls.stop(motion.q, q_jaw, t=t, dt=motion.dt)
 
     @property
@@ -80,7 +80,7 @@ class Course:
         return np.asarray(self.q[k] + share * (self.q[k + 1] - self.q[k]))
 
     def since(self, t: float) -> Course:
-        """What is left of it at ``t`` [s], on a clock that shows 0 then."""
+        """The rest of the course from ``t`` [s] on, with times counted from there."""
         if t >= self.end:
             return Course(t=0.0, dt=self.dt, q=self.q[-1:])
         if t <= self.t:
@@ -90,22 +90,22 @@ class Course:
 
 
 HARDEST, AT_LEAST = 5.0, 0.1
-"""A stop takes so long [s] at least, and longer by the fastest joint's speed over so much
-[rad/s^2]. Chosen: stops along their path took 0.22 to 0.28 s from 1.2 rad/s, which this exceeds."""
+"""A stop takes the second [s], plus the fastest joint's speed over the first [rad/s^2]. Chosen:
+stops along their path took 0.22 to 0.28 s from 1.2 rad/s, which this exceeds."""
 
 _PLACES = 10
-"""At so many places a stop is looked at."""
+"""Number of samples of a stop."""
 
 
 def stop_along(q: Array, dt: float) -> tuple[Array, float]:
-    """A stop along the way that joints are on.
+    """A stop along the path that the joints follow.
 
     Args:
-        q: Where they would be, from now on, shape (n, k), [rad].
-        dt: Time between these [s].
+        q: Joint angles of the path from now on, shape (n, k), [rad].
+        dt: Time between them [s].
 
     Returns:
-        Where they are while they slow down, shape (m, k), and the time between these [s].
+        Joint angles while they slow down, shape (m, k), and the time between them [s].
     """
     speed = float(np.abs(q[min(1, len(q) - 1), :5] - q[0, :5]).max()) / dt
     duration = speed / HARDEST + AT_LEAST
@@ -117,7 +117,7 @@ def stop_along(q: Array, dt: float) -> tuple[Array, float]:
 
 
 def stopping(course: Course, t: float) -> Course:
-    """A course that slows down from ``t`` [s] on, along its own way, until it rests."""
+    """A course that slows down from ``t`` [s] on, along its own path, until it rests."""
     left = course.since(t)
     if left.t > 0.0:  # it has not begun
         return Course(t=t, dt=course.dt, q=left.q[:1])
@@ -126,12 +126,12 @@ def stopping(course: Course, t: float) -> Course:
 
 
 class NearArms(NamedTuple):
-    """Bodies of an arm that are near those of another one, and how the joints bring them nearer.
+    """Pairs of bodies of two arms that are near each other, with the gradients of their distances.
 
     Attributes:
-        bounds: Of a step that brings them no nearer than they may come, shape (n, 7); see
+        bounds: Bounds of a step that brings them no nearer than allowed, shape (n, 7); see
             ``nearest_within.py``.
-        words: Which they are, by number, such as ``"the jaw close to left's wrist"``.
+        words: A description of a pair by index, such as ``"the jaw close to left's wrist"``.
     """
 
     bounds: Array
@@ -139,39 +139,39 @@ class NearArms(NamedTuple):
 
 
 class Neighbours(Protocol):
-    """The other arms of a cell, as the control loop of one arm has to mind them."""
+    """The other arms of a cell, as the control loop of one arm sees them."""
 
     def near(self) -> Sequence[NearArms]:
-        """What was near of each other arm when ``admits`` was asked last.
+        """The near bodies of each other arm at the last call of ``admits``.
 
-        It is a guess, for what to aim at: what may be done ``admits`` says.
+        Only for choosing where to go: ``admits`` decides.
         """
 
     def admits(self, q: Array, dt: float) -> bool:
-        """Whether the arm may go on so that it could stop along ``q``; if so, others go by that.
+        """Whether the arm may go on and then stop along ``q``; if so, the others rely on it.
 
         Args:
-            q: Where the arm is now, and where it would be while it stops, shape (n, 5), [rad].
-            dt: Time between these [s].
+            q: Joint angles now and while the arm would stop, shape (n, 5), [rad].
+            dt: Time between them [s].
         """
 
     def commit(self, q: Array, dt: float) -> None:
-        """The arm stops along ``q``, whatever is there; see ``admits``."""
+        """Publish that the arm stops along ``q``, without a check; see ``admits``."""
 
     @property
     def against(self) -> str:
-        """What stood against what was not admitted last, such as ``"the jaw close to left"``."""
+        """Why ``admits`` refused last, such as ``"the jaw close to left"``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OtherArm:
-    """Another arm that shares the space, as a plan has to know it.
+    """Another arm that shares the space, as part of a planning request.
 
     Attributes:
-        name: What messages call it.
-        T_base_other: Where its base is in that of the arm that is planned for.
-        course: What it is about to do; 0 is when the planned motion may begin at the earliest.
-        attached: What it holds; what is passed to anybody is passed to the arm that is planned for.
+        name: Its name in messages.
+        T_base_other: Its base in the base frame of the planned arm.
+        course: Its course; time 0 is the earliest start of the planned motion.
+        attached: The objects it holds; those with a ``passed_to`` are passed to the planned arm.
     """
 
     name: str

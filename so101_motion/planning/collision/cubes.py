@@ -1,4 +1,4 @@
-"""Number the cubes that space is cut into, so that points in the same cube are found by sorting."""
+"""Number the cubes of a grid, so that points in the same cube are found by sorting."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _MIDDLE = 32_768
 ``scene.CUBES``."""
 
 PLACES = np.array([(2 * _MIDDLE) ** 2, 2 * _MIDDLE, 1])
-"""By how much the number grows from a cube to the next along x, y, z."""
+"""Difference of the numbers of neighbouring cubes along x, y, z."""
 
 
 def cube_numbers(points: Array, edge: float) -> Any:
-    """The number of the cube of an ``edge`` [m] that each point (n, 3) [m] is in, shape (n,)."""
+    """The number of the cube of ``edge`` [m] that holds each point (n, 3) [m], shape (n,)."""
     return (np.floor(points / edge).astype(np.int64) + _MIDDLE) @ PLACES
 
 
 def cube_middles(numbers: Any, edge: float) -> Array:
-    """The middles of cubes of an ``edge`` [m] by their numbers (n,), shape (n, 3), [m]."""
+    """The middles of cubes of ``edge`` [m] by their numbers (n,), shape (n, 3), [m]."""
     return np.asarray((numbers[:, None] // PLACES % (2 * _MIDDLE) - _MIDDLE + 0.5) * edge)

@@ -1,4 +1,4 @@
-"""How far the hands of two arms are apart that hold the same thing, whatever their arms do."""
+"""Measure the distance between the grippers of two arms that hold the same object."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from so101_motion.planning.kinematics.model import GRIPPER_LINK, JAW_LINK, Robot
 
 
 class Hand:
-    """The gripper and the jaw of an arm, in the frame of its tool.
+    """The gripper and the jaw of an arm, in its tool frame.
 
     Args:
         model: The arm.
-        q_jaw: Where the jaw stands [rad].
+        q_jaw: Angle of the jaw [rad].
     """
 
     def __init__(self, model: RobotModel, q_jaw: float) -> None:
@@ -26,7 +26,7 @@ class Hand:
         ]
 
     def clearance(self, other: Hand, T_tool_other: SE3) -> float:
-        """The distance to another arm's hand, whose tool is at ``T_tool_other`` [m]."""
+        """The distance to another arm's hand with its tool at ``T_tool_other`` [m]."""
         return min(
             float(
                 coal.distance(

@@ -1,7 +1,7 @@
-"""Prove that an arm that is led keeps apart from another one, or does nothing but part from it.
+"""Prove that an arm that follows a target keeps apart from another arm, or only moves away from it.
 
-The compiled library does it (``native/apart.c``); without it, and while something is passed from
-hand to hand, the same is done here with coal. ``apart.py`` has what holds for every motion.
+The compiled library does it (``native/led_apart.c``); without it, and while an object is passed
+between the arms, the same is done here with coal. The proof for planned motions is in ``apart.py``.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from so101_motion.planning.collision.course import STEP, Course, NearArms
 from so101_motion.planning.native.library import native
 
 PUSHED = 0.7
-"""Arms that are nearer than this share of what they have gained were moved by others; chosen, a
-proof leaves seven eighths of it."""
+"""If arms are nearer than this share of the distance they had kept, something else moved them.
+Chosen: a proof leaves seven eighths of it."""
 
 RANGE = 0.03
-"""From how near on, beyond ``GUARDED``, arms approach each other more slowly [m]; as guard.py's."""
+"""Distance beyond ``GUARDED`` below which arms approach more slowly [m]; as in guard.py."""
 
 GAP = 0.002
-"""What stays free beyond what must when something is approached [m], and what is left, as a share,
-of what a joint may hold. Chosen: the proof, which goes by what must, then has nothing to refuse."""
+"""Gap beyond the margin that stays when a body is approached [m], and the share of its torque limit
+that a joint keeps free. Chosen: the proof, which checks the margin itself, then refuses nothing."""
 
 _BOUND, _ROW, _MOST = 7, 9, 24
-"""Numbers of a bound, of a body that is near, and how many of these are told; as in native.h."""
+"""Numbers of a bound, numbers of a near pair, and most pairs that are listed; as in native.h."""
 
 _PLACES = 64
-"""Courses of so many places need no new memory; chosen, a stop of a second has fewer."""
+"""Courses of up to so many samples need no new memory; chosen: a stop of a second has fewer."""
 
 _SAME = 1e-7
 """Distances that differ by less are equal [m]; coal's rounding."""
@@ -61,7 +61,7 @@ class _Course(ctypes.Structure):
 
 
 class _Asked(ctypes.Structure):
-    """What stands in front in the library's ``Beside``."""
+    """The first fields of the library's ``Beside``."""
 
     _fields_ = [
         ("scene", ctypes.c_void_p * 2),
@@ -80,10 +80,10 @@ class _Asked(ctypes.Structure):
 
 
 class Beside:
-    """What is known of an arm that is led beside another one, from cycle to cycle.
+    """Memory of two arms from cycle to cycle, one of which follows a target.
 
     Attributes:
-        gained: How far they keep apart from now on, having been too near [m]; 0 for nothing.
+        gained: Distance to keep from now on, after the arms were too near [m]; 0 for none.
     """
 
     def __init__(self) -> None:
@@ -92,21 +92,21 @@ class Beside:
         self._asked, self._rows = _Asked(), np.zeros((0, _ROW))
         self._address = ctypes.c_void_p()
         self._courses: tuple[_Course, ...] = ()
-        self._q = tuple[Array, ...]()  # the courses' places, where the library reads them
+        self._q = tuple[Array, ...]()  # the samples of the courses, where the library reads them
 
     @property
     def count(self) -> int:
-        """How many bodies were near each other.
+        """How many pairs of bodies were near each other.
 
-        0 without the library, and while something is passed from hand to hand.
+        0 without the library, and while an object is passed between the arms.
         """
         return 0 if self._of is None else int(self._asked.near)
 
     def near(self, name: str) -> NearArms:
-        """What was near.
+        """The pairs of bodies that were near each other.
 
         Args:
-            name: What messages call the other arm.
+            name: Name of the other arm in messages.
         """
         return NearArms(self._rows[: self.count, :_BOUND], partial(self._words, name))
 
@@ -122,7 +122,7 @@ class Beside:
         T: SE3,
         since: float,
     ) -> tuple[int, Array] | None:
-        """What the library says to ``led_apart``; None if it has nothing to say."""
+        """The library's verdict for ``led_apart``; None if coal has to decide."""
         a, b = first[0], second[0]
         if a.handle is None or b.handle is None or a.passed | b.passed:
             self._of = None
@@ -175,17 +175,17 @@ def led_apart(
     since: float,
     beside: Beside,
 ) -> Meeting | None:
-    """Where an arm that is led would come too near to another, both stopping along their courses.
+    """Where an arm that follows a target would come too near to another, if both stop now.
 
-    Arms that are too near already may part: what they have gained they keep, and those that have
-    less, such as one that braked into that, may do nothing but part.
+    Arms that are too near already may move apart, and then keep the distance they have gained. Arms
+    nearer than that, for example because one braked into it, may only move apart.
 
     Args:
-        first: The led arm's bodies and its course.
+        first: The bodies and the course of the arm that follows a target.
         second: Another's.
-        T_first_second: Where the second's base is in the first's.
-        since: From when on to look [s].
-        beside: Of the same two arms in every cycle; is changed.
+        T_first_second: The second's base in the first's base frame.
+        since: Start of the check [s].
+        beside: Memory of these two arms; is changed.
 
     Returns:
         Where they would meet; None if nowhere.
@@ -221,17 +221,17 @@ def only_part(
     since: float,
     room: float,
 ) -> bool:
-    """Whether no two bodies come nearer than they are, or nearer than ``room`` [m].
+    """Whether no two bodies come nearer than they are now, or stay beyond ``room`` [m].
 
-    Looked at by coal every ``STEP`` until both rest, at first twice as often. Never while something
-    is passed from hand to hand.
+    Checked by coal every ``STEP`` until both rest, at first twice as often. False while an object
+    is passed between the arms.
 
     Args:
         first: An arm's bodies and its course.
         second: Another's.
-        T_first_second: Where the second's base is in the first's.
-        since: From when on to look [s].
-        room: What is far enough [m].
+        T_first_second: The second's base in the first's base frame.
+        since: Start of the check [s].
+        room: Distance that is far enough [m].
     """
     if first[0].passed | second[0].passed:
         return False
@@ -244,5 +244,5 @@ def only_part(
 
 
 def close(own: str, name: str, others: str) -> str:
-    """Which bodies of two arms are close to each other, in words."""
+    """Words for two bodies of two arms that are close to each other."""
     return f"the {own} close to {name}'s {others}"

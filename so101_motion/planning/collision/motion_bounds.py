@@ -1,9 +1,9 @@
 """Upper bound on the distance of any moved point from each joint's axis.
 
-From the hand back to the base: what the next joint carries stays in a ball around that joint,
-whatever its angle, and the ball is offset from this joint's axis by the link between. The jaw does
-not move during a motion, so for the hand its angle is known. ``continuous_check.py`` proves motions
-free with these bounds.
+They are computed from the gripper back to the base: the parts that the next joint carries stay in a
+ball around that joint, whatever its angle, and the link between offsets that ball from this joint's
+axis. The jaw does not move during a motion, so its angle is known. ``continuous_check.py`` proves
+motions free with these bounds.
 
 Source: F. Schwarzer, M. Saha, J.-C. Latombe, Adaptive Dynamic Collision Checking for Single and
 Multiple Articulated Robots in Complex Environments, IEEE T-RO 2005.
@@ -28,12 +28,12 @@ class _Extent(NamedTuple):
 
 
 class MotionBounds:
-    """Bounds for one arm with what it holds.
+    """Bounds for one arm with the objects it holds.
 
     Args:
-        offsets: Where each joint of the arm is in the frame of the one before, ``T_before_joint``,
-            and the jaw's in the last.
-        points: For each joint of the arm and for the jaw, points whose hull holds what hangs on
+        offsets: Pose of each joint of the arm in the frame of the one before, ``T_before_joint``,
+            and last that of the jaw.
+        points: For each joint of the arm and for the jaw, points whose hull contains the parts on
             it, in its frame, shape (n, 3), [m].
 
     Attributes:

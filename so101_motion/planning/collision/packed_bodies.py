@@ -1,7 +1,7 @@
-"""Put the bodies of a scene into the form that the compiled library copies them from.
+"""Pack the bodies of a scene into arrays for the compiled library.
 
-Bodies are convex: the points of a hull and a radius by which it is widened. A mesh that stands is
-its triangles, a cloud its cubes; all of them are leaves of one tree (``native/scene.c``).
+Bodies are convex: the points of a hull and a radius by which it is widened. The mesh of an obstacle
+becomes its triangles, a cloud its cubes; all of them are leaves of one tree (``native/scene.c``).
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from so101_motion.planning.collision.bodies import Bodies, Cubes, Hull, Standing
 from so101_motion.planning.collision.scene import FLOOR, LINKS, Box, Capsule, Mesh, Sphere
 
 MOST_POINTS = 512
-"""More of them in one body than the arm will ever have or hold are left to coal."""
+"""With more points in one moving body only coal is used; no arm has or holds as many."""
 
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 
 def packed(model: Any, bodies: Bodies, floor_z: float) -> tuple[list[Any], dict[int, int]]:
-    """The arguments of ``so101_new``, in its order; which pair each number of the library is."""
+    """The arguments of ``so101_new`` in its order, and our pair for each pair of the library."""
     objects = list(bodies.geometry.geometryObjects)
     names = [each.name for each in objects]
     movers = [
@@ -88,7 +88,7 @@ def packed(model: Any, bodies: Bodies, floor_z: float) -> tuple[list[Any], dict[
 
 
 def _offsets(model: Any) -> Array:
-    """Where each joint is in the one before: rotation by rows, then place, shape (6, 12)."""
+    """Pose of each joint in the one before: rotation by rows, then translation, shape (6, 12)."""
     placements = [model.jointPlacements[joint] for joint in range(1, 7)]
     rows = [np.concatenate((np.array(T.rotation).ravel(), T.translation)) for T in placements]
     return np.ascontiguousarray(rows)
@@ -99,7 +99,7 @@ def _starts(points: Sequence[Array]) -> NDArray[np.int32]:
 
 
 def points_of(shape: Any) -> tuple[Array, float] | None:
-    """The points of one of coal's convex shapes and the radius around them; None of others."""
+    """The points of a convex shape of coal's and the radius around them; None for other shapes."""
     radius = float(shape.getSweptSphereRadius())
     if isinstance(shape, coal.Box):
         return 2.0 * _CORNERS * np.array(shape.halfSide), radius
@@ -123,9 +123,9 @@ def _hull(body: Any) -> tuple[Array, float]:
 
 
 def _pieces(standing: Standing, R: Array, p: Array) -> tuple[list[tuple[Array, float]], Array]:
-    """The convex forms of an obstacle, turned as it stands, and their places, shape (n, 3), [m].
+    """The convex pieces of an obstacle, rotated, and their places, shape (n, 3), [m].
 
-    One form stands at all places, or one at each.
+    There is one piece for all places, or one for each.
     """
     if isinstance(standing, Cubes):
         return [(standing.edge * _CORNERS @ R.T, 0.0)], standing.middles @ R.T + p

@@ -1,11 +1,11 @@
 """The scene: obstacles, held objects and the floor, as plain values.
 
-A ``Scene`` is part of a request for a plan. It holds no clever state: it can be compared,
-pickled and written to a file, and ``collision.py`` turns it into what is checked.
-Metres and radians, in the base frame of the arm or, for what the gripper holds, in the tool frame.
+A ``Scene`` is part of a request for a plan. It is a plain value: it can be compared, pickled and
+written to a file; ``bodies.py`` turns it into bodies and pairs to check. Metres and radians, in the
+base frame of the arm or, for held objects, in the tool frame.
 
-Everything in a scene has a name of its own, the links of the arm included, so that a message can
-say what would touch what, and a scene what may.
+Everything in a scene has its own name, the links of the arm included, so that a message can say
+which two bodies would touch, and a scene which two may.
 """
 
 from __future__ import annotations
@@ -26,35 +26,34 @@ FLOOR = "floor"
 """The name of the floor in messages."""
 
 LINKS = tuple(part.replace("_", " ") for part in so101_description.PARTS.values())
-"""What messages call the links of the arm, from the base outwards."""
+"""Names of the links of the arm in messages, from the base outwards."""
 
 HOLDERS = frozenset({"gripper", "jaw"})
-"""The links that hold what is attached, and so may touch it."""
+"""The links that hold attached objects, and so may touch them."""
 
 FLOOR_Z = -0.0024
 """Height of the table in the base frame [m]: the underside of the base plate, from the official
 model's lowest point."""
 
 MARGIN = 0.003
-"""How far bodies must stay apart at every configuration looked at [m]. Chosen: what the printed
-parts, their backlash (about 1 deg) and cables may add near the body, and small enough for tight
-poses."""
+"""Distance that bodies must keep at every checked configuration [m]. Chosen: the error of printed
+parts, backlash (about 1 deg) and cables near the body, and small enough for tight poses."""
 
 LARGEST = 100.0
-"""Largest size and distance of anything [m]; more was meant as millimetres."""
+"""Largest size and distance [m]; a larger number was probably meant as millimetres."""
 
 CUBES = 32_000
 """Most cubes of a point cloud from its origin to any of its points: octrees are 16 levels deep."""
 
 
 class _Form:
-    """What all shapes have in common."""
+    """Base class of shapes; has their fingerprint."""
 
     __slots__ = ("_fingerprint",)
     _fingerprint: bytes
 
     def fingerprint(self) -> bytes:
-        """Bytes that differ for different shapes; computed once, for a large one takes 10 ms."""
+        """Bytes that differ for different shapes; cached, because a large shape takes 10 ms."""
         try:
             return self._fingerprint
         except AttributeError:
@@ -118,8 +117,8 @@ class Capsule(_Form):
 class Mesh(_Form):
     """A surface of triangles; which way they face does not matter.
 
-    What lies inside a closed surface is out of reach of an arm that stands outside, and the other
-    way round. What is held is taken as the convex hull of its mesh.
+    The inside of a closed surface needs no check, because an arm outside cannot get there. A held
+    mesh is replaced by its convex hull.
 
     Attributes:
         vertices: Shape (n, 3), [m].
@@ -152,9 +151,9 @@ class Mesh(_Form):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PointCloud(_Form):
-    """Points that were seen. Space is cut into cubes; those that hold a point are full.
+    """Points that a camera saw; each cube of a grid that holds a point is an obstacle.
 
-    What is held is taken as the convex hull of its cubes.
+    A held cloud is replaced by the convex hull of its cubes.
 
     Attributes:
         points: Shape (n, 3), [m].
@@ -185,10 +184,10 @@ class ShapeFile(_Form):
 
     Attributes:
         kind: ``"ply"``, ``"stl"`` or ``"pcd"``.
-        data: What the file holds, bytes; lengths in it are metres.
-        name: What messages call it.
-        centre: If the middle of a cloud's points is here, shape (3,), [m], they are taken as lying
-            around it; None to take them as they are.
+        data: The bytes of the file; its lengths are metres.
+        name: Its name in messages.
+        centre: If the middle of a cloud's points is here, shape (3,), [m], it is subtracted from
+            them; None to take them as they are.
     """
 
     kind: str
@@ -202,11 +201,11 @@ class Obstacle:
     """Something the arm must not touch, or a zone it must keep out of.
 
     Attributes:
-        name: What messages call it; different for each in a scene.
-        shape: Its form.
-        T_base_obstacle: Where it is.
-        keep_out: Whether it is a zone of air. Nothing is different for planning; messages and
-            pictures tell the two apart.
+        name: Its name in messages; unique in a scene.
+        shape: Its shape.
+        T_base_obstacle: Its pose.
+        keep_out: Whether it is a zone of empty space. Planning treats both alike; messages and
+            pictures tell them apart.
     """
 
     name: str
@@ -221,17 +220,17 @@ class Obstacle:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Attached:
-    """Something the gripper holds, which moves with the tool.
+    """An object that the gripper holds; it moves with the tool.
 
     Attributes:
-        name: What messages call it; different for each in a scene.
-        shape: Its form.
-        T_tool_object: Where it is in the hand.
-        mass: [kg].
-        may_touch: Names of bodies (links by their human names, obstacles, ``"floor"``) it may be
-            in contact with, beside the gripper and the jaw that hold it.
-        passed_to: The name of another arm whose gripper and jaw may touch it as well, for it is
-            passed from hand to hand; empty for none.
+        name: Its name in messages; unique in a scene.
+        shape: Its shape.
+        T_tool_object: Its pose in the tool frame.
+        mass: Its mass [kg].
+        may_touch: Names of bodies (links by their human names, obstacles, ``"floor"``) it may
+            touch, besides the gripper and the jaw that hold it.
+        passed_to: The name of another arm whose gripper and jaw may touch it as well, because it
+            takes the object; empty for none.
     """
 
     name: str
@@ -249,7 +248,7 @@ class Attached:
 
 
 def as_seen_by(name: str, attached: tuple[Attached, ...]) -> tuple[Attached, ...]:
-    """What an arm holds, as the arm of that name sees it: only that arm may touch what it takes."""
+    """The objects an arm holds, with ``passed_to`` only for those passed to the arm ``name``."""
     if all(each.passed_to in ("", name) for each in attached):
         return attached
     return tuple(
@@ -259,14 +258,14 @@ def as_seen_by(name: str, attached: tuple[Attached, ...]) -> tuple[Attached, ...
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StandingArm:
-    """Another SO-101 that stands still, or that sweeps over several configurations.
+    """Another SO-101 as an obstacle, at one or several configurations.
 
     Attributes:
-        name: What messages call it; different for each in a scene.
-        T_base_arm: Where its base is.
+        name: Its name in messages; unique in a scene.
+        T_base_arm: Pose of its base.
         q: Its five joints and its jaw, shape (n, 6), n >= 1, [rad].
-        attached: What it holds; what is passed to anybody is passed to the arm of this scene.
-        room: How far the arm of this scene must stay away from it, beyond the margin [m].
+        attached: The objects it holds; those with a ``passed_to`` are passed to this scene's arm.
+        room: Distance to keep from it beyond the margin [m].
     """
 
     name: str
@@ -281,20 +280,20 @@ class StandingArm:
         object.__setattr__(self, "q", frozen_array(self.q, (-1, 6)))
 
     def called(self, body: str) -> str:
-        """What messages call one of its links, or what it holds."""
+        """The name of one of its links, or of an object it holds, in messages."""
         return f"{self.name}'s {body}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """The surroundings of an arm, and what it holds.
+    """The surroundings of an arm, and the objects it holds.
 
     Attributes:
-        obstacles: What stands around it.
-        arms: Other arms that stand around it.
-        attached: What it holds.
+        obstacles: The obstacles around it.
+        arms: Other arms as obstacles.
+        attached: The objects it holds.
         floor_z: Height of the floor in the base frame [m]; None for no floor.
-        margin: How far everything must stay apart [m].
+        margin: Distance that all bodies must keep [m].
         may_touch: Pairs of names that may be in contact.
         digest: Equal for scenes that are equal, and different for others.
     """
@@ -343,7 +342,7 @@ class Scene:
         return hash(self.digest)
 
     def called(self, name: str) -> str:
-        """What a sentence calls the thing of that name, such as ``"the wrist"``."""
+        """The name of a body as part of a sentence, such as ``"the wrist"``."""
         if name == FLOOR or name in LINKS:
             return f"the {name}"
         if any(name.startswith(each.called("")) for each in self.arms):
@@ -352,7 +351,7 @@ class Scene:
         return f"the keep-out zone '{name}'" if zone else f"'{name}'"
 
     def with_obstacles(self, obstacles: Iterable[Obstacle]) -> Scene:
-        """The same with further obstacles."""
+        """A copy with further obstacles."""
         return replace(self, obstacles=(*self.obstacles, *obstacles))
 
 
@@ -418,7 +417,7 @@ def _digest(scene: Scene) -> bytes:
 
 
 def _add(known: Any, *values: object) -> None:
-    """Add values to what is known of a fingerprint."""
+    """Add values to a hash."""
     for value in values:
         if isinstance(value, np.ndarray):
             known.update(repr(value.shape).encode())

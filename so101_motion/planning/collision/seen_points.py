@@ -1,9 +1,9 @@
-"""What a camera saw around the arm: points become cubes, without the arm itself and the floor.
+"""Turn points that a camera saw into cubes, without the arm itself and the floor.
 
-A camera that looks at the arm sees the arm, and a plan that took it for an obstacle would begin in
-contact. So what lies in the hull of a link, or near it, is cut out, with what the hand holds. Near
-means as near as noise, the edge of a cube and the planner's margin need it. Single points in the
-air are noise. The floor is known, so what is hardly higher is not taken for things on it.
+A camera that looks at the arm sees the arm, and a plan with the arm as an obstacle would begin in
+contact. So points inside or near the hull of a link are removed, as are those of held objects. Near
+is as far as noise, the edge of a cube and the planner's margin require. Single points in the air
+are noise. Points hardly above the floor belong to the floor, whose height is known.
 """
 
 from __future__ import annotations
@@ -26,22 +26,23 @@ from so101_motion.planning.collision.shape_files import read_shape
 Mask = NDArray[np.bool_]
 
 EDGE = 0.01
-"""Edge of the cubes [m]. Chosen: what depth cameras know at an arm's length, and quick to check."""
+"""Edge of the cubes [m]. Chosen: the precision of depth cameras at this distance, and quick to
+check."""
 
 THIN = EDGE / 4.0
-"""Edge of the cubes of which only one point each is looked at [m]; chosen, a camera's noise."""
+"""Edge of smaller cubes of which one point each is used [m]; chosen: a camera's noise."""
 
 OWN = EDGE * 3.0**0.5 + MARGIN + 1e-3
 """Points nearer to the arm than this belong to it [m], so that every cube keeps the margin."""
 
 LOW = 0.01
-"""What is no higher above the floor is the floor [m]; chosen, noise of a depth camera."""
+"""Points no higher above the floor belong to it [m]; chosen: noise of a depth camera."""
 
 FEWEST = 3
-"""Fewer points in a cube and the 26 around it are noise; chosen, surfaces show dozens."""
+"""Fewer points in a cube and the 26 around it are noise; chosen: surfaces show dozens."""
 
 REACH = 0.7
-"""How far the arm reaches from its base's origin, rounded up [m]; what it holds comes on top."""
+"""Reach of the arm from its base's origin, rounded up, without held objects [m]."""
 
 
 class _Hull(NamedTuple):
@@ -61,13 +62,13 @@ def seen_cubes(
     held: Iterable[Attached] = (),
     floor_z: float | None = None,
 ) -> Array:
-    """The middles of the cubes of edge ``EDGE`` that hold what was seen, shape (n, 3), [m].
+    """The middles of the cubes of edge ``EDGE`` that hold obstacles, shape (n, 3), [m].
 
     Args:
-        points: What was seen, in the base frame, shape (m, 3), [m].
-        T_base_links: Where the links were, by their URDF names.
-        T_base_tool: Where the tool was.
-        held: What the hand holds.
+        points: The points seen, in the base frame, shape (m, 3), [m].
+        T_base_links: Poses of the links then, by their URDF names.
+        T_base_tool: Pose of the tool then.
+        held: The objects the gripper holds.
         floor_z: Height of the floor in the base frame [m]; None for none.
     """
     carried = _carried(held, T_base_tool)
@@ -91,7 +92,7 @@ def of_the_arm(
     T_base_tool: SE3,
     held: Iterable[Attached] = (),
 ) -> Mask:
-    """Whether each point belongs to the arm or to what it holds, shape (m,).
+    """Whether each point belongs to the arm or to an object it holds, shape (m,).
 
     Arguments and units as for ``seen_cubes``.
     """
@@ -116,13 +117,13 @@ def _is_in(points: Array, T: SE3, hull: _Hull) -> Mask:
 
 
 def _thinned(points: Array) -> Array:
-    """One point of each small cube: cameras see a surface many times over."""
+    """One point of each small cube, because cameras see a surface many times over."""
     _, first = np.unique(cube_numbers(points, THIN), return_index=True)
     return points[first]
 
 
 def _in_company(keys: Any, counts: Any) -> Mask:
-    """Whether each cube and those around it hold points enough, shape (n,); keys in order."""
+    """Whether each cube and those around it hold enough points, shape (n,); ``keys`` sorted."""
     around = np.zeros(len(keys), dtype=np.int64)
     for step in itertools.product((-1, 0, 1), repeat=3):
         wanted = keys + np.array(step) @ PLACES

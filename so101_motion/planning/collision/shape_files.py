@@ -1,10 +1,9 @@
 """Read meshes and point clouds from files (STL, PLY, PCD, XYZ), and simplify meshes.
 
-A file of a million triangles takes a second to read, so whoever takes one from a request looks at
-its head alone (``shape_file``) and hands its bytes on; they are read where they are needed, in the
-process that plans (``read_shape``). The head says how much there is, and too much is refused before
-anything is read. Binary files are read here with numpy; other forms of meshes by trimesh, which
-takes half a second to import.
+A file of a million triangles takes a second to read. So a request handler reads only its head
+(``shape_file``) and passes its bytes on; the planning process reads the rest (``read_shape``). The
+head says how large the content is, and too much is refused before anything is read. Binary files
+are read here with numpy; other mesh files by trimesh, which takes half a second to import.
 """
 
 from __future__ import annotations
@@ -24,23 +23,23 @@ MOST_TRIANGLES = 300_000
 """Most triangles of a mesh. Chosen: the tree over them is made in half a second."""
 
 MOST_POINTS = 1_000_000
-"""Most points of a cloud, or vertices of a mesh; chosen, what a depth camera of 1280x720 sees."""
+"""Most points of a cloud, or vertices of a mesh; chosen: a depth camera of 1280x720."""
 
 LARGEST_FILE = 32 << 20
-"""Largest file that is looked at [byte]: what viam-server carries in one message."""
+"""Largest file that is read [byte]: the largest message of viam-server."""
 
 SAME_POINT = 1e-6
-"""How near a cloud's centre must be to the middle of its points to be that middle [m], and the same
-as a share of the largest coordinate: viam-server computes it from floats of 32 bits."""
+"""Largest distance at which a centre counts as the middle of a cloud's points [m], and the same as
+a share of the largest coordinate: viam-server computes it from floats of 32 bits."""
 
 _HEAD = 65_536
-"""The head of a file ends within so many bytes. Chosen; heads have some hundred."""
+"""Longest head of a file [byte]. Chosen; heads have some hundred."""
 
 
 def shape_file(
     kind: str, data: bytes | memoryview, *, name: str, centre: Array | None = None
 ) -> ShapeFile:
-    """Make a file for the planner, of which only the head has been read; lengths are metres.
+    """Check the head of a mesh or cloud in metres, and wrap its bytes for the planner.
 
     Raises:
         ConfigError: It is too large, or its head cannot be read.
@@ -117,7 +116,7 @@ def welded(vertices: Array, triangles: Any) -> tuple[Array, Any]:
 def coarse(meshes: Sequence[tuple[Array, Any]], grid: float) -> tuple[Array, Any]:
     """Merge meshes into one with few triangles, for a picture.
 
-    All vertices of a grid cell are drawn together into their mean; what collapses is left out.
+    All vertices of a grid cell become one at their mean; triangles that collapse are left out.
 
     Args:
         meshes: Vertices (n, 3), [m], and triangles (m, 3) of each, in one frame.
@@ -174,14 +173,14 @@ def read_cloud(kind: str, data: bytes) -> Array:
 
 
 def holds_faces(data: bytes) -> bool:
-    """Whether a PLY file holds a surface, and not points alone; ``ConfigError`` if it is none."""
+    """Whether a PLY file holds a surface, not only points; ``ConfigError`` if it is no PLY."""
     return _count(_ply_head(data)[0], rb"element face (\d+)") > 0
 
 
 def _refuse_large(kind: str, data: bytes, size: int, most_triangles: int = MOST_TRIANGLES) -> None:
-    """Refuse a file of ``size`` bytes that holds too much.
+    """Refuse a file of ``size`` bytes with too much content.
 
-    ``data`` is all of it or its head; STL text has no head, and only what is there is counted.
+    ``data`` is all of it or its head; STL text has no head, so only the given part is counted.
     """
     what = "point_cloud" if kind == "pcd" else "mesh"
     if size > LARGEST_FILE:
@@ -206,8 +205,8 @@ def _refuse_large(kind: str, data: bytes, size: int, most_triangles: int = MOST_
             raise ConfigError(
                 what,
                 f"{size} bytes",
-                f"has {count:.7g} {unit}, {most} are read; send it simplified or cut to what the"
-                " arm can reach",
+                f"has {count:.7g} {unit}, more than the {most} that are read; simplify it or cut it"
+                " to the part that the arm can reach",
             )
 
 
@@ -233,7 +232,7 @@ def _binary_stl(data: bytes) -> tuple[Array, Any] | None:
 
 
 def _ply_head(data: bytes) -> tuple[bytes, int]:
-    """The head of a PLY file, and where what follows begins."""
+    """The head of a PLY file, and its length with its last line."""
     end = re.search(rb"\nend_header\r?\n", data[:_HEAD])
     if end is None:
         raise ConfigError("mesh", f"{len(data)} bytes", "is not a ply file: its head has no end")
@@ -253,7 +252,7 @@ _PLY_TYPES = {
 
 
 def _binary_ply(data: bytes) -> tuple[Array, Any] | None:
-    """The usual form alone: little-endian, vertices first, then nothing but triangles."""
+    """Read the usual form: little-endian, vertices, then triangles only; None for other forms."""
     head, begin = _ply_head(data)
     lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
     lines = [words for words in lines if words and words[0] not in ("comment", "obj_info")]
@@ -289,7 +288,7 @@ def _any_mesh(kind: str, data: bytes) -> tuple[Array, Any]:
 
 
 def _ply_points(data: bytes) -> Array:
-    """The vertices of a PLY file: the usual forms, in which they come first."""
+    """Read the vertices of a PLY file in which they come first."""
     _refuse_large("ply", data, len(data))
     head, begin = _ply_head(data)
     lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
@@ -315,11 +314,11 @@ def _ply_points(data: bytes) -> Array:
 
 
 def _text_points(data: bytes) -> Array:
-    """Three numbers a line, and what follows them; lines of words and comments are left out."""
+    """Read the first three numbers of each line; lines of words and comments are left out."""
     rows = [line.replace(b",", b" ").split()[:3] for line in data.splitlines()]
     rows = [row for row in rows if len(row) == 3 and _LETTER.match(row[0]) is None]
     if len(rows) > MOST_POINTS:
-        reason = f"has {len(rows)} points, {MOST_POINTS} are read; thin it out"
+        reason = f"has {len(rows)} points, more than the {MOST_POINTS} that are read; thin it out"
         raise ConfigError("point_cloud", f"{len(data)} bytes", reason)
     try:
         return np.array(rows, dtype=np.float64).reshape(-1, 3)
@@ -348,7 +347,7 @@ _WIDEST = 1_024
 
 
 def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], str, int]:
-    """The fields of the head, how the points are written, and where they begin."""
+    """The fields of the head, the format of the points, and the offset of the first."""
     found = re.search(rb"(?:^|\n)DATA ([^\r\n]*)\r?\n", data[:_HEAD])
     if found is None:
         raise ValueError("its head has no DATA")

@@ -1,6 +1,6 @@
 """Check configurations and lines of several arms: each in its scene, and against the others.
 
-A configuration is the joints of all arms in a row, shape (5 k,), [rad].
+A configuration is the joints of all arms in one vector, shape (5 k,), [rad].
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class TeamArm(NamedTuple):
 
     Attributes:
         collision: Its scene, without the other arms.
-        q_jaw: Where its jaw stays [rad].
-        bodies: What is held against the other arms.
-        T_cell_base: Where its base stands.
+        q_jaw: Angle of its jaw [rad].
+        bodies: Its bodies for the check against the other arms.
+        T_cell_base: Pose of its base in the cell.
     """
 
     collision: CollisionModel
@@ -44,8 +44,8 @@ class TeamCheck:
 
     Args:
         arms: The arms, in the order of their joints.
-        spacing: Travel between the configurations at which an arm is held against its scene [m].
-        room: How far arms stay apart [m].
+        spacing: Largest travel between samples of an arm in its scene [m].
+        room: Distance that arms keep [m].
     """
 
     def __init__(self, arms: Sequence[TeamArm], *, spacing: float, room: float) -> None:
@@ -59,7 +59,7 @@ class TeamCheck:
         ]
 
     def compiled(self) -> BatchTeamCheck | None:
-        """The same for the library's search; None where it is not to be had."""
+        """This check for the library's search; None without the library or with too many arms."""
         checks = [each for each in self._checks if isinstance(each, BatchSampledCheck)]
         if len(checks) < len(self._arms) or len(checks) > MOST_ARMS:
             return None
@@ -87,7 +87,7 @@ class TeamCheck:
         return next((int(i) for i in alone if self._are_apart(configurations[i : i + 1])), None)
 
     def is_clear(self, q_from: Array, q_to: Array) -> bool:
-        """Whether nothing is seen on a line, and the arms are proven to stay apart."""
+        """Whether no sample of a line touches, and the arms are proven to stay apart."""
         lines = zip(self._checks, q_from.reshape(-1, 5), q_to.reshape(-1, 5), strict=True)
         if not all(check.is_clear(a, b) for check, a, b in lines):
             return False

@@ -1,12 +1,13 @@
-"""Keep an arm that is led clear of itself and its surroundings, one short path at a time.
+"""Keep an arm that follows a target clear of itself and its surroundings, one short path at a time.
 
-Three questions of a control cycle:
+A control cycle asks three questions:
 
-* ``look``: what is near, and what a joint has left to bear on?
-* ``within_reach``: where is the place nearest to a target that what is near leaves room for? A
-  guess, from distances that are taken as linear in the joint angles: led arms slide along things.
-* ``admits``: is a path clear and bearable? A proof; whatever the guess was, nothing is touched by
-  who takes only steps from which an admitted path leads to rest.
+* ``look``: which bodies are near, and which joints are near their torque limit?
+* ``within_reach``: which configuration nearest to a target is free? An estimate, from distances
+that
+  are linearised in the joint angles: the arm slides along obstacles.
+* ``admits``: is a path free, and can the servos bear it? A proof. An arm that only takes steps from
+  which an admitted path leads to rest never touches anything, however wrong the estimate was.
 
 Belongs to one thread, like the ``CollisionModel``.
 """
@@ -28,52 +29,52 @@ from so101_motion.planning.differential.nearest_within import BoundedStep
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 RANGE = 0.05
-"""From how near on, beyond the margin, bodies are approached more slowly [m]. Chosen: a tool that
-moves at 0.25 m/s brakes within that at 0.6 m/s^2; what comes faster ``admits`` stops."""
+"""Distance beyond the margin below which bodies are approached more slowly [m]. Chosen: a tool at
+0.25 m/s brakes within it at 0.6 m/s^2; faster approaches are stopped by ``admits``."""
 
 BENT = 0.3
-"""Share of the smallest margin by which a path may bend between its places; chosen."""
+"""Share of the smallest margin by which a path may bend between its samples; chosen."""
 
 FAST = 0.01
-"""From how long a path to rest on servos are taken to be inexact [m] of travel; chosen."""
+"""Travel of a path to rest above which servos are inexact [m]; chosen."""
 
 INEXACT = 0.015
-"""By how much more than its margin such a path keeps clear [m]. Servos that are stopped from speed
-swing past the end of the ramp: led to and fro at 180 deg/s, a fitted emulated arm came 13 mm
-nearer to a table than its command, and once farther."""
+"""Extra margin of such a path [m]. Servos that are stopped from speed swing past the end of the
+ramp: following a target to and fro at 180 deg/s, a fitted emulated arm came 13 mm nearer to a table
+than its command, and once farther."""
 
 AHEAD, AHEAD_SHARE = 0.02, 0.2
-"""How much more that is for servos that are driven ahead of the command, to make up for what they
-lag behind: at most so much [m], and that share of the travel. Emulated, among hostile targets at
-150 deg/s, a joint came 21 mm nearer to the table than its command."""
+"""Further extra margin for servos that are driven ahead of the command to compensate their lag: at
+most the first [m], as a share of the travel the second. Emulated, among hostile targets at 150
+deg/s, a joint came 21 mm nearer to the table than its command."""
 
 AHEAD_STEP = 0.002
-"""That is rounded up to whole multiples of this [m]; chosen, small beside ``INEXACT``."""
+"""That margin is rounded up to multiples of this [m]; chosen, small beside ``INEXACT``."""
 
 PLACES = 4
-"""At about how many places of a path it is seen whether bodies part; chosen, for they are short."""
+"""Approximate number of samples of a path at which it is checked whether bodies part; chosen."""
 
 _CLOSER = 1e-6
-"""What pairs that are too close already may come closer by in one path [m]: rounding."""
+"""How much closer pairs that are too close already may come in one path [m]: rounding."""
 
 
 class Guard:
-    """Says what an arm that is led has room for.
+    """Checks the next steps of an arm that follows a target.
 
-    Bodies that are too close already may only part: no pair that is within its margin may come
-    closer. What is too heavy already may only get lighter.
+    Pairs of bodies within their margin may only move apart, and overloaded joints may only get less
+    load.
 
     Args:
-        collision: What is in the way; from now on the guard's own.
-        q_jaw: Where the jaw is wanted now [rad].
-        load: What the servos have to bear; None not to look at it. From now on the guard's own.
-        acceleration: What the joints do at most on paths that are shown to ``admits``, shape (5,),
-            [rad/s^2]; None for paths of straight lines.
+        collision: Checks for contact; used by the guard alone from now on.
+        q_jaw: Returns the wanted jaw angle [rad].
+        load: Load of the servos; None not to check it. Used by the guard alone from now on.
+        acceleration: Largest acceleration on paths for ``admits``, shape (5,), [rad/s^2]; None for
+            paths of straight lines.
 
     Attributes:
-        look_every: How far apart the places of a path that is shown may be [s]: between them it
-            bends by no more than ``admits`` allows for.
-        against: What the last ``within_reach`` found to stand against its target.
+        look_every: Largest time between samples of a path for ``admits`` [s]: between them it bends
+            no more than ``admits`` allows for.
+        against: The obstacles and loads that kept the last ``within_reach`` from its target.
     """
 
     def __init__(
@@ -104,27 +105,27 @@ class Guard:
         return float(self._collision.margins.min(initial=self._collision.margin))
 
     def look(self, q: Array) -> list[ClosePair | TorqueReserve]:
-        """What has little left at ``q``, shape (5,), [rad]: joints, then bodies, nearest first."""
+        """Joints near their torque limit at ``q``, shape (5,), [rad], then near bodies by room."""
         heavy = self._see(q)
         order = np.lexsort((self._rows[:, 1], self._bounds[:, -1]))
         return [*heavy, *map(self._collision.described, self._rows[order])]
 
     def _see(self, q: Array) -> list[TorqueReserve]:
-        """Look around at ``q``; what is heavy there."""
+        """Find near bodies at ``q``; return the joints near their torque limit."""
         near = self._collision.near_bounds(q, self._q_jaw(), within=self._range, gap=GAP)
         self._looked, (self._rows, self._bounds) = q, near
         self._free = min([self._range - self._widest, *self._bounds[:, -1].tolist()])
         return [] if self._load is None else self._load.heavy(q)
 
     def within_reach(self, q: Array, q_target: Array, others: Sequence[NearArms] = ()) -> Array:
-        """The place nearest to a target that there seems to be room for, shape (5,), [rad].
+        """The configuration nearest to a target that is probably free, shape (5,), [rad].
 
-        ``q_target`` itself if nothing stands against it; ``q`` if no place is found.
+        ``q_target`` itself if nothing is in its way; ``q`` if none is found.
 
         Args:
-            q: Where the arm is, shape (5,), [rad].
-            q_target: Where it shall be, shape (5,), [rad].
-            others: What is near of other arms.
+            q: Present configuration, shape (5,), [rad].
+            q_target: Target configuration, shape (5,), [rad].
+            others: Near bodies of other arms.
         """
         heavy = self._see(q)
         bounds = [self._bounds, *(each.bounds for each in others)]
@@ -140,7 +141,7 @@ class Guard:
     def _named(
         self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]
     ) -> ClosePair | TorqueReserve | str:
-        """What the bound ``k`` stands for, counted as in ``within_reach``."""
+        """The obstacle or load of bound ``k``, counted as in ``within_reach``."""
         if k < len(self._rows):
             return self._collision.described(self._rows[k])
         k -= len(self._rows)
@@ -151,10 +152,10 @@ class Guard:
         return heavy[k]
 
     def admits(self, path: Array, *, ahead: bool = False) -> bool:
-        """Whether the straight lines through a path may be gone.
+        """Whether a path is proven free and bearable.
 
         Args:
-            path: Its places, shape (m, 5), m >= 2, [rad].
+            path: Its samples, with straight lines between, shape (m, 5), m >= 2, [rad].
             ahead: Whether the servos are driven ahead of the command.
         """
         low, high = path.min(axis=0).tolist(), path.max(axis=0).tolist()
@@ -167,7 +168,7 @@ class Guard:
             travel = sum([max(most - at, at - least) * reach for least, most, at, reach in spans])
             if travel > FAST and self._bend:
                 extra = INEXACT
-                if ahead:  # in steps, for each value is a check of its own to be made and kept
+                if ahead:  # in steps, because a check is built and kept for each value
                     extra += min(AHEAD_STEP * math.ceil(AHEAD_SHARE * travel / AHEAD_STEP), AHEAD)
             if travel <= self._free - extra:
                 return True
@@ -182,7 +183,7 @@ class Guard:
         return not self._collision.lacks_more(places, q_jaw, margins, lack + _CLOSER)
 
     def _lacking(self, q: Array, q_jaw: float, margins: Array) -> Array:
-        """As ``CollisionModel.lacking``; where it was looked already, that is known."""
+        """Like ``CollisionModel.lacking``, but uses the result of ``look`` at the same ``q``."""
         seen = self._widest + INEXACT + AHEAD + self._bend <= self._range
         if self._looked is None or not seen or not np.array_equal(q, self._looked):
             return self._collision.lacking(q, q_jaw, margins)
@@ -191,7 +192,7 @@ class Guard:
         return lack
 
     def words(self, each: ClosePair | TorqueReserve | str) -> str:
-        """What has little left, such as ``"the jaw close to the floor"``."""
+        """Words for an obstacle or load, such as ``"the jaw close to the floor"``."""
         if isinstance(each, str):
             return each
         if isinstance(each, TorqueReserve):
@@ -201,5 +202,5 @@ class Guard:
 
 
 def room_of(each: ClosePair | TorqueReserve) -> float:
-    """How much nearer two bodies may come [m], or what a joint has left as a share."""
+    """How much nearer two bodies may come [m], or a joint's torque reserve as a share."""
     return each.distance - each.margin if isinstance(each, ClosePair) else each.left

@@ -1,13 +1,13 @@
 """Bound the jerk of a motion that arrives step by step, by a moving average (an FIR filter).
 
-The follower is where the leader was on average lately. Averages keep whatever bound the leader
-keeps: positions between limits, velocities, accelerations. Over ``n`` steps of ``dt`` acceleration
-changes by what comes in at one end of the window less what leaves at the other, so by no more than
-``2 a / n`` in a step for a leader that keeps ``a``; a window of ``2 a / j`` bounds jerk by ``j``.
-One window for all joints: they are late by the same time, half of it, and what was a straight line
-of the leader's stays one.
+The output is the average of the latest inputs. It keeps every bound that the input keeps: position
+limits, velocities, accelerations. In each step its acceleration changes by the acceleration that
+enters the window of ``n`` steps less the one that leaves it, over ``n``: by at most ``2 a / n`` for
+an input bounded by ``a``. So a window of ``2 a / j`` seconds bounds the jerk by ``j``. All joints
+have the same window: they are late by the same time, half of it, and a straight line stays
+straight.
 
-A leader that stands is caught up with exactly, a window later.
+When the input stands still, the output reaches it exactly, one window later.
 
 Source: L. Biagiotti, C. Melchiorri, FIR filters for online trajectory planning with time- and
 frequency-domain specifications, 2012.
@@ -24,12 +24,12 @@ from so101_motion.planning.timing.limits import MotionLimits
 
 
 class MovingAverage:
-    """Follows one leader from where it is at rest.
+    """Filters the positions of a leader that starts at rest.
 
     Args:
-        q: Where that is, shape (n,), [rad].
-        limits: What accelerations the leader keeps, and what jerk the follower shall keep.
-        dt: How long a step takes [s].
+        q: Start position, shape (n,), [rad].
+        limits: The leader's accelerations, and the jerk that the output shall keep.
+        dt: Time step [s].
 
     Attributes:
         steps: How many steps are averaged.
@@ -41,14 +41,14 @@ class MovingAverage:
         self._trail = np.tile(q, (self.steps, 1))  # the oldest first
 
     def follow(self, lead: Array) -> Array:
-        """Where it is when the leader has stepped to ``lead``, shape (n,), [rad]."""
+        """The output after the leader has stepped to ``lead``, shape (n,), [rad]."""
         self._trail[:-1] = self._trail[1:]
         self._trail[-1] = lead
-        # Seen from the leader: that is exact when all are the same.
+        # Relative to the leader, so that it is exact when all are the same.
         return np.asarray(lead + (self._trail - lead).sum(axis=0) / self.steps)
 
     def ahead(self, lead: Array) -> Array:
-        """Where it will be, step by step, until it stands where ``lead`` (m, n) ends."""
+        """The coming outputs, step by step, until they rest at the end of ``lead`` (m, n)."""
         end, steps = lead[-1], self.steps
         waiting = np.broadcast_to(end, (steps - 1, len(end)))
         sums = np.cumsum(np.concatenate((self._trail, lead, waiting)) - end, axis=0)

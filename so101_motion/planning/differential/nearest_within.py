@@ -1,9 +1,9 @@
-"""The step nearest to a wanted one that keeps some linear bounds: ``x`` with ``G x >= least``.
+"""Find the step nearest to a wanted one that keeps linear bounds: ``x`` with ``G x >= least``.
 
-The bound that is broken most becomes active, and those that would pull leave again (an active set
-method in the dual, as Goldfarb and Idnani's, without its updates: there are few rows, and one or
-two rounds mostly end it). The compiled library does it (``native/within.c``); without it, it is
-done here in plain numbers, with the same result.
+The most violated bound becomes active, and active bounds with negative multipliers leave again (a
+dual active set method, as that of D. Goldfarb and A. Idnani, 1983, without its factor updates:
+there are few rows, and one or two rounds are mostly enough). The compiled library does it
+(``native/within.c``); without it, it is done here in plain numbers, with the same result.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.native.library import native
 
 MOST = 8
-"""So many bounds at most count, those with the least room; chosen, and the same in C."""
+"""At most so many bounds are used, those with the least room; chosen, and the same in C."""
 
 _ROOM = 64
-"""So many bounds need no new memory; chosen."""
+"""Up to so many bounds need no new memory; chosen."""
 
 _ROUNDS = 12  # as in C
 _ROUNDING = 1e-9
-_SINGULAR = 1e-15  # what is left of a row that others make up [m^2]
+_SINGULAR = 1e-15  # a pivot this small means that the rows are dependent [m^2]
 
 
 class BoundedStep:
@@ -34,17 +34,16 @@ class BoundedStep:
         self._make_room(_ROOM)
 
     def nearest(self, step: Array, bounds: Sequence[Array]) -> tuple[Array | None, Sequence[int]]:
-        """The step nearest to ``step``, shape (5,), and the bounds that hold it.
+        """Find the step nearest to ``step`` that keeps the bounds, and which bounds are active.
 
         Args:
-            step: What is wanted, shape (5,).
-            bounds: What it has to keep, shapes (k, 7): the row, what that times the step must be at
-                least, and how little room the bound leaves. Those with the least room count. They
-                are counted through.
+            step: The wanted step, shape (5,).
+            bounds: Arrays of shape (k, 7). Each bound has five factors of the step, the smallest
+                value of their product, and the room it leaves; those with the least room are used.
 
         Returns:
-            ``step`` itself if nothing stands against it. None if there is no such step, or none is
-            found in some rounds.
+            The step and the numbers of the active bounds, counted through all arrays. ``step``
+            itself if no bound is active; None if no step is found.
         """
         library = native().library
         if library is None:
@@ -99,7 +98,7 @@ def _nearest_within(step: Array, G: Array, least: Array) -> tuple[Array | None, 
 
 
 def _solved(rows: list[list[float]]) -> list[float] | None:
-    """The solution of a symmetric system, whose right side is the last column; None without one."""
+    """Solve a symmetric system, whose right side is the last column; None if it is singular."""
     n = len(rows)
     for i, row in enumerate(rows):
         if not row[i] > _SINGULAR:

@@ -1,30 +1,29 @@
 """Compute one step of a jog: joint velocities that keep limits and clearance, and can always stop.
 
-Each step answers: given where the tool shall go, what velocity may the joints have next? How it
-works:
+Given a target of the tool, each step computes the next joint velocities. How it works:
 
 *The task velocity* (:mod:`task_velocity`). A twist, a pose or a point becomes joint velocities.
 
-*The room.* A task velocity that keeps all limits is granted as it is. Otherwise a quadratic program
-(:mod:`servo_qp`) finds what comes nearest: bounds of velocity and acceleration; and for each joint
-limit, each pair of bodies near each other and each joint that bears nearly all it may, what is left
-must suffice to brake on, so they are approached more and more slowly.
+*The bounds.* A task velocity that keeps all bounds is taken as it is. Otherwise a quadratic program
+(:mod:`servo_qp`) finds the nearest one. The bounds are those of velocity and acceleration; and for
+each joint limit, each near pair of bodies and each joint near its torque limit, the room that is
+left must suffice to brake, so these are approached more and more slowly.
 
-*The lead.* What moves like that has no bound of jerk. It is a leader, and the arm follows it
-(:mod:`moving_average`): late by half the time that acceleration needs to change from one extreme to
-the other, a tenth of a second as the arm is set, and as smoothly as in any other motion.
+*The leader.* Such a motion has no bound of jerk. It is only a leader, and the arm follows it
+through a filter (:mod:`moving_average`): late by half the time that acceleration needs to change
+from one extreme to the other, a tenth of a second with the default limits, and as smoothly as in
+any motion.
 
-*The certificate.* Whatever the leader does, it can brake, all joints in proportion to their speed,
-and the path on which the arm then follows it to rest is known. The last step left such a path that
-is free, to its end inside the limits, and bearable. A new velocity is taken only if it leaves one
-too, which the distances at hand show or a ``Guard`` proves; otherwise the leader brakes. So
-whatever is asked for, and however wrong a linearised distance may be, the arm can always stop and
-never touches anything.
+*The proof.* The leader can always brake, all joints in proportion to their speed, and the path on
+which the arm then follows it to rest is known. The last step left such a path that is free, inside
+the limits and bearable. A new velocity is taken only if it leaves one too, which the known
+distances show or a ``Guard`` proves; otherwise the leader brakes. So whatever the target, and
+however wrong a linearised distance, the arm can always stop and never touches anything.
 
 Velocities and accelerations are the first and second differences of the positions, exactly.
 
-``Step.share`` says how much of it was granted, and :meth:`Servo.held_by` in words what stands
-against the rest.
+``Step.share`` says how much of the task velocity was granted, and :meth:`Servo.held_by` says in
+words what limits it.
 
 Source: B. Faverjon, P. Tournassoud, A local based approach for path planning of manipulators with a
 high number of degrees of freedom, ICRA 1987, for bounding the approach speed by the distance.
@@ -56,28 +55,27 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 STRAIGHT = 0.05
-"""How far from straight the elbow stays, on the side where it was at the start [rad]. On the other
-side the same motion leads back again, and joints that cannot turn round at once would swing to and
-fro between the two. Chosen: it costs 0.1 mm of reach."""
+"""Smallest bend of the elbow, on the side where it was at the start [rad]. Beyond straight the same
+motion leads back again, and joints that cannot turn round at once would swing to and fro. Chosen:
+it costs 0.1 mm of reach."""
 
 BENT = 0.5
-"""Share of the smallest margin by which a path to rest may bend between the configurations of it
-that are looked at. Chosen: what is proven free of the straight lines between them then holds for
-the path."""
+"""Share of the smallest margin by which a path to rest may bend between its checked configurations.
+Chosen: the proof for the straight lines between them then holds for the path."""
 
 CLOSE = 0.02
-"""A joint is said to be at its limit when it would come to rest so near it [rad]. Chosen."""
+"""A joint is reported at its limit when it would come to rest so near it [rad]. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Step:
-    """What the joints do next.
+    """The next setpoint of the joints.
 
     Attributes:
         q: Positions, shape (5,), [rad].
         qd: Velocities, shape (5,), [rad/s].
         qdd: Accelerations, shape (5,), [rad/s^2].
-        share: How much of what was wanted is granted, 0 to 1.
+        share: Share of the task velocity that is granted, 0 to 1.
     """
 
     q: Array
@@ -87,12 +85,12 @@ class Step:
 
 
 class _Approached(NamedTuple):
-    """Something that may come nearer, or get heavier.
+    """A pair of bodies or a torque limit that the arm may approach.
 
     Attributes:
-        left: How much nearer it may come [m], or how much heavier get, as a share.
-        gradient: What each joint adds to that, shape (5,).
-        what: What it is.
+        left: Distance that is left [m], or share of the torque limit.
+        gradient: Derivative of ``left`` by each joint, shape (5,).
+        what: The pair or joint, or a description of it.
     """
 
     left: float
@@ -101,15 +99,15 @@ class _Approached(NamedTuple):
 
 
 class _Room(NamedTuple):
-    """How the joints may move in a step.
+    """Bounds of the joint velocities in a step.
 
     Attributes:
         lower: Smallest velocities, shape (5,), [rad/s].
         upper: Largest velocities, shape (5,), [rad/s].
-        G: How velocities change what is left of each thing that is approached, shape (k, 5):
-            of a distance [m/rad], of what a joint may hold [1/rad].
-        b: How fast each must change at least, shape (k,), [m/s], [1/s].
-        against: Those things.
+        G: Gradients of the room of each near pair [m/rad] and each loaded joint [1/rad], shape
+            (k, 5).
+        b: Smallest rate of change of each, shape (k,), [m/s], [1/s].
+        against: These pairs and joints.
     """
 
     lower: Array
@@ -119,32 +117,32 @@ class _Room(NamedTuple):
     against: Sequence[_Approached]
 
     def has(self, qd: Array) -> bool:
-        """Whether velocities keep all of it."""
+        """Whether velocities keep all bounds."""
         if (qd < self.lower).any() or (qd > self.upper).any():
             return False
         return not (self.G @ qd < self.b).any()
 
 
 class Servo:
-    """Follows targets from a configuration on. Belongs to one thread.
+    """Moves the arm towards targets, step by step. Belongs to one thread.
 
-    A start outside the limits may be returned to, bodies that are too close at the start may only
-    part, and what is too heavy there may only get lighter.
+    A joint that starts outside its limits may stay there; bodies that are too close at the start
+    may only move apart, and joints that are overloaded there may only get less load.
 
     Args:
         model: The arm.
-        collision: What is in the way; for this servo alone.
+        collision: Checks for contact; used by this servo alone.
         limits: Velocity, acceleration and jerk caps.
-        dt: How long a step takes [s].
-        q_start: Where the arm is at rest, shape (5,), [rad].
-        frame: Which frame of the gripper is led.
-        load: What the servos have to bear; None not to look at it. For this servo alone.
+        dt: Time step [s].
+        q_start: Joint angles at the start, at rest, shape (5,), [rad].
+        frame: The frame of the gripper that moves to the target.
+        load: Load of the servos; None not to check it. Used by this servo alone.
         neighbours: Other arms to keep off; None if there are none.
 
     Attributes:
         neighbours: The same.
-        q: Where the joints are wanted now, shape (5,), [rad].
-        qd: Their velocities, shape (5,), [rad/s].
+        q: Present setpoint of the joints, shape (5,), [rad].
+        qd: Its velocities, shape (5,), [rad/s].
     """
 
     def __init__(
@@ -175,9 +173,9 @@ class Servo:
         self._last: tuple[TaskVelocity, _Room] | None = None
 
     def path_to_rest(self) -> Array:
-        """Where the joints go if nothing more is wanted, step by step, shape (m, 5), [rad].
+        """Setpoints if the arm stops now, step by step, shape (m, 5), [rad].
 
-        The first is where they were a step before, the second where they are now.
+        The first is that of the last step, the second the present one.
         """
         lead = self._braking(self._lead, self._lead_qd, self._braking_time)
         ahead = self._follower.ahead(lead[1:] if len(lead) > 1 else lead)
@@ -210,10 +208,10 @@ class Servo:
         return self._taken(qd, share)
 
     def held_by(self) -> tuple[str, ...]:
-        """In words, what stood against the task velocity of the last step.
+        """What limited the task velocity of the last step, in words.
 
-        Such as ``"elbow_flex at its upper limit"`` or ``"the jaw close to the floor"``; that the
-        joints were still gaining speed is not said.
+        Such as ``"elbow_flex at its upper limit"`` or ``"the jaw close to the floor"``; joints that
+        only gain speed are not mentioned.
         """
         if self._last is None:
             return ()
@@ -229,10 +227,10 @@ class Servo:
         return tuple(dict.fromkeys(reasons))
 
     def _approached(self, q: Array) -> Sequence[_Approached]:
-        """What has the least left at ``q``, shape (5,), [rad]: joints, then bodies, nearest first.
+        """What the arm is nearest to at ``q``, shape (5,), [rad]: torque limits first, then bodies.
 
-        Of other arms, what was near where the arm itself is, in words now: the next step overwrites
-        it.
+        Bodies of other arms count from where the arm is, and are put into words at once: the next
+        step overwrites them.
         """
         found = [_Approached(room_of(each), each.gradient, each) for each in self._guard.look(q)]
         if self.neighbours is None:
@@ -245,18 +243,18 @@ class Servo:
         return found[:ROWS]
 
     def _room(self, against: Sequence[_Approached], brake: Array) -> _Room:
-        """Velocities that leave way enough to brake, after this step as well."""
+        """Bounds of the velocities that leave enough room to brake, also after this step."""
         # The joints may become a step's worth faster, and would brake as much longer.
         time = 1.5 * self._dt + 0.5 * self._braking_time
         below, above = (self._lower - self._lead) / time, (self._upper - self._lead) / time
         G = np.array([each.gradient for each in against]).reshape(-1, 5)
         b = np.array([GAP - each.left for each in against]) / time
         gain = G @ brake
-        late = b - 0.5 * GAP / time  # what is short by less, the certificate need not mind
+        late = b - 0.5 * GAP / time  # a smaller violation does not endanger the proof
         change, top = self._limits.acceleration * self._dt, self._limits.velocity
         is_late = ((late > gain) & (gain < 0.0)).any()
         if is_late or (below > brake).any() or (above < brake).any():
-            # Something takes full braking now. The others go on if they can be as late as that.
+            # Something needs full braking now. The other joints go on if they can brake in time.
             left = max(0.0, self._braking_time - self._dt)
             top = np.minimum(top, self._limits.acceleration * left)
         lower = np.maximum(np.maximum(self._lead_qd - change, -top), below)
@@ -267,9 +265,9 @@ class Servo:
         )
 
     def _attainable(self, wanted: Array) -> float:
-        """The share of a task velocity that speeds and accelerations allow now, its direction kept.
+        """The share of a task velocity that speed and acceleration limits allow now.
 
-        Of a joint that has to turn round it is no more than it can do from rest.
+        Its direction is kept; a joint that has to turn round gets no more than from rest.
         """
         size, limits = np.abs(wanted), self._limits
         change = limits.acceleration * self._dt
@@ -278,7 +276,7 @@ class Servo:
         return min(1.0, float((np.minimum(along, limits.velocity)[moves] / size[moves]).min()))
 
     def _can_stop(self, qd: Array) -> bool:
-        """Whether a step of the leader leaves a path to rest that is free and bearable."""
+        """Whether a step of the leader leaves a free and bearable path to rest."""
         self._arm_near = ""
         lead = self._braking(self._lead + self._dt * qd, qd, self._time_to_brake(qd))
         if (lead[-1] < self._lower - SAME).any() or (lead[-1] > self._upper + SAME).any():
@@ -294,9 +292,9 @@ class Servo:
         return False
 
     def _braking(self, q: Array, qd: Array, time: float) -> Array:
-        """Where a leader is, step by step, that brakes for ``time`` from ``q`` on, which is first.
+        """Positions of a leader that brakes for ``time`` [s] from ``q``, step by step.
 
-        All joints in proportion, along a straight line.
+        All joints brake in proportion, along a straight line; the first position is ``q``.
         """
         k = np.arange(math.floor(time / self._dt) + 1.0)
         lost = 0.5 * self._dt * k * (k + 1.0) / time if time > 0.0 else k
@@ -315,7 +313,7 @@ class Servo:
         return float((np.abs(qd) / self._limits.acceleration).max())
 
     def _limit_of(self, i: int, wanted: float) -> str | None:
-        """What keeps a joint from a velocity."""
+        """The limit that keeps a joint from a velocity, in words; None if none does."""
         up, speed = wanted > 0.0, abs(wanted)
         rest = self._lead[i] + 0.5 * self._braking_time * self._lead_qd[i]
         left = self._upper[i] - rest if up else rest - self._lower[i]
@@ -330,7 +328,7 @@ class Servo:
 
 
 def _range_with(model: RobotModel, q: Array) -> tuple[Array, Array]:
-    """Between which angles the joints may move that start at ``q``, shapes (5,), [rad]."""
+    """Lower and upper bounds for joints that start at ``q``, shapes (5,), [rad]."""
     lower, upper = model.lower.copy(), model.upper.copy()
     structure = measure_structure(model)
     if structure is not None:

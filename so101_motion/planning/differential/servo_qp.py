@@ -1,18 +1,16 @@
 """Solve the quadratic program of a servo step with OSQP, on one workspace that is reused.
 
-Minimise ``(v - s w)^T M (v - s w) + mu (1 - s)^2`` over joint velocities ``v`` and the share ``s``
-of the task velocity ``w`` that is granted, with bounds on both and rows ``g v >= b``. The share is
-what keeps a tool on its line: where one joint can give only half, all give half, unless a detour
-costs less than ``mu`` says the speed is worth. ``M`` counts how the tool deviates, and the joints a
-little.
+Minimise ``(v - s w)^T M (v - s w) + mu (1 - s)^2`` over joint velocities ``v`` and the granted
+share ``s`` of the task velocity ``w``, with bounds on both and rows ``g v >= b``. The share keeps a
+tool on its line: if one joint can only give half, all give half, unless a detour costs less than
+the speed is worth by ``mu``. ``M`` weighs deviations of the tool, and slightly those of the joints.
 
 OSQP through qpsolvers would be set up anew at each call, which takes ten times as long as solving
-(0.5 ms against 0.05 ms measured), so the workspace is OSQP's own: set up once with room for a fixed
+(0.5 ms against 0.05 ms measured). So the workspace is OSQP's own: set up once with room for a fixed
 number of rows, then only numbers change, and each solution starts from the one before. It is used
-through OSQP's own extension module: the class around it spends twice the time of a solution on
-reports that nobody reads. qpsolvers states the same program for the tests, which compare the two.
-OSQP stops near the solution, not at it: bounds are restored by clipping, and whether the result is
-safe is judged elsewhere.
+through OSQP's extension module: the class around it spends twice the time of a solution on unused
+reports. The tests state the same program with qpsolvers and compare the two. OSQP stops near the
+solution: bounds are restored by clipping, and ``servo.py`` proves that the result is safe.
 
 Source: B. Stellato et al., OSQP: an operator splitting solver for quadratic programs, 2020.
 """
@@ -29,17 +27,17 @@ ROWS = 8
 """Most rows ``g v >= b``. Chosen: seldom are more than five pairs of bodies near each other."""
 
 WORTH = 0.02
-"""What granting the task velocity in full is worth, against following it exactly (mu). Chosen:
-one that leads into an obstacle head-on is given up, one that leads along it at a slant slides."""
+"""Weight of granting the full task velocity against following it exactly (mu). Chosen: motion
+straight into an obstacle stops, motion at a slant slides along it."""
 
 _WEIGHTS = np.array([25.0, 25.0, 25.0, 0.05, 0.05, 0.05])
-"""Of deviations of the tool [s^2/m^2], [s^2/rad^2]: about one for a full speed of each."""
+"""Weights of deviations of the tool [s^2/m^2], [s^2/rad^2]: about one for a full speed of each."""
 
 _OWN_WEIGHT = 0.05 * np.eye(5)
-"""Of deviations of the joints [s^2/rad^2]."""
+"""Weights of deviations of the joints [s^2/rad^2]."""
 
 _NO_BOUND = 1e30
-"""What OSQP takes for infinite."""
+"""OSQP's infinity."""
 
 _ACCURACY = 1e-4
 _ITERATIONS = 150
@@ -65,10 +63,10 @@ class ServoQp:
     def solve(
         self, J: Array, w: Array, lower: Array, upper: Array, G: Array, b: Array
     ) -> tuple[Array, float]:
-        """Velocities and the granted share.
+        """Solve for the velocities and the granted share.
 
         Args:
-            J: Jacobian of what is led, shape (6, 5).
+            J: Jacobian of the moved frame, shape (6, 5).
             w: The task velocity, shape (5,), not all zero, in the unit of ``lower``.
             lower: Smallest velocities, shape (5,).
             upper: Largest velocities, shape (5,).
@@ -105,11 +103,10 @@ class ServoQp:
 def as_problem(
     J: Array, w: Array, lower: Array, upper: Array, G: Array, b: Array
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """The same program as qpsolvers takes it: ``P, q, G, h, lb, ub``.
+    """The same program in the form of qpsolvers: ``P, q, G, h, lb, ub``.
 
-    For comparisons: it is the definition of what :class:`ServoQp` solves. Arguments as for
-    :meth:`ServoQp.solve`; the unknowns are the velocities in units of the largest of the task
-    velocity, and the share.
+    The tests compare :class:`ServoQp` with it. Arguments as for :meth:`ServoQp.solve`; the unknowns
+    are the velocities in units of the largest of the task velocity, and the share.
     """
     size = float(np.abs(w).max())
     w = w / size

@@ -31,7 +31,7 @@ class Twist:
             object.__setattr__(self, name, values)
 
     def same_as(self, other: Twist) -> bool:
-        """Whether another one says the same."""
+        """Whether another twist is equal."""
         return (
             self.in_tool == other.in_tool
             and np.array_equal(self.linear, other.linear)
@@ -45,7 +45,7 @@ class Twist:
 
 
 STILL = Twist(linear=np.zeros(3), angular=np.zeros(3))
-"""To come to rest and stay there."""
+"""The twist of a tool at rest."""
 
 Target = Twist | SE3 | Array
-"""A velocity, or a pose of the tool, or a point (3,) [m] for its origin; in the base frame."""
+"""A velocity of the tool, a pose of it, or a point (3,) [m] for its origin, in the base frame."""

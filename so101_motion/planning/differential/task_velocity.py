@@ -1,11 +1,11 @@
 """Convert a twist, a pose or a point to follow into joint velocities.
 
-Position first, orientation as far as five joints can. Near a singular configuration the directions
-that would cost unbounded speeds are damped.
+Position comes first, orientation as far as five joints can. Near a singular configuration,
+directions that would need unbounded speeds are damped.
 
-A twist is integrated into a reference that the frame is led back to, so that a long straight jog
-stays straight; it moves on only by as much of the twist as was granted, and begins anew where
-something turns the frame aside. A pose or a point is approached as fast as the joints can still
+A twist is integrated to a reference pose to which the frame is pulled back, so that a long straight
+jog stays straight. The reference moves on by the granted share of the twist, and starts anew where
+an obstacle turns the frame aside. A pose or a point is approached as fast as the joints can still
 come to rest there.
 
 Source: Y. Nakamura, H. Hanafusa, Inverse Kinematic Solutions With Singularity Robustness for Robot
@@ -25,47 +25,47 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 
 DAMPING = 0.01
-"""A direction in which the frame moves by this much per joint motion [m/rad] is followed at half
-speed, and one of three times that at nine tenths. Chosen: a quarter of all configurations have one
-below 0.035; a tool led through full stretch at 0.05 m/s asks at most 2.5 rad/s of the joints."""
+"""Damping [m/rad]: a direction with this gain of the frame per joint motion is followed at half
+speed, one with three times that at nine tenths. Chosen: a quarter of all configurations have a gain
+below 0.035; a tool that passes full stretch at 0.05 m/s needs at most 2.5 rad/s of the joints."""
 
 CLOSING = 0.1
-"""The same for a pose that is approached, as a share of how far it is: it vanishes on arrival."""
+"""Damping for a pose that is approached, as a share of its distance: it vanishes on arrival."""
 
 EASE = 0.2
-"""The same for turning, by joint motions that leave the position alone [rad/rad]. Chosen."""
+"""Damping of rotation by joint motions that leave the position alone [rad/rad]. Chosen."""
 
 LOST = 0.1
-"""A configuration is said to be in the way when damping takes this share of the speed. Chosen."""
+"""A singular configuration is reported when damping takes this share of the speed. Chosen."""
 
 PULL = 5.0
-"""How fast the frame is led back to its reference [1/s]. Chosen."""
+"""Gain with which the frame is pulled back to its reference [1/s]. Chosen."""
 
 SLACK = (0.005, 0.1)
-"""How far the frame may be from its reference before that gives way [m], [rad]. Chosen."""
+"""Largest distance of the reference from the frame [m], [rad]. Chosen."""
 
 BRAKING = 0.8
-"""Share of the acceleration limits used to come to rest at a pose. Chosen: the rest is for what the
-kinematics bend on the way."""
+"""Share of the acceleration limits used to come to rest at a pose. Chosen: the rest is for the
+curvature of the kinematics."""
 
 FAR = (0.1, 0.5)
-"""What is further off is approached as if it were this far [m], [rad]. Chosen: the kinematics are
-straight enough so far."""
+"""Farther poses are approached as if they were this far [m], [rad]. Chosen: so far the kinematics
+are nearly linear."""
 
 SPARED = 0.15
-"""A joint so near its limit is spared on the way to a pose, the more the nearer [rad]. Chosen."""
+"""Joints nearer than this to their limits move less on the way to a pose [rad]. Chosen."""
 
 SAME = 1e-9
-"""Joint angles so near each other are the same [rad]."""
+"""Joint angles closer than this count as equal [rad]."""
 
 
 class TaskVelocity(NamedTuple):
-    """What a target asks of the joints.
+    """Joint velocities for a target.
 
     Attributes:
         qd: Joint velocities, shape (5,), [rad/s]; zero to come to rest.
-        J: Jacobian of the frame that is led, shape (6, 5).
-        is_damped: Whether much of a direction was given up for a nearly singular configuration.
+        J: Jacobian of the moved frame, shape (6, 5).
+        is_damped: Whether damping near a singular configuration took much of the speed.
     """
 
     qd: Array
@@ -74,13 +74,13 @@ class TaskVelocity(NamedTuple):
 
 
 class TaskControl:
-    """Turns targets into task velocities, step by step; ``grant`` tells it how much was possible.
+    """Turns targets into task velocities, step by step; ``grant`` reports how much was possible.
 
     Args:
         model: The arm.
         limits: Its caps.
-        dt: How long a step takes [s].
-        frame: Which frame of the gripper is led.
+        dt: Time step [s].
+        frame: The frame of the gripper that is moved.
     """
 
     def __init__(self, model: RobotModel, limits: MotionLimits, dt: float, frame: str) -> None:
@@ -102,14 +102,14 @@ class TaskControl:
         off = _cut(target - p, FAR[0])
         damping = CLOSING * _length(off)
         dq, _ = _least_squares(J, off, turn, damping)
-        # What a joint near its limit should do is asked of the others, if they can.
+        # The other joints take over from a joint near its limit, if they can.
         ease = np.clip(np.where(dq > 0.0, above, below) / SPARED, 1e-3, 1.0)
         if (ease < 1.0).any():
             dq = ease * _least_squares(J * ease, off, turn, damping)[0]
         return TaskVelocity(self._approach(dq), J, False)
 
     def grant(self, share: float) -> None:
-        """Take note that this share of the last task velocity is granted for one step."""
+        """Move the reference on by the granted share of the last task velocity."""
         if self._twist is not None:
             rate = self._twist.in_base(self._R) * (share * self._dt)
             self._p = self._p + rate[:3]
@@ -117,7 +117,7 @@ class TaskControl:
                 self._R = rotation_by(rate[3:]) @ self._R
 
     def refuse(self) -> None:
-        """Take note that the frame is led elsewhere; its line begins anew from where it gets."""
+        """Start the reference anew, because the frame goes elsewhere."""
         self._twist = None
 
     def _follow(self, twist: Twist, J: Array, R: Array, p: Array) -> TaskVelocity:
@@ -138,7 +138,7 @@ class TaskControl:
         return TaskVelocity(qd, J, is_damped)
 
     def _approach(self, dq: Array) -> Array:
-        """Joint velocities that lead on along ``dq`` [rad] and come to rest at its end."""
+        """Joint velocities along ``dq`` [rad] that can come to rest at its end."""
         distance, bend = np.abs(dq), self._bend
         if distance.max() < SAME:
             return np.zeros(5)
@@ -152,16 +152,16 @@ class TaskControl:
 def _least_squares(
     J: Array, linear: Array, angular: Array | None, damping: float
 ) -> tuple[Array, bool]:
-    """Joint velocities for a rate of the frame, and whether much of its speed is lost.
+    """Joint velocities for a rate of the frame, and whether damping takes much of its speed.
 
-    The position comes first; what can be turned without moving it serves the orientation.
-    ``damping`` is of directions in which the frame hardly moves [m/rad].
+    The position comes first; the joint motions that leave it alone serve the orientation.
+    ``damping`` acts on directions in which the frame hardly moves [m/rad].
     """
     left, gains, right = np.linalg.svd(J[:3])
     softened = gains + (damping * damping) / (gains + 1e-9)
     along = left.T @ linear
     qd = (along / softened) @ right[:3]
-    # Near no singular configuration, damping takes nothing worth telling.
+    # Far from singular configurations, damping takes nothing worth reporting.
     is_lost = bool(softened[2] * (1.0 - LOST) > gains[2]) and (
         _length(along * (1.0 - gains / softened)) > LOST * _length(linear)
     )
@@ -181,6 +181,6 @@ def _length(vector: Array) -> float:
 
 
 def _cut(vector: Array, longest: float) -> Array:
-    """A vector, shortened to a length if it is longer."""
+    """A vector, shortened to ``longest`` if it is longer."""
     length = _length(vector)
     return vector if length <= longest else vector * (longest / length)

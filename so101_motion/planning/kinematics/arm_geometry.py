@@ -1,15 +1,15 @@
 """The geometry of the arm in closed form: a pan, three parallel joints, and a roll.
 
 The pan axis is vertical and turns a vertical plane; lift, elbow and wrist move within that plane;
-the roll turns the gripper about an axis in it. So a frame of the gripper (the tool, the jaw tip,
-something held) has a *lateral* distance from the plane through the pan axis that depends on the
-roll alone, and so does its place relative to the wrist within the plane. Choose the roll, and
+the roll turns the gripper about an axis in it. So the *lateral* distance of a gripper frame (the
+tool, the jaw tip) from the plane through the pan axis depends on the roll alone, and so does its
+place relative to the wrist within the plane. For a given roll,
 
-- the pan follows from the target's azimuth and the lateral distance: two ways, the arm facing the
-  target (front) or leaning over backwards to it (back);
-- what remains is a problem in the plane, solved in ``planar_3r.py``.
+- the pan follows from the target's azimuth and the lateral distance, with two solutions: the arm
+  faces the target (front), or reaches it over its back (back);
+- the rest is a problem in the plane, solved in ``planar_3r.py``.
 
-The measures are read off the kinematic model in ``geometry_from_model.py``. Plain floats, as in the
+``geometry_from_model.py`` takes the measures from the kinematic model. Plain floats, as in the
 plane.
 """
 
@@ -83,10 +83,10 @@ class RolledFrame(NamedTuple):
 
 
 class FrameOffset(NamedTuple):
-    """Where a frame is from the wrist, pitch zero, as the roll turns: forward, left and up.
+    """Offset of a frame from the wrist at pitch zero, as a function of the roll.
 
-    Each is a constant, a factor of the roll's cosine and a factor of its sine [m]. Left counts
-    from the plane through the pan axis.
+    Forward, left and up are each a constant, a factor of the roll's cosine and a factor of its sine
+    [m]. Left counts from the plane through the pan axis.
     """
 
     forward: tuple[float, float, float]
@@ -104,7 +104,7 @@ class FrameOffset(NamedTuple):
         )
 
     def rolls_with_lateral(self, lateral: float) -> tuple[float, ...]:
-        """The two rolls in -pi to pi [rad] that bring the frame nearest to a lateral distance [m].
+        """The two rolls in -pi to pi [rad] with the lateral distance nearest to the given one [m].
 
         Empty if the roll has no influence on it.
         """
@@ -122,10 +122,10 @@ class Measures:
     """The dimensions of an arm with this structure.
 
     Attributes:
-        pan: Where the pan axis stands, x and y in the base frame [m].
+        pan: The pan axis, x and y in the base frame [m].
         pan_sign: +1 if a positive pan turns left, -1 if it turns right.
         azimuth: Azimuth of the arm's plane when the pan is at zero [rad].
-        shoulder: Where the lift axis is: forward of the pan axis, and up from the base [m].
+        shoulder: The lift axis: forward of the pan axis, and up from the base [m].
         bars: The three parallel joints.
         offsets: The gripper's frames by name.
         approach_elevation: Elevation of the tool's z axis when the pitch is zero [rad].
@@ -174,14 +174,14 @@ class ArmStructure:
         self.rolled = lru_cache(maxsize=256)(self._rolled)
 
     def can_reach(self, p_base: Point, frame: str) -> bool:
-        """Whether the arm is long enough for a point, whatever the joints. Cheap, not exact."""
+        """Quick check whether the arm is long enough for a point; True may be wrong."""
         m = self.measures
         ahead = hypot(p_base[0] - m.pan[0], p_base[1] - m.pan[1]) - abs(m.shoulder[0])
         height = p_base[2] - m.shoulder[1]
         return hypot(max(ahead, 0.0), height) < self._longest[frame]
 
     def longest(self, frame: str) -> float:
-        """How far from the shoulder a frame can be, whatever the joints [m]; not exact."""
+        """Upper bound on the distance of a frame from the shoulder [m]."""
         return self._longest[frame]
 
     def on_axis(self, frame: str) -> bool:
@@ -189,7 +189,7 @@ class ArmStructure:
         return self._on_axis[frame]
 
     def _rolled(self, frame: str, roll: float) -> RolledFrame:
-        """The named frame at a roll angle [rad]; remembered, because seeds repeat."""
+        """The named frame at a roll angle [rad]; cached, because seeds repeat."""
         forward, left, up = self.measures.offsets[frame].at(roll)
         return RolledFrame(roll, left, Hand(hypot(forward, up), atan2(up, forward)))
 
@@ -218,7 +218,7 @@ class ArmStructure:
         """All configurations that put a frame at a point with a given pitch and roll.
 
         Args:
-            p_base: Where the frame's origin shall be [m].
+            p_base: Wanted position of the frame's origin [m].
             pitch: Sum of lift, elbow and wrist [rad]; positive points down. For the SO-101 this
                 is the angle of the approach below the horizontal.
             roll: The roll joint's angle [rad], within its limits.
@@ -262,7 +262,7 @@ class ArmStructure:
         return self.measures.approach_elevation - atan2(axis[2], ahead)
 
     def clip_roll(self, roll: float) -> float:
-        """A roll [rad], turned by whole turns or else pulled into its limits."""
+        """A roll [rad] inside its limits: shifted by whole turns, else clamped."""
         lower, upper = self.measures.lower[4], self.measures.upper[4]
         if lower <= roll <= upper:
             return roll

@@ -1,13 +1,11 @@
 """Solve inverse kinematics in closed form for many poses at once.
 
-The formulas are those of ``arm_geometry.py`` and ``planar_3r.py``, on arrays. A search along a path
-of the tool looks at thousands of configurations, most of which do not exist or break a limit, and
-wants to know of each how far it is from being allowed. So nothing is left out here; every
-configuration comes with its ``excess``.
+The formulas are those of ``arm_geometry.py`` and ``planar_3r.py``, on arrays. A search along a tool
+path tries thousands of configurations, most of which do not exist or break a limit, and needs to
+know how far each is from being allowed. So none is left out here; each has its ``excess``.
 
-Shapes. Configurations are laid out as points (n) times the two sides, front and back (2), times
-whatever the caller varies, pitch mostly (m), times the elbow up or down (2). Roll and pitch
-broadcast to (n, 2, m).
+Shapes. The axes of configurations are: points (n), sides front and back (2), values that the caller
+varies, mostly the pitch (m), and elbow up or down (2). Roll and pitch broadcast to (n, 2, m).
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ from so101_motion.planning.kinematics.arm_geometry import ArmStructure
 from so101_motion.planning.kinematics.planar_3r import TAU
 
 _ROUNDS = 6
-"""Rounds in which pan and roll are made to agree; each gains a digit or two."""
+"""Iterations in which pan and roll are made to agree; each gains a digit or two."""
 
 _ROUNDING = 1e-9
 """How far beyond 1 the cosine of the elbow's bend may be at a pitch that straightens the arm."""
@@ -48,8 +46,7 @@ class Facing(NamedTuple):
         pan: The pan joint's angle, within half a turn of zero [rad].
         x: The point within the plane, forward of the shoulder [m].
         z: The same, up from the shoulder, shape (n, 1, 1), [m].
-        beside: How far the point is closer to the pan axis than the frame passes by it [m]; 0 for
-            nearly all.
+        beside: How much closer the point is to the pan axis than the frame can come [m]; mostly 0.
     """
 
     pan: Array
@@ -63,8 +60,8 @@ class ConfigurationGrid(NamedTuple):
 
     Attributes:
         q: Joint angles, shape (n, 2, m, 2, 5), [rad].
-        excess: How far the joint that is furthest off is beyond its limits, shape (n, 2, m, 2),
-            [rad]; negative inside, infinite where the point is out of reach with that pitch.
+        excess: Largest distance of a joint beyond its limits, shape (n, 2, m, 2), [rad]; negative
+            inside, infinite where the point is out of reach with that pitch.
     """
 
     q: Array
@@ -72,7 +69,7 @@ class ConfigurationGrid(NamedTuple):
 
 
 def wrap(angle: Array) -> Array:
-    """The same angles, any shape, within half a turn of zero [rad]."""
+    """Wrap angles of any shape to within half a turn of zero [rad]."""
     return angle - TAU * np.round(angle / TAU)
 
 
@@ -100,8 +97,8 @@ def facing(structure: ArmStructure, p_base: Array, lateral: Array) -> Facing:
 def straight_pitches(structure: ArmStructure, target: Facing, hand: Hands) -> Array:
     """The two pitches at which upper arm and forearm are in line, shape (n, 2, 2), [rad].
 
-    Where the elbow turns over from up to down; not a number where the arm never gets straight.
-    ``target`` is for one roll, shapes (n, 2, 1).
+    There the elbow changes from up to down; NaN where the arm never gets straight. ``target`` is
+    for one roll, shapes (n, 2, 1).
     """
     measures = structure.bars.bars
     distance = np.hypot(target.x, target.z)
@@ -153,8 +150,8 @@ def pitch_towards(structure: ArmStructure, pan: Array, axis: Array) -> Array:
 def roll_for(structure: ArmStructure, pan: Array, pitch: Array, R_base_tool: Array) -> Array:
     """The roll (n, 2, m) [rad] that turns the tool nearest to rotations (n, 3, 3).
 
-    In axes along the roll axis (x) and the lift axis (y) what is wanted of the roll is a rotation N
-    about x; the nearest has ``tan = (N_zy - N_yz) / (N_yy + N_zz)``.
+    In axes along the roll axis (x) and the lift axis (y) the roll should make a rotation N, but can
+    only turn about x; the nearest angle has ``tan = (N_zy - N_yz) / (N_yy + N_zz)``.
     """
     m = structure.measures
     pan, pitch = np.broadcast_arrays(m.pan_sign * pan, pitch)
@@ -170,9 +167,9 @@ def facing_turned(
 ) -> tuple[Facing, Array]:
     """The arm's plane turned to points (n, 3) [m], with pan, pitch and roll in agreement.
 
-    The roll moves a frame beside the roll axis, that turns the pan, and that asks for another roll.
-    Going round settles quickly, unless a point is as near to the pan axis as the frame to the roll
-    axis; then what comes out is some configuration like any other.
+    The roll moves a frame beside the roll axis, that changes the pan, and that changes the roll.
+    The iteration converges quickly, unless a point is as near to the pan axis as the frame is to
+    the roll axis; then the result is some configuration like any other.
 
     Returns:
         The plane, and the pitches that bring the approach nearest, both (n, 2, 1).

@@ -1,14 +1,14 @@
 """Forward kinematics and Jacobians of a gripper frame for many configurations at once.
 
-How it works. With all joints at zero each joint is an axis through a point, and the frame is
-somewhere. Turning the joints from the hand inwards (roll first, pan last) turns the frame's point
-about five fixed axes, one after the other: the product of exponentials. Whatever is attached to the
-point, its velocity for instance, turns along with it. Each turn is Rodrigues' formula with constant
-matrices, so one pass of five turns serves any number of configurations, and costs about as much as
-ten of them one by one.
+How it works. With all joints at zero each joint is an axis through a point, and the frame has some
+pose. Turning the joints from the gripper inwards (roll first, pan last) turns the frame's point
+about five fixed axes, one after the other: the product of exponentials. Vectors attached to the
+point, such as its velocity, turn with it. Each turn is Rodrigues' formula with constant matrices,
+so one pass of five turns serves any number of configurations, and costs about as much as ten of
+them one by one.
 
-The axes are read off the kinematic model, and nothing is assumed of them: the results are the
-model's own, to rounding, for any arm of five turning joints.
+The axes are taken from the kinematic model without assumptions: the results are the model's own, to
+rounding, for any arm of five turning joints.
 
 Source: R. W. Brockett, Robotic manipulators and the product of exponentials formula, 1984.
 """
@@ -38,7 +38,7 @@ class _Axis(NamedTuple):
     Attributes:
         origin: A point on it, shape (3,), [m].
         cross: For a row vector v, ``v @ cross`` is the axis times v, shape (3, 3).
-        cross_twice: The same twice over.
+        cross_twice: ``cross @ cross``.
     """
 
     origin: Array
@@ -64,7 +64,7 @@ class ArmChain:
             self._axes.append(_Axis(model.frame(zero, link).p, cross, cross @ cross))
 
     def positions(self, q: Array) -> Array:
-        """Where the frame's origin is, shape (n, 3), [m], for joint angles (n, 5) [rad]."""
+        """Positions of the frame's origin, shape (n, 3), [m], for joint angles (n, 5) [rad]."""
         p = np.broadcast_to(self._p, (len(q), 3))
         for axis, sine, versine in self._turns(q):
             p = p - axis.origin
@@ -72,7 +72,7 @@ class ArmChain:
         return p
 
     def rotations(self, q: Array) -> Array:
-        """How the frame is turned, ``R_base_frame``, shape (n, 3, 3), for ``q`` (n, 5) [rad]."""
+        """Rotations of the frame, ``R_base_frame``, shape (n, 3, 3), for ``q`` (n, 5) [rad]."""
         columns = np.broadcast_to(self._R.T, (len(q), 3, 3))  # each column of R as a row
         for axis, sine, versine in self._turns(q):
             s, c = sine[..., None], versine[..., None]
@@ -80,7 +80,7 @@ class ArmChain:
         return columns.transpose(0, 2, 1)
 
     def positions_and_jacobians(self, q: Array) -> tuple[Array, Array]:
-        """Positions (n, 3) [m], and how they move with the joints, shape (n, 3, 5), [m/rad]."""
+        """Positions (n, 3) [m] and their Jacobians, shape (n, 3, 5), [m/rad]."""
         # Six vectors for each configuration: the Jacobian's columns from the pan outwards, and the
         # point.
         rows = np.zeros((len(q), 6, 3))
@@ -95,7 +95,7 @@ class ArmChain:
         return rows[:, 5].copy(), rows[:, :5].transpose(0, 2, 1)
 
     def speeds(self, q: Array, qd: Array) -> Array:
-        """How fast the frame's origin moves, shape (n,), [m/s], for ``q``, ``qd`` (n, 5)."""
+        """Speeds of the frame's origin, shape (n,), [m/s], for ``q`` and ``qd`` (n, 5)."""
         p, v = np.broadcast_to(self._p, (len(q), 3)), np.zeros((len(q), 3))
         for i, (axis, sine, versine) in zip(range(4, -1, -1), self._turns(q), strict=True):
             p = p - axis.origin
@@ -106,6 +106,6 @@ class ArmChain:
         return np.asarray(np.sqrt(np.einsum("ij,ij->i", v, v)))
 
     def _turns(self, q: Array) -> list[tuple[_Axis, Array, Array]]:
-        """The axes from the hand inwards, with sine and 1 - cosine of their angles (n, 1)."""
+        """The axes from the gripper inwards, with sine and 1 - cosine of their angles (n, 1)."""
         sine, versine = np.sin(q), 1.0 - np.cos(q)
         return [(self._axes[i], sine[:, i, None], versine[:, i, None]) for i in range(4, -1, -1)]

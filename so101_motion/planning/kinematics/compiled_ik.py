@@ -1,6 +1,6 @@
-"""The closed forms of inverse kinematics, compiled: ``arm_ik.c`` behind the same method.
+"""Call the compiled closed forms of inverse kinematics in ``arm_ik.c``.
 
-What it answers is what ``ClosedForms.nearest`` answers in Python, in a twentieth of the time.
+They return what ``ClosedForms.nearest`` returns in Python, in a twentieth of the time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from so101_motion.planning.kinematics.arm_geometry import (
 from so101_motion.planning.kinematics.ik_task import Task
 
 _MOST = 32
-"""Configurations for one goal, at the most: ``MOST`` in the C file."""
+"""Most configurations for one goal: ``MOST`` in the C file."""
 
 _METRICS = {
     GoalMetric.POSITION_AND_APPROACH: 1.0,
@@ -53,7 +53,7 @@ class CompiledForms:
         self._at = ctypes.addressof(self._goal), ctypes.addressof(found)
 
     def nearest(self, task: Task, seed: Joints) -> list[Configuration]:
-        """As ``ClosedForms.nearest``."""
+        """Like ``ClosedForms.nearest``."""
         arm = self._addresses.get(task.frame)
         if arm is None:
             packed = self._arms[task.frame] = _packed(self._structure, task.frame)
@@ -70,7 +70,7 @@ class CompiledForms:
 
 
 def _packed(structure: ArmStructure, frame: str) -> Any:
-    """An arm with one frame of its gripper, as ``Arm`` in the C file has it."""
+    """An arm with one frame of its gripper, in the form of ``Arm`` in the C file."""
     m, bars = structure.measures, structure.bars
     offset = m.offsets[frame]
     values = (

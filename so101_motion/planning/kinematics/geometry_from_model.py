@@ -1,8 +1,8 @@
 """Measure the arm's dimensions on the kinematic model; refuse a model of another structure.
 
-The closed forms know no length of their own: axes and origins are read off the model at zero, and
-then formulas and model are compared at random joint angles. Where they differ, the model is not
-the arm the formulas are about (another wrist, a tilted base) and is refused.
+The closed forms contain no lengths: axes and origins are taken from the model at zero, and then
+formulas and model are compared at random joint angles. If they differ, the model has another
+structure than the formulas (another wrist, a tilted base) and is refused.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ def measure_structure(model: RobotModel) -> ArmStructure:
     """Measure the structure of a model's arm.
 
     Raises:
-        ConfigError: The arm is built otherwise.
+        ConfigError: The arm has another structure.
     """
     structure = _structure(model)
     if structure is None or not _fits(structure, model):
         reason = (
-            "describes an arm that is not built as the SO-101: a vertical pan, three parallel"
+            "describes an arm that is not built like the SO-101: a vertical pan, three parallel"
             " joints, and a roll along which the tool points"
         )
         raise ConfigError("urdf", None, reason)
@@ -138,7 +138,7 @@ def _fits(structure: ArmStructure, model: RobotModel) -> bool:
 
 
 def position(structure: ArmStructure, q: Array, frame: str) -> Array:
-    """Where the structure puts a frame, shape (3,), [m]; only to compare it with the model."""
+    """Position of a frame by the structure, shape (3,), [m]; only to compare with the model."""
     m = structure.measures
     _, lateral, hand = structure.rolled(frame, float(q[4]))
     pan, lift, elbow, wrist, _ = q.tolist()
@@ -148,7 +148,7 @@ def position(structure: ArmStructure, q: Array, frame: str) -> Array:
 
 
 def rotation(m: Measures, q: Array) -> Array:
-    """The tool's rotation by the structure, shape (3, 3); only to compare it with the model."""
+    """Rotation of the tool by the structure, shape (3, 3); only to compare with the model."""
     roll_axis, left, _ = m.R_base_axes.T
     return (
         rot_z(m.pan_sign * q[0])

@@ -1,14 +1,14 @@
 """Inverse kinematics: find joint angles for a pose goal.
 
-How it works. Configurations come from closed forms (``ik_closed.py``), built on measures that were
-read off the kinematic model (``geometry_from_model.py``). The model then judges each: it may polish
-away a few micrometres, it says what error is left, and nothing outside the joint limits or the
-goal's tolerances leaves this file as a solution.
+How it works. Configurations come from closed forms (``ik_closed.py``) with measures that were taken
+from the kinematic model (``geometry_from_model.py``). The model then judges each: a few micrometres
+of error are polished away, the rest is reported, and nothing outside the joint limits or the goal's
+tolerances is returned as a solution.
 
-Position comes first. Where a point can be reached but not with the orientation asked for, the
-configuration *at the point* that comes nearest to it is the evidence in the
-:class:`~so101_motion.common.errors.Unreachable`. Where the point itself is out of reach, the
-evidence is the nearest reachable point (``workspace.py``) and what stops the arm there.
+Position comes first. If a point can be reached but not with the wanted orientation, the
+:class:`~so101_motion.common.errors.Unreachable` holds the configuration *at the point* with the
+nearest orientation. If the point itself is out of reach, it holds the nearest reachable point
+(``workspace.py``) and what stops the arm there.
 
 "Near the seed" is the Euclidean distance of joint angles.
 """
@@ -53,11 +53,11 @@ _EXACT = 1e-9
 """Position errors above this are polished [m]. Chosen: far below what anyone can measure."""
 
 _EXACT_ANGLE = 1e-6
-"""A full pose with less than this left over is exact [rad]; the tolerance is for those that five
-joints cannot meet. Chosen."""
+"""A full pose with a smaller error is exact [rad]; the tolerance is for poses that five joints
+cannot reach exactly. Chosen."""
 
 _SAME = 1e-6
-"""Solutions less than this apart are one [rad]. Chosen."""
+"""Solutions closer than this count as one [rad]. Chosen."""
 
 _JUST = 1e-3
 """How far polishing may move a solution and with it the order of candidates [rad]. Chosen."""
@@ -68,11 +68,11 @@ class IkSolver:
 
     Attributes:
         model: The kinematics it solves for.
-        structure: The closed forms themselves, e.g. ``structure.configurations`` for a point, a
-            pitch and a roll.
+        structure: The closed forms, e.g. ``structure.configurations`` for a point, a pitch and a
+            roll.
 
     Raises:
-        ConfigError: The model is not built as the SO-101.
+        ConfigError: The model is not built like the SO-101.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -85,16 +85,16 @@ class IkSolver:
     def solve(self, goal: PoseGoal, q_seed: ArrayLike) -> IkSolution:
         """The solution nearest to the seed.
 
-        What the goal leaves open stays as it is in the seed where possible: the roll first, then
-        the pitch that moves the joints least.
+        If the goal leaves the roll free, it stays that of the seed if possible; if it leaves the
+        pitch free, it is the one that moves the joints least.
 
         Args:
-            goal: Where a frame of the gripper shall be, and how much of that counts.
+            goal: Goal pose of a gripper frame, and how much of it counts.
             q_seed: Joint angles to stay near, shape (5,), [rad]; they may be outside the limits.
 
         Raises:
-            Unreachable: There is none. Says how far off the nearest reachable pose is, where it
-                is, and which limit stops the arm there.
+            Unreachable: There is none. Has the nearest reachable pose, its error, and the limit
+                that stops the arm there.
             ConfigError: Goal or seed hold numbers that are not valid.
         """
         task, seed = check_goal(self.model, goal), check_seed(q_seed)
@@ -115,9 +115,9 @@ class IkSolver:
     def candidates(self, goal: PoseGoal, q_seed: ArrayLike) -> Iterator[IkSolution]:
         """All solutions, the one nearest to the seed first; for a choice by collision.
 
-        Where a goal leaves a continuum open (the pitch, the roll) the solutions are spread over
-        it. The first is that of :meth:`solve`, and raises as that; the others follow by their
-        distance from the seed and are worked out when they are asked for. No two are alike.
+        If a goal leaves pitch or roll free, the solutions are spread over its range. The first is
+        that of :meth:`solve`, with the same errors; the others follow by their distance from the
+        seed and are computed when they are needed. No two are equal.
         """
         if goal.cloud is not None:
             task, seed = check_goal(self.model, goal), check_seed(q_seed)
@@ -140,7 +140,7 @@ class IkSolver:
                 yield solution
 
     def _in_cloud(self, tolerance: PoseCloud, task: Task, seed: Joints) -> Iterator[IkSolution]:
-        """All solutions in a cloud around the task's pose; at least one, or the evidence."""
+        """All solutions in a cloud around the task's pose; raises if there is none."""
         R_base_goal = task.R_base_tool @ self.model.rotation_to_tool(task.frame).T
         cloud = Cloud(tolerance, task.frame, task.p_base, R_base_goal, task.R_base_tool)
         found = False
@@ -166,7 +166,7 @@ class IkSolver:
         return solution
 
     def _next_best(self, task: Task, seed: Joints, best: IkSolution | None) -> IkSolution:
-        """The answer when no configuration has arrived: one found by descent, or the evidence."""
+        """Search numerically when no closed form has arrived; raises if that fails too."""
         if best is None and task.metric is not GoalMetric.POSITION_ONLY:
             at_point = task._replace(metric=GoalMetric.POSITION_ONLY)
             configurations = self._source.nearest(at_point, seed)
@@ -186,7 +186,7 @@ class IkSolver:
         raise _unreachable(self.model, task, best)
 
     def _at_edge(self, task: Task, seed: Joints) -> IkSolution:
-        """What reaches the reachable point nearest to one that is out of reach."""
+        """The configuration at the reachable point nearest to one that is out of reach."""
         at_point = task._replace(metric=GoalMetric.POSITION_ONLY)
         ends = [minimise(self.model, at_point, q) for q in self._source.edge(task, seed)]
         q_best = min(ends, key=lambda q: self._away(task, q))
@@ -215,12 +215,12 @@ def _arrived(task: Task, solution: IkSolution) -> bool:
 
 
 def _miss(task: Task, solution: IkSolution) -> tuple[float, float]:
-    """What is missing, for comparison: position beyond its tolerance first, then the angle."""
+    """Error for comparison: position beyond its tolerance first, then the angle."""
     return max(solution.error_position - task.position_tolerance, 0.0), solution.error_angle
 
 
 def _unreachable(model: RobotModel, task: Task, best: IkSolution) -> Unreachable:
-    """The error with its evidence: how far off, where the nearest pose is, what is in the way."""
+    """The error with the nearest pose, its distance, and the limit in the way."""
     p_base = model.frame(best.q, task.frame).p
     limit = binding_limit(model, task, best.q)
     off, turned = to_mm(best.error_position), to_deg(best.error_angle)
@@ -250,7 +250,7 @@ def _unreachable(model: RobotModel, task: Task, best: IkSolution) -> Unreachable
 
 
 def _outside_cloud(model: RobotModel, task: Task, best: IkSolution) -> Unreachable:
-    """The error for a cloud without any pose that can be reached."""
+    """The error for a cloud without any reachable pose."""
     p_base = model.frame(best.q, task.frame).p
     return Unreachable(
         f"no pose within the tolerances around {_millimetres(task.p_base)} can be reached: the"

@@ -1,9 +1,8 @@
 """Closed-form inverse kinematics for each kind of goal: position, approach, full pose.
 
 All configurations put the goal's frame at its point, as exactly as the arm's structure fits the
-model; whether the orientation is near enough is judged later. What a goal leaves open is chosen
-near the seed: the roll stays as it is whenever that is possible, the pitch is the one whose
-configuration is nearest.
+model; ``ik.py`` judges the orientation later. A free roll stays that of the seed if possible; a
+free pitch is the one whose configuration is nearest to the seed.
 """
 
 from __future__ import annotations
@@ -32,10 +31,10 @@ from so101_motion.planning.kinematics.planar_3r import Bend, Target, ThreeBars
 from so101_motion.planning.kinematics.workspace import Workspace
 
 ROLLS = 6
-"""Into how many parts the roll's range is cut when its present angle will not do. Chosen."""
+"""Number of parts into which the roll's range is cut if its present angle does not work. Chosen."""
 
 PITCH_STEP = 0.2
-"""How far apart alternatives are in pitch [rad]. Chosen: 11 degrees."""
+"""Distance between alternative pitches [rad]. Chosen: 11 degrees."""
 
 _SETTLED = 1e-10
 _ROUNDS = 10
@@ -57,8 +56,8 @@ class ClosedForms:
     def nearest(self, task: Task, seed: Joints) -> Iterable[Configuration]:
         """Configurations at the task's point, the one nearest to the seed first; few or none.
 
-        For an approach, the seed's roll comes before all others, and what cannot have the approach
-        comes last, as evidence.
+        For an approach, the seed's roll comes before all others, and configurations that miss the
+        approach come last, for the error.
         """
         if self._compiled is not None:
             return self._compiled.nearest(task, seed)
@@ -83,7 +82,7 @@ class ClosedForms:
         yield from approach(structure, task, others + more)
 
     def spread(self, task: Task, seed: Joints) -> Iterable[Configuration]:
-        """Configurations at the task's point, spread over what it leaves open, nearest first."""
+        """Configurations at the task's point, spread over free pitch and roll, nearest first."""
         structure = self._structure
         if task.metric is GoalMetric.FULL_POSE:
             return self.nearest(task, seed)
@@ -95,9 +94,9 @@ class ClosedForms:
         return _by_distance(approach(structure, task, sides), seed)
 
     def edge(self, task: Task, seed: Joints) -> list[Array]:
-        """Where to go downhill from to a point out of reach, each of shape (5,), [rad].
+        """Starts for a minimisation to a point out of reach, each of shape (5,), [rad].
 
-        For a frame on the roll axis the nearest reachable point is among them already.
+        For a frame on the roll axis they are at the nearest reachable point already.
         """
         if task.frame not in self._workspaces:
             self._workspaces[task.frame] = Workspace(self._structure, task.frame)
@@ -115,7 +114,7 @@ def _by_distance(configurations: list[Configuration], seed: Joints) -> list[Conf
 def nearest_position(structure: ArmStructure, task: Task, q_seed: Joints) -> Configuration | None:
     """The configuration nearest to the seed that puts the frame at the point, or None.
 
-    The roll is the seed's if the point can be reached with it, else the nearest that was tried.
+    The roll is the seed's if the point can be reached with it, else the nearest tried one.
     """
     for roll in position_rolls(structure, task, q_seed[4]):
         best, ceiling = None, inf
@@ -131,18 +130,18 @@ def nearest_position(structure: ArmStructure, task: Task, q_seed: Joints) -> Con
 
 
 def position_rolls(structure: ArmStructure, task: Task, roll: float) -> Iterator[float]:
-    """Rolls worth trying [rad], the nearest to the seed's first."""
+    """Rolls to try [rad], the nearest to the seed's first."""
     roll = structure.clip_roll(roll)
     yield roll
     if not structure.on_axis(task.frame) and structure.can_reach(task.point, task.frame):
         offset = structure.measures.offsets[task.frame]
-        # Close to the pan axis only a roll that brings the frame into the arm's plane will do.
+        # Close to the pan axis only a roll that brings the frame into the arm's plane works.
         inside = [structure.clip_roll(r) for r in offset.rolls_with_lateral(0.0)]
         yield from sorted((*spread_rolls(structure), *inside), key=lambda r: abs(r - roll))
 
 
 def spread_rolls(structure: ArmStructure) -> list[float]:
-    """Rolls all over the range [rad]."""
+    """Rolls evenly spaced over the range [rad]."""
     m = structure.measures
     return [float(roll) for roll in np.linspace(m.lower[4], m.upper[4], ROLLS + 1)]
 
@@ -169,13 +168,13 @@ def _spread_bends(bars: ThreeBars, target: Target) -> Iterator[Bend]:
 
 
 RolledSide = tuple[float, Side]
-"""A roll [rad] and one of the sides it leaves."""
+"""A roll [rad] and one of the sides possible with it."""
 
 
 def sides_by_approach(
     structure: ArmStructure, task: Task, rolls: Iterable[float]
 ) -> tuple[list[RolledSide], list[RolledSide]]:
-    """The sides whose plane holds the wanted approach within its tolerance, and the others."""
+    """The sides whose plane contains the wanted approach within its tolerance, and the others."""
     x, y, _ = task.R_base_tool[:, 2].tolist()
     out_of_plane = sin(min(task.angle_tolerance, 0.5 * pi))
     near: list[RolledSide] = []
@@ -221,8 +220,8 @@ def approach_rolls(structure: ArmStructure, task: Task) -> list[float]:
 def full_pose(structure: ArmStructure, task: Task, rolls: Iterable[float]) -> list[Configuration]:
     """Configurations at the point with the tool turned as near to the wanted rotation as possible.
 
-    The roll moves a frame beside the roll axis, that turns the pan, and that asks for another
-    roll. Going round settles quickly, unless the point is as near to the pan axis as the frame to
+    The roll moves a frame beside the roll axis, that changes the pan, and that changes the roll.
+    The iteration converges quickly, unless the point is as near to the pan axis as the frame is to
     the roll axis; then the given rolls, which suit the approach, are better. Both are returned.
     """
     orientation = Orientation(structure.measures, task.R_base_tool)
@@ -244,7 +243,7 @@ def full_pose(structure: ArmStructure, task: Task, rolls: Iterable[float]) -> li
 def _settled(
     structure: ArmStructure, task: Task, orientation: Orientation, start: Side, roll: float
 ) -> list[Configuration]:
-    """Configurations with pan, pitch and roll in agreement; none if going round leads nowhere."""
+    """Configurations with pan, pitch and roll in agreement; none if this does not converge."""
     side: Side | None = start
     for _ in range(_ROUNDS):
         if side is None:
@@ -261,7 +260,7 @@ def _settled(
 def _rolled(
     structure: ArmStructure, orientation: Orientation, configuration: Configuration
 ) -> Configuration:
-    """The same with the roll that suits its pitch, which a limit may have changed."""
+    """A copy with the best roll for its pitch, which a limit may have changed."""
     pan, lift, elbow, wrist, _ = configuration.q
     roll = structure.clip_roll(orientation.roll(pan, lift + elbow + wrist))
     return Configuration((pan, lift, elbow, wrist, roll), configuration.branch)

@@ -1,15 +1,15 @@
 """Inverse kinematics for a pose with tolerances.
 
-How it works. At a point two freedoms are left, pitch and roll, and the cloud bounds how far the
-tool may be turned. Both are varied within these bounds, for all branches, and the closed forms
-give a few thousand configurations at once (``batch_ik.py``); those that the model finds in the
-cloud remain. The point is the goal's own if anything remains there; otherwise points of the cloud
-are tried, on a grid that is first coarse and then finer.
+How it works. At a point pitch and roll are free, and the cloud bounds how far the tool may be
+turned. Both are varied within these bounds, for all branches, and the closed forms give a few
+thousand configurations at once (``batch_ik.py``); those remain that the model finds in the cloud.
+The goal's own point is tried first; if nothing remains there, points of the cloud are tried, on a
+coarse grid and then on a finer one.
 
-Which is nearest. All poses of the cloud are as good, so what counts is the distance of the joints
-from the seed; but a tolerance is not a wish. Every share of a tolerance that is used costs, by its
-square, as much as a radian of joint motion at its full width. So a narrow tolerance is used only
-where it saves much, and a wide one as if it were free.
+Order. All poses of the cloud are as good, so the joints' distance from the seed counts; but a
+tolerance should not be used without need. Using a tolerance costs, by the square of the used share,
+as much as a radian of joint motion for the whole tolerance. So a narrow tolerance is used only
+where it saves much joint motion, a wide one as if it were free.
 """
 
 from __future__ import annotations
@@ -43,34 +43,35 @@ from so101_motion.planning.kinematics.planar_3r import JOINT_SLACK, TAU
 
 SLACK = 1e-3
 """How far a pose may be beyond its orientation tolerances, which may be zero [1], [rad]. Source:
-viam-server's planner takes as much."""
+viam-server's planner allows as much."""
 
 POSITION_SLACK = 1e-4
 """The same for the position [m]: the tolerance of all goals."""
 
 STEP_OF_TILT, STEP_OF_TURN = 0.1, 0.26
-"""How far apart pitches and rolls are at the goal's own point [rad]. Chosen: 6 and 15 degrees."""
+"""Distance between pitches and between rolls at the goal's own point [rad]. Chosen: 6 and 15
+degrees."""
 
 FEWEST = 5
-"""How many of each there are at least, where they have a tolerance at all."""
+"""Fewest pitches and rolls, if they have a tolerance."""
 
 GRIDS = ((1, 2.0), (2, 3.0))
-"""Points to either side along each axis with a tolerance, and how much coarser to look at each:
-first, and if that finds nothing."""
+"""For the first grid and the second: points to either side along each axis with a tolerance, and
+the factor by which pitches and rolls are further apart."""
 
 APART = 0.15
-"""Solutions closer to one before than this are left out, as Euclidean distance [rad]. Chosen."""
+"""Solutions closer than this to an earlier one are left out, Euclidean distance [rad]. Chosen."""
 
 
 class Cloud(NamedTuple):
-    """A goal's cloud, in the terms of the tool.
+    """A goal's cloud, with the tool's rotation.
 
     Attributes:
-        tolerance: The cloud.
-        frame: Which frame shall be in it.
-        p_base: The middle, shape (3,), [m].
-        R_base_goal: How that frame is turned in the middle, shape (3, 3).
-        R_base_tool: How the tool is then, shape (3, 3).
+        tolerance: The tolerances.
+        frame: The frame of the goal.
+        p_base: The goal's position, shape (3,), [m].
+        R_base_goal: The goal's rotation of that frame, shape (3, 3).
+        R_base_tool: The tool's rotation at the goal, shape (3, 3).
     """
 
     tolerance: PoseCloud
@@ -81,7 +82,7 @@ class Cloud(NamedTuple):
 
 
 class Offset(NamedTuple):
-    """How far poses are from the middle of a cloud, each of shape (n,).
+    """Deviations of poses from the goal of a cloud.
 
     Attributes:
         position: Along the goal's axes, shape (n, 3), [m].
@@ -94,7 +95,7 @@ class Offset(NamedTuple):
     turn: Array
 
     def shares(self, tolerance: PoseCloud) -> Array:
-        """Share of each tolerance that is used, slack included, shape (n, 7); up to 1 inside."""
+        """Used share of each tolerance, slack included, shape (n, 7); up to 1 inside."""
         used = np.column_stack([np.abs(self.position), np.abs(self.axis), self.turn])
         slack = np.array([POSITION_SLACK] * 3 + [SLACK] * 4)
         return np.asarray(used / (np.array(astuple(tolerance)) + slack))
@@ -109,11 +110,10 @@ class CloudSolver:
     def spread(
         self, cloud: Cloud, seed: Joints, middle: Iterable[Configuration] = ()
     ) -> Iterator[Configuration]:
-        """Configurations in a cloud, those near the seed first and no two alike.
+        """Configurations in a cloud, those near the seed first, no two near each other.
 
         Args:
-            middle: Configurations as near to the middle of the cloud as can be had, for clouds that
-                have no room for anything else.
+            middle: Configurations as near to the goal itself as possible, for narrow clouds.
         """
         q = np.array([configuration.q for configuration in middle]).reshape(-1, 5)
         for points, coarseness in self._points(cloud):
@@ -131,7 +131,7 @@ class CloudSolver:
             q = q[np.square(q - q[0]).sum(axis=1) > APART**2]
 
     def _points(self, cloud: Cloud) -> Iterator[tuple[Array, float]]:
-        """Points of a cloud to look at, (n, 3) [m], and how coarsely; the middle alone first."""
+        """Points of a cloud to try, (n, 3) [m], and the coarseness; first the goal's own point."""
         yield cloud.p_base[None], 1.0
         tolerance = np.array([cloud.tolerance.x, cloud.tolerance.y, cloud.tolerance.z])
         if np.any(tolerance > 0.0):
@@ -147,10 +147,10 @@ class CloudSolver:
                 yield np.concatenate([points, beside[inside.all(axis=1)]]), coarseness
 
     def _facing_it(self, cloud: Cloud, points: Array, tolerance: Array) -> Array:
-        """Points moved to where the arm can have the very approach that is wanted.
+        """Points moved to where the arm can have exactly the wanted approach.
 
-        The approach lies in the arm's plane, so a plane that is turned to it leaves a point no
-        choice but to be as far beside it as the frame is.
+        The approach lies in the arm's plane. If that plane is turned to the wanted approach, a
+        point must be as far beside it as the frame is.
         """
         structure, m = self._structure, self._structure.measures
         x, y, _ = cloud.R_base_tool[:, 2].tolist()
@@ -162,7 +162,7 @@ class CloudSolver:
             roll = roll_for(structure, pan, pitch, R)
             lateral = float(hands(structure, cloud.frame, roll).lateral[0, 0, 0])
             left = np.array([-sin(azimuth), cos(azimuth), 0.0])
-            # Along the axes that have a tolerance, most along the one that has most.
+            # Along the axes that have a tolerance, most along the one with the largest.
             normal = cloud.R_base_goal @ (tolerance**2 * (cloud.R_base_goal.T @ left))
             if normal @ left > 0.0:
                 beside = (points - np.array([*m.pan, 0.0])) @ left - lateral
@@ -181,7 +181,7 @@ class CloudSolver:
         pitch = np.repeat(pitch + tilts, len(turns) + 1, axis=2)
         best = roll_for(structure, target.pan, pitch, R)
         every = np.arange(pitch.shape[2]) % (len(turns) + 1)
-        # The last of each kind keeps the seed's own roll.
+        # The last roll for each pitch is the seed's own.
         kept = every == len(turns)
         roll = np.where(kept, structure.clip_roll(seed[4]), best + np.append(turns, 0.0)[every])
         hand = hands(structure, frame, roll)
@@ -192,7 +192,7 @@ class CloudSolver:
 
 
 def is_in_cloud(tolerance: PoseCloud, T_goal_reached: SE3) -> bool:
-    """Whether a pose, seen from the goal, is in the cloud around it."""
+    """Whether a pose relative to the goal is within the tolerances around it."""
     T = T_goal_reached
     return bool(_apart(T.R[None], T.p[None]).shares(tolerance).max() <= 1.0)
 
@@ -213,14 +213,14 @@ def _offsets(within: float, step: float) -> Array:
 
 
 def _offset(cloud: Cloud, chain: ArmChain, q: Array) -> Offset:
-    """How far configurations (n, 5) [rad] are from the middle of a cloud."""
+    """Deviations of configurations (n, 5) [rad] from the goal of a cloud."""
     R = cloud.R_base_goal.T @ chain.rotations(q)
     return _apart(R, (chain.positions(q) - cloud.p_base) @ cloud.R_base_goal)
 
 
 def _apart(R: Array, position: Array) -> Offset:
-    """How far rotations (n, 3, 3) and positions (n, 3) [m], both seen from the middle, are off."""
+    """Deviations of rotations (n, 3, 3) and positions (n, 3) [m], both relative to the goal."""
     axis = R[:, :, 2] - np.array([0.0, 0.0, 1.0])
-    # The turn that is left when the axis is brought back the short way.
+    # The rotation that is left after the axis is brought back by the shortest rotation.
     turn = np.arctan2(R[:, 1, 0] - R[:, 0, 1], R[:, 0, 0] + R[:, 1, 1])
     return Offset(position, axis, np.abs(turn))

@@ -1,7 +1,7 @@
 """Numeric inverse kinematics: Newton steps on the model's Jacobian.
 
-It takes out the micrometres by which a model may differ from its closed form (:func:`polish`), and
-it settles on the nearest reachable pose (:func:`minimise`).
+:func:`polish` removes the micrometres by which a model may differ from its closed form, and
+:func:`minimise` finds the nearest reachable pose.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from so101_motion.planning.kinematics.ik_task import Task
 from so101_motion.planning.kinematics.model import RobotModel
 
 ANGLE_WEIGHT = 0.1
-"""What one radian of wrong orientation counts against metres of wrong position [m/rad]: about the
-lever from wrist to jaw. Chosen."""
+"""Weight of a radian of orientation error against metres of position error [m/rad]: about the lever
+from wrist to jaw. Chosen."""
 
 _STEPS = 100
 _LONGEST_STEP = 0.5
@@ -35,7 +35,7 @@ def polish(model: RobotModel, q: Array, frame: str, p_base: Array) -> Array:
     for _ in range(2):
         error = p_base - model.rotation_and_position(q, frame)[1]
         J = model.frame_jacobian(q, frame)[:3]
-        # The damping is felt at a straight elbow only, where J has lost a direction.
+        # The damping acts only at a straight elbow, where J has lost a direction.
         step = J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(3), error)
         q = np.clip(q + step, model.lower, model.upper)
     return q
@@ -45,7 +45,7 @@ def minimise(model: RobotModel, task: Task, q: Array) -> Array:
     """Minimise the distance from a task locally; returns ``q`` (5,) [rad] inside the limits.
 
     Newton's method with the curvature's absolute value, so that every step goes downhill; joints
-    that rest at a limit and want to go further are left out.
+    at a limit that would go further are left out.
 
     Source: Y. Dauphin et al., Identifying and attacking the saddle point problem, 2014, for the
         absolute value; J. Nocedal, S. Wright, Numerical Optimization, 2006, 16.7, for the limits.
@@ -91,7 +91,7 @@ def half_square(model: RobotModel, task: Task, q: Array) -> tuple[float, Array, 
 
 
 def _missing_turn(model: RobotModel, task: Task, q: Array, axes: Array) -> tuple[Array, Array]:
-    """The turn still missing, as a rotation vector (3,) [rad], and what the joints add to it."""
+    """The rotation still missing, as a vector (3,) [rad], and its Jacobian."""
     R = model.rotation_and_position(q, "tool")[0]
     wanted = task.R_base_tool
     if task.metric is GoalMetric.POSITION_AND_APPROACH:
@@ -105,5 +105,5 @@ def _missing_turn(model: RobotModel, task: Task, q: Array, axes: Array) -> tuple
         cosine = 0.5 * (float(np.trace(M)) - 1.0)
         turning = axes
     sine = float(np.linalg.norm(turn))
-    # Half a turn away the direction is lost; standing still there is as good as any guess.
+    # Half a turn away the direction is not defined; no motion is as good as any.
     return (turn * (atan2(sine, cosine) / sine) if sine > 1e-12 else turn), turning

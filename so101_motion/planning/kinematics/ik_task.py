@@ -1,6 +1,6 @@
 """Input and output of inverse kinematics: the checked goal and the judged solution.
 
-Every solution, whatever formula it comes from, is judged by the kinematic model before it leaves.
+The kinematic model judges every solution, whatever formula it comes from.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from so101_motion.planning.kinematics.arm_geometry import Joints, to_joints
 from so101_motion.planning.kinematics.model import RobotModel
 
 AT_LIMIT = 1e-6
-"""A joint this close to a limit rests at it [rad]. Chosen."""
+"""A joint this close to a limit is at it [rad]. Chosen."""
 
 _BINDING = 0.05
-"""A limit that holds back less than this share of what the strongest one does is not named."""
+"""A limit with less than this share of the strongest limit's effect is not named."""
 
 _FLAT = 1e-7
-"""A pull weaker than this [m^2] is none; see ``ik_numeric``."""
+"""A smaller gradient [m^2] counts as zero; see ``ik_numeric``."""
 
 _ALONG = 0.7
-"""Cosine of the angle between what is missing and the line from shoulder to hand, above which the
-arm is stretched out rather than beside its pan axis. Chosen: seen are 1 and 0."""
+"""Cosine of the angle between the position error and the line from shoulder to gripper, above which
+the arm is stretched out rather than limited by its pan axis. Chosen: values seen are 1 and 0."""
 
 _ROTATION_SLACK = 1e-6
-"""How far a rotation matrix may be from orthonormal. Chosen above what seven digits cost."""
+"""How far a rotation matrix may be from orthonormal. Chosen above the error of seven digits."""
 
 
 class IkSolution(NamedTuple):
@@ -41,12 +41,12 @@ class IkSolution(NamedTuple):
     Attributes:
         q: Joint angles, shape (5,), inside the limits, read-only [rad].
         error_position: Distance from the goal's point [m].
-        error_angle: What is left of the goal's orientation [rad]: for a goal with an approach
-            the angle between wanted and reached approach axis, for a full pose the angle of
-            rotation between wanted and reached pose; 0 where the orientation does not count.
-        branch: Which way the arm bends, e.g. ``"front, elbow up"``.
-        limit: The joint limit that the solution rests at, e.g. ``"elbow_flex at its upper
-            limit"``, or None.
+        error_angle: Orientation error [rad]: for a goal with an approach the angle between wanted
+            and reached approach axis, for a full pose the angle of rotation between wanted and
+            reached pose; 0 where the orientation does not count.
+        branch: Name of the branch, e.g. ``"front, elbow up"``.
+        limit: The joint limit at which the solution is, e.g. ``"elbow_flex at its upper limit"``,
+            or None.
     """
 
     q: Array
@@ -57,15 +57,16 @@ class IkSolution(NamedTuple):
 
 
 class Task(NamedTuple):
-    """A goal that has been checked, in the form that solvers want.
+    """A checked goal in the form that solvers need.
 
     Attributes:
         metric: How much of the pose counts.
-        frame: Which frame of the gripper shall be at the point.
-        point: Where, in the base frame [m].
-        R_base_tool: How the *tool* is turned when ``frame`` is turned as the goal says; shape
-            (3, 3). The approach is its third column, whatever frame the goal is about. Of no
-            meaning where only the position counts.
+        frame: The frame of the gripper that shall be at the point.
+        point: The goal's position in the base frame [m].
+        R_base_tool: Rotation of the *tool* when ``frame`` has the goal's rotation; shape (3, 3).
+        The
+            approach is its third column, whatever the goal's frame. Without meaning where only the
+            position counts.
         position_tolerance: Largest position error that counts as arrived [m].
         angle_tolerance: Largest orientation error that counts as arrived [rad].
     """
@@ -88,7 +89,7 @@ def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
 
     Raises:
         ConfigError: The frame is not one of the gripper's, a number of the pose is not finite,
-            the rotation is none, or a tolerance is not positive.
+            the matrix is no rotation, or a tolerance is not positive.
     """
     model.check_gripper_frame(goal.frame)
     x, y, z = goal.T_base_tool.p.tolist()
@@ -110,7 +111,7 @@ def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
 def _check_rotation(rows: list[list[float]]) -> None:
     (a, b, c), (d, e, f), (g, h, i) = rows
     slack = _ROTATION_SLACK
-    # Two unit vectors at right angles, and their cross product; what is not a number is refused.
+    # Two unit vectors at right angles, and their cross product; NaN is refused.
     if not (
         -slack < a * a + b * b + c * c - 1.0 < slack
         and -slack < d * d + e * e + f * f - 1.0 < slack
@@ -139,7 +140,7 @@ def check_seed(q_seed: ArrayLike) -> Joints:
 
 
 def judge(model: RobotModel, task: Task, joints: Joints, branch: str) -> IkSolution:
-    """Pull joint angles into the limits, if they are outside at all, and ask the model."""
+    """Clamp joint angles to the limits, and measure the errors with the model."""
     limit = None
     for angle, (lower, upper) in zip(joints, model.limits, strict=True):
         if not lower + AT_LIMIT <= angle <= upper - AT_LIMIT:
@@ -154,7 +155,7 @@ def judge(model: RobotModel, task: Task, joints: Joints, branch: str) -> IkSolut
 
 
 def _pulled_inside(model: RobotModel, joints: Joints) -> tuple[Joints, str | None]:
-    """Joint angles within the limits, and the first limit that one of them rests at."""
+    """Joint angles clamped to the limits, and the first limit that one of them is at."""
     inside, limit = list(joints), None
     for i, (lower, upper) in enumerate(model.limits):
         if inside[i] - lower < AT_LIMIT:
@@ -166,7 +167,7 @@ def _pulled_inside(model: RobotModel, joints: Joints) -> tuple[Joints, str | Non
 
 
 def orientation_error(model: RobotModel, task: Task, q: Array) -> float:
-    """What is left of the goal's orientation at given joint angles [rad]."""
+    """The orientation error at given joint angles [rad]."""
     if task.metric is GoalMetric.POSITION_ONLY:
         return 0.0
     R = model.rotation_and_position(q, "tool")[0]
@@ -182,16 +183,16 @@ def angle_between(a: list[float], b: list[float]) -> float:
 
 
 def limit_name(i: int, direction: float) -> str:
-    """What joint ``i``'s limit in a direction is called."""
+    """The name of joint ``i``'s limit in a direction, for messages."""
     return f"{ARM_JOINTS[i]} at its {'lower' if direction < 0.0 else 'upper'} limit"
 
 
 def binding_limit(model: RobotModel, task: Task, q: Array) -> str | None:
-    """What keeps the arm from the task's point, by name; None if the arm is there.
+    """The names of the limits that keep the arm from the task's point; None if the arm is there.
 
-    At the nearest point every joint that could bring it nearer rests at a limit. The limits are
-    named, the one that holds back most first. If there are none the arm is stretched out, or the
-    point is closer to the pan axis than a frame that passes beside it can come.
+    At the nearest point every joint that could bring it nearer is at a limit. These limits are
+    named, the strongest first. If there are none, the arm is stretched out, or the point is closer
+    to the pan axis than a frame that passes beside it can come.
     """
     error = task.p_base - model.rotation_and_position(q, task.frame)[1]
     if error @ error <= task.position_tolerance**2:

@@ -1,7 +1,7 @@
-"""Where the gripper holds a thing, and how wide its jaw has to be for that.
+"""Compute where the gripper holds an object, and the jaw angle for its thickness.
 
-The fixed jaw's pad is where the frame ``jaw_tip`` is, and faces against that frame's x axis; the
-other jaw comes from there. What is held lies on the pad, so its middle is half its thickness off.
+The frame ``jaw_tip`` is on the pad of the fixed jaw, which faces against that frame's x axis,
+towards the moving jaw. A held object lies on the pad, so its middle is half its thickness away.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 
 class JawGeometry:
-    """The jaws of an arm.
+    """Geometry of an arm's jaws.
 
     Args:
         model: The arm.
@@ -38,14 +38,11 @@ class JawGeometry:
         self._aside = math.atan2(-p_tip_jaw[0], -p_tip_jaw[2])
 
     def T_tool_grip(self, thickness: float) -> SE3:
-        """Where the middle of a thing is that is held: z along the approach, x across the jaws."""
+        """The middle of a held object: z along the approach, x across the jaws."""
         return self._T_tool_tip @ SE3.from_translation((-0.5 * thickness, 0.0, 0.0))
 
     def angle_for(self, gap: float) -> float:
-        """How far the jaw is open when so much is between the pads at ``jaw_tip`` [m], [rad].
-
-        At most what the jaw can.
-        """
+        """The jaw angle [rad] for a gap [m] between the pads at ``jaw_tip``; at most ``opened``."""
         sine = math.sin(self._aside) - gap / self._length
         opened = self._aside - math.asin(max(sine, -1.0))
         return min(self.closed + opened, self.opened)

@@ -1,15 +1,15 @@
 """The kinematic model of the arm: frames, Jacobians, torques and joint limits.
 
-One of the two doors of Pinocchio (``collision.py`` is the other). Everything that leaves it is an
-array or an :class:`~so101_motion.common.geometry.SE3` of our own.
+It wraps Pinocchio, which is imported here and in ``collision`` only. All results are arrays or our
+own :class:`~so101_motion.common.geometry.SE3`.
 
-Two Pinocchio models live inside. ``pin_model`` has all six joints, in the order of ``ARM_JOINTS``
-and then the jaw; pictures and collision checks need the jaw. For kinematics the jaw is locked out,
-so that a configuration is what it is everywhere else in the package: five numbers.
+There are two Pinocchio models inside. ``pin_model`` has all six joints, in the order of
+``ARM_JOINTS`` and then the jaw; pictures and collision checks need the jaw. For kinematics the jaw
+is locked, so that a configuration has five numbers as everywhere else in the package.
 
 Pinocchio writes its results into a ``Data`` object, so a model belongs to one thread; load another
 for another thread (it takes milliseconds). Its ``lowerVelocityLimit`` is positive for a URDF
-(observed in pin 4.1.0); nothing here hands it on.
+(observed in pin 4.1.0); it is not used here.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ LINKS = tuple(so101_description.PARTS)
 """The seven links by their names in the URDF, from the base outwards."""
 
 JAW_LINK = LINKS[-1]
-"""It hangs on the jaw's joint, so five angles do not say where it is."""
+"""The moving jaw; its pose depends on the jaw's joint, so five angles are not enough."""
 
 GRIPPER_LINK = "gripper_link"
-"""The last link of the arm; the tool, the jaw tip and whatever is held are fixed to it."""
+"""The last link of the arm; the tool, the jaw tip and held objects are fixed to it."""
 
 _OUR_FRAMES = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
@@ -118,8 +118,8 @@ class RobotModel:
         """This model with one more frame fixed to the gripper: a held object, a pen, a camera.
 
         Args:
-            name: What the frame is called from now on, in goals too.
-            T_tool_frame: Where it is in the tool frame.
+            name: Name of the frame, also in goals.
+            T_tool_frame: Its pose in the tool frame.
 
         Raises:
             ConfigError: There is a frame of that name already.
@@ -139,10 +139,10 @@ class RobotModel:
         return RobotModel(loaded, self._extra, bounds=self._bounds)
 
     def narrowed(self, lower: ArrayLike, upper: ArrayLike) -> RobotModel:
-        """This model with joint limits of one arm's own, where they are the narrower ones.
+        """This model with its joint limits narrowed to those of one calibrated arm.
 
         Raises:
-            ConfigError: A joint is left without any angle; says which.
+            ConfigError: The limits of a joint exclude each other.
         """
         narrow = self.pin_model.copy()
         lower, upper = np.maximum(self.lower, lower), np.minimum(self.upper, upper)
@@ -162,7 +162,7 @@ class RobotModel:
         return RobotModel(turned, self._extra, bounds=self._bounds)
 
     def frame(self, q: ArrayLike, name: str = "tool") -> SE3:
-        """Where a frame is: ``T_base_<name>``.
+        """The pose of a frame, ``T_base_<name>``.
 
         Args:
             name: ``"tool"``, ``"jaw_tip"``, a link such as ``"wrist_link"``, or a frame added by
@@ -188,7 +188,7 @@ class RobotModel:
         return self._rotations_to_tool[frame]
 
     def frame_jacobian(self, q: ArrayLike, name: str = "tool") -> Array:
-        """How a frame moves with the joints, shape (6, 5), in the axes of the base.
+        """The Jacobian of a frame, shape (6, 5), in the axes of the base.
 
         Three rows of linear velocity of the frame's origin [m/rad], three of angular velocity.
 
@@ -211,12 +211,12 @@ class RobotModel:
         return {name: SE3(T.rotation, T.translation) for name, T in self._link_placements.items()}
 
     def gravity_torque(self, q_full: ArrayLike) -> Array:
-        """What all six joints must exert to hold still at ``q_full`` (6,), shape (6,), [N m]."""
+        """Torques of all six joints that hold still at ``q_full`` (6,), shape (6,), [N m]."""
         q_full = np.asarray(q_full, dtype=np.float64)
         return np.array(pin.computeGeneralizedGravity(self.pin_model, self._full_data, q_full))
 
     def torques(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """What the joints must exert to move like this, friction left out; (m, 5), [N m]."""
+        """Torques of the arm joints for a motion, without friction, shape (m, 5), [N m]."""
         found = np.empty_like(q)
         rnea, model, data = pin.rnea, self._arm, self._data
         for k in range(len(q)):
@@ -224,18 +224,18 @@ class RobotModel:
         return found
 
     def holding_torques(self, q: Array) -> Array:
-        """What the arm joints must exert to stand still at ``q`` (m, 5); shape (m, 5), [N m]."""
+        """Torques of the arm joints that hold still at ``q`` (m, 5), shape (m, 5), [N m]."""
         found = np.empty_like(q)
         for k, configuration in enumerate(q):
             found[k] = pin.computeGeneralizedGravity(self._arm, self._data, configuration)
         return found
 
     def holding_torque_rates(self) -> Array:
-        """How much the torque of each joint changes at most with each angle, (5, 5), [N m/rad].
+        """Bounds on how much each joint's torque changes with each angle, (5, 5), [N m/rad].
 
-        A turn moves what hangs on its joint, and what bears on both joints hangs on the outer one:
-        at most the weight of each mass times its distance from that. A joint that turns about the
-        vertical neither bears weight nor changes what others bear.
+        A joint moves the masses that it carries. The masses that load both of two joints are those
+        carried by the outer one, so the bound is the weight of each of these times its distance
+        from the outer joint. A vertical joint bears no weight and changes no load of others.
         """
         model, moments = self._arm, np.zeros(5)
         for joint in range(1, 6):
@@ -263,10 +263,10 @@ class RobotModel:
             )
 
     def outside(self, q: ArrayLike, tolerance: float = 1e-9) -> int | None:
-        """Which joint is furthest outside its limits, as an index into ``q``, or None.
+        """The joint that is furthest outside its limits, as an index into ``q``, or None.
 
         Args:
-            q: Joint angles, shape (5,), [rad]. A value that is not a number is outside.
+            q: Joint angles, shape (5,), [rad]. NaN is outside.
             tolerance: How far beyond a limit still counts as inside [rad].
         """
         q = np.asarray(q, dtype=np.float64)

@@ -1,12 +1,12 @@
 """Find the configuration of the three parallel joints nearest to a seed, over all pitches.
 
 Within an interval of pitches (``planar_3r.py``) the configuration changes smoothly, and so does its
-distance from the seed. Its slope is known in closed form, so the least distance is where the slope
-vanishes, or at the end towards which the distance falls all the way. Intervals too far from the
-seed's pitch to win are not looked at.
+distance from the seed. The slope of the distance is known in closed form, so the minimum is where
+the slope vanishes, or at the end of the interval. Intervals too far from the seed's pitch are
+skipped.
 
-An interval can hold more than one minimum. The one found is downhill from the seed's own pitch, or
-from the interval's middle, which is nearly always the least (the tests count how often).
+An interval can have more than one minimum. The search goes downhill from the seed's own pitch, or
+from the interval's middle, and nearly always ends at the least one (the tests count how often).
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from math import acos, atan2, cos, inf, nan, remainder, sin
 from so101_motion.planning.kinematics.planar_3r import INSIDE, TAU, Angles, Bend, Target, ThreeBars
 
 _FLAT = 1e-4
-"""The search ends when the next secant step is smaller than this [rad]; the squared distance is
-then right to the square of it. Chosen."""
+"""The search ends when the next secant step is smaller than this [rad]; the error of the squared
+distance is then about its square. Chosen."""
 
 _NOWHERE = (nan, nan, nan)
 
 PitchSample = tuple[float, float, float, Angles]
 """Half the derivative of the squared distance from the seed by the pitch [rad], that distance
-[rad^2], the pitch [rad], and lift, elbow and wrist [rad]. A plain tuple, because naming its parts
-costs as much as a third of working them out."""
+[rad^2], the pitch [rad], and lift, elbow and wrist [rad]. A plain tuple, because a named one costs
+a third of computing its parts."""
 
 Look = Callable[[float, bool], PitchSample]
-"""From pitch [rad] and branch (whether the elbow is up) to what is there."""
+"""From pitch [rad] and branch (whether the elbow is up) to the sample there."""
 
 
 def nearest_bend(
@@ -37,9 +37,9 @@ def nearest_bend(
     """The configuration that reaches a target nearest to a seed, and its squared distance [rad^2].
 
     Args:
-        target: What to reach.
+        target: The target.
         seed: The angles to stay near, possibly outside their limits [rad].
-        ceiling: Squared distances from here on are of no interest [rad^2].
+        ceiling: Only squared distances below this are of interest [rad^2].
     """
     best = None
     look = _look_from(bars, target, seed)
@@ -67,13 +67,13 @@ def nearest_bend(
 
 
 def _look_from(bars: ThreeBars, target: Target, seed: Angles) -> Look:
-    """The distance from the seed as a function of pitch and branch.
+    """Make a function for the distance from the seed by pitch and branch.
 
-    The joint velocities that keep the hand's end in place are in the proportion of the cross
-    products of the vectors from two of the hinges to that end.
+    The joint velocities that keep the hand's end in place are in the ratio of the cross products of
+    the vectors from two of the hinges to that end.
 
-    Where there is no configuration inside the limits the distance is infinite. The function is a
-    closure over plain names because this is the innermost loop.
+    Without a configuration inside the limits the distance is infinite. The function is a closure
+    over plain names because this is the innermost loop.
     """
     x, z, (hand, hand_elevation) = target
     seed_lift, seed_elbow, seed_wrist = seed
@@ -119,9 +119,9 @@ def _look_from(bars: ThreeBars, target: Target, seed: Angles) -> Look:
 def _descend(
     look: Look, elbow_up: bool, start: PitchSample, low: float, high: float
 ) -> PitchSample:
-    """Follow a branch downhill from a place to the least distance within an interval.
+    """Follow a branch downhill from a pitch to the least distance within an interval.
 
-    The slope's zero is found by secants that are kept inside a bracket.
+    Secant steps inside a bracket find the zero of the slope.
     """
     near_slope, near_square, near, _ = start
     if near_slope == 0.0:
@@ -130,7 +130,7 @@ def _descend(
     while near_slope * end[0] >= 0.0:
         if end[1] <= near_square:
             return end
-        # Farther away, yet the ground falls there too: there is a valley in between.
+        # The end is farther, but the distance falls there too: a minimum is in between.
         end = look(0.5 * (near + end[2]), elbow_up)
     far_slope, _, far, _ = end
     last_slope, last = near_slope, near

@@ -1,15 +1,15 @@
 """Fit pitch and roll so that the tool's orientation is nearest to a wanted one, for a given pan.
 
 With the pan given, two rotations are left: about the lift axis by the pitch, then about the roll
-axis by the roll. In axes of their own (roll axis first, lift axis second) and with half angles,
+axis by the roll. In axes along these (roll axis first, lift axis second) and with half angles,
 their product is the quaternion ``(c c', c s', s c', -s s')``, where c, s belong to the pitch and
 c', s' to the roll. Its inner product with the wanted quaternion (w, x, y, z), the cosine of half
-the angle that remains, is
+the remaining angle, is
 
     1/2 [(w + z) cos S + (x + y) sin S] + 1/2 [(w - z) cos D + (y - x) sin D]
 
-with S half the sum and D half the difference of pitch and roll. Both brackets are largest where
-their angle is that of the vector of their coefficients: that is the whole solution.
+with S half the sum and D half the difference of pitch and roll. Each bracket is largest where its
+angle is that of the vector of its coefficients, which is the solution.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Orientation:
-    """A wanted rotation of the tool, in the terms of an arm."""
+    """A wanted rotation of the tool; finds the nearest pitch and roll."""
 
     def __init__(self, measures: Measures, R_base_tool: Array) -> None:
         self._pan_sign = measures.pan_sign

@@ -1,28 +1,27 @@
 """Closed-form inverse kinematics of the three parallel joints (a planar 3R chain).
 
-Once the pan has turned the arm's plane towards the target and the roll is chosen, what is left is
-a chain of three bars in a plane: upper arm, forearm and hand, hinged at shoulder, elbow and wrist.
-They shall end at a point ``(x, z)``, measured from the shoulder, x forward and z up. Three joints
-and two equations leave one freedom, the pitch of the hand.
+Once the pan has turned the arm's plane towards the target and the roll is chosen, the rest is a
+chain of three bars in a plane: upper arm, forearm and hand, with hinges at shoulder, elbow and
+wrist. Its end shall be at a point ``(x, z)``, measured from the shoulder, x forward and z up. Three
+joints and two equations leave one freedom, the pitch of the hand.
 
-For a given pitch everything is elementary: the wrist is where the hand begins, and shoulder, elbow
-and wrist form a triangle with three known sides, hence two configurations, elbow up and elbow down
-(:meth:`ThreeBars.bends`).
+For a given pitch the solution is elementary: the wrist is where the hand begins, and shoulder,
+elbow and wrist form a triangle with three known sides, hence two configurations, elbow up and elbow
+down (:meth:`ThreeBars.bends`).
 
-Which pitches are possible? The distance from shoulder to wrist depends on the angle between the
-hand and the line from shoulder to target alone, so what the elbow can do is one or two bands of
+Which pitches are possible? The distance from shoulder to wrist depends only on the angle between
+the hand and the line from shoulder to target, so the elbow's limits allow one or two bands of
 pitch. Within them a configuration can cease to exist only where the lift or the wrist is at a
-limit, and each of these fixes the lengths of a triangle too: at most eight pitches that can be
-written down. Between neighbours nothing changes (:meth:`ThreeBars.intervals`); one try in the
-middle decides for the whole interval. So whether a point can be reached is decided exactly, without
-a grid that might step over a narrow gap. Which of all configurations is nearest to a seed is found
-in ``nearest_pitch.py``.
+limit, and each of these fixes the lengths of a triangle too: at most eight pitches in closed form.
+Between two of them nothing changes (:meth:`ThreeBars.intervals`), so one test in the middle decides
+for the whole interval. Whether a point can be reached is thus decided exactly, without a grid that
+might miss a narrow gap. ``nearest_pitch.py`` finds the configuration nearest to a seed.
 
 Angles. Joint angles are positive downwards (they turn x towards -z), elevations upwards. The pitch
 is ``q_lift + q_elbow + q_wrist``; the hand, a vector of given length from the wrist to the target,
 has the elevation ``hand.elevation - pitch``.
 
-Plain floats throughout: for three bars, numpy's call overhead is dearer than the arithmetic.
+Plain floats throughout: for three bars, numpy's call overhead costs more than the arithmetic.
 """
 
 from __future__ import annotations
@@ -33,19 +32,19 @@ from typing import NamedTuple
 TAU = 2.0 * pi
 
 JOINT_SLACK = 1e-6
-"""Joint angles this far beyond a limit [rad] count as inside, and are pulled in by the caller:
-arccos near a straight elbow loses that much. At full reach it moves the tool by half a micrometre.
+"""Joint angles this far beyond a limit [rad] count as inside, and the caller clamps them: arccos
+near a straight elbow loses that much. At full reach it moves the tool by half a micrometre.
 Chosen."""
 
 REACH_SLACK = 1e-5
-"""A wrist this far beyond the straight arm [m] is met with a straight arm. Chosen: a tenth of the
-tolerance that goals have, and every solution is judged afterwards."""
+"""For a wrist this far beyond the straight arm [m] the straight arm is a solution. Chosen: a tenth
+of the tolerance of goals, and every solution is judged afterwards."""
 
 _TINY = 1e-12
 """Lengths below this are this [m], so that no direction is undefined."""
 
 _NEARLY = 1e-6
-"""How far beyond 1 a cosine may be that should not be. Chosen; what follows looks more closely."""
+"""How far a cosine may exceed 1 by rounding. Chosen; later checks are stricter."""
 
 INSIDE = 1e-6
 """How far inside an interval of pitches its ends are tried, as a share of the interval. Chosen."""
@@ -135,7 +134,7 @@ class ThreeBars:
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """What is worked out once, in the order in which ``arm_ik.c`` takes it."""
+        """Constants of the chain, in the order of ``arm_ik.c``."""
         shortest = self._shortest[False], self._shortest[True]
         return (self.straight, self._squares, self._twice, self._slack, self.cos_max, *shortest)
 
@@ -199,7 +198,7 @@ class ThreeBars:
             ends.sort()
             for end in ends:
                 away = abs(remainder(home - 0.5 * (low + end), TAU)) - 0.5 * (end - low)
-                # Two bends that are equally near shall be so whatever the last digit says.
+                # Equally near intervals must compare as equal despite rounding.
                 away = round(away, 9) if away > 0.0 else 0.0
                 found.append((away, aligned + low, aligned + end))
                 low = end
@@ -207,10 +206,10 @@ class ThreeBars:
         return found
 
     def _bands(self, target: Target, elbow_up: bool) -> list[tuple[float, float]]:
-        """Where the elbow can bend as it must, as angles of the hand below the line to the target.
+        """The bands the elbow's limits allow, as angles of the hand below the line to the target.
 
-        The wrist is the farther from the shoulder, the more the hand is turned out of that line,
-        to either side.
+        The more the hand is turned out of that line, to either side, the farther the wrist is from
+        the shoulder.
         """
         x, z, (hand, _) = target
         square = x * x + z * z + hand * hand
@@ -228,7 +227,7 @@ class ThreeBars:
         return [(inner, outer), (-outer, -inner)]
 
     def _splits(self, target: Target) -> list[float]:
-        """The same angles where lift or wrist is at a limit."""
+        """The same angles at which lift or wrist is at a limit."""
         x, z, (hand, hand_elevation) = target
         a, b = self._a, self._b
         hand, distance, elevation = max(hand, _TINY), max(hypot(x, z), _TINY), atan2(z, x)

@@ -1,16 +1,15 @@
-"""Find the reachable point nearest to one that is out of reach, on the workspace's edge.
+"""Find the reachable point nearest to one that is out of reach, on the edge of the workspace.
 
-In the arm's plane the reachable points fill a region. On its boundary the arm has run out of paths
-to move further: each of the three joints is at a limit, or moves the hand only along the boundary.
-Going through the combinations (two joints at limits and one free; one at a limit and the other two
-links in line; all three links in line) shows that the boundary consists of circular arcs: one joint
-turns, the other two stay at angles that are known beforehand. There are fewer than thirty.
+In the arm's plane the reachable points fill a region. On its boundary the arm cannot move further
+out: each of the three joints is at a limit, or moves the hand only along the boundary. The possible
+combinations (two joints at limits and one free; one at a limit and the other two links in line; all
+three links in line) show that the boundary consists of circular arcs: one joint turns, the other
+two stay at angles that are known in advance. There are fewer than thirty.
 
 So the nearest point of the region is the nearest point of these arcs, which is elementary, and it
-is truly the nearest, not the end of some descent. The pan adds four cases: the plane turned to the
-target, away from it, or standing at one of the pan's limits. A frame beside the roll axis has such
-arcs for every roll; they are laid out for a set of rolls, and the model settles the rest
-(``ik_numeric.minimise``).
+is the global minimum, not a local one. The pan adds four cases: the plane turned to the target,
+away from it, or at one of the pan's limits. A frame beside the roll axis has such arcs for every
+roll; they are computed for a set of rolls, and ``ik_numeric.minimise`` does the rest.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ from so101_motion.planning.kinematics.batch_ik import wrap
 from so101_motion.planning.kinematics.planar_3r import TAU, Angles, Hand, Target, ThreeBars
 
 _ROLLS = 16
-"""How many rolls to lay out arcs for. Chosen: 21 degrees apart. For the jaw tip the same point of
-the edge is often almost as near with another roll; with 8, one in two ended up to 35 um too far."""
+"""Number of rolls for which arcs are computed. Chosen: 21 degrees apart. For the jaw tip another
+roll is often almost as near; with 8, one result in two was up to 35 um too far."""
 
 
 class BoundaryArc(NamedTuple):
-    """Where the hand's end goes while one joint turns: a circle, angle minus joint angle.
+    """The arc of the hand's end while one joint turns; its angle falls as the joint's grows.
 
     Attributes:
         joint: Which of lift, elbow and wrist turns, 0 to 2.
@@ -53,7 +52,7 @@ class BoundaryArc(NamedTuple):
 
 
 class Workspace:
-    """The edge of what one frame of the gripper can reach."""
+    """The edge of the reachable points of one gripper frame."""
 
     def __init__(self, structure: ArmStructure, frame: str) -> None:
         self._structure, self._frame = structure, frame
@@ -68,7 +67,7 @@ class Workspace:
         self._circle = np.array([(arc.x, arc.z, arc.radius, arc.elevation) for _, arc in rows]).T
         self._lateral = np.array([each.lateral for each, _ in rows])
         # With the roll half a step off, a frame is farther by its eccentricity times this; the
-        # factor of four is for what the pan makes of it.
+        # factor of four covers the effect of the pan.
         open_angle = 0.5 * (upper[4] - lower[4]) / (_ROLLS - 1)
         eccentricity = max(hypot(*row[1:]) for row in m.offsets[frame])
         self._open = 4.0 * eccentricity * (1.0 - cos(open_angle))
@@ -81,8 +80,8 @@ class Workspace:
         """Joint angles at the edge of the workspace near a point [m] that is out of reach.
 
         Returns:
-            For a frame on the roll axis those of the nearest reachable point. Otherwise where to
-            go downhill from: all that may lead to it, the most promising first.
+            For a frame on the roll axis those of the nearest reachable point. Otherwise starts for
+            a minimisation: all that may lead to it, the most promising first.
         """
         m = self._structure.measures
         x, y, z = p_base[0] - m.pan[0], p_base[1] - m.pan[1], p_base[2] - m.shoulder[1]
@@ -136,7 +135,7 @@ class Workspace:
         return found
 
     def _best(self, x: Array, z: float, beside: Array, pan: Array) -> list[tuple[float, Joints]]:
-        """The nearest arc, if the pan can stand there: distance [m] and joints."""
+        """The nearest arc that the pan can face: its distance [m] and the joints."""
         m = self._structure.measures
         centre_x, centre_z, radius, elevation = self._circle
         bearing = np.arctan2(z - centre_z, x - centre_x)
@@ -155,7 +154,7 @@ class Workspace:
 
 
 def _arcs(structure: ArmStructure, hand: Hand) -> list[BoundaryArc]:
-    """All arcs that can bound the plane region that a hand can reach."""
+    """All arcs that can bound the region of the plane that a hand can reach."""
     bars, measures = structure.bars, structure.bars.bars
     lifts, elbows, wrists = zip(measures.lower, measures.upper, strict=True)
     choices: list[tuple[int, Angles]] = []

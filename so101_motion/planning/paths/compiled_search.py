@@ -1,8 +1,8 @@
-"""The search and the shortening of the compiled library, in the form of ours.
+"""Call the compiled search and shortening of paths in ``native/search.c``.
 
-``native/search.c`` does what ``rrt_connect.py`` and ``shorten.py`` do, with the same checks and
-random numbers of its own: the same request and seed give the same path on every machine with the
-library, another one without it.
+They do the same as ``rrt_connect.py`` and ``shorten.py``, with the same checks but with their own
+random numbers: the same request and seed give the same path on every machine with the library, and
+another path without it.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from so101_motion.planning.collision.batch_check import (
 from so101_motion.planning.paths.rrt_connect import Deadline, Space, Tree
 
 ROOM = 256
-"""Waypoints of a path while it is shortened, at first; more are made room for."""
+"""Initial room for the waypoints of a path while it is shortened; grows if needed."""
 
 SEEDS = 64
-"""So many different seeds; a search uses a few."""
+"""Number of different seeds; a search uses a few."""
 
 
 class CompiledSearch:
     """``TreeSearch``, compiled.
 
     Args:
-        space: Where configurations are drawn from.
-        checker: What is free, of an arm or of several in a row.
+        space: The space from which configurations are drawn.
+        checker: Checks configurations and lines, of one arm or of several.
         q_start: A free configuration, shape (n,), [rad].
         goals: Free configurations, at least one, each of shape (n,), [rad].
-        random: The source of its seed.
+        random: Gives its seed.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ def compiled_shortened(
     *,
     only_skip: bool = False,
 ) -> list[Array]:
-    """``shortened``, or only ``skipped``, compiled."""
+    """``shortened``, or with ``only_skip`` ``skipped``, compiled."""
     team, given, seed = _team_of(checker), np.array(points), random.next()
     room, count = ROOM, 0
     while count == 0:  # too little room for the pieces of so long a path
@@ -149,11 +149,11 @@ class Seeds:
 
     @cached_property
     def generator(self) -> np.random.Generator:
-        """A source of random numbers, for what is not compiled."""
+        """A source of random numbers for the code that is not compiled."""
         return np.random.default_rng(self._seed)
 
 
 @lru_cache(maxsize=16)
 def _seeds(seed: int) -> list[int]:
-    """Made once: numpy needs as long for a new source as the library for many a search."""
+    """Seeds from numpy; cached, because making a generator takes as long as many searches."""
     return [int(value) for value in np.random.default_rng(seed).integers(2**63, size=SEEDS)]

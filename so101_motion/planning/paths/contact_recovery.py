@@ -1,9 +1,9 @@
 """Use a goal's free degrees of freedom to move a configuration out of contact.
 
-Candidates from inverse kinematics are spread over pitch and roll some degrees apart. Where only a
-narrow range of them is free, all candidates may miss it. So if none is free, the best ones climb:
-their joint angles are varied a little at random, solved for the goal again from there, and what
-has more clearance is kept; steps that gain nothing become smaller.
+Candidates from inverse kinematics are spread over pitch and roll some degrees apart. If only a
+narrow range of them is free, all candidates may miss it. So if none is free, the best ones are
+improved by hill climbing: their joint angles are varied a little at random, solved for the goal
+again from there, and kept if they have more clearance; steps without gain become smaller.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.kinematics.ik import IkSolution, IkSolver
 
 LARGEST_LACK = 0.015
-"""Configurations that lack more clearance than this are not tried [m]. Chosen: what a step of pitch
-or roll between candidates can make of the hand's edge."""
+"""Configurations that lack more clearance than this are not tried [m]. Chosen: the motion of the
+gripper's edge by a step of pitch or roll between candidates."""
 
 APART = 0.3
-"""Those that climb differ by this in some joint [rad], because they end on different hills."""
+"""Improved candidates differ by this in some joint [rad], so that they reach different maxima."""
 
 CLIMBERS = 12
 STEPS = 25
-"""How many candidates climb, and how many variations each gets. Chosen: 50 ms at most."""
+"""Number of candidates to improve, and of variations of each. Chosen: 50 ms at most."""
 
 _FIRST_STEP = 0.1
 _SMALLER = 0.8
@@ -42,8 +42,8 @@ def freed(
     q_jaw: float,
     seed: int,
 ) -> Iterator[IkSolution]:
-    """Solutions free of contact that lie near the given ones, which are not."""
-    if goal.cloud is not None:  # its solutions are spread over all that it leaves open
+    """Solutions free of contact near the given ones, which are in contact."""
+    if goal.cloud is not None:  # its solutions already cover its tolerances
         return
     random = np.random.default_rng(seed)
     rated = [(collision.clearance(each.q, q_jaw).room, each) for each in solutions]

@@ -1,13 +1,12 @@
 """Find a collision-free joint path from a start to one of several goals.
 
-How it works. Most paths are straight: of random pairs of free configurations in an empty scene, one
-in two hundred is not. So the straight joint line to each goal is tried first, nearest goal first.
-Only then a path is searched (``rrt_connect.py``) and shortened (``shorten.py``). Both look at
-configurations some way apart and prove nothing, because most of what they try comes to nothing.
-What is left at the end is proven, edge by edge (``continuous_check.py``). Shortening asks for a
-little more room than the margins, or its paths would graze them everywhere and few would stand the
-proof; an edge that still does not is replaced by a search between its ends in which every edge is
-proven.
+How it works. Most paths are straight: of random pairs of free configurations in an empty scene,
+only one in two hundred is not. So the straight joint line to each goal is tried first, nearest goal
+first. Only then a path is searched (``rrt_connect.py``) and shortened (``shorten.py``). Both check
+samples and prove nothing, because they discard most of what they try. The final path is proven,
+edge by edge (``continuous_check.py``). Shortening keeps a little more than the margins, otherwise
+its paths would graze them and often fail the proof. An edge that still fails is replaced by a
+search between its ends in which every edge is proven.
 
 The same request with the same seed gives the same path; only giving up depends on time. With the
 compiled library, the search and the shortening are compiled as well (``compiled_search.py``).
@@ -32,27 +31,27 @@ from so101_motion.planning.paths.rrt_connect import Deadline, LineChecker, Space
 from so101_motion.planning.paths.shorten import shortened, skipped
 
 SPACING = 0.025
-"""Travel between the configurations that are looked at [m]. Chosen: one in ten paths around a shelf
-then needs an edge replaced, and half of it costs a tenth more time."""
+"""Travel between two samples [m]. Chosen: one in ten paths around a shelf then needs an edge
+replaced, and half the spacing costs a tenth more time."""
 
 ROOM = 0.001
-"""What shortened paths keep beyond the margins, where they are looked at [m]. Chosen: without it
-every third path around a shelf does not stand its proof."""
+"""Extra margin of shortened paths at their samples [m]. Chosen: without it every third path around
+a shelf fails its proof."""
 
 NEARBY, TRIES_NEARBY = 0.3, 30
-"""A path around an edge that does not stand its proof is first searched so near to it [rad], so
-many times. Chosen: it fails by tenths of a millimetre, and two or three tries do."""
+"""A path around an edge that fails its proof is first searched within the first of it [rad], in at
+most the second number of rounds. Chosen: it fails by tenths of a millimetre, and two or three tries
+are enough."""
 
 CONFINED = 0.25
-"""A tree that after the whole time spans less than this share of the joints' range is shut in."""
+"""A tree that in the end spans less than this share of the joints' range counts as shut in."""
 
 PROBES, NAMED = 30, 50
-"""So many times some further tries, and so many that met something, tell afterwards what a search
-was blocked by."""
+"""Most rounds of further tries to find what blocked a search, and most contacts counted."""
 
 BRIEF = 0.1
-"""Why a shorter search [s] has failed is not looked into: that takes tens of milliseconds, and who
-gives so little time has something else to try. Chosen."""
+"""The reason why a shorter search [s] failed is not examined: that takes tens of milliseconds, and
+a caller with so little time has an alternative. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,10 +74,10 @@ class PathFinder:
     """Finds free paths for one arm, one jaw opening and one set of surroundings.
 
     Args:
-        model: Joint limits.
-        collision: What is in the way.
+        model: The arm with its joint limits.
+        collision: Checks for contact.
         q_jaw: Jaw angle during the motion [rad].
-        seed: Of all random choices.
+        seed: Seed of all random choices.
     """
 
     def __init__(
@@ -94,9 +93,8 @@ class PathFinder:
         Args:
             q_start: A free configuration inside the limits, shape (5,), [rad].
             goals: Free configurations inside the limits, at least one, nearest first. They are
-                asked for one by one, so the later ones may be worked out only if they are needed.
-            time_budget: When to give up [s]; a path that has been found by then is not shortened
-                any further.
+                taken one by one, so the later ones may be computed only if needed.
+            time_budget: Time for the search [s]; a path found by then is not shortened any further.
 
         Raises:
             NoPath: None was found in time; says which end is shut in, if one is, and by what,
@@ -131,8 +129,8 @@ class PathFinder:
         return FreePath(waypoints=np.array(points), goal=index)
 
     def _mended(self, points: list[Array], random: Seeds, deadline: Deadline) -> list[Array]:
-        """The path with detours in place of the edges that do not stand their proof."""
-        # A corner in the middle of an edge that was only looked at may be too close itself.
+        """The path with detours in place of the edges that fail their proof."""
+        # A corner on an edge that was only checked at samples may be too close itself.
         ends, inner = (points[0], points[-1]), points[1:-1]
         inner = [q for q in inner if self._collision.is_free(q, self._q_jaw)]
         proven = [points[0]]
@@ -204,7 +202,7 @@ class PathFinder:
         )
 
     def _blockers(self, tree: Tree) -> Counter[str]:
-        """What further growth of a tree meets, and how often; the tree does grow."""
+        """Count the bodies that block further growth of a tree, which is grown for that."""
         met: Counter[str] = Counter()
         look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
         for _ in range(PROBES):
@@ -230,7 +228,7 @@ def _search(
 
 
 class _ProvenCheck:
-    """Sees by proof."""
+    """A ``LineChecker`` that proves lines."""
 
     def __init__(self, collision: CollisionModel, q_jaw: float) -> None:
         self._collision, self._q_jaw = collision, q_jaw

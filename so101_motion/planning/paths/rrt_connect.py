@@ -1,17 +1,15 @@
 """Search for a collision-free path with two trees that grow towards each other (RRT-Connect).
 
-One tree has its root at the start, the other one root at each goal. A tree grows by a
-branch of limited length from its nearest node towards a random configuration; the other tree then
-follows greedily to the new node, as far as it gets. The tree that has grown less goes next, again
-and again until it has caught up: where one end lies deep in a narrow place, nearly all tries fail
-on its side, and they are best spent there.
+One tree has its root at the start, the other one root at each goal. A tree grows by a branch of
+limited length from its nearest node towards a random configuration; the other tree then follows
+greedily to the new node, as far as it gets. The smaller tree goes next until it has caught up: if
+one end is deep in a narrow place, nearly all tries on its side fail, and they are needed there.
 
-Random configurations come some at a time, with all arithmetic at once, because where it is narrow
-most of them are not free and cost little else. Nothing but the seed is random, and only giving up
-depends on time.
+Random configurations are handled several at a time, because in narrow places most of them are not
+free and cost little else. The seed determines everything except giving up, which depends on time.
 
 Distances are joint angles weighted by how far each joint moves the arm, so that a metre of motion
-counts the same whichever joint makes it.
+counts the same for every joint.
 
 Source: J. J. Kuffner, S. M. LaValle, RRT-Connect: An Efficient Approach to Single-Query Path
 Planning, ICRA 2000.
@@ -33,12 +31,12 @@ STEP = 0.20
 """Longest branch of a tree, as weighted distance [m]. Chosen by benchmarks/bench_plan.py."""
 
 FEWEST, MOST = 8, 64
-"""So many random configurations come at a time: the fewest after a success, twice as many after
-each time without. Chosen."""
+"""Number of random configurations at a time: the fewest after a success, doubled after each failure
+up to the most. Chosen."""
 
 
 class LineChecker(Protocol):
-    """Checks which configurations and lines are free, for the search."""
+    """Checks whether configurations and lines are free."""
 
     def is_free(self, q: Array) -> bool:
         """Whether joint angles ``q``, shape (5,), [rad], are free of contact."""
@@ -47,7 +45,7 @@ class LineChecker(Protocol):
         """The first free one of several configurations (n, 5) [rad], None if none is."""
 
     def is_clear(self, q_from: Array, q_to: Array) -> bool:
-        """Whether the path between two free configurations is, as far as this looks."""
+        """Whether the line between two free configurations is free, as far as is checked."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,7 +63,7 @@ class Space:
     weights: Array
 
     def around(self, first: Array, second: Array, distance: float) -> Space:
-        """The part of it within ``distance`` [rad] of two configurations (5,) in each joint."""
+        """The part within ``distance`` [rad] of two configurations (5,) in each joint."""
         return replace(
             self,
             lower=np.maximum(self.lower, np.minimum(first, second) - distance),
@@ -77,7 +75,7 @@ class Deadline:
     """The time at which a search ends.
 
     Attributes:
-        budget: How long after it was made that is [s].
+        budget: Time from its creation [s].
     """
 
     def __init__(self, budget: float) -> None:
@@ -93,11 +91,11 @@ class TreeSearch:
     """One search, from a start to any of several goals.
 
     Args:
-        space: Where configurations are drawn from.
-        checker: What is free.
+        space: The space from which configurations are drawn.
+        checker: Checks configurations and lines.
         q_start: A free configuration, shape (5,), [rad].
         goals: Free configurations, at least one, each of shape (5,), [rad].
-        random: The source of all that is random.
+        random: Source of random numbers.
     """
 
     def __init__(
@@ -132,7 +130,7 @@ class TreeSearch:
 
 
 class Tree:
-    """Configurations and how each was reached. Those at the beginning are its roots.
+    """Configurations, each with its parent. The first ones are the roots.
 
     Attributes:
         points: The configurations, shape (>= count, 5), [rad]; valid up to ``count``.
@@ -153,7 +151,7 @@ class Tree:
 
     @property
     def grown(self) -> int:
-        """How many nodes it has beside its roots."""
+        """Number of nodes besides the roots."""
         return self.count - self._roots
 
     def grow(self, checker: LineChecker) -> int | None:
@@ -170,7 +168,7 @@ class Tree:
         return None
 
     def probe(self, checker: LineChecker) -> list[Array]:
-        """Try some branches; those that met something, each of shape (2, 5), [rad]."""
+        """Try some branches; return the blocked ones, each of shape (2, 5), [rad]."""
         met = []
         for parent, q in zip(*self._tries(), strict=True):
             origin = self.points[parent].copy()
@@ -181,7 +179,7 @@ class Tree:
         return met
 
     def follow(self, checker: LineChecker, q_towards: Array) -> int | None:
-        """Grow towards a configuration until it is reached (the last node) or blocked."""
+        """Grow towards a configuration; the last node if it was reached, None if blocked."""
         parent, distance = self.nearest(q_towards)
         origin = self.points[parent]
         while distance > STEP:
@@ -200,7 +198,7 @@ class Tree:
         return points
 
     def root(self, index: int) -> int:
-        """Which of the roots a node grew from."""
+        """The root of a node."""
         while self._parents[index] >= 0:
             index = self._parents[index]
         return index

@@ -1,13 +1,11 @@
 """Shorten a joint path: skip waypoints, cut corners, and pull it straight.
 
-Three ways, each good at what the others leave over. *Skipping*: the path is cut into short pieces,
-and straight lines past many of them are tried, then past half as many, and so on: that takes away
-the zigzag of a random search. *Cutting* from one random point of the path to another takes away
-wide curves. *Pulling* moves each corner towards the line between its neighbours, as a rope is
-pulled tight.
+Three methods complement each other. *Skipping*: the path is cut into short pieces, and straight
+lines past many of them are tried, then past half as many, and so on; that removes the zigzag of a
+random search. *Cutting* from one random point of the path to another removes wide curves. *Pulling*
+moves each corner towards the line between its neighbours, like pulling a rope tight.
 
-Length is that of joint angles, as a straight line in joint space has it. Points are joint angles,
-shape (5,), [rad].
+Lengths are Euclidean in joint angles. Points are joint angles, shape (5,), [rad].
 
 Source: R. Geraerts, M. H. Overmars, Creating High-quality Paths for Motion Planning, IJRR 2007, for
 shortcuts between random points.
@@ -26,20 +24,20 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.paths.rrt_connect import Deadline, LineChecker
 
 PIECE = 0.25
-"""Longest piece that is skipped or kept as a whole [rad]. Chosen, as what follows, by the length
-that is left and the time it takes on the paths of benchmarks/bench_plan.py."""
+"""Longest piece that is skipped or kept as a whole [rad]. Chosen, like the following, by resulting
+length and time on the paths of benchmarks/bench_plan.py."""
 
 CUTS = 60
-"""So many random cuts are tried."""
+"""Number of random cuts that are tried."""
 
 MOST_FAILED_CUTS = 14
-"""So many of them in a row without gain end the attempt early."""
+"""Cutting ends early after so many cuts in a row without gain."""
 
 GAIN = 0.005
-"""A cut must save this share of the path to be worth a look whether it is free."""
+"""A cut that saves less than this share of the path is not checked."""
 
 SHARES = (0.5, 0.25)
-"""How far a corner is pulled, if it cannot be left out, the first that is free."""
+"""How far a corner is pulled if it cannot be left out; the first free share is used."""
 
 Points = list[Array]
 """Corners of a path, each of shape (5,), [rad]."""
@@ -57,7 +55,7 @@ def shortened(
 
 
 def skipped(points: Sequence[Array], checker: LineChecker) -> Points:
-    """The path without the pieces that straight lines can pass by, the longest lines first."""
+    """The path without the pieces that straight lines can replace, the longest lines first."""
     kept = _in_pieces(points)
     stride = len(kept) - 1
     while stride >= 2:
@@ -117,7 +115,7 @@ def _at(points: Points, ends: list[float], i: int, length: float) -> Array:
 
 
 def _pulled(points: Points, checker: LineChecker) -> Points:
-    """The path with each corner as near to the line between its neighbours as may be."""
+    """The path with each corner pulled towards the line between its neighbours."""
     points = list(points)
     k = 1
     while k < len(points) - 1:

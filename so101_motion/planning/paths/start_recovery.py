@@ -1,15 +1,15 @@
 """Leave a start that is beyond a limit or in contact by a short, harmless motion.
 
-Arms rest there. A powered-off SO-101 lies folded on itself and on the table, with the lift beyond
-its limit, and the hulls that stand for its links are wider than the links. So a start is never
-refused for what it is, only if there is no harmless way out of it: a short straight joint motion
-to a free configuration inside the limits, along which no pair of bodies that is too close comes any
-closer and no other pair becomes too close. A joint outside its limits moves straight inward on it.
+Such starts are normal. A powered-off SO-101 lies folded on itself and on the table, with the lift
+beyond its limit, and the hulls of its links are wider than the links. So a start is refused only if
+no harmless motion leads out of it: a short straight joint motion to a free configuration inside the
+limits, along which no pair of bodies that is too close comes closer and no other pair becomes too
+close. A joint outside its limits moves straight inward during it.
 
-Candidates for the way out are the nearest configuration inside the limits and from there short
-moves towards the goals, towards the zero pose (which is free on every table) and of single joints;
-of the harmless ones that with the least motion is taken. If there is none, moves of all joints in
-random proportions are tried. The planner moves along the way out slowly and plans from its end.
+Candidates for its end are the nearest configuration inside the limits and, from there, short moves
+towards the goals, towards the zero pose (which is free on every table) and of single joints; the
+harmless one with the least motion is taken. If there is none, moves of all joints in random
+proportions are tried. The planner makes this motion slowly and plans from its end.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ OUTSIDE = 2.0 * math.pi / 4096.0
 """A start so little outside its limits counts as inside [rad]: one tick of the servo's encoder."""
 
 FARTHEST = 0.12
-"""Longest way out, as motion of any point of the arm [m], unless more is asked for. Chosen: a
-folded arm needs half of it."""
+"""Longest such motion by default, as travel of any point of the arm [m]. Chosen: a folded arm needs
+half of it."""
 
 CLOSER = 5e-4
-"""A pair that is too close may come so much closer than it was [m], because parts that slide
-along each other do, and the depth of an overlap is known no better. Chosen."""
+"""How much closer a pair that is too close may come [m], because parts that slide along each other
+do, and the depth of an overlap is not known better. Chosen."""
 
 _RANDOM_DIRECTIONS = 60
 
@@ -43,7 +43,7 @@ _MOTION = {
     True: "straight motion frees it; move the arm by hand (manual mode), or correct the scene if"
     " that is not there",
 }
-"""How the error ends, for a small motion and for a longer one."""
+"""End of the error message, for a small motion and for a longer one."""
 
 
 def needs_departure(
@@ -63,10 +63,13 @@ def find_departure(
     seed: int,
     farthest: float = FARTHEST,
 ) -> Array:
-    """A free configuration, shape (5,), [rad], inside the limits, to leave a bad start to.
+    """Find the configuration, free and inside the limits, to which a bad start can be left.
+
+    Returns:
+        Shape (5,), [rad].
 
     Raises:
-        InCollision: There is none; names what the arm touches.
+        InCollision: There is none; the message says what the arm touches.
     """
     inside = np.clip(q_start, model.lower, model.upper)
     random = np.random.default_rng(seed).standard_normal((_RANDOM_DIRECTIONS, 5))
@@ -93,12 +96,12 @@ def find_departure(
 
 
 def is_harmless(collision: CollisionModel, points: Array, q_jaw: float) -> bool:
-    """Whether along ``points`` (n, 5) close pairs only part, and no other pair becomes close."""
+    """Whether along ``points`` (n, 5) close pairs only move apart, and no other becomes close."""
     travelled = collision.travel(points)
     steps = max(1, math.ceil(travelled[-1] / float(collision.margins.min())))
     at = np.linspace(0.0, travelled[-1], steps + 1)
     columns = [np.interp(at, travelled, points[:, i]) for i in range(5)]
-    # What a pair has gained it must keep, up to its margin, which is enough.
+    # A pair must keep the distance it has gained, up to its margin.
     kept = np.full(len(collision.pairs), -math.inf)
     for q in np.column_stack(columns):
         distances = collision.distances(q, q_jaw)

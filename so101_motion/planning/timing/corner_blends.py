@@ -1,7 +1,8 @@
 """Choose how far each corner of a path is rounded.
 
-A corner that has room is cut widely, so that the arm keeps its speed; one beside an obstacle less,
-and where even that is blocked the arm stops. So one narrow place does not slow a whole motion.
+A corner with enough room is cut widely, so that the arm keeps its speed; a corner beside an
+obstacle less, and if even that is blocked the arm stops there. So one narrow place does not slow a
+whole motion.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.timing.path_geometry import JointPath, blended_path
 
 SMALLER = 0.35
-"""By how much less a blocked corner is cut next. Chosen: three sizes between 0.1 and 0.01 rad."""
+"""Factor by which a blocked corner is cut less. Chosen: three sizes between 0.1 and 0.01 rad."""
 
 PER_CORNER = 12
-"""Configurations of a rounded corner that are looked at."""
+"""Number of configurations of a rounded corner that are checked."""
 
 
 def roomy_corners(
@@ -26,8 +27,8 @@ def roomy_corners(
 ) -> Array:
     """How far a joint may leave a polyline (m, 5) at its corners, (m - 2,) [rad]; 0 for a stop.
 
-    ``tolerance`` is the largest and ``narrowest`` the smallest that is tried [rad]; ``is_free`` is
-    asked about single configurations (5,) on the rounded corner.
+    ``tolerance`` is the largest and ``narrowest`` the smallest that is tried [rad]; ``is_free``
+    checks single configurations (5,) on the rounded corner.
     """
     tolerances = np.full(len(waypoints) - 2, tolerance)
     tight = list(range(len(tolerances)))

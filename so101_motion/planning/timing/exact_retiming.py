@@ -1,20 +1,21 @@
-"""Time a path exactly: the motion never leaves it, not even by smoothing.
+"""Time a path so that the motion stays exactly on it, even after smoothing.
 
 ``retime.py`` makes the fastest motion along a path and bounds its jerk by averaging the joint
-angles over time; that cuts corners by up to a hundredth of a radian, which is nothing between two
-configurations and too much for a tool on a line. Here the average is taken of the *place along the
-path* instead. The joints stay on the path whatever the speed, and the price is time, because a
-motion along a bent path has jerk that no such average removes.
+angles over time. That cuts corners by up to a hundredth of a radian, which does not matter between
+two configurations but is too much for a tool on a line. Here the *place along the path* is averaged
+instead. The joints stay on the path at any speed, but the motion takes longer, because a motion
+along a bent path has jerk that no such average removes.
 
 How it works.
 
-1. Each place has a largest speed: that of the slowest joint and of the tool, and where the path
-   bends what leaves something of the acceleration and jerk limits for speeding up.
-2. One pass forwards and one backwards keep to what acceleration is left at the speed there is.
+1. Each place has a largest speed: by the joint and tool speed limits, and in bends so that part of
+   the acceleration and jerk limits is left for speeding up.
+2. One pass forwards and one backwards keep the acceleration that is left at each speed.
 3. The place as a function of time is averaged over a window that turns steps of acceleration into
-   ramps of the jerk limit.
-4. The result is measured. Where it exceeds a limit the speed near there is lowered by as much, and
-   the motion made again; what is left after a few rounds is taken out by making all of it slower.
+   ramps of the jerk limit (a moving average, or FIR filter: see ``jerk_filter.py``).
+4. The result is measured. Where it exceeds a limit, the speed near there is lowered accordingly,
+and
+   the motion is made again. The excess after a few rounds is removed by slowing the whole motion.
 
 Source: J. E. Bobrow, S. Dubowsky, J. S. Gibson, Time-Optimal Control of Robotic Manipulators Along
 Specified Paths, 1985, for the two passes under a speed limit at each place.
@@ -23,43 +24,39 @@ Specified Paths, 1985, for the two passes under a speed limit at each place.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.timing import verify
-from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.limits import MotionLimits, ToolSpeed
 from so101_motion.planning.timing.path_geometry import JointPath
 from so101_motion.planning.timing.trajectory import Trajectory
 
-ToolSpeed = Callable[[Array, Array], Array]
-"""From joint angles (m, n) and their rates (m, n) to the speed of the tool point, (m,)."""
-
 POINTS = 128
-"""Fewest points of a path at which speed is worked out. Chosen: twice as many make motions along
+"""Fewest points of a path at which the speed is computed. Chosen: twice as many make motions along
 lines shorter by a thousandth."""
 
 PER_PIECE = 4
-"""Fewest of them on a piece of the path."""
+"""Fewest of these points on a piece of the path."""
 
 FOR_BENDS = 0.8, 0.6
-"""How much of the acceleration and of the jerk limits a bend of the path may use up at constant
+"""Shares of the acceleration and of the jerk limits that a bend of the path may use at constant
 speed. Chosen: of eight pairs the one with the shortest motions along 146 random lines, 12 % longer
 at the median than motions that may leave the path."""
 
 MARGIN = 0.998
-"""Share of the limits aimed at, so that samples at another phase keep them too."""
+"""Share of the limits that is used, so that samples at another phase keep them too."""
 
 ROUNDS = 4
-"""How often speed is lowered in places."""
+"""How often the speed is lowered where a limit is exceeded."""
 
 CORRECTIONS = 4
-"""How often all of a motion is made slower until its own samples keep the limits."""
+"""How often the whole motion is slowed until its own samples keep the limits."""
 
 _STEPS = 256
-"""Points in time at which a motion is measured."""
+"""Number of times at which a motion is measured."""
 
 
 def time_exactly(
@@ -68,12 +65,12 @@ def time_exactly(
     """A fast motion exactly along a path, from rest to rest, within the limits.
 
     Args:
-        path: Where to go; its parameter may be anything.
+        path: The path, with any parameter.
         limits: Caps for every joint, and for the tool if ``limits.tool_speed`` is set.
-        tool_speed_fn: How fast the tool moves; needed when ``limits.tool_speed`` is set.
+        tool_speed_fn: Speed of the tool; needed when ``limits.tool_speed`` is set.
 
     Returns:
-        The motion; what it keeps of the limits is for the caller to verify.
+        The motion; the caller has to verify that it keeps the limits.
 
     Raises:
         ValueError: A tool speed cap without ``tool_speed_fn``.
@@ -146,7 +143,7 @@ class _Grid:
         return np.asarray(np.minimum(np.min(caps, axis=0), self.s[-1] / _SHORTEST_TIME))
 
     def acceleration(self, limits: MotionLimits, speed: Array) -> Array:
-        """The acceleration along the path that these speeds leave at each place, shape (m,)."""
+        """The acceleration along the path that is left at these speeds, shape (m,)."""
         left = limits.acceleration - np.abs(self.q_ss) * speed[:, None] ** 2
         with np.errstate(divide="ignore"):
             largest = MARGIN * np.min(left / np.abs(self.q_s), axis=1)
@@ -154,7 +151,7 @@ class _Grid:
 
 
 _SHORTEST_TIME = 1e-3
-"""Nothing is done in less time than this [s]; it bounds what no joint bounds."""
+"""No motion is shorter than this [s]; it bounds speeds that no joint bounds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -180,7 +177,7 @@ class _Motion:
 
     @classmethod
     def along(cls, s: Array, cap: Array, at_rest: Array, at_cap: Array, width: float) -> _Motion:
-        """The fastest motion, nearly, under caps on speed and acceleration.
+        """Nearly the fastest motion under caps on speed and acceleration.
 
         Args:
             s: Places, shape (m,).
@@ -206,13 +203,13 @@ class _Motion:
         return cls(t=t, s=s, v=v, integral=np.concatenate(([0.0], np.cumsum(area))), width=width)
 
     def reach(self) -> float:
-        """How far along the path a change of speed is felt, at the most."""
+        """Largest distance along the path at which a change of speed has an effect."""
         return float(self.v.max()) * self.width
 
     def excess(
         self, path: JointPath, limits: MotionLimits, tool: ToolSpeed | None
     ) -> tuple[Array, Array]:
-        """Places and how many times slower the motion should be there to keep the limits."""
+        """Places, and the factor by which the motion is too fast there."""
         t = np.linspace(-0.5 * self.width, self.t[-1] + 0.5 * self.width, _STEPS)
         s, v, a, j = self.averaged(t)
         q, q_s, q_ss = path.evaluate(s)
@@ -261,7 +258,7 @@ class _Motion:
 
 
 def _next(x: float, h: float, rest: list[float], fall: list[float], here: int, there: int) -> float:
-    """The largest squared speed one place on, under the acceleration allowed at both.
+    """The largest squared speed at the next place, with the acceleration allowed at both.
 
     Acceleration at a place is ``rest`` less ``fall`` times the squared speed; ``h`` is twice the
     distance.

@@ -8,8 +8,8 @@ systems that toppra has no wheels for. Both agree to 1e-12; the tests hold them 
 
 How it works: at a given x each row bounds u from above and from below by a line in x. The gap
 between the lowest upper bound and the highest lower bound is concave in x. So Newton's method, from
-the largest x that the speed limits allow, goes down to the largest x without a negative gap; as the
-bounds are lines, it is there exactly after a few steps.
+the largest x that the speed limits allow, goes down to the largest x without a negative gap;
+because the bounds are lines, it gets there exactly after a few steps.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class LimitRows(NamedTuple):
     Attributes:
         a: Factors of the acceleration along the path [s^2/rad].
         b: Factors of the squared speed along it [s^2/rad^2].
-        c: What is used up at rest; less than 1 in magnitude.
+        c: The part of the limit used at rest; less than 1 in magnitude.
     """
 
     a: Array

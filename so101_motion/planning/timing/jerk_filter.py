@@ -2,19 +2,17 @@
 
 A time-optimal motion jumps from full acceleration to full braking. Its average over a sliding
 window of width ``w`` does not: an acceleration step of ``da`` becomes a ramp of slope ``da / w``.
-Averaging mixes only values of the motion itself, so no joint goes faster, accelerates harder or
-leaves its range; it comes off the path by at most ``a w^2 / 24``, and takes ``w`` longer.
+Averaging only mixes values of the motion itself, so no joint goes faster, accelerates harder or
+leaves its range; the motion leaves the path by at most ``a w^2 / 24``, and takes ``w`` longer.
 
-The window may change its width along the path, and that is worth time. In the middle a joint may
-turn from ``+a`` to ``-a`` and needs ``w = 2 a / j``; at the ends, next to rest, the step is only
-``a``, half the window does, and only the widths at the two ends lengthen the motion. With
-``w(t)`` varying, the average is ``(Q(t + w/2) - Q(t - w/2)) / w``, where Q is the integral of the
-motion, and differentiating that product gives velocity and acceleration without approximation.
-A changing window stretches and squeezes what it averages by ``w'``, so the width changes slowly,
-and the caller measures the result.
+A window of varying width saves time. In the middle a joint may change from ``+a`` to ``-a`` and
+needs ``w = 2 a / j``; at the ends, next to rest, the step is only ``a``, half the window is enough,
+and only the widths at the two ends lengthen the motion. With varying ``w(t)`` the average is
+``(Q(t + w/2) - Q(t - w/2)) / w``, where Q is the integral of the motion, and differentiating that
+gives velocity and acceleration without approximation. A changing window distorts the average by
+``w'``, so the width changes slowly, and the caller measures the result.
 
-Inside, arrays have joints first and time last: numpy runs along the last axis, and five is too
-short for it.
+Arrays inside have joints first and time last: numpy is fast along a long last axis.
 
 Source: L. Biagiotti, C. Melchiorri, FIR filters for online trajectory planning with time- and
 frequency-domain specifications, 2012.
@@ -35,11 +33,11 @@ from so101_motion.planning.timing.trajectory import Trajectory
 CHECK_STEP = 1e-3
 """Time between the samples on which limits are measured [s]: 1 kHz."""
 JERK_SHARE = 0.985
-"""How much of the jerk limits a narrower window may use to be taken. Chosen: while the window
-changes, a step of acceleration can leave it in a peak shorter than the samples see."""
+"""Largest share of the jerk limits with which a narrower window is accepted. Chosen: while the
+window changes, a step of acceleration can cause a peak shorter than the samples."""
 RAMP_WIDTHS = 2.5
-"""How many window widths the window takes to change. Chosen: faster, its own acceleration eats
-what it saves; slower, the next large step comes too soon. See benchmarks/."""
+"""Time in which the window changes, in window widths. Chosen: if it is faster, its own acceleration
+costs what it saves; if slower, the next large step comes too soon. See benchmarks/."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,7 +108,7 @@ def curve_through(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Window:
-    """How wide the average is over time: a middle width, narrower towards the two ends.
+    """Width of the average over time: a middle width, narrower towards the two ends.
 
     Attributes:
         first: Width where the motion starts [s].
@@ -177,8 +175,8 @@ def averaged_motion(curve: Curve, window: Window, t: Array) -> tuple[Array, Arra
 def fitting_window(curve: Curve, width: float, limits: MotionLimits) -> Window:
     """The shortest window that keeps the limits, judged at each end for itself.
 
-    At an end half the width will do, unless a large step of acceleration comes so soon that the
-    window has not grown to meet it.
+    At an end half the width is enough, unless a large step of acceleration comes before the window
+    has grown.
     """
     ramp, reach = RAMP_WIDTHS * width, (RAMP_WIDTHS + 2.0) * width
     even = Window(first=width, middle=width, last=width, ramp=ramp, duration=curve.duration)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.common.geometry import Array, frozen_array
+
+ToolSpeed = Callable[[Array, Array], Array]
+"""From joint angles (m, n) and their rates (m, n) to the speed of the tool point, (m,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,13 +70,13 @@ class MotionLimits:
         )
 
     def eased(self, share: float) -> MotionLimits:
-        """These limits with no more than this share of velocity and acceleration, 0 to 1."""
+        """These limits with this share of velocity and acceleration, 0 to 1."""
         if share >= 1.0:
             return self
         return self.scaled_to(share * self.velocity, share * self.acceleration)
 
     def eased_to(self, other: MotionLimits, share: float) -> MotionLimits:
-        """What is this far on the way from these limits to others, 0 to 1 and no further."""
+        """Interpolate from these limits to others; ``share`` is clamped to 0 to 1."""
         if share >= 1.0:
             return other
         u = max(share, 0.0)

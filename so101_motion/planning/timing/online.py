@@ -1,18 +1,18 @@
 """Compute motions within a control tick: straight to a goal, to a new goal while moving, to a stop.
 
-Cheap enough for the control tick (tens of microseconds to a millisecond), so nothing here looks
-for collisions or position limits; that is the caller's business. Two ways to stop:
+Each takes tens of microseconds to a millisecond; collisions and position limits are not checked
+here but by the caller. There are two kinds of stop:
 
-- :func:`stop_on_path` keeps to a motion that has been verified already and only lets its time run
-  slower and slower until it stands. Every position it visits is one the motion would have visited,
-  so what was free of collision stays so.
-- :func:`stop` brings every joint to rest as fast as it can, each for itself. It is the shortest
-  stop, and leaves the path by as much as joints of different braking times do.
+- :func:`stop_on_path` stays on a motion that has been verified and only slows its time down until
+it
+  stands. Every position of the stop is one of the motion's, so it is free of collision too.
+- :func:`stop` brings each joint to rest as fast as it can. It is the shortest stop, and leaves the
+  path as far as the joints' braking times differ.
 
 ruckig (L. Berscheid and T. Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary
 Target States, 2021) is imported here and nowhere else. Its community edition ignores position
-limits, accepts lists of the wrong length without a word, and sends intermediate waypoints to a
-server: lengths are checked here, waypoints never set.
+limits, silently accepts lists of the wrong length, and sends intermediate waypoints to a server:
+lengths are checked here, and waypoints are never set.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from so101_motion.planning.timing.time_scaling import shortest_slowdown, shortes
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 SAME_POSITION = 1e-9
-"""Goals closer than this [rad] are where the joints already are. Chosen: far below a servo tick."""
+"""For goals closer than this [rad] no motion is needed. Chosen: far below a servo tick."""
 
 SOFTNESS = 0.035
-"""Time constant with which a joint comes beside its target [s]; chosen by trial."""
+"""Time constant with which a joint approaches its target [s]; chosen by trial."""
 
 FORESIGHT = 0.05
-"""How far ahead a caller is told how joints will accelerate [s]: after that time a servo does what
-it is sent now."""
+"""Time over which future accelerations are averaged for the caller [s]: a servo reacts that late to
+its goals."""
 
 LESS_JERK = 1.0 - 1e-9
-"""Share of the jerk caps with which a motion is looked for again. Chosen: far above rounding, far
-below what can be told from the caps."""
+"""Share of the jerk caps with which a motion is searched again. Chosen: far above rounding, and not
+distinguishable from the caps."""
 
 
 def point_to_point(
@@ -51,13 +51,13 @@ def point_to_point(
 ) -> Trajectory:
     """The fastest motion along the straight line in joint space, from rest to rest.
 
-    All joints keep the same proportion throughout, because one number, the path along the line, is
-    timed under the limits of whichever joint is the strictest. ``limits.tool_speed`` is not looked
-    at: a motion under that cap is timed by ``retime``.
+    All joints keep the same ratio throughout, because one number, the place along the line, is
+    timed under the strictest joint's limits. ``limits.tool_speed`` is ignored: ``retime`` times
+    motions under that cap.
 
     Args:
-        q_start: Where it starts, shape (n,), [rad].
-        q_goal: Where it ends, shape (n,), [rad].
+        q_start: Start, shape (n,), [rad].
+        q_goal: End, shape (n,), [rad].
 
     Returns:
         The motion; a single sample if start and goal are the same.
@@ -97,14 +97,14 @@ def from_state(
 ) -> Trajectory:
     """The fastest motion from any state to rest at a goal; all joints arrive together.
 
-    A state beyond the limits is brought back inside them first, as fast as they allow. The motion
-    may swing past the goal or, before it turns, further along where it was going.
+    A state beyond the limits is first brought back inside as fast as they allow. The motion may
+    swing past the goal, or go on in its present direction before it turns.
 
     Args:
         q: Position now, shape (n,), [rad].
         qd: Velocity now, shape (n,), [rad/s].
         qdd: Acceleration now, shape (n,), [rad/s^2].
-        q_goal: Where it shall come to rest, shape (n,), [rad].
+        q_goal: Position to come to rest at, shape (n,), [rad].
 
     Raises:
         PlanningError: ruckig finds no motion.
@@ -138,18 +138,18 @@ def towards(
 ) -> Setpoint:
     """One period of the fastest motion to a moving target.
 
-    Asked again in every period, it catches up with a target that moves on steadily and stays with
-    it without lag. The motion is sought as the target sees it, who thinks he stands still. Asked
-    for a place and a velocity there instead, a joint that is a hair's breadth ahead would have to
-    turn back to get behind that place, and would do so in every period.
+    Called in every period, it catches up with a target that moves steadily and stays with it
+    without lag. The motion is computed relative to the target, as if that stood still. If it were
+    computed to a position and a velocity instead, a joint slightly ahead would have to turn back to
+    get behind that position, in every period.
 
     Args:
         now: The present state, shapes (n,).
-        q_target: Where the target is at the end of the period, shape (n,), [rad].
-        qd_target: How fast it moves, shape (n,), slower than the velocity caps, [rad/s].
+        q_target: Position of the target at the end of the period, shape (n,), [rad].
+        qd_target: Its velocity, shape (n,), slower than the velocity caps, [rad/s].
         dt: The period [s].
         arrival: Whether each joint shall arrive as soon as it can, or all together; ``"straight"``
-            on a straight line, where they come from rest.
+            on a straight line, if they start from rest.
 
     Raises:
         PlanningError: ruckig finds no motion, for example because the target is too fast.
@@ -166,7 +166,7 @@ def _overtaking(
     dt: float,
     arrival: Arrival,
 ) -> tuple[Setpoint, Array]:
-    """The setpoint of ``towards``, and how fast the joints are ``FORESIGHT`` later [rad/s]."""
+    """The setpoint of ``towards``, and the joints' velocities ``FORESIGHT`` later [rad/s]."""
     q, qd, qdd, to, rate = _numbers(
         limits, dt, q=now.q, qd=now.qd, qdd=now.qdd, q_target=q_target, qd_target=qd_target
     )
@@ -192,9 +192,9 @@ def alongside(
 ) -> tuple[Setpoint, Array]:
     """The next setpoint beside a target whose acceleration is known.
 
-    A joint that is near goes softly: what it is off dies down with ``SOFTNESS``, and otherwise it
-    accelerates as the target does. One that would break a cap by that goes as fast as it may
-    (:func:`towards`).
+    A joint near its target approaches it softly: its error decays with the time constant
+    ``SOFTNESS``, and otherwise it accelerates like the target. A joint that would exceed a cap goes
+    as fast as it may instead (:func:`towards`).
 
     Args:
         now: The present state, shapes (n,).
@@ -203,8 +203,8 @@ def alongside(
         dt: The period [s].
 
     Returns:
-        The setpoint, and how the joints will accelerate during ``FORESIGHT`` from there on, on
-        average, shape (n,), [rad/s^2].
+        The setpoint, and the joints' average acceleration during ``FORESIGHT`` from there on, shape
+        (n,), [rad/s^2].
 
     Raises:
         PlanningError: ruckig finds no motion.
@@ -233,7 +233,7 @@ def alongside(
 
 @functools.cache
 def _soft_gains(dt: float) -> tuple[float, float, float]:
-    """The jerk [rad/s^3] by what a joint is off in angle, speed and acceleration.
+    """Gains from the errors of angle, speed and acceleration to the jerk.
 
     Ackermann's formula for three equal poles of a joint whose jerk is constant for ``dt`` [s].
     """
@@ -246,12 +246,12 @@ def _soft_gains(dt: float) -> tuple[float, float, float]:
 
 
 class PathToRest(NamedTuple):
-    """A stop, seen roughly.
+    """The path of a stop, coarsely sampled.
 
     Attributes:
-        after: The state one period on.
-        path: Where the joints are from now to rest, m >= 2 rows of n [rad].
-        step: The time between these [s].
+        after: The state one period later.
+        path: Joint angles from now to rest, m >= 2 rows of n [rad].
+        step: Time between them [s].
     """
 
     after: Setpoint
@@ -260,13 +260,13 @@ class PathToRest(NamedTuple):
 
 
 def path_to_rest(now: Setpoint, limits: MotionLimits, dt: float, every: float) -> PathToRest:
-    """The shortest stop (see :func:`stop`), seen roughly: cheap enough for every tick.
+    """The shortest stop (see :func:`stop`), coarsely sampled: cheap enough for every tick.
 
     Args:
         now: The present state, shapes (n,).
         limits: Acceleration and jerk caps of the n joints.
         dt: The period [s].
-        every: How often to look, at least [s].
+        every: Largest time between samples [s].
 
     Raises:
         PlanningError: ruckig finds no motion.
@@ -287,14 +287,14 @@ def path_to_rest(now: Setpoint, limits: MotionLimits, dt: float, every: float) -
 def stop(
     q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, limits: MotionLimits, dt: float
 ) -> Trajectory:
-    """The shortest stop: every joint comes to rest as fast as it can, each for itself.
+    """The shortest stop: each joint comes to rest as fast as it can.
 
     Args:
         q: Position now, shape (n,), [rad].
         qd: Velocity now, shape (n,), [rad/s].
         qdd: Acceleration now, shape (n,), [rad/s^2].
-        limits: Acceleration and jerk caps of the n joints; no joint gets faster than it is, unless
-            it is accelerating now and jerk allows no less.
+        limits: Acceleration and jerk caps of the n joints; no joint gets faster, unless it is
+            accelerating now and the jerk cap forbids less.
 
     Raises:
         PlanningError: ruckig finds no motion.
@@ -306,18 +306,17 @@ def stop(
 
 
 def stop_on_path(trajectory: Trajectory, t: float, limits: MotionLimits, dt: float) -> Trajectory:
-    """The shortest stop that stays on a motion that has been verified.
+    """The shortest stop that stays on a verified motion.
 
-    The motion's own time runs slower until it stands
+    The motion's own time is slowed down until it stands
     (:mod:`~so101_motion.planning.timing.time_scaling`), so every position of the stop is one of the
-    motion's, and no joint gets faster than the motion was. Where no such slowing keeps the limits,
-    the joints stop each for itself (:func:`stop`) and the path is left; with limits a little above
-    the motion's own (by a fifth for acceleration and a half for jerk) that was not seen in
-    thousands of stops.
+    motion's, and no joint gets faster than in the motion. If no such slowdown keeps the limits,
+    each joint stops by itself (:func:`stop`) and the path is left; with limits above the motion's
+    own by a fifth for acceleration and a half for jerk that was not seen in thousands of stops.
 
     Args:
         trajectory: The motion being played.
-        t: When the stop begins, on the motion's clock [s]; past its end it is at rest already.
+        t: Start of the stop on the motion's clock [s]; past its end the arm is at rest already.
         limits: Acceleration and jerk caps of the stop; they may be larger than the motion's. Along
             the path jerk stays within 1.02 of its cap (``time_scaling.JERK_TOLERANCE``).
 
@@ -341,14 +340,14 @@ def stop_on_path(trajectory: Trajectory, t: float, limits: MotionLimits, dt: flo
 def resume_on_path(trajectory: Trajectory, t: float) -> Trajectory | None:
     """Go on with a motion from rest, along its path (the reverse of :func:`stop_on_path`).
 
-    No joint accelerates more, or with more jerk, than it does anywhere in the motion itself.
+    No joint exceeds its largest acceleration and jerk in the motion itself.
 
     Args:
         trajectory: The motion that was being played.
-        t: Where on its clock the joints stand [s].
+        t: The time on its clock at which the joints stand [s].
 
     Returns:
-        The rest of the motion; None if no way was found to begin it so.
+        The rest of the motion; None if no such start was found.
     """
     return shortest_speedup(trajectory, t)
 
@@ -356,7 +355,7 @@ def resume_on_path(trajectory: Trajectory, t: float) -> Trajectory | None:
 def _numbers(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[list[float]]:
     """The given values as plain numbers, one for each joint of the limits.
 
-    Five at a time, in every control cycle: numpy takes several times as long for so few.
+    This runs in every control cycle: for so few numbers numpy takes several times as long.
     """
     if not 0.0 < dt < math.inf:
         raise ValueError(f"dt must be positive and finite, got {dt}")
@@ -388,10 +387,10 @@ def _stopping(state: list[list[float]], limits: MotionLimits) -> ruckig.InputPar
 
 
 def _found(request: ruckig.InputParameter) -> ruckig.Trajectory:
-    """What ruckig finds, if need be with a hair less jerk.
+    """Let ruckig compute a motion; if it fails, again with slightly less jerk.
 
-    It gives up where a joint has its largest acceleration for a mere instant and rounding hides
-    that: with the arm's own caps, on many a move by exactly 2 degrees.
+    It fails where a joint has its largest acceleration only for an instant and rounding hides that:
+    with the arm's own caps, in many moves by exactly 2 degrees.
     """
     try:
         return _searched(request)
@@ -426,7 +425,7 @@ def _land(q: Array, q_goal: Array) -> None:
     """Move positions (N, n) in place so that the last one is exactly the goal.
 
     ruckig ends within 1e-8 rad of it. A jump of that size in the last sample would be a spike of
-    30 rad/s^3 at 1 kHz, so what is missing is spread over the motion.
+    30 rad/s^3 at 1 kHz, so the error is spread over the motion.
     """
     x = np.linspace(0.0, 1.0, len(q))[:, None]
     q += (q_goal - q[-1]) * (x * x * (3.0 - 2.0 * x))

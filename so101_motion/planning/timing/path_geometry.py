@@ -1,13 +1,13 @@
 """Joint paths as piecewise cubic curves, without time.
 
 A path is a chain of cubic pieces over a parameter ``s`` that runs from 0 to ``length`` in radians
-of joint space. Two ways to lay one through waypoints: :func:`spline_path` passes through every
+of joint space. Two functions make one through waypoints: :func:`spline_path` passes through every
 point with continuous curvature and may swing wide between them; :func:`blended_path` keeps to the
-straight lines between the points and rounds the corners by no more than a stated tolerance, so
-that a polyline found free of collision stays free within that bound.
+straight lines between the points and rounds the corners by no more than a given tolerance, so
+that a collision-free polyline stays free within that bound.
 
-Curvature may jump where a straight piece meets a rounded one. Whoever needs it on both sides of
-such a knot asks piece by piece (:meth:`JointPath.on_pieces`).
+Curvature may jump where a straight piece meets a rounded one. :meth:`JointPath.on_pieces` gives it
+on both sides of such a knot.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SAME_POINT = 1e-9
 
 
 class PathPoints(NamedTuple):
-    """Points of a path and how they move with ``s``.
+    """Points of a path and their derivatives by ``s``.
 
     Attributes:
         q: Joint angles, shape (..., n), [rad].
@@ -43,7 +43,7 @@ class JointPath:
     """A curve in joint space made of cubic pieces.
 
     Attributes:
-        knots: Where pieces meet, shape (K + 1,), rising from 0, [rad].
+        knots: Ends of the pieces, shape (K + 1,), rising from 0, [rad].
         coefficients: Shape (K, 4, n): with ``u = s - knots[k]`` the curve is
             ``q = c[k, 0] + c[k, 1] u + c[k, 2] u^2 + c[k, 3] u^3``.
     """
@@ -69,9 +69,9 @@ class JointPath:
         return float(self.knots[-1])
 
     def evaluate(self, s: ArrayLike) -> PathPoints:
-        """The curve at ``s``, shape (m,), [rad]; beyond the ends it stays at the end points.
+        """The curve at ``s``, shape (m,), [rad]; beyond the ends the end points.
 
-        At a knot the curvature is that of the piece which begins there.
+        At a knot the curvature is that of the piece that begins there.
         """
         at = np.clip(np.asarray(s, dtype=np.float64), 0.0, self.length)
         piece = np.clip(np.searchsorted(self.knots, at, "right") - 1, 0, len(self.knots) - 2)
@@ -122,10 +122,10 @@ def spline_path(waypoints: ArrayLike) -> JointPath:
 def blended_path(waypoints: ArrayLike, tolerance: ArrayLike) -> JointPath:
     """Straight lines through the waypoints with rounded corners.
 
-    A corner becomes a parabola that leaves one line and meets the other ``reach`` away from the
-    waypoint. With unit directions d1 and d2 it passes the waypoint at ``reach (d2 - d1) / 4``, and
-    no joint is anywhere further than that from the lines; ``reach`` is chosen so that this is
-    ``tolerance``, but never more than half of a neighbouring line.
+    A corner becomes a parabola that leaves one line and meets the other at the distance ``reach``
+    from the waypoint. With unit directions d1 and d2 it passes the waypoint at
+    ``reach (d2 - d1) / 4``, and no joint is anywhere further than that from the lines; ``reach`` is
+    chosen so that this is ``tolerance``, but never more than half of a neighbouring line.
 
     Args:
         waypoints: Shape (m, n), [rad]; a point equal to the one before it counts once.

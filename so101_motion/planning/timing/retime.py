@@ -2,19 +2,18 @@
 
 How it works, in four steps:
 
-1. *Optimal speed along the path* (:mod:`~so101_motion.planning.timing.speed_profile`), which is as
-   fast as the velocity and acceleration limits allow and knows no jerk.
+1. *Optimal speed along the path* (:mod:`~so101_motion.planning.timing.speed_profile`), as fast as
+   the velocity and acceleration limits allow, without a bound of jerk.
 2. *Motion in time.* Acceleration along the path is constant on each interval, which gives time,
    velocity and acceleration exactly.
 3. *Bounded jerk* by a moving average (:mod:`~so101_motion.planning.timing.jerk_filter`).
-4. *Measure and scale.* The result is sampled at 1 kHz; if it exceeds anything, the tool speed cap
-   included, its time is stretched by exactly that. What is returned has been checked.
+4. *Measure and scale.* The result is sampled at 1 kHz; if it exceeds a limit or the tool speed cap,
+   its time is stretched by exactly that. The returned motion has been checked.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +30,7 @@ from so101_motion.planning.timing.jerk_filter import (
     fitting_window,
     sampled,
 )
-from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.limits import MotionLimits, ToolSpeed
 from so101_motion.planning.timing.path_geometry import JointPath
 from so101_motion.planning.timing.speed_profile import (
     SPEED_MARGIN,
@@ -41,24 +40,21 @@ from so101_motion.planning.timing.speed_profile import (
 )
 from so101_motion.planning.timing.trajectory import Trajectory
 
-ToolSpeed = Callable[[Array, Array], Array]
-"""From joint angles (m, n) and their rates (m, n) to the speed of the tool point, (m,)."""
-
 EASED = 0.97
-"""Share of the acceleration limits used near the ends, where the width of the average changes and
-adds acceleration of its own. Chosen together with ``RAMP_WIDTHS``."""
+"""Share of the acceleration limits used near the ends, where the changing width of the average adds
+acceleration. Chosen together with ``RAMP_WIDTHS``."""
 EASED_PART = 0.1
-"""Longest part of a path that may be eased. Where more were needed, steps of acceleration follow
+"""Longest part of a path that may be eased. If more were needed, steps of acceleration would follow
 each other too closely for a narrow window anyway. Chosen: benchmarks/."""
 WIDTH_MARGIN = 1.004
-"""How much wider the average is than its formula asks. Chosen: covers that differences at 1 kHz
-see up to 0.3 % more jerk at one phase of the sampling than at another."""
+"""Factor by which the average is wider than its formula. Chosen: differences at 1 kHz show up to
+0.3 % more jerk at one phase of the sampling than at another."""
 NARROWEST = 0.012
-"""Narrowest average [s], however high the jerk limit. Chosen: the 1 kHz samples on which limits
-are measured resolve what is left, also at the ends where it is half as wide."""
+"""Narrowest average [s], at any jerk limit. Chosen: the 1 kHz samples on which limits are measured
+resolve it, also at the ends where it is half as wide."""
 CORRECTIONS = 3
-"""How often a motion is slowed down because its own samples see a little more of a very short peak
-than those at 1 kHz did. Chosen: of 5700 random paths one in fifty needed one, none two."""
+"""How often a motion is slowed down because its own samples show a little more of a very short peak
+than those at 1 kHz. Chosen: of 5700 random paths one in fifty needed one, none two."""
 
 
 def retime(
@@ -74,13 +70,13 @@ def retime(
     """The fastest motion along a path, from rest to rest, within the limits.
 
     Args:
-        path: Where to go.
+        path: The path.
         limits: Caps for every joint, and for the tool if ``limits.tool_speed`` is set.
-        tool_speed_fn: How fast the tool moves; needed when ``limits.tool_speed`` is set.
-        further: More limits on the motion along the path, such as torques. They shape the best
-            speed; unlike the others they are not measured on the result.
-        deviation: How far each joint may leave the path by the smoothing [rad]; accelerations are
-            lowered where a low jerk limit would need more.
+        tool_speed_fn: Speed of the tool; needed when ``limits.tool_speed`` is set.
+        further: More limits on the motion along the path, such as torques. They limit the speed
+            profile; unlike the others they are not measured on the result.
+        deviation: How far smoothing may move each joint off the path [rad]; accelerations are
+            lowered if a low jerk limit would need more.
 
     Returns:
         The motion. It starts and ends exactly at the ends of the path.
@@ -156,7 +152,7 @@ def _stretch(q: Array, limits: MotionLimits, tool_speed_fn: ToolSpeed | None) ->
     if limits.tool_speed is None or tool_speed_fn is None:
         return stretch
     middle, rate = 0.5 * (q[1:] + q[:-1]), np.diff(q, axis=0) / CHECK_STEP
-    # Each value may cost a Jacobian: every fourth first, then all around those near the highest.
+    # Each value may cost a Jacobian: every fourth first, then all near the highest ones.
     coarse = tool_speed_fn(middle[::4], rate[::4])
     near = np.repeat(coarse > 0.98 * coarse.max(), 4)
     near = np.convolve(near, np.ones(9), "same")[: len(rate)] > 0.5
@@ -165,9 +161,9 @@ def _stretch(q: Array, limits: MotionLimits, tool_speed_fn: ToolSpeed | None) ->
 
 
 def _eased_length(length: float, acceleration: Array, width: float) -> float:
-    """How far from the two ends acceleration is a little lower [rad]; 0 for nowhere.
+    """Length at both ends where acceleration is a little lower [rad]; 0 for none.
 
-    As far as the joints can get before the average has its full width.
+    It is the distance the joints can travel before the average has its full width.
 
     Args:
         length: Of the path [rad].

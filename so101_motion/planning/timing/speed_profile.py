@@ -8,10 +8,11 @@ can still stop, one pass from the start then accelerates as hard as it may below
 
 What keeps it exact and quick:
 
-* Cuts meet every knot of the path, and both ends of each interval are held to the limits; a
+* There is a cut at every knot of the path, and both ends of each interval must keep the limits; a
   coarser or unaligned grid exceeds them in between or stalls.
 * On a straight piece nothing varies, so the best motion along it is known: full acceleration, top
-  speed, full braking. It is one interval for both passes, and is then cut where those phases meet.
+  speed, full braking. It is one interval for both passes, and is cut afterwards where these phases
+  meet.
 * Both ends are at rest, and x = 0 with u = 0 is allowed everywhere, so the pass from the end needs
   no lower bound. In the pass from the start x is known, and the largest u is a minimum over rows.
   Only the largest x of a curved interval is a linear program in two unknowns: toppra solves it
@@ -36,34 +37,34 @@ from so101_motion.planning.timing.path_geometry import JointPath, PathPoints
 from so101_motion.planning.timing.toppra_solver import toppra_solver
 
 GRID_POINTS = 800
-"""How many intervals the winding pieces of a path get together, shared out evenly. Chosen:
+"""Number of intervals of all winding pieces of a path together, evenly shared. Chosen:
 benchmarks/."""
 GRID_PER_PIECE = (16, 300)
 """Fewest and most intervals on one winding piece. Fewer than 16 cost more than 1 % in time."""
 GRID_ON_ROUNDS = 120
-"""How many intervals the parabolas that round corners get together. Chosen: benchmarks/."""
+"""Number of intervals of all parabolas that round corners together. Chosen: benchmarks/."""
 GRID_PER_ROUND = (12, 40)
 """Fewest and most intervals on one of them. Chosen: that costs less than 0.2 % in time."""
 SPEED_MARGIN = 1.0 - 1e-4
-"""Share of the speed limits used on the grid; covers what happens between its points."""
+"""Share of the speed limits used on the grid; covers the excess between its points."""
 
 SHORTEST = 1e-6
 """Parts of an even interval below this share of it are not cut off."""
 
 _LARGEST = 1e6
-"""Largest squared speed in scaled units; toppra wants a bound even where there is none."""
+"""Largest squared speed in scaled units; toppra needs a bound even where there is none."""
 
 _LEAST = 1e-9
 """A row with a smaller factor of u, in scaled units, does not bound u."""
 
 _BETWEEN = 64
-"""So many intervals between two checkpoints. Chosen: a millisecond."""
+"""Number of intervals between two checkpoints. Chosen: a millisecond."""
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 FurtherLimits = Callable[[PathPoints], LimitRows]
-"""Limits at given points of a path, beside those of velocity and acceleration."""
+"""Limits at given points of a path, besides those of velocity and acceleration."""
 
 
 class PathGrid:
@@ -86,9 +87,9 @@ class PathGrid:
 
     @classmethod
     def on(cls, path: JointPath, *, fine: bool) -> PathGrid:
-        """Cut the curved pieces evenly, and if ``fine`` the straight ones as well.
+        """Cut the curved pieces evenly, and with ``fine`` the straight ones as well.
 
-        Straight pieces need that where limits vary along them.
+        Straight pieces need that if limits vary along them.
         """
         bends, winds = (np.any(path.coefficients[:, k:], axis=(1, 2)) for k in (2, 3))
         many = int(np.clip(GRID_POINTS // len(bends), *GRID_PER_PIECE))
@@ -101,9 +102,9 @@ class PathGrid:
         return cls(path, piece, (number * step, (number + 1) * step), is_even)
 
     def divided(self, at: Indices, after: Array) -> PathGrid:
-        """The same with intervals ``at`` cut again, ``after`` [rad] from their beginnings.
+        """A copy with intervals ``at`` cut again, ``after`` [rad] from their beginnings.
 
-        An interval that is cut twice occurs twice; all rise.
+        An interval that is cut twice occurs twice; both arrays rise.
         """
         first, last = self._cuts
         u = first[at] + after
@@ -115,7 +116,7 @@ class PathGrid:
         )
 
     def divided_at(self, s: Array) -> PathGrid:
-        """The same with even intervals cut at ``s`` (m,), rising, [rad] from the start."""
+        """A copy with even intervals cut at ``s`` (m,), rising, [rad] from the start."""
         ends = np.cumsum(self.steps)
         at = np.minimum(np.searchsorted(ends, s), len(ends) - 1)
         after = s - (ends[at] - self.steps[at])
@@ -143,7 +144,7 @@ def optimal_speed(
     Args:
         cap: Largest speed at each cut, shape (N + 1,), [rad/s].
         acceleration: Joint acceleration limits on each interval, shape (N, n), [rad/s^2].
-        further: More limits at given points of the path; they call for a fine grid.
+        further: More limits at given points of the path; they need a fine grid.
 
     Returns:
         The grid, cut once more where the acceleration along an even interval changes, and the
@@ -231,10 +232,10 @@ def _largest_u(rows: LimitRows) -> tuple[list[list[float]], list[list[float]]]:
 def _switched(
     grid: PathGrid, length: float, x: Array, cap: Array, hardest: Array
 ) -> tuple[PathGrid, Array]:
-    """Cut even intervals where full acceleration meets top speed, and that full braking.
+    """Cut even intervals where full acceleration, top speed and full braking meet.
 
     Args:
-        length: What lengths are divided by here.
+        length: The unit of lengths here.
         x: Squared speed at each cut, shape (N + 1,).
         cap: Its largest value, same shape.
         hardest: As for :func:`_largest_squares`.
@@ -254,13 +255,13 @@ def _switched(
 
 
 def _is_inside(after: Array, step: Array) -> Mask:
-    """Whether a cut ``after`` the beginning of an interval leaves parts worth having."""
+    """Whether a cut ``after`` the beginning of an interval leaves parts that are long enough."""
     inside: Mask = (after > SHORTEST * step) & (after < (1.0 - SHORTEST) * step)
     return inside
 
 
 def _solver(steps: Array, rows: LimitRows, cap: Array) -> Solver:
-    """What solves the linear programs on this system."""
+    """The solver of the linear programs on this system."""
     return (toppra_solver if _has_toppra() else exact_solver)(steps, rows, cap)
 
 

@@ -1,17 +1,16 @@
 """Stop on a motion's own path by slowing down its time, and go on after a pause by speeding it up.
 
-While a motion is being stopped it is played with its own time ``tau(t)``, whose rate falls from 1
-to 0 within a duration D. Positions are those of the motion, ``q(tau)``; by the chain rule the
-joints have
+A motion that is stopped is played with its own time ``tau(t)``, whose rate falls from 1 to 0 within
+a duration D. Positions are those of the motion, ``q(tau)``; by the chain rule the joints have
 
     velocity      q' r
     acceleration  q'' r^2 + q' r'
     jerk          q''' r^3 + 3 q'' r r' + q' r''
 
-with ``r = tau'``. The rate falls along a ramp: its slope grows over the first part of D, stays,
-and shrinks over the last part, so jerk is bounded and acceleration continuous at both ends. A few
-shapes of ramp times a few durations are tried at once; where the motion is already braking hard,
-slow beginnings fit, elsewhere quick ones. Going on is the same the other way round.
+with ``r = tau'``. The rate falls along a ramp: its slope grows over the first part of D, stays
+constant, and shrinks over the last part, so jerk is bounded and acceleration continuous at both
+ends. A few shapes of ramp times a few durations are tried at once; where the motion is already
+braking hard, slow beginnings fit, elsewhere quick ones. Going on is the same in reverse.
 
 Source: J. M. Hollerbach, Dynamic Scaling of Manipulator Trajectories, 1984, for scaling time.
 """
@@ -32,31 +31,31 @@ SHAPES = ((0.3, 0.3), (0.15, 0.15), (0.8, 0.15))
 """Parts of a ramp over which its slope grows and shrinks. Chosen: benchmarks/ compares the stops
 they give with the shortest possible; two more shapes gained 2 %."""
 POINTS = 24
-"""On how many points a ramp is tried; the one that is taken is then measured in full."""
+"""Number of points at which a ramp is tried; the one that is taken is then measured in full."""
 COARSE, FINE = 8, 4
-"""How many durations are tried over the whole range, then between the last two."""
+"""Number of durations tried over the whole range, then between the last two."""
 SHORTEST, LONGEST = 0.5, 6.0
-"""The range of durations, in times that full braking would take. Chosen: from what the motion's
-own braking can save to what a motion near all its limits needs."""
+"""The range of durations, relative to full braking. Chosen: from a motion that brakes already to
+one near all its limits."""
 
 ATTEMPTS = 6
-"""How many stops are measured in full before giving up, so that a control tick can wait for it.
-Chosen: nearly always the first will do."""
+"""Most stops that are measured in full, so that a control tick can wait for it. Chosen: nearly
+always the first is accepted."""
 SLOWEST = 40.0
-"""How much longer than full braking speeding up may take: a motion that was just speeding up itself
-has nothing to spare for it. Chosen."""
+"""Longest speed-up relative to full braking: a motion that is just speeding up itself leaves little
+acceleration for it. Chosen."""
 
-_NONE = 1e-3  # what is taken for no motion at all, in units of radians and seconds
+_NONE = 1e-3  # a smaller motion counts as none, in units of radians and seconds
 JERK_TOLERANCE = 0.02
-"""How far a stop may exceed its jerk limit, relative. Chosen: the bar for jerk; samples of a
-motion tell its jerk no better than this."""
+"""How far a stop may exceed its jerk limit, relative. Chosen: samples of a motion show its jerk no
+more precisely."""
 
 
 class Ramp(NamedTuple):
     """A falling rate of time over ``x = t / D`` from 0 to 1.
 
     Attributes:
-        advance: How much of D the motion's own time has advanced.
+        advance: How far the motion's own time has advanced, as a share of D.
         rate: The rate of time, from 1 to 0.
         slope: Its derivative by x.
         bend: Its second derivative.
@@ -96,16 +95,16 @@ _TRIED = Ramp(
 def shortest_slowdown(
     trajectory: Trajectory, t: float, limits: MotionLimits, dt: float
 ) -> Trajectory | None:
-    """The shortest tried way to come to rest along a motion from time ``t`` [s] on.
+    """The shortest stop along a motion from time ``t`` [s] on, of those tried.
 
-    Playing the motion to its end is one of the paths, if that is not far off.
+    Playing the motion to its end is one of them, if that is near.
 
     Args:
-        t: When the stop begins, on the motion's clock [s].
+        t: Start of the stop on the motion's clock [s].
         limits: Acceleration and jerk caps of the stop.
 
     Returns:
-        The stop, or None if none that was tried keeps the limits.
+        The stop, or None if none of those tried keeps the limits.
     """
     longest = LONGEST * (_braking_time(trajectory.sample(t), limits) + 2.0 * trajectory.dt)
     durations = longest * np.geomspace(SHORTEST / LONGEST, 1.0, COARSE)
@@ -125,14 +124,14 @@ def shortest_slowdown(
 
 
 def shortest_speedup(trajectory: Trajectory, t: float) -> Trajectory | None:
-    """The shortest tried way to go on with a motion from rest at its time ``t`` [s].
+    """The shortest continuation of a motion from rest at its time ``t`` [s], of those tried.
 
     Args:
         trajectory: The motion; its own accelerations and jerks are the limits.
-        t: Where on its clock the joints stand [s].
+        t: The time on its clock at which the joints stand [s].
 
     Returns:
-        The motion from there to its end, or None if none that was tried keeps the limits.
+        The motion from there to its end, or None if none of those tried keeps the limits.
     """
     dt = trajectory.dt
     limits = MotionLimits(
@@ -149,12 +148,12 @@ def shortest_speedup(trajectory: Trajectory, t: float) -> Trajectory | None:
 
 
 def _largest(values: Array) -> Array:
-    """The largest magnitude of each column, not quite zero."""
+    """The largest magnitude of each column, at least ``_NONE``."""
     return np.asarray(np.abs(values).max(axis=0, initial=_NONE))
 
 
 def _braking_time(now: Setpoint, limits: MotionLimits) -> float:
-    """About how long the slowest joint needs to come to rest [s]."""
+    """Approximate time in which the slowest joint comes to rest [s]."""
     speed, bend = np.abs(now.qd), np.abs(now.qdd)
     a, j = limits.acceleration, limits.jerk
     # Slower than a^2 / j, a joint stands before it ever brakes in full.
@@ -165,13 +164,13 @@ def _braking_time(now: Setpoint, limits: MotionLimits) -> float:
 def _allowed(
     trajectory: Trajectory, t: float, limits: MotionLimits, durations: Array
 ) -> list[tuple[float, tuple[float, float]]]:
-    """Which durations and shapes keep the limits at the points tried, shortest first."""
+    """Durations and shapes that keep the limits at the points tried, shortest first."""
     dt, last = trajectory.dt, len(trajectory) - 1
     position = np.minimum((t + durations[:, None, None] * _TRIED.advance).ravel() / dt, last)
     k = position.astype(np.intp)
     following = np.minimum(k + 1, last)
     u = (position - k)[:, None]
-    # Straight lines between samples: an estimate is enough here, and a third of the work.
+    # Linear interpolation between samples: an estimate is enough here, at a third of the work.
     qd = trajectory.qd[k] + u * (trajectory.qd[following] - trajectory.qd[k])
     change = trajectory.qdd[following] - trajectory.qdd[k]
     qdd = trajectory.qdd[k] + u * change
@@ -226,7 +225,7 @@ def _played_out(trajectory: Trajectory, t: float, dt: float) -> Trajectory:
 
 
 def _keeps(stopped: Trajectory, limits: MotionLimits) -> bool:
-    """Whether accelerations and jerks are within limits; speeds are, because time only slows."""
+    """Whether accelerations and jerks keep their limits; speeds do, because time only slows."""
     report = verify.violations(stopped, limits)
     return bool(
         report.acceleration.max() <= 1.0 + verify.TOLERANCE

@@ -1,8 +1,8 @@
 """Solve the linear program of one interval with toppra, where it is installed.
 
-toppra has wheels for x86-64 Linux alone. It is imported on first use, and only here. Its package
-imports matplotlib for a plotting method (seconds, and more memory than the planner); empty
-stand-ins take its place during that one import.
+toppra has wheels for x86-64 Linux only. It is imported on first use, and only here. It imports
+matplotlib for a plotting method, which takes seconds and more memory than the planner; empty
+modules replace matplotlib during that one import.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from so101_motion.planning.timing.interval_program import LimitRows, Solver
 
 
 def toppra_solver(steps: Array, rows: LimitRows, cap: Array) -> Solver:
-    """As :func:`interval_program.exact_solver`.
+    """Like :func:`interval_program.exact_solver`.
 
     Raises:
         ModuleNotFoundError: toppra is not installed.
@@ -44,14 +44,14 @@ def toppra_solver(steps: Array, rows: LimitRows, cap: Array) -> Solver:
 
     def solve(i: int, largest_next: float) -> float:
         x: float = optimum(i, None, upward, free, free, 0.0, largest_next)[1]
-        return x if x > 0.0 else 0.0  # it is not a number where there is none
+        return x if x > 0.0 else 0.0  # NaN if there is none
 
     return solve
 
 
 @dataclass(frozen=True, slots=True)
 class _PathInterval:
-    """All that toppra's solver reads of a path when the constraint has the rest."""
+    """The only part of a path that toppra's solver reads; the constraint has the rest."""
 
     path_interval: tuple[float, float]
 

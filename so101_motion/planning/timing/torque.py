@@ -1,18 +1,17 @@
 """Limit the torques that the servos exert: while holding still and along a motion.
 
-Two caps, both shares of a servo's stall torque. *Holding* is what it may have to bear standing
-still, for as long as somebody leaves the arm there: gravity alone must stay below it everywhere, or
-the motion is refused. *Moving* is what it may have to exert for the moment of a motion, gravity and
-inertia together: where a motion needs more, it is slowed there.
+There are two caps, both shares of a servo's stall torque. *Holding* is the torque a servo may bear
+standing still for any time: if gravity alone needs more anywhere, the motion is refused. *Moving*
+is the torque it may exert during a motion, for gravity and inertia together: where a motion needs
+more, it is slowed down.
 
-Gravity wins in the end, so a refusal names the joint, the torque and the configuration; inertia can
-be had for less by taking longer. With time running ``k`` times slower the inertial part falls with
-``k^2`` and gravity stays, which says at once how much slower a motion must be; along a path, the
-limits are two more rows for each joint in the search for the best speed (:mod:`speed`), so that
-only the heavy part of it takes longer.
+Slowing down does not reduce gravity, so a refusal names the joint, the torque and the
+configuration. In a motion that is ``k`` times slower the inertial part falls with ``k^2``, which
+gives directly how much slower it must be. Along a path the limits are two more rows for each joint
+in :mod:`speed_profile`, so that only the heavy part of it takes longer.
 
-Friction is left out, and so is that a servo exerts less the faster it turns: speeds are capped well
-below its no-load speed.
+Friction is ignored, and so is the loss of torque with speed: speeds are capped well below a servo's
+no-load speed.
 """
 
 from __future__ import annotations
@@ -45,33 +44,32 @@ STRONGEST = max(STALL)
 """Rated voltage of the stronger of the two [V]."""
 
 HOLDING = 0.6
-"""Share of the stall torque that a servo may have to hold. Chosen. The makers rate a third (6.5 and
-10 kg cm), but the bare arm stretched out already takes 0.45 of the weaker servo's; a published test
-of half the stronger one's, 15 kg cm, settled at 48 degC; at 0.8 the servo switches itself off after
+"""Share of the stall torque that a servo may hold. Chosen. The makers rate a third (6.5 and 10 kg
+cm), but the bare arm stretched out already needs 0.45 of the weaker servo's; a published test of
+half the stronger one's, 15 kg cm, settled at 48 degC; at 0.8 the servo switches itself off after
 two seconds."""
 
 MOVING = 0.75
-"""Share of the stall torque that a servo may have to exert while it moves. Chosen: below the 0.8 at
-which its own protection begins to count."""
+"""Share of the stall torque that a servo may exert while it moves. Chosen: below the 0.8 at which
+its own overload timer starts."""
 
 GRID_SHARE = 0.98
-"""Share of a torque limit used between rest and the limit in search of a speed. Chosen: what the
-smoothing of acceleration adds between the points that are looked at."""
+"""Share of the torque limit beyond gravity that the speed profile uses. Chosen: the rest is for the
+smoothing of acceleration between its points."""
 
 _EVERY = 4
-"""Gravity is looked at on each fourth sample: it changes with the configuration alone, and near its
-peak by next to nothing."""
+"""Gravity is checked on every fourth sample: it depends on the configuration alone, and hardly
+changes near its peak."""
 
 NEARLY = 0.85
-"""From this share of what it may hold on a joint is told to be heavy. Chosen: an arm that is led
-meets the limit some degrees later."""
+"""Share of its holding limit from which a joint counts as near it. Chosen: an arm that follows a
+target reaches the limit some degrees later."""
 
 _STEP = 1e-4
-"""Of the differences that stand for gradients [rad]."""
+"""Step of the differences for gradients [rad]."""
 
 _TOLERANCE = 1e-3
-"""How far a limit may be exceeded, relative, before it counts. Chosen: far below what is known of
-the masses."""
+"""How far a limit may be exceeded, relative. Chosen: far below the error of the masses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +77,7 @@ class Payload:
     """The mass that the gripper carries.
 
     Attributes:
-        mass: [kg].
+        mass: Its mass [kg].
         com: Its centre of mass in the tool frame, x, y, z [m].
     """
 
@@ -94,7 +92,7 @@ class Payload:
 
     @classmethod
     def of(cls, load: LoadConfig, model: RobotModel) -> Payload | None:
-        """What a configuration says is always carried, by default at the jaw's tip; or None."""
+        """The payload in a configuration, by default at the jaw's tip; None if there is none."""
         if load.mass <= 0.0:
             return None
         x, y, z = place_in_hand(model).tolist() if load.com is None else load.com
@@ -102,26 +100,23 @@ class Payload:
 
 
 def place_in_hand(model: RobotModel) -> Array:
-    """Where what the hand holds has its centre unless somebody says otherwise, in the tool frame.
-
-    Shape (3,), [m]: the tip of the jaw.
-    """
+    """Default centre of mass of a held object in the tool frame: the tip of the jaw, (3,), [m]."""
     zero = np.zeros(5)
     return (model.frame(zero).inverse @ model.frame(zero, "jaw_tip")).p
 
 
 def gravity_per_kg(model: RobotModel) -> Callable[[Array], Array]:
-    """What a kilogram in the hand adds to the torques that hold six joints, [rad] to [N m]."""
+    """The torques that a kilogram in the gripper adds to the six joints, from [rad] to [N m]."""
     loaded = model.with_payload(1.0, place_in_hand(model))
     return lambda q: loaded.gravity_torque(q) - model.gravity_torque(q)
 
 
 def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | None:
-    """Combine all that is carried into one payload; None if it weighs nothing.
+    """Combine payload and held objects into one payload; None if it weighs nothing.
 
     Args:
-        payload: What the gripper carries always.
-        attached: What it holds now; the centre of mass of each is taken at its origin.
+        payload: The payload that the gripper always carries.
+        attached: The objects it holds now; each has its centre of mass at its origin.
     """
     loads = [payload] if payload is not None else []
     for held in attached:
@@ -140,9 +135,9 @@ class Strength:
     """The torque limits of the servos.
 
     Attributes:
-        holding: Of a servo that is as its type says, standing still [N m].
-        moving: The same for the moment of a motion [N m].
-        shares: What share of that each joint's own servo has, at most 1.
+        holding: Torque limit of a nominal servo standing still [N m].
+        moving: Torque limit of a nominal servo in motion [N m].
+        shares: Share of these limits for each joint's own servo, at most 1.
     """
 
     holding: float
@@ -151,10 +146,10 @@ class Strength:
 
     @classmethod
     def of_servos(cls, voltage: float) -> Strength:
-        """Of the servos for ``voltage`` [V], 7.4 or 12.
+        """The limits of the servos for ``voltage`` [V], 7.4 or 12.
 
         Raises:
-            ConfigError: The arm is not sold with servos for that.
+            ConfigError: The arm is not sold with servos for that voltage.
         """
         stall = STALL.get(voltage)
         if stall is None:
@@ -163,7 +158,7 @@ class Strength:
         return cls(holding=HOLDING * stall, moving=MOVING * stall)
 
     def limits(self) -> tuple[Array, Array]:
-        """What each joint may hold, and exert for a moment, shapes (5,), [N m]."""
+        """The holding and the moving limit of each joint, shapes (5,), [N m]."""
         return self.holding * np.array(self.shares), self.moving * np.array(self.shares)
 
 
@@ -172,8 +167,8 @@ class TorqueReserve(NamedTuple):
 
     Attributes:
         joint: Its name.
-        left: Share of what it may hold that is left; negative where it bears too much.
-        gradient: What each joint adds to that, shape (5,), [1/rad].
+        left: Share of its holding limit that is left; negative if it is overloaded.
+        gradient: Derivative of that by each joint, shape (5,), [1/rad].
     """
 
     joint: str
@@ -184,14 +179,14 @@ class TorqueReserve(NamedTuple):
 class Load:
     """Checks the torques of the motions of one request.
 
-    An arm that stands in too heavy a configuration may leave it: what it bears there counts as
-    allowed on the path, but not where the path ends.
+    An arm that starts overloaded may leave that configuration: its load there is allowed along the
+    path, but not at the end of the path.
 
     Args:
         model: The arm with its payload.
-        strength: What its servos can bear.
-        q_start: Where the motions begin, shape (5,), [rad].
-        payload: What ``model`` carries, for messages.
+        strength: Torque limits of its servos.
+        q_start: Joint angles at the start of the motions, shape (5,), [rad].
+        payload: The payload of ``model``, for messages.
     """
 
     def __init__(
@@ -204,7 +199,7 @@ class Load:
         self._bearable: list[float] = self._may_hold.tolist()
         there = np.abs(model.holding_torques(q_start[None]))[0]
         self._known = q_start.tolist(), there.tolist()
-        # For the torque of each joint, how much each angle changes it.
+        # Bounds on how much each angle changes the torque of each joint.
         self._rates: list[list[float]] = model.holding_torque_rates().T.tolist()
         self._holding = np.maximum(self._may_hold, there)
         too_much = np.where(there > self._may_hold, there, 0.0)
@@ -214,35 +209,35 @@ class Load:
     def of(
         cls, model: RobotModel, strength: Strength, q_start: Array, payload: Payload | None
     ) -> Load:
-        """Make a ``Load`` for ``model`` with ``payload`` added; else as the class."""
+        """Make a ``Load`` for ``model`` without its payload, which is added here."""
         loaded = model if payload is None else model.with_payload(payload.mass, payload.com)
         return cls(loaded, strength, q_start, payload)
 
     def check_goal(self, q: Array) -> None:
-        """Refuse a configuration ``q``, shape (5,), [rad], in which the arm cannot be left.
+        """Refuse a configuration ``q``, shape (5,), [rad], that the servos cannot hold.
 
         Raises:
-            Overloaded: As for :meth:`check_holding`, wherever the arm comes from.
+            Overloaded: As for :meth:`check_holding`, without the exception for the start.
         """
         self._check_holding(q[None], self._may_hold, "at the goal")
 
     def check_holding(self, q: Array, where: str) -> float:
-        """Refuse configurations ``q`` (m, 5) [rad] on the way in which gravity alone is too much.
+        """Refuse configurations ``q`` (m, 5) [rad] in which gravity alone is too much.
 
         Args:
             q: The configurations.
-            where: How the message ends, such as ``"on the way"``.
+            where: The end of the message, such as ``"on the way"``.
 
         Returns:
-            The largest share of what may be held.
+            The largest share of a holding limit that is used.
 
         Raises:
-            Overloaded: Names the joint that is furthest off, its torque, and what it may bear.
+            Overloaded: Names the joint that is furthest off, its torque and its limit.
         """
         return self._check_holding(q, self._holding, where)
 
     def heavy(self, q: Array) -> list[TorqueReserve]:
-        """The joints that bear nearly all they may, standing at ``q``, shape (5,), [rad]."""
+        """The joints near their holding limit at ``q``, shape (5,), [rad]."""
         angles: list[float] = q.tolist()
         if self._is_surely_within(NEARLY, angles, angles):
             return []
@@ -256,9 +251,9 @@ class Load:
         return [TorqueReserve(ARM_JOINTS[i], float(left[i]), gradients[:, i]) for i in heavy]
 
     def admits(self, path: Array) -> bool:
-        """Whether every configuration of ``path``, shape (m, 5), [rad], is bearable, or no worse.
+        """Whether the servos can hold every configuration of ``path``, shape (m, 5), [rad].
 
-        No joint that bears too much where the path begins may come to bear more on it.
+        A joint that is overloaded at the start of the path must not get more load on it.
         """
         low, high = path.min(axis=0), path.max(axis=0)
         corners = low.tolist(), high.tolist()
@@ -273,17 +268,17 @@ class Load:
         return bool((borne <= allowed).all())
 
     def _learn(self, q: Array) -> Array:
-        """What is borne at ``q``, shapes (5,), [rad], [N m]; from now on that is known."""
+        """Compute and remember the holding torques at ``q``, shapes (5,), [rad], [N m]."""
         torques: Array = self._model.holding_torques(q[None])[0]
         self._known = q.tolist(), np.abs(torques).tolist()
         return torques
 
     def surely_admits(self, low: Sequence[float], high: Sequence[float]) -> bool:
-        """Whether all is bearable between two corners [rad], going by what is known nearby."""
+        """Quick proof, from known torques nearby, that all between two corners is bearable."""
         return self._is_surely_within(1.0, low, high)
 
     def _is_surely_within(self, share: float, low: Sequence[float], high: Sequence[float]) -> bool:
-        """Asked in every control cycle of an arm that is led, so with plain numbers."""
+        """Whether all torques stay below ``share`` of their limits; runs in every control cycle."""
         there, borne = self._known  # [rad], [N m] without signs
         a, b, c, d, e = [max(y - at, at - x) for x, y, at in zip(low, high, there, strict=True)]
         return all(
@@ -292,10 +287,10 @@ class Load:
         )
 
     def check(self, trajectory: Trajectory) -> float:
-        """Refuse a motion that asks too much of a servo.
+        """Refuse a motion that overloads a servo.
 
         Returns:
-            The largest share of what servos may have to exert.
+            The largest share of a moving limit that is used.
 
         Raises:
             Overloaded: As for :meth:`check_holding`.
@@ -311,7 +306,7 @@ class Load:
         return float(shares[k, i])
 
     def stretch(self, trajectory: Trajectory) -> float:
-        """How many times longer a motion must take for its servos to bear it; at least 1.
+        """The factor by which a motion must be slowed for its servos to bear it; at least 1.
 
         Gravity alone must be bearable, see :meth:`check_holding`.
         """
@@ -325,7 +320,7 @@ class Load:
         return math.sqrt(max(1.0, float(np.max(np.abs(inertial) / left))))
 
     def rows(self, points: PathPoints) -> LimitRows:
-        """The torque limits along a path, for :func:`speed.optimal_speed`.
+        """The torque limits along a path, for :func:`speed_profile.optimal_speed`.
 
         With ``q = q(s)`` joints have the velocity ``q_s s'`` and the acceleration
         ``q_s s'' + q_ss s'^2``. Torque is linear in accelerations and quadratic in velocities, so
@@ -348,7 +343,7 @@ class Load:
         return float(shares[k, i])
 
     def _torques(self, trajectory: Trajectory) -> Array:
-        """What the joints exert along a motion; a motion that was just judged costs nothing."""
+        """The joints' torques along a motion; those of the last motion are cached."""
         if self._newest is None or self._newest[0] is not trajectory:
             torques = self._model.torques(trajectory.q, trajectory.qd, trajectory.qdd)
             self._newest = trajectory, torques

@@ -1,8 +1,8 @@
 """Trajectories: evenly spaced samples of position, velocity and acceleration.
 
-Every maker of trajectories (toppra with bounded jerk, ruckig) ends in the same form, so one
-verifier judges them all and the executor knows one thing to play. The executor's period is the
-sample period: what was verified is, sample for sample, what is sent.
+All planners of trajectories (toppra with bounded jerk, ruckig) return this form, so one verifier
+checks them all and the executor plays one kind. The executor's period is the sample period: exactly
+the verified samples are sent.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from so101_motion.common.geometry import Array, frozen_array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setpoint:
-    """Where a trajectory wants the joints at one instant; shapes (n,), SI."""
+    """Position, velocity and acceleration of a trajectory at one instant; shapes (n,), SI."""
 
     q: Array
     qd: Array
@@ -25,7 +25,7 @@ class Setpoint:
 
     @classmethod
     def at_rest(cls, q: Array) -> Setpoint:
-        """At ``q``, shape (n,), [rad], without any motion; takes a copy."""
+        """A setpoint at rest at a copy of ``q``, shape (n,), [rad]."""
         zeros = np.zeros(len(q))
         return cls(q=np.array(q, dtype=np.float64), qd=zeros, qdd=zeros)
 
@@ -69,7 +69,7 @@ class Trajectory:
     def sample(self, t: float) -> Setpoint:
         """The setpoint at time ``t`` [s]; before the start the first, after the end the last.
 
-        Between samples it is what :meth:`at` says.
+        Between samples it is interpolated like :meth:`at`.
         """
         position = t / self.dt
         k = min(max(round(position), 0), len(self.q) - 1)
@@ -84,9 +84,9 @@ class Trajectory:
         Between samples it follows the quintic that agrees with all three at both ends, so all
         three are continuous; before the start it is the first sample, after the end the last.
 
-        Samples are what is sent and what keeps the caps. Between them jerk that changes within a
-        sample swings a little: under an arm's own caps, 10 ms apart, speed stays within 1.001 of
-        its cap, acceleration within 1.02, and jerk, as differences at 1 kHz show it, within 1.35.
+        Only the samples are sent, and they keep the caps. Between them the interpolation exceeds
+        caps a little: with an arm's own caps, 10 ms apart, speed stays within 1.001 of its cap,
+        acceleration within 1.02, and jerk, by differences at 1 kHz, within 1.35.
         """
         h, last = self.dt, len(self.q) - 1
         position = np.clip(np.asarray(t, dtype=np.float64) / h, 0.0, last)
@@ -94,7 +94,7 @@ class Trajectory:
         following = np.minimum(k + 1, last)
         u = (position - k)[:, None]
         q0, v0, a0 = self.q[k], self.qd[k] * h, self.qdd[k] * (0.5 * h * h)
-        # What is still to be gained in position, velocity and acceleration beyond the parabola.
+        # The missing change of position, velocity and acceleration beyond the parabola.
         dq = self.q[following] - q0 - v0 - a0
         dv = self.qd[following] * h - v0 - 2.0 * a0
         da = self.qdd[following] * (0.5 * h * h) - a0

@@ -1,10 +1,10 @@
 """Verify that a trajectory keeps its limits, or say which joint breaks which limit by how much.
 
-Velocity, acceleration and jerk are measured on what is sent: the first, second and third
-differences of the sampled positions. The velocities and accelerations a trajectory states for its
-samples count too; the larger wins. A difference of exact samples is a mean of the true value
-around it, so a motion that keeps its limits is never accused, and one sampled at 1 kHz hides
-nothing a servo could feel.
+Velocity, acceleration and jerk are measured on the samples that are sent: the first, second and
+third differences of positions. The velocities and accelerations that a trajectory gives for its
+samples are checked too; the larger value counts. A difference of exact samples is a mean of the
+true value around it, so a motion that keeps its limits always passes, and at 1 kHz nothing that a
+servo could notice is missed.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 
 TOLERANCE = 1e-3
-"""How far a limit may be exceeded, relative, before it counts. Chosen: more than sampling at
-another phase changes, and far below what a servo can follow."""
+"""How far a limit may be exceeded, relative. Chosen: more than the effect of sampling at another
+phase, and far below what a servo can follow."""
 
 POSITION_TOLERANCE = 1e-6
 """The same for positions [rad]. Chosen: a servo tick is 1.5e-3."""
@@ -32,14 +32,14 @@ POSITION_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LimitReport:
-    """How much of each limit a motion uses, joint by joint; 1 is all of it.
+    """Share of each limit that a motion uses, joint by joint; 1 is all of it.
 
     Attributes:
         velocity: Largest speed over its limit, shape (n,).
         acceleration: Largest acceleration over its limit, shape (n,).
         jerk: Largest jerk over its limit, shape (n,).
         outside: Furthest excursion beyond the position limits, shape (n,), [rad]; 0 inside.
-        effort: Largest torque of any joint over what its servo may exert; 0 if not looked at.
+        effort: Largest torque of any joint over its servo's limit; 0 if not checked.
     """
 
     velocity: Array
@@ -59,7 +59,7 @@ class LimitReport:
 
     @property
     def stretch(self) -> float:
-        """How many times longer the same motion would take if it used its limits exactly."""
+        """The factor by which the motion would have to be slowed to use its limits exactly."""
         roots = (self.velocity.max(), self.acceleration.max() ** 0.5, self.jerk.max() ** (1 / 3))
         return float(max(roots))
 
@@ -73,7 +73,7 @@ def violations(
     """Measure a trajectory against its limits.
 
     Args:
-        trajectory: What would be sent.
+        trajectory: The trajectory.
         lower: Smallest joint angles, shape (n,), [rad]; None for no bound.
         upper: Largest joint angles, shape (n,), [rad]; None for no bound.
 
@@ -119,10 +119,10 @@ def check(
     lower: ArrayLike | None = None,
     upper: ArrayLike | None = None,
 ) -> LimitReport:
-    """Measure as :func:`violations` does, and refuse a trajectory that breaks a limit.
+    """Measure like :func:`violations`, and refuse a trajectory that breaks a limit.
 
     Raises:
-        OutsideLimits: Naming the joint that is furthest off, what it does and what it may.
+        OutsideLimits: Names the joint that is furthest off, its value and its limit.
         ValueError: The numbers of joints differ.
     """
     report = violations(trajectory, limits, lower, upper)
@@ -175,7 +175,7 @@ def _joint(i: int, n: int) -> str:
 
 
 def _joints_first(values: Array) -> Array:
-    """The same (n, N) instead of (N, n): numpy is ten times faster along a long last axis."""
+    """Transpose (N, n) to (n, N): numpy is ten times faster along a long last axis."""
     return np.ascontiguousarray(values.T)
 
 

@@ -50,7 +50,7 @@ def test_an_arc_passes_its_three_points_at_one_speed(end, via):
 
 @pytest.mark.parametrize("via", [[0.02, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
 def test_three_points_on_a_line_are_no_arc(via):
-    with pytest.raises(ConfigError, match="is on no circle; move its via point aside"):
+    with pytest.raises(ConfigError, match="too straight for an arc; move its via point aside"):
         arc(np.array([0.04, 0.0, 0.0]), np.array(via))
 
 

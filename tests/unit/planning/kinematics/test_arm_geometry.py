@@ -172,7 +172,7 @@ def test_a_pan_that_turns_the_other_way_is_still_our_structure(changed):
     ],
 )
 def test_an_arm_that_is_built_otherwise_is_noticed(changed, joints):
-    with pytest.raises(ConfigError, match="not built as the SO-101"):
+    with pytest.raises(ConfigError, match="not built like the SO-101"):
         measure_structure(changed(joints))
 
 

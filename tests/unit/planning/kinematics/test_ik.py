@@ -253,7 +253,7 @@ def test_an_object_far_off_the_roll_axis_still_gets_its_nearest_point(model):
 
 
 def test_an_arm_that_is_built_otherwise_is_refused(tilted):
-    with pytest.raises(ConfigError, match="not built as the SO-101"):
+    with pytest.raises(ConfigError, match="not built like the SO-101"):
         IkSolver(tilted)
 
 
