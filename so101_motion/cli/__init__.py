@@ -1,10 +1,10 @@
-"""The command line ``so101 …``: parse, call, print. Degrees and millimetres live here.
+"""The command line ``so101 …``: parse, call, print; in degrees and millimetres.
 
-Each verb is a function in a module of its own. ``shared.py`` has what they have in common;
-``sources.py`` where the arm comes from (``--sim``, ``--port`` or ``--machine``); ``error_exit.py``
-what becomes of the errors of all verbs. What a person reads while it works goes to stderr, what was
-asked for goes to stdout. Heavy libraries are imported by the verbs that need them, so that
-``--help``, and what a shell completes, is there at once.
+Each verb is a function in a module of its own. ``shared.py`` has the options and output that verbs
+share, ``sources.py`` the options that choose the arm (``--sim``, ``--port`` or ``--machine``), and
+``error_exit.py`` turns errors into messages and exit codes. Results go to stdout, everything else
+to stderr. Verbs import heavy libraries themselves, so that ``--help`` and the shell's completion
+answer at once.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ _AS_JSON = f"{__name__}.as_json"  # in the context: whether a program reads stdo
 
 
 class _So101(click.Group):
-    """Lists its verbs under headings, and tells how they end."""
+    """The group of all verbs: lists them under headings, and reports their errors."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        ctx.meta[_AS_JSON] = "--json" in args  # known even if the verb's own words are wrong
+        ctx.meta[_AS_JSON] = "--json" in args  # known even if the verb's options are wrong
         with reports_errors(as_json=ctx.meta[_AS_JSON]):
             return super().parse_args(ctx, args)
 
@@ -87,8 +87,8 @@ class _So101(click.Group):
 def main() -> None:
     """Motion for the SO-101 arm: planned, timed, stoppable.
 
-    Most verbs want to know which arm: --sim (no hardware needed), --port and its serial port, or
-    --machine and the address of a running Viam machine. "so101 VERB --help" has examples.
+    Most verbs need an arm: --sim (no hardware needed), --port and its serial port, or --machine and
+    the address of a running Viam machine. "so101 VERB --help" has examples.
 
     \b
     so101 demo                                a simulated arm in the browser

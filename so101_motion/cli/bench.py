@@ -1,7 +1,7 @@
-"""``so101 bench``: measure how fast this computer plans, and how evenly it would drive this arm.
+"""``so101 bench``: measure planning, the control loop and the bus on this computer.
 
-Nothing moves and nothing is driven. The benchmarks of the repository measure far more, against
-others; this is what one wants to know about the computer and the port in front of one.
+Nothing moves and the joints stay limp. The benchmarks of the repository measure far more; this verb
+is for the computer and the port at hand.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ _PLANS = 40
 """Motions of each kind; chosen, two seconds in all."""
 
 _LOOP = 3.0
-"""How long the control loop is listened to [s]; chosen: 300 periods."""
+"""How long the control loop is measured [s]; chosen: 300 periods."""
 
 _ASKED = 100
-"""How often a machine is asked how it is; chosen."""
+"""Number of status requests to a machine; chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,9 +40,13 @@ class Figure:
     """One measured figure.
 
     Attributes:
-        median: [s].
-        p99: What one in a hundred exceeds [s].
-        worst: [s].
+        name: Its key for programs.
+        words: Its description for people.
+        n: Number of measurements.
+        median: The median [s].
+        p99: The 99th percentile [s].
+        worst: The largest [s].
+        remark: A further note for people; empty without one.
     """
 
     name: str
@@ -78,8 +82,8 @@ class Figure:
 def bench(source: AnySource, as_json: bool) -> None:
     """Measure planning, the control loop and the bus on this computer, in ten seconds.
 
-    Nothing moves. With --port the servos are asked as the control loop asks them; with
-    --machine the connection to it is measured.
+    Nothing moves. With --port the servos are read as the control loop reads them; with --machine
+    the connection to the machine is measured.
 
     \b
     so101 bench --sim
@@ -90,17 +94,17 @@ def bench(source: AnySource, as_json: bool) -> None:
     with quietly():
         if isinstance(source, MachineSource):
             with closing(source.open()) as rig, busy_message("asking the machine"):
-                theirs = [_asked(rig)]
+                arm_figures = [_status_requests(rig)]
         else:
-            theirs = _local(source)
+            arm_figures = _loop_and_bus(source)
         with busy_message("planning"):
-            figures = [*_planning(), *theirs]
+            figures = [*_planning(), *arm_figures]
     about = dict(software())
     if as_json:
         rounded = {figure.name: figure.facts() for figure in figures}
         print_json("bench", {"source": source.what, "software": about, "figures": rounded})
     else:
-        _tell(source.what, figures)
+        _print_table(source.what, figures)
 
 
 def _planning() -> list[Figure]:
@@ -148,21 +152,21 @@ def _timed(plan: Callable[..., object], goal: Callable[[], object]) -> list[floa
     return times
 
 
-def _local(source: Source) -> list[Figure]:
+def _loop_and_bus(source: Source) -> list[Figure]:
     if source.port is None:
         from so101_motion.rig.hardware_rig import open_simulated
 
-        with open_simulated() as rig, busy_message("listening to the control loop"):
+        with open_simulated() as rig, busy_message("measuring the control loop"):
             return [_lateness(rig)]
     from so101_motion.cli.port_choice import lent_bus, look_at
 
     report = look_at(source.port)
     with lent_bus(report, "a benchmark") as (rig, lease):
-        with busy_message("listening to the control loop"):
+        with busy_message("measuring the control loop"):
             late = _lateness(rig)
         if not report.servo_ids:
             return [late]
-        with busy_message("asking the servos"):
+        with busy_message("reading the servos"):
             return [late, _bus(lease, report.servo_ids)]
 
 
@@ -200,17 +204,17 @@ def _lateness(rig: Rig) -> Figure:
     return Figure.of("loop", words, np.abs(periods - rig.executor.dt).tolist())
 
 
-def _asked(rig: MachineRig) -> Figure:
+def _status_requests(rig: MachineRig) -> Figure:
     """How long a machine takes to answer a status request."""
     times = []
     for _ in range(_ASKED):
         begin = time.perf_counter()
         rig.refresh()
         times.append(time.perf_counter() - begin)
-    return Figure.of("machine", "asking the machine how it is", times)
+    return Figure.of("machine", "reading the machine's state", times)
 
 
-def _tell(what: str, figures: Sequence[Figure]) -> None:
+def _print_table(what: str, figures: Sequence[Figure]) -> None:
     from rich.console import Console
     from rich.table import Table
 

@@ -62,16 +62,16 @@ def calibrate(
     events: TextIO | None,
     as_json: bool,
 ) -> None:
-    """Teach the arm where its joints end, so that an angle means the same to it and to you.
+    """Calibrate the arm: find the ends of each joint's travel, so that its angles are right.
 
-    The joints go limp, and you move each by hand to both its stops; bars show how far you are. It
-    takes two minutes. Until you save, Ctrl-C puts everything back as it was. After saving, the arm
-    is held where it stands.
+    The joints go limp, and you move each by hand to both its stops; bars show the progress. It
+    takes two minutes. Until you save, Ctrl-C restores the previous settings. After saving, the arm
+    holds its position.
 
     \b
     so101 calibrate                      the only arm that is plugged in
-    so101 calibrate --file my_arm.json   into this file
-    so101 calibrate --joint gripper      only the jaw; what is known of the others stays
+    so101 calibrate --file my_arm.json   save to this file
+    so101 calibrate --joint gripper      only the jaw; the other joints keep theirs
     """  # noqa: D301
     from so101_motion.calib.record.record import JOINTS
     from so101_motion.calib.record.zero_report import explain_stored
@@ -84,12 +84,12 @@ def calibrate(
     path = port_choice.calibration_file(file, report)
     before = _before(path)
     if dry_run:
-        _would(report, path, joints, before, as_json)
+        _print_dry_run(report, path, joints, before, as_json)
         return
     opened = Calibrator.open(report.port.name, path, joints or JOINTS, baudrate=report.baudrate)
     with quietly(), closing(opened) as calibrator:
         with Terminal(ask=not yes, events=events) as terminal:
-            terminal.say(f"arm on {report.port.name}, to be saved to {path}")
+            terminal.say(f"arm on {report.port.name}; the calibration will be saved to {path}")
             ended = _calibrated(calibrator, terminal, before, accept)
         assert ended.stored is not None
         sentences = [meaning.sentence for meaning in explain_stored(ended.stored)]
@@ -100,10 +100,10 @@ def calibrate(
             _print_result(ended, ended.stored, sentences)
 
 
-def _would(
+def _print_dry_run(
     report: PortReport, path: Path, joints: tuple[str, ...], before: Calibration, as_json: bool
 ) -> None:
-    """Say what a calibration would do; asks nothing of the servos."""
+    """Print what a calibration would do; does not touch the servos."""
     from so101_motion.calib.record.record import JOINTS
 
     wanted = joints or JOINTS
@@ -113,9 +113,9 @@ def _would(
         kept = sorted(set(before) - set(wanted))
         print_json("calibrate", {**sentences, "dry_run": True, "silent": silent, "kept": kept})
         return
-    click.echo(f"on {report.port.name}, would let go of: {', '.join(wanted)}")
+    click.echo(f"on {report.port.name}, would release: {', '.join(wanted)}")
     click.echo("and write into the servo of each: homing_offset, min_position, max_position")
-    aside = "; what it says now would be kept as a version" if before else ""
+    aside = "; its present content would be kept as a version" if before else ""
     click.echo(f"and save to {path}{aside}")
     if silent:
         click.echo(f"error: no answer from: {', '.join(silent)}", err=True)
@@ -151,11 +151,11 @@ def _calibrated(
 
 def _put_back(walk: CalibrationWizard, terminal: Terminal) -> None:
     try:
-        terminal.say(f"given up: {walk.give_up()}", style="yellow")
+        terminal.say(f"cancelled: {walk.give_up()}", style="yellow")
     except So101Error as error:
         terminal.say(
-            f"the servos could not be put back now ({error}). The next so101 calibrate does it, and"
-            " so does whatever opens the arm with this calibration file",
+            f"the servos' previous settings could not be restored now ({error}). That is done when"
+            " the arm is next opened with this calibration file, or by the next so101 calibrate",
             style="red",
         )
 
@@ -172,5 +172,5 @@ def _print_result(ended: StepResult, stored: Stored, sentences: list[str]) -> No
         echo(f"note: saved, but {ended.trouble}", err=True)
     if ended.holds:
         held = "the other joints are held" if ended.trouble else "the arm is held where it stands"
-        echo(f"{held}; switch its power off to let go", err=True)
+        echo(f"{held}; switch its power off to release it", err=True)
     echo("next: so101 doctor, or so101 viam config", err=True)

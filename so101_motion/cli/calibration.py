@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 @click.group(cls=Verbs)
 def calibration() -> None:
-    """Show, compare, take over and restore calibration files."""
+    """Show, compare, import, export and restore calibration files."""
 
 
 @calibration.command()
 @click.argument("file", required=False, shell_complete=completed_files)
 @json_option
 def show(file: str | None, as_json: bool) -> None:
-    """Show what a calibration file holds; without FILE, list the files.
+    """Show the content of a calibration file; without FILE, list the files.
 
-    Besides the numbers: where each joint's zero comes from, how many millimetres that makes at the
-    jaws, and which earlier versions are kept.
+    Also shown are the source of each joint's zero, the error at the jaws that it may cause [mm],
+    and the earlier versions.
     """
     if file is None:
         _list_files(as_json)
@@ -64,7 +64,7 @@ def show(file: str | None, as_json: bool) -> None:
 @port_option("Serial port of the arm; by default the only one with an arm")
 @json_option
 def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
-    """Compare FILE with what the servos hold, or with the file OTHER.
+    """Compare FILE with the servos' registers, or with the file OTHER.
 
     Exit code 6 if they differ.
     """
@@ -75,14 +75,14 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
     if other is not None:
         there = compare.as_held(store.read(store.resolve(other)).calibration)
     else:
-        there = _held_by_servos(port)
+        there = _read_registers(port)
     rows = compare.diff(calibration, there)
     missing = [joint for joint in calibration if joint not in there]
     if as_json:
         explained = [{name: getattr(row, name) for name in row.__slots__} for row in rows]
         print_json("calibration-diff", {"rows": explained, "missing": missing})
     else:
-        _tell_diff(rows, missing, "the servos" if other is None else other)
+        _print_diff(rows, missing, "the servos" if other is None else other)
     if missing or any(row.differs for row in rows):
         raise SystemExit(CHECK_FAILED)
 
@@ -116,7 +116,7 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run:
     format_of_lerobot.export(calibration, path)
     click.echo(f"written to {path}")
     click.echo(
-        "LeRobot's zero is the middle of each travel; what this package knows of zeros stays here",
+        "LeRobot's zero is the middle of each travel, so the zeros of this file are not written",
         err=True,
     )
 
@@ -131,9 +131,10 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run:
 @dry_run_option
 @json_option
 def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None:
-    """Take over a calibration of LeRobot (old or new) or of the published module.
+    """Import a calibration of LeRobot (old or new) or of the published module.
 
-    What FILE said before is kept as a version. The servos get it when an arm is opened with it.
+    The previous content of FILE is kept as a version. The servos get the new one when an arm is
+    opened with FILE.
 
     \b
     so101 calibration import ~/.cache/huggingface/lerobot/calibration/robots/so_follower/me.json
@@ -144,7 +145,7 @@ def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None
     read = store.read(store.resolve(source))
     path = own_folder() / read.path.name if file is None else store.resolve(file)
     if dry_run:
-        _would_save(replace(read, path=path), as_json)
+        _print_dry_run(replace(read, path=path), as_json)
         return
     stored = store.save(path, read.calibration, zeros=read.zeros)
     if as_json:
@@ -174,7 +175,7 @@ def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None
 
     path = store.resolve(file)
     if dry_run:
-        _would_save(replace(store.earlier(path, number), path=path), as_json)
+        _print_dry_run(replace(store.earlier(path, number), path=path), as_json)
         return
     stored = store.restore(path, number)
     if as_json:
@@ -185,7 +186,7 @@ def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None
     _notes(stored)
 
 
-# What others of this package want as well
+# Also used by other verbs
 
 
 def facts(stored: Stored) -> dict[str, Any]:
@@ -201,7 +202,7 @@ def facts(stored: Stored) -> dict[str, Any]:
     }
 
 
-# How
+# Output and reading
 
 
 def _list_files(as_json: bool) -> None:
@@ -228,7 +229,7 @@ def _list_files(as_json: bool) -> None:
         click.echo(str(one.path))
         echo(one.problem or f"{one.origin}{role}, {joints} joints", indent="  ")
     if not found:
-        click.echo("no calibration file is known; so101 calibrate makes one", err=True)
+        click.echo("no calibration file was found; so101 calibrate makes one", err=True)
 
 
 def _zero_facts(
@@ -255,14 +256,14 @@ def _table(calibration: Calibration) -> None:
         )
 
 
-def _would_save(wanted: Stored, as_json: bool) -> None:
-    """What a file would hold, beside what it holds now; writes nothing."""
+def _print_dry_run(wanted: Stored, as_json: bool) -> None:
+    """Print the content that would be saved and how the file differs now; writes nothing."""
     from so101_motion.calib.record import compare, store
 
     try:
         now = compare.as_held(store.read(wanted.path).calibration)
     except CalibrationError:
-        now = {}  # there is none, or it cannot be used and would be set aside
+        now = {}  # no file, or one that cannot be used and would be kept as a version
     rows = compare.diff(wanted.calibration, now, tolerance=0)
     if as_json:
         changes = [
@@ -272,16 +273,16 @@ def _would_save(wanted: Stored, as_json: bool) -> None:
         ]
         print_json("calibration", {**facts(wanted), "dry_run": True, "changes": changes})
         return
-    click.echo(f"{wanted.path} would hold:")
+    click.echo(f"this would be saved to {wanted.path}:")
     _table(wanted.calibration)
     _notes(wanted)
     for row in rows:
         if row.differs:
             click.echo(f"  {row.joint}: {row.field} {row.held} -> {row.filed}", err=True)
     if not now:
-        click.echo("there is no usable file there yet", err=True)
+        click.echo("there is no usable file yet", err=True)
     elif not any(row.differs for row in rows):
-        click.echo("it holds the same now", err=True)
+        click.echo("the file is the same now", err=True)
     click.echo("nothing was written", err=True)
 
 
@@ -292,18 +293,18 @@ def _notes(stored: Stored) -> None:
         echo(f"note: {note}", err=True)
 
 
-def _tell_diff(rows: tuple[Difference, ...], missing: list[str], there: str) -> None:
+def _print_diff(rows: tuple[Difference, ...], missing: list[str], there: str) -> None:
     different = [row for row in rows if row.differs]
     for row in different:
         click.echo(f"{row.joint}: {row.field} is {row.filed} in the file, {row.held} in {there}")
     for joint in missing:
-        click.echo(f"{joint}: not known in {there}")
+        click.echo(f"{joint}: missing in {there}")
     if not different and not missing:
         click.echo(f"the same as in {there}")
 
 
-def _held_by_servos(port: str | None) -> Mapping[str, Mapping[str, int]]:
-    """Read what the servos hold, by joint."""
+def _read_registers(port: str | None) -> Mapping[str, Mapping[str, int]]:
+    """Read the servos' calibration registers, by joint."""
     from so101_motion.calib.motors.arm_identification import look
     from so101_motion.calib.record.record import SERVO_IDS
     from so101_motion.cli import port_choice

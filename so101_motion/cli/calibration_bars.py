@@ -1,4 +1,4 @@
-"""Draw a running calibration in the terminal: a bar for each joint, and what will be saved."""
+"""Draw a running calibration in the terminal: a bar for each joint, and the result's table."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _STYLES = {"dim": "dim", "busy": "cyan", "warm": "yellow", "good": "green", "bad
 
 
 def positions(joints: Mapping[str, JointView]) -> Table:
-    """The joints' positions, so that a person sees them move."""
+    """A table of the joints' positions."""
     table = Table.grid(padding=(0, 2))
     for joint, view in joints.items():
         where = "does not answer" if view.ticks is None else f"at {view.ticks} of 4095"
@@ -26,7 +26,7 @@ def positions(joints: Mapping[str, JointView]) -> Table:
 
 
 def travels(joints: Mapping[str, JointView]) -> Table:
-    """How far each joint has been moved."""
+    """A table with a bar for each joint's travel so far."""
     table = Table.grid(padding=(0, 2))
     for joint, view in joints.items():
         style = _STYLES[TONES[view.verdict]]
@@ -40,7 +40,7 @@ def travels(joints: Mapping[str, JointView]) -> Table:
 
 
 def bar(view: JointView, style: str = "") -> Text:
-    """A bar with the travel so far, and the joint's place in it."""
+    """A bar with a joint's travel so far, and its present position in it."""
     filled = round(view.share * WIDTH)
     cells = ["█"] * filled + ["·"] * (WIDTH - filled)
     lower, upper = view.recorded_min, view.recorded_max
@@ -51,7 +51,7 @@ def bar(view: JointView, style: str = "") -> Text:
 
 
 def comparison(lines: Iterable[SummaryLine]) -> Table:
-    """What will be saved, joint by joint, beside the values before."""
+    """A table of the values to save, with the change of each joint."""
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "travel", "quality", "change"):
         table.add_column(heading, header_style="dim")

@@ -1,9 +1,9 @@
 """Guide a person through a calibration in the terminal: the steps of ``so101 calibrate``.
 
-The person has both hands full, so keys are few. The homing pose is taken once the arm has been held
-still for a moment, and the recording ends by itself once every joint has been at both its stops and
-nothing new has come for a while. Which way the gripper points is asked separately, because it
-becomes the zero of wrist_roll.
+The person's hands hold the arm, so few keys are needed. The homing pose is taken once the arm has
+been held still for a moment. The recording ends by itself once every joint has been at both stops
+and no travel has been added for a while. The direction of the gripper is asked for separately,
+because it becomes the zero of wrist_roll.
 """
 
 from __future__ import annotations
@@ -31,26 +31,30 @@ POSE = (
     " level and straight ahead, the jaw half open"
 )
 TURN = (
-    "now turn the gripper about its long axis until it opens straight upwards. Nothing else tells"
-    " where the zero of wrist_roll is, so look closely"
+    "now turn the gripper about its long axis until it opens straight upwards. This alone sets the"
+    " zero of wrist_roll, so look closely"
 )
 
 NOTHING_NEW = 3.0
-"""When all joints are done and nothing new has come for so long, the recording ends [s]. Chosen."""
+"""The recording ends when all joints are done and have had no new travel for this long [s].
+Chosen."""
 
 GOOD_ENOUGH = 10.0
-"""The same with nobody to ask, when all joints can be saved but some not quite got to their stops
-[s]. Chosen."""
+"""The same without a person at the terminal, when all joints can be saved but some did not quite
+reach their stops [s]. Chosen."""
 
 SHOWN = 5.0
-"""For how long it is shown why the recording could not end [s]; the bars tell more. Chosen."""
+"""How long the reason is shown why the recording could not end [s]. Chosen."""
 
 
 class CalibrationWizard:
     """Guides a person through a calibration.
 
     Args:
-        accept: Joints whose travel is right although it is not that of an SO-101.
+        calibrator: Carries out the steps.
+        terminal: Shows the texts and reads the keys.
+        before: The calibration that the file has now, to compare with.
+        accept: Joints whose travel may differ from that of an SO-101.
     """
 
     def __init__(
@@ -72,9 +76,9 @@ class CalibrationWizard:
         """Calibrate and save.
 
         Raises:
-            CalibrationError: It cannot be done now; see ``give_up``.
-            BusError: Likewise.
-            Quit: The person wants no more; likewise.
+            CalibrationError: A step failed; call ``give_up``.
+            BusError: The servos do not answer; call ``give_up``.
+            Quit: The person wants to stop; call ``give_up``.
         """
         self._begin()
         while True:
@@ -92,8 +96,8 @@ class CalibrationWizard:
         """Abort the calibration; return the result in a sentence.
 
         Raises:
-            CalibrationError: It cannot be put back now.
-            BusError: Likewise.
+            CalibrationError: The previous settings cannot be restored now.
+            BusError: The servos do not answer.
         """
         if not self._has_started:
             return "nothing was changed"
@@ -103,7 +107,7 @@ class CalibrationWizard:
     # The steps
 
     def _begin(self) -> None:
-        self._ask("the joints are about to go limp: hold the arm with one hand", Enter="let go")
+        self._ask("the joints are about to go limp: hold the arm with one hand", Enter="release")
         self._terminal.await_key(ENTER, self._picture)
         self._start()
 
@@ -117,7 +121,7 @@ class CalibrationWizard:
 
     def _take_pose(self) -> None:
         terminal = self._terminal
-        self._ask(POSE, Enter="it is there")
+        self._ask(POSE, Enter="it is in this pose")
         terminal.mention(self._asks, step="pose")
         terminal.await_key(ENTER, self._picture)
         self._ask(TURN, Enter="it points up")
@@ -174,7 +178,7 @@ class CalibrationWizard:
             except (CalibrationError, BusError) as error:
                 self._ask_again(error)
 
-    # How
+    # Helpers of the steps
 
     def _carry_out(self, command: Command, *, accept: Collection[str] = ()) -> StepResult:
         step = partial(self._calibrator.step, command, accept=accept)
@@ -203,7 +207,7 @@ class CalibrationWizard:
                 self._terminal.mention(f"✓ {joint}: {view.sentence}", step="done", joint=joint)
 
     def _left(self, joints: Mapping[str, JointView]) -> float:
-        """After how long without new travel the recording ends by itself [s]."""
+        """How long without new travel until the recording ends by itself [s]."""
         if all(_is_through(view) or joint in self._accept for joint, view in joints.items()):
             return NOTHING_NEW
         if all(view.is_done for view in joints.values()) and not self._terminal.is_manned:
@@ -213,7 +217,7 @@ class CalibrationWizard:
     def _has_stopped(self) -> bool:
         try:
             self._carry_out(Command.STOP_RECORDING, accept=self._accept)
-        except CalibrationError as error:  # it goes on; a joint is named
+        except CalibrationError as error:  # the recording goes on
             self._refused = (str(error), time.monotonic() + SHOWN)
             self._terminal.mention(str(error), step="trouble")
             return False

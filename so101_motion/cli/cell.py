@@ -1,4 +1,4 @@
-"""``so101 cell``: arms that share a space, and where each of them stands."""
+"""``so101 cell``: calibrate the bases of several arms, move them together, pass objects on."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ def cell() -> None:
 @click.option("--yes", is_flag=True, help="Start without asking.")
 @json_option
 def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
-    """Find out where the arms of FILE stand, and write it there.
+    """Measure where the arms of FILE stand, and write it to FILE.
 
     All arms yield to your hands. Let the tips of the fixed jaws of two arms touch at some places
-    that are well spread, and press Enter at each; what does not fit is refused, with figures. The
-    first arm of the file stays where the file says.
+    far apart, and press Enter at each. Touches that do not fit are refused, with their errors. The
+    first arm of FILE keeps its position.
 
     \b
     so101 cell calibrate cell.json
@@ -63,17 +63,17 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
     known = read_cell(file)
     first, *others = known.arms
     if not others:
-        raise click.UsageError(f"{file} names one arm; there is nothing to find out")
+        raise click.UsageError(f"{file} names one arm; add the others to measure where they stand")
 
     def touch(one: str, other: str, number: int) -> None:
         text = f"touch {number} of {touches}: let {one} and {other} meet, then press Enter"
         click.echo(text, err=True)
         if not (sys.stdin and sys.stdin.readline()):
-            raise click.UsageError("there is no terminal to press Enter on")
+            raise click.UsageError("there is no terminal to press Enter on; run it in one")
 
     with quietly(), open_cell(known) as opened:
         if not yes:
-            have_agreed("All arms go soft now. Are you holding each of them?")
+            have_agreed("All arms will yield to your hands now. Are you holding each of them?")
         arms = {name: rig.arm for name, rig in opened.rigs.items()}
         fits = measure_bases(arms, touches, touch)
     bases = {name: first.T_cell_base @ fit.T_first_second for name, fit in fits.items()}
@@ -84,7 +84,7 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
         facts = _facts(fit)
         click.echo(
             f"{name}: at {facts['position_mm']} mm, {facts['rpy_deg']} deg from {first.name};"
-            f" touches off by {facts['residuals_mm']} mm",
+            f" errors of the touches {facts['residuals_mm']} mm",
             err=True,
         )
 
@@ -97,7 +97,7 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
     type=(str, _JOINTS),
     multiple=True,
     metavar="ARM ANGLES",
-    help="Bring the joints of an arm to these angles [deg].",
+    help="Move the joints of an arm to these angles [deg].",
 )
 @click.option(
     "--xyz",
@@ -105,9 +105,9 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
     type=(str, _POINT),
     multiple=True,
     metavar="ARM POINT",
-    help="Bring the tool of an arm to this point [mm], in its base frame.",
+    help="Move the tool of an arm to this point [mm], in its base frame.",
 )
-@click.option("--yes", is_flag=True, help="Begin without asking.")
+@click.option("--yes", is_flag=True, help="Start without asking.")
 @json_option
 def move(
     file: Path,
@@ -133,14 +133,14 @@ def move(
             raise click.UsageError(f"{name} has two goals; give one")
         goals[name] = PoseGoal.at_point(to_m(p_mm))
     if not goals:
-        raise click.UsageError("where to? give --joints or --xyz, each with the name of an arm")
+        raise click.UsageError("no goal; give --joints or --xyz, each with the name of an arm")
     with quietly(), open_cell(read_cell(file)) as opened:
         plans = opened.cell.plan_together(goals)
         duration = max(plan.duration for plan in plans.values())
         click.echo(f"{' and '.join(plans)}: one motion of {duration:.2f} s", err=True)
         if not yes:
             have_agreed("Move all of them?")
-        _see_through(opened.cell, opened.cell.start_together(goals))
+        _wait_for_all(opened.cell, opened.cell.start_together(goals))
         reached = _joints_deg(opened.rigs)
     if as_json:
         print_json("cell-move", {"duration_s": duration, "joints_deg": reached})
@@ -154,13 +154,13 @@ def move(
 @click.option(
     "--rounds", type=click.IntRange(1, 10_000), help="Number of rounds; by default as saved."
 )
-@click.option("--yes", is_flag=True, help="Begin without asking.")
+@click.option("--yes", is_flag=True, help="Start without asking.")
 @json_option
 def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool) -> None:
-    """Run PROGRAM, whose steps say which of the arms of FILE go where.
+    """Run PROGRAM, whose steps have goals for the arms of FILE.
 
-    Arms that are named in the same step go side by side, in one motion. All of it is planned before
-    anything moves. Ctrl-C stops all arms.
+    The arms of a step move together, in one motion. The whole program is planned before anything
+    moves. Ctrl-C stops all arms.
 
     \b
     so101 cell run cell.json wave.json
@@ -174,7 +174,7 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
     if rounds is not None:
         made = replace(made, rounds=rounds)
     with quietly(), open_cell(read_cell(file)) as opened:
-        with busy_message("planning all of it ..."):
+        with busy_message("planning the program ..."):
             rehearsal = rehearse_cell(opened.cell, made)
         for index, step in enumerate(rehearsal.first):
             duration = max(plan.duration for plan in step.plans.values())
@@ -200,15 +200,15 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
 @click.argument("giver")
 @click.argument("taker")
 @click.argument("thing", required=False)
-@click.option("--yes", is_flag=True, help="Begin without asking.")
+@click.option("--yes", is_flag=True, help="Start without asking.")
 @json_option
 def handover(
     file: Path, giver: str, taker: str, thing: str | None, yes: bool, as_json: bool
 ) -> None:
-    """Pass what GIVER holds into the hand of TAKER, two arms of FILE.
+    """Pass an object from the hand of GIVER to that of TAKER, two arms of FILE.
 
-    THING is what FILE calls the held thing (in "attached" of GIVER); leave it out if GIVER holds
-    only one. The program finds where the hands meet and how TAKER grips it.
+    THING is the object's name in FILE (in "attached" of GIVER); leave it out if GIVER holds only
+    one. The program finds where the hands meet and how TAKER grips the object.
 
     \b
     so101 cell handover cell.json left right stick
@@ -222,19 +222,19 @@ def handover(
         held = [each.name for arm in known.arms if arm.name == giver for each in arm.attached]
         if len(held) != 1:
             names = ", ".join(held) or "nothing"
-            raise click.UsageError(f"which thing? {file} says that {giver} holds: {names}")
+            raise click.UsageError(f"name the THING; in {file}, {giver} holds: {names}")
         thing = held[0]
     with quietly(), open_cell(known) as opened:
-        with busy_message("looking where the hands can meet ..."):
+        with busy_message("searching for a place where the hands can meet ..."):
             plan = opened.cell.plan_handover(giver, taker, thing)
         click.echo(f"{thing} from {giver} to {taker}: {plan.duration:.1f} s of motion", err=True)
         if not yes:
             have_agreed(f"Is {thing} in the hand of {giver}, and may all arms move?")
-        _see_through(opened.cell, opened.cell.start_handover(plan))
+        _wait_for_all(opened.cell, opened.cell.start_handover(plan))
     if as_json:
         facts = {"duration_s": plan.duration, "taken": attached_to([plan.taken])[0]}
         print_json("cell-handover", facts)
-    click.echo(f"{taker} holds {thing} now; {file} still says {giver}", err=True)
+    click.echo(f"{taker} holds {thing} now; in {file} it is still with {giver}", err=True)
 
 
 def _joints_deg(rigs: Mapping[str, Rig]) -> dict[str, list[float]]:
@@ -242,7 +242,7 @@ def _joints_deg(rigs: Mapping[str, Rig]) -> dict[str, list[float]]:
     return {name: [round(float(each), 1) for each in to_deg(values)] for name, values in q.items()}
 
 
-def _see_through(cell: Cell, motions: Mapping[str, Motion]) -> None:
+def _wait_for_all(cell: Cell, motions: Mapping[str, Motion]) -> None:
     """Wait until all arms have arrived; Ctrl-C stops all of them."""
     from so101_motion.common.errors import Interrupted, So101Error
 
@@ -255,7 +255,7 @@ def _see_through(cell: Cell, motions: Mapping[str, Motion]) -> None:
         except KeyboardInterrupt:
             cell.stop()
             raise
-    if problems:  # one ends all; that one says why
+    if problems:  # the failure of one arm interrupts the others; its error has the reason
         raise next((each for each in problems if not isinstance(each, Interrupted)), problems[0])
 
 

@@ -51,7 +51,7 @@ _HOW = {
 def completion(context: click.Context, shell: str) -> None:
     """Print the script that makes SHELL complete so101's verbs and options.
 
-    Ports that are plugged in, poses and programs are offered as well.
+    It completes the ports that are plugged in, poses and programs as well.
 
     \b
     echo 'eval "$(so101 completion bash)"' >> ~/.bashrc
@@ -61,4 +61,4 @@ def completion(context: click.Context, shell: str) -> None:
     command = context.find_root().command
     click.echo(_COMPLETERS[shell](command, {}, "so101", "_SO101_COMPLETE").source())
     if sys.stdout.isatty():
-        click.echo(f"to have it in every shell: {_HOW[shell]}", err=True)
+        click.echo(f"to load it in every shell: {_HOW[shell]}", err=True)

@@ -1,7 +1,7 @@
-"""The values that a shell completes: ports, poses and programs.
+"""Complete ports, poses, programs and files in the shell.
 
-A shell waits for this at every press, so nothing here imports more than the verbs do anyway, opens
-a port, or complains: what cannot be read is not offered.
+The shell waits for this at every press of Tab, so nothing here imports more than the verbs do
+anyway, or opens a port. A file or folder that cannot be read is left out without an error.
 """
 
 from __future__ import annotations

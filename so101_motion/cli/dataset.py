@@ -43,7 +43,7 @@ def dataset() -> None:
 
 
 def _set_options(verb: F) -> F:
-    """What all verbs want to know of a data set: which arm, and its units."""
+    """Add the options ``--arm`` and ``--units``, which all verbs here have."""
 
     @click.option(
         "--arm",
@@ -71,7 +71,7 @@ _recorded_option = click.option(
 @_set_options
 @_recorded_option
 @click.option(
-    "--scene", "scene_file", type=IN_FILE, help="A scene file: what stood around the arm."
+    "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles around the arm."
 )
 @click.option(
     "--speed",
@@ -98,10 +98,10 @@ def check(
     html: Path | None,
     as_json: bool,
 ) -> None:
-    """Check whether the data set in PATH is fit to learn from and to replay.
+    """Check whether the data set in PATH is fit for training and for replay.
 
-    It looks for jumps, exceeded limits and speeds, contact, joints that stand still or do not reach
-    their commands, time gaps, and numbers in other units than it seems. Worst moments first.
+    Finds jumps, exceeded limits and speeds, contact, joints that stand still or do not reach their
+    commands, time gaps, and numbers in other units than declared. The worst moments come first.
 
     \b
     so101 dataset check ~/.cache/huggingface/lerobot/me/pick
@@ -159,8 +159,8 @@ def convert(
 ) -> None:
     """Copy the data set in PATH to OUT, in other units or for another calibration.
 
-    The joints keep their angles, only the numbers that say them change. PATH is only read. OUT is
-    there whole or not at all.
+    The joint angles stay the same, only their numbers change. PATH is only read. If the conversion
+    fails, OUT is not made.
 
     \b
     so101 dataset convert old new --units old --to degrees --to-calibration arm.json
@@ -170,7 +170,7 @@ def convert(
     from so101_motion.tasks.datasets.units import exact_units_of
 
     data_set = open_data_set(path, side=side)
-    units = _meant(data_set, units)
+    units = _units_kind(data_set, units)
     calibration = read_calibration(calibration_file)
     other = read_calibration(to_calibration_file) or calibration
     source = exact_units_of(units, calibration, option="calibration")
@@ -178,9 +178,7 @@ def convert(
     for which, meant in (("recorded", source), ("new", target)):
         guessed = [j for j, by in zip(ARM_JOINTS, meant.zeros, strict=True) if by == "middle"]
         if guessed:
-            aside(
-                f"{which} arm: zero is taken to be the middle of the travel of {', '.join(guessed)}"
-            )
+            aside(f"{which} arm: the middle of the travel is used as zero of {', '.join(guessed)}")
     done = convert_data_set(data_set, out, source=source, target=target, link=link)
     beyond = {joint: count for joint, count in done.beyond.items() if count}
     if as_json:
@@ -211,7 +209,7 @@ def convert(
 @click.option("--state", is_flag=True, help="Follow the measured positions, not the commands.")
 @click.option("--start", type=Finite(0.0), default=0.0, metavar="S", help="Start at this time [s].")
 @click.option(
-    "--scene", "scene_file", type=IN_FILE, help="A scene file: what stands around the arm."
+    "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles around the arm."
 )
 @yes_option
 @json_option
@@ -228,11 +226,11 @@ def replay(
     yes: bool,
     as_json: bool,
 ) -> None:
-    """Replay an episode of the data set in PATH, and say how closely the arm followed.
+    """Replay an episode of the data set in PATH, and print how closely the arm followed.
 
-    It goes to the first frame by a plan, and then keeps the recording's own time, under its caps
-    (180 deg/s and 500 deg/s^2 unless told otherwise) and clear of itself, the table and the scene.
-    Ctrl-C stops it.
+    The arm moves to the first frame along a plan and then follows the recording at its own speed,
+    within its caps (180 deg/s and 500 deg/s^2 by default) and clear of itself, the table and the
+    scene. Ctrl-C stops it.
 
     \b
     so101 dataset replay pick --episode 3 --sim --units degrees
@@ -243,10 +241,10 @@ def replay(
     from so101_motion.tasks.datasets.replay import calibration_of
 
     data_set = open_data_set(path, side=side)
-    kind = _meant(data_set, units)
+    kind = _units_kind(data_set, units)
     recorded = read_calibration(recorded_with)
     scene = None if scene_file is None else read_scene(scene_file)
-    with quietly(), _swift(source).open() as rig:
+    with quietly(), _with_replay_caps(source).open() as rig:
         if scene is not None:
             rig.arm.scene = scene
         meant = units_of(kind, recorded or calibration_of(rig))
@@ -277,27 +275,28 @@ def replay(
         raise SystemExit(CHECK_FAILED)
 
 
-def _swift(source: Source) -> Source:
-    """The source with the caps of a replay where it has none of its own."""
+def _with_replay_caps(source: Source) -> Source:
+    """The source with the caps of a replay unless it has its own."""
     speed = to_rad(_SPEED_DEG) if source.speed is None else source.speed
     acceleration = to_rad(_ACCELERATION_DEG) if source.acceleration is None else source.acceleration
     return replace(source, speed=speed, acceleration=acceleration)
 
 
-def _meant(data_set: DataSet, units: str) -> str:
-    """What the numbers of a data set mean, as somebody says it; nothing is guessed here."""
+def _units_kind(data_set: DataSet, units: str) -> str:
+    """The units given by option or declared in the data set; refuses if there are none."""
     from so101_motion.tasks.datasets.check import declared
 
     kind = units or declared(data_set)
     if not kind:
         raise click.UsageError(
-            "what do its numbers mean? --units says it; so101 dataset check finds out what fits"
+            "the units of its numbers are unknown; give --units (so101 dataset check finds out"
+            " which fit)"
         )
     return kind
 
 
 def read_calibration(file: Path | None) -> Stored | None:
-    """Read a calibration file, and tell what there is to say of it."""
+    """Read a calibration file and print its notes; None for no file."""
     from so101_motion.calib.record import store
 
     if file is None:
@@ -321,7 +320,7 @@ def _print_check(report: CheckReport, worst: int) -> None:
     )
     click.echo(f"units: {IN_WORDS[report.units.kind]}; {report.why_units}")
     if report.differences is None:
-        click.echo("the joints' own positions were not recorded, only where they were sent")
+        click.echo("the joints' measured positions were not recorded, only the commands")
     else:
         _print_differences(report.differences)
     for note in report.notes:

@@ -1,4 +1,4 @@
-"""``so101 demo``: the simulated arm with the preview, or as text."""
+"""``so101 demo``: move the simulated arm, in the browser or in the terminal."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
 def demo(text: bool, arms: int, page: Page) -> None:
     """Run the simulated arm with the preview in the browser; needs no hardware."""
     if text and arms > 1:
-        raise click.UsageError("--text goes with a single arm")
+        raise click.UsageError("--text shows a single arm; leave out --arms")
     if text:
         _in_text()
     elif arms > 1:
@@ -49,7 +49,7 @@ def _in_text() -> None:
     goal = PoseGoal.at_point(np.array(_DEMO_TARGET_MM) / 1000.0)
     with open_simulated() as rig:
         plan = rig.arm.plan(goal)
-        click.echo(f"Simulated arm: bring the tool to ({x_mm:g}, {y_mm:g}, {z_mm:g}) mm\n")
+        click.echo(f"Simulated arm: move the tool to ({x_mm:g}, {y_mm:g}, {z_mm:g}) mm\n")
         click.echo(plan_table(plan))
         click.echo("\nmoving ...", nl=False)
         sys.stdout.flush()

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from so101_motion.setup.port_report import PortReport
 
 _FAILURES = 2
-"""How many failures a report has: the newest, and one to compare it with. Chosen."""
+"""Most failure records in a report: the newest, and one to compare it with. Chosen."""
 
 _SIGNS = {"ok": ("✓", "green"), "warn": ("!", "yellow"), "fail": ("✗", "red")}
 
@@ -54,8 +54,8 @@ def doctor(
 ) -> None:
     """Check the installation, the port, the servos and the calibration; nothing moves.
 
-    Each line says what was found, and what to do if something is wrong. The exit code is 0 if the
-    arm can be moved, warnings or not, and 6 if it cannot.
+    Each check prints its result, and what to do if something is wrong. The exit code is 0 if the
+    arm can be moved, also with warnings, and 6 if it cannot.
 
     \b
     so101 doctor
@@ -70,8 +70,8 @@ def doctor(
         raise click.UsageError("--calibration belongs to --port")
     if chosen == "--machine" and machine is not None:
         if report is not None:
-            raise click.UsageError("--report writes what is seen on a port, not with --machine")
-        _of_machine(machine, as_json)
+            raise click.UsageError("--report needs a port; leave it out with --machine")
+        _diagnose_machine(machine, as_json)
         return
 
     with quietly(), busy_message("examining"):
@@ -94,8 +94,8 @@ def doctor(
         click.echo("ready to move", err=True)
 
 
-def _of_machine(machine: MachineSource, as_json: bool) -> None:
-    """Have the machine's arm examine itself."""
+def _diagnose_machine(machine: MachineSource, as_json: bool) -> None:
+    """Send ``diagnose`` to the machine's arm, and print its findings."""
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import echo
 
@@ -105,7 +105,7 @@ def _of_machine(machine: MachineSource, as_json: bool) -> None:
         except MachineRefused as refusal:
             if refusal.status != "INVALID_ARGUMENT":
                 raise
-            answer = {}  # a simulated arm, or another module's, which has no servos to tell of
+            answer = {}  # a simulated arm, or another module's, without this command
         findings = [str(each) for each in answer.get("findings") or [answer.get("error")] if each]
     if as_json:
         print_json("doctor", {"source": machine.what, "healthy": not findings, "told": answer})
@@ -116,16 +116,16 @@ def _of_machine(machine: MachineSource, as_json: bool) -> None:
         raise SystemExit(CHECK_FAILED)
     if not as_json:
         found = (
-            "finds nothing wrong with itself" if answer else "answers, and has no servos to check"
+            "finds no problem with its servos" if answer else "answers, and has no servos to check"
         )
         click.echo(f"the {machine.what} {found}", err=True)
 
 
-# Looking
+# Checks
 
 
 def _installed(*, is_whole: bool) -> Findings:
-    """Check what needs no hardware, with the simulated arm's speed if that is all."""
+    """Check the installation; ``is_whole`` if no arm is checked after it."""
     from so101_motion.rig.hardware_rig import open_simulated
     from so101_motion.setup.findings import Findings, software
 
@@ -177,7 +177,7 @@ def _with_file(seen: Findings, file: Path | None) -> Findings:
 
 
 def _with_arm(seen: Findings, report: PortReport) -> Findings:
-    """Add what the servos say; a held arm stays held."""
+    """Add the state of the servos and the bus; an arm that holds goes on holding."""
     from so101_motion.cli.port_choice import lent_bus
     from so101_motion.setup.findings import examine
 
@@ -199,7 +199,7 @@ def _with_arm(seen: Findings, report: PortReport) -> Findings:
 
 
 def _as_servos_hold(seen: Findings) -> Stored:
-    """The calibration that the servos hold, used when there is no file."""
+    """The calibration in the servos' registers, used when there is no file."""
     from so101_motion.calib.record import record
     from so101_motion.calib.record.store import Stored
     from so101_motion.setup.checkup import held
@@ -213,7 +213,7 @@ def _as_servos_hold(seen: Findings) -> Stored:
 
 
 def _planned(seen: Findings, rig: Rig) -> Findings:
-    """Add how long planning takes, once the planning process is warm."""
+    """Add the time that a plan takes, after a first one."""
     import numpy as np
 
     from so101_motion.planning.goals import PoseGoal
@@ -228,7 +228,7 @@ def _planned(seen: Findings, rig: Rig) -> Findings:
         return replace(seen, planning_trouble=str(error))
 
 
-# Telling
+# Output
 
 
 def _print(check: Check) -> None:
@@ -242,7 +242,7 @@ def _print(check: Check) -> None:
 
 
 def _print_next(seen: Findings) -> None:
-    """Print the next step of the setup, if the arm has not completed it."""
+    """Print the next open step of the setup, if there is one."""
     from so101_motion.setup.setup_steps import FULL, SetupState
 
     left = FULL.next_open(SetupState.found(seen))
@@ -290,20 +290,20 @@ def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
 
 
 def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:
-    """Write all of it as a page that can be attached to a question."""
+    """Write everything as a Markdown page that can be attached to a question."""
     lines = [f"# so101 doctor, version {__version__}", "", "| | what | found | try |", "|-|-|-|-|"]
     lines += [
         f"| {_SIGNS[c.verdict][0]} | {c.name} | {_cell(c.sentence)} | {_cell(c.fix)} |"
         for c in checks
     ]
     facts = json.dumps(_facts(seen, checks), indent=2)
-    lines += ["", "Everything that was read:", "", "```json", facts, "```", ""]
+    lines += ["", "All values:", "", "```json", facts, "```", ""]
     lines += _failures()
     write_report(path, "\n".join(lines).encode())
 
 
 def _failures() -> list[str]:
-    """The failure records of this user's arms."""
+    """The newest failure records of this user's arms, as lines of the page."""
     from so101_motion.files.failure_record import newest
 
     lines: list[str] = []

@@ -1,4 +1,4 @@
-"""``so101 emulate``: six virtual servos behind a serial port."""
+"""``so101 emulate``: emulate the servos of an arm behind a virtual serial port."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from so101_motion.cli.param_types import Finite, Link
 
 
 @click.command()
-@click.option("--link", type=Link(), help="A link that leads to the port.")
+@click.option("--link", type=Link(), help="Make a link to the port with this name.")
 @click.option(
     "--ids", default="1-6", show_default=True, help="Servo ids on the bus: 1-6, 1-3,5, 6=1."
 )
@@ -24,7 +24,7 @@ from so101_motion.cli.param_types import Finite, Link
     type=Finite(min=0.0),
     default=0.0,
     metavar="S",
-    help="How long the adapter holds replies back.",
+    help="How long the adapter delays replies.",
 )
 @click.option(
     "--loss",
@@ -76,12 +76,12 @@ def emulate(
     faults: tuple[str, ...],
     hand: TextIO | None,
 ) -> None:
-    """Put six virtual servos behind a serial port until Ctrl-C; faults can be typed while it runs.
+    """Emulate the servos of an arm behind a virtual serial port, until Ctrl-C.
 
     Prints the port. Any program that talks to STS3215 servos can open it. The arm lies folded and
-    limp, as one does that nobody holds. What people do to an arm can be typed as well:
-    "only:gripper" puts this servo alone on the cable, "chain" puts all on it, "pose" lets a hand
-    hold the arm up, "sweep" lets it lead each joint to its stops, and "end sweep" lets go.
+    limp. While it runs you can type faults, and what people do to an arm: "only:gripper" plugs in
+    this servo alone, "chain" plugs in all, "pose" lets a hand hold the arm up, "sweep" lets it move
+    each joint to its stops, and "end sweep" lets go.
 
     \b
     so101 emulate --link /tmp/so101          then: so101 move --port /tmp/so101 --pose ready

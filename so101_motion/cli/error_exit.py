@@ -3,8 +3,8 @@
 Exit codes: 0 ok, 1 unexpected, 2 wrong usage, 3 no device, no port or no machine, 4 bus or servo
 fault, 5 unreachable or no plan, 6 not calibrated or a check failed, 7 stopped, 130 Ctrl-C.
 
-An error is printed on stderr in two or three lines: what, why, and what to try. With ``--json`` the
-same comes as one object on stdout, unless the verb has printed its own object already.
+An error is printed on stderr in up to three lines: what, why, and what to try. With ``--json`` the
+same is printed as one object on stdout, unless the verb has printed its own object already.
 """
 
 from __future__ import annotations
@@ -57,16 +57,16 @@ KINDS: dict[int, tuple[str, str]] = {
     7: ("stopped", "stopped before the end"),
     130: ("interrupted", "ended by Ctrl-C"),
 }
-"""What each exit code is called for programs, and what it says where nothing else does."""
+"""Name and default message of each exit code."""
 
 
 @contextmanager
 def reports_errors(*, as_json: bool = False) -> Iterator[None]:
-    """Turn what is raised inside into sentences and an exit code, and Ctrl-C into 130.
+    """Print the errors raised in this block and exit with their code; Ctrl-C is 130.
 
     Raises:
         SystemExit: With the code.
-        click.ClickException: A wrong usage, which click tells.
+        click.ClickException: A wrong usage, which click prints.
     """
     try:
         yield
@@ -77,7 +77,7 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
     except KeyboardInterrupt:
         _print_for_programs(_by_code(INTERRUPTED), INTERRUPTED, as_json=as_json)
         raise SystemExit(INTERRUPTED) from None
-    except SystemExit as end:  # a person was told why
+    except SystemExit as end:  # the verb has printed why
         if isinstance(end.code, int) and end.code:
             _print_for_programs(_by_code(end.code), end.code, as_json=as_json)
         raise
@@ -85,7 +85,7 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
         _print_for_programs(_misused(error), error.exit_code, as_json=as_json)
         raise
     except (click.Abort, click.exceptions.Exit, BrokenPipeError):
-        raise  # click's to tell; a reader of our output who has enough, it ends in silence
+        raise  # click handles these; a closed pipe ends the verb without a message
     except Exception as error:
         if os.environ.get(DEBUG):
             raise
@@ -95,9 +95,9 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ends_like_ctrl_c() -> Iterator[None]:
-    """Let SIGTERM and the end of the terminal end a verb in this block as Ctrl-C does.
+    """Let SIGTERM and SIGHUP end a verb in this block as Ctrl-C does.
 
-    A signal that is ignored (``nohup``) or that somebody handles stays as it is.
+    A signal that is ignored (``nohup``) or has a handler already stays as it is.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -127,26 +127,26 @@ def _print_for_programs(text: ErrorText, code: int, *, as_json: bool, name: str 
         return
     kind, _ = KINDS.get(code, KINDS[1])
     words = {"what": text.what, "why": text.why, "try": text.advice}
-    with suppress(OSError):  # it may be stdout that fails; stderr has said so
+    with suppress(OSError):  # stdout itself may fail; the error is on stderr already
         print_json("error", {"kind": kind, "exit_code": code, "error": name, **words})
 
 
 def _unexpected(error: Exception) -> ErrorText:
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
         return ErrorText(
-            what=f"this cannot be written: {error.strerror}",
-            advice="make room, or let it be written somewhere else",
+            what=f"a file cannot be written: {error.strerror}",
+            advice="make room on the disk, or choose another folder",
         )
     missing = explain(error) if isinstance(error, ImportError) else None
     if missing is not None:
         return ErrorText(what=missing[0], advice=missing[1])
     why = "a defect of this program"
     if isinstance(error, OSError):
-        why = "the system refused something this program needs, or it is a defect"
+        why = "the system refused an operation, or this is a defect of this program"
     return ErrorText(
         what=f"unexpected: {type(error).__name__}: {error}",
         why=why,
-        advice=f"the same with {DEBUG}=1 shows where; please report it",
+        advice=f"run it again with {DEBUG}=1 to see where, and please report it",
     )
 
 

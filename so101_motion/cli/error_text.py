@@ -1,8 +1,8 @@
 """Split an error message into what went wrong, why, and what to try.
 
-Errors of this package hold one sentence that ends with what to do next. Where fields tell the
-parts, they are used; otherwise the advice is what follows the last semicolon or full stop, if it
-begins as advice does.
+Most errors of this package have one sentence that ends with advice. Where an error has fields for
+its parts, they are used; otherwise the advice is the text behind the last semicolon or full stop,
+if it begins with one of ``_VERBS``.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ from so101_motion.common.errors import (
 
 _VERBS = (
     "add|ask|attach|calibrate|check|choose|clear|close|configure|connect|do|end|finish|free|give|"
-    "hold|install|leave|let|look|lower|make|move|name|open|plan|plug|press|put|read|remove|replace|"
-    "run|see|send|set|start|stop|support|switch|take|try|turn|use|wait"
+    "hold|install|keep|leave|let|list|look|loosen|lower|make|mend|move|name|open|plan|plug|press|"
+    "put|raise|read|remove|replace|run|see|send|set|start|stop|support|switch|take|try|turn|use|"
+    "wait|widen"
 )
 _ADVICE = re.compile(rf"(?:; |\. |, so )(?=(?:{_VERBS}) )", re.IGNORECASE)
 
@@ -36,8 +37,9 @@ class ErrorText:
     """The parts of an error message.
 
     Attributes:
-        why: Why; empty where what says it all.
-        advice: What to try; empty where nothing can be.
+        what: What went wrong.
+        why: The reason; empty if ``what`` includes it.
+        advice: What to try; empty without any.
     """
 
     what: str

@@ -1,4 +1,4 @@
-"""``so101 guide``: record a path along which the arm is guided by hand, and replay it."""
+"""``so101 guide``: record a path while the arm is guided by hand, and replay it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _OPEN, _CLOSED = 1.0, 0.0
 
 @click.group(cls=Verbs)
 def guide() -> None:
-    """Lead the arm by hand, record its path, and replay it."""
+    """Guide the arm by hand, record its path, and replay it."""
 
 
 @guide.command()
@@ -44,10 +44,10 @@ def guide() -> None:
 def record(
     file: Path, source: Source, seconds: float | None, replace: bool, yes: bool, as_json: bool
 ) -> None:
-    """Lead the arm by hand and record its path in FILE (.json).
+    """Guide the arm by hand and record its path in FILE (.json).
 
-    It carries its own weight and stays where you leave it. The keys o and c open and close the jaw,
-    Enter ends it, and so does Ctrl-C; nothing is lost then. Afterwards the arm holds.
+    The arm carries its own weight and stays where you leave it. The keys o and c open and close the
+    jaw; Enter or Ctrl-C ends and saves the recording. Then the arm holds.
 
     \b
     so101 guide record --port /dev/ttyACM0 wave.json
@@ -59,12 +59,12 @@ def record(
     files.refuse_taken(file, replace=replace)
     with quietly(), source.open() as rig:
         if not yes:
-            have_agreed("The arm goes soft now. Are you holding it?")
+            have_agreed("The arm will yield to your hand now. Are you holding it?")
         rig.arm.set_manual(True)
         recorder = PathRecorder(rig.executor, jaw_of(rig))
         try:
             with Terminal() as terminal:
-                _watch(terminal, rig, recorder, seconds)
+                _run_keys(terminal, rig, recorder, seconds)
         finally:
             path = recorder.end()
             files.write(path, file, replace=replace)
@@ -78,8 +78,8 @@ def record(
         click.echo(f"saved {file}: {_in_words(path)}", err=True)
 
 
-def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float | None) -> None:
-    """Wait until Enter, Ctrl-C, the time limit, or the end of manual mode."""
+def _run_keys(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float | None) -> None:
+    """Move the jaw with the keys until Enter, Ctrl-C, the time limit, or the end of manual mode."""
     from rich.text import Text
 
     from so101_motion.cli.terminal import ENTER, Quit, keys_line
@@ -129,7 +129,7 @@ def replay(
 ) -> None:
     """Move to the start of the path in FILE and along it, as fast as the caps allow.
 
-    It is planned and looked at for collisions before anything moves. Ctrl-C stops the arm.
+    The motion is planned and checked for collisions before anything moves. Ctrl-C stops the arm.
 
     \b
     so101 guide replay --port /dev/ttyACM0 wave.json
@@ -176,7 +176,7 @@ def list_(folder: Path, as_json: bool) -> None:
     for each in kept:
         click.echo(f"{each.name:<24} {_in_words(each.path)}  {each.recorded_at}")
     if not kept:
-        click.echo("no paths here; so101 guide record makes one", err=True)
+        click.echo("no paths in this folder; so101 guide record makes one", err=True)
 
 
 def _in_words(path: GuidedPath) -> str:
@@ -188,7 +188,7 @@ def _planned(found: Replay) -> str:
     approach = found.approach.duration
     return (
         f"{approach:.1f} s to its start, then {found.duration - approach:.1f} s along it,"
-        f" within {to_deg(found.tolerance):g} deg of what was shown"
+        f" within {to_deg(found.tolerance):g} deg of the recording"
     )
 
 

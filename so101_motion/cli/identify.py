@@ -1,4 +1,4 @@
-"""``so101 identify``: find out how this arm's servos differ, and what its hand carries."""
+"""``so101 identify``: measure how this arm's servos differ, and the load in its hand. It MOVES."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def identify(
     yes: bool,
     as_json: bool,
 ) -> None:
-    """Find out how this arm's servos differ from their type. The arm MOVES.
+    """Measure how this arm's servos differ from their type. The arm MOVES.
 
-    The arm is raised, and one joint after the other goes back and forth through a wide part of its
-    range, clear of everything that is known, for about two and a half minutes. The hand must be
-    empty, or say --carrying. What is found is kept beside the calibration, and used from the next
+    The arm is raised, and one joint after the other moves back and forth through a wide part of its
+    range, clear of all known obstacles, for about two and a half minutes. The hand must be empty;
+    otherwise give --carrying. The result is saved beside the calibration, and used from the next
     start on. Ctrl-C stops the arm.
 
     \b
@@ -57,7 +57,7 @@ def identify(
     from so101_motion.setup.identify import Identification
 
     if undo:
-        _go_back(source, as_json)
+        _restore_figures(source, as_json)
         return
     with quietly(), source.open() as rig:
         if not isinstance(rig, HardwareRig):
@@ -80,8 +80,8 @@ def identify(
         click.echo(report.text(), nl=False)
 
 
-def _go_back(source: Source, as_json: bool) -> None:
-    """Use the figures that were kept before those that are kept now."""
+def _restore_figures(source: Source, as_json: bool) -> None:
+    """Restore the figures that the last identification replaced."""
     from so101_motion.calib.record import servo_file
     from so101_motion.common.errors import CalibrationError
 
@@ -93,7 +93,7 @@ def _go_back(source: Source, as_json: bool) -> None:
     if as_json:
         print_json("identify", {"file": str(file), "at": kept.at, "joints": list(kept.servos)})
     else:
-        click.echo(f"{file} holds what was found at {kept.at} again; used from the next start")
+        click.echo(f"{file} has the figures of {kept.at} again; they are used from the next start")
 
 
 def _move(identification: Identification, outline: IdentificationOutline) -> None:

@@ -1,7 +1,7 @@
 """Guide a person from motor to motor in the terminal: the steps of ``so101 setup``.
 
-No key need be pressed: as soon as the motor that is asked for answers alone, it is set up. Until
-then the screen shows what is wrong.
+No key is needed: a motor is set up as soon as it answers alone. Until then the screen shows the
+problem.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class MotorWizard:
     """Guides a person from motor to motor.
 
     Args:
-        within: After how long a motor is given up [s]; None for never.
+        motors: Sets up and verifies the motors.
+        terminal: Shows the texts and reads the keys.
+        progress: The motors that are done, kept for the next start.
+        within: How long to wait for a motor [s]; None for no limit.
     """
 
     def __init__(
@@ -71,9 +74,9 @@ class MotorWizard:
         """Wait for the motor of a joint, alone, and set it up.
 
         Raises:
-            MotorSetupError: It has not come in time, or not alone.
-            BusError: Not in time, because it could not be reached.
-            Quit: The person wants no more; what was begun is finished.
+            MotorSetupError: It did not answer in time, or not alone.
+            BusError: The bus could not be reached in time.
+            Quit: The person wants to stop; a step that was begun is finished.
         """
         terminal = self._terminal
         self._asks, self._trouble = self._instruction(joint), ""
@@ -93,11 +96,11 @@ class MotorWizard:
                 return
 
     def verify(self) -> Verification:
-        """Wait until all six answer as they must; ENTER leaves it at what is found.
+        """Wait until all six motors are right; ENTER accepts them as they are.
 
         Raises:
-            BusError: The port has not come back in time.
-            Quit: The person wants no more.
+            BusError: The port did not come back in time.
+            Quit: The person wants to stop.
         """
         terminal = self._terminal
         self._asks = (
@@ -114,14 +117,14 @@ class MotorWizard:
                 found = terminal.run(self._motors.verify, self._picture)
                 if found.ok or is_late or terminal.pressed == ENTER:
                     return found
-                self._trouble = ""  # the table says it
+                self._trouble = ""  # the table shows it
                 terminal.mention(found.sentence, step="chain")
             except BusError as error:
                 if is_late:
                     raise
                 self._print_progress(error)
 
-    # How
+    # Helpers of the steps
 
     def _instruction(self, joint: str) -> str:
         done = self._progress.done
@@ -171,12 +174,12 @@ class MotorWizard:
     def _doubt(self, joint: str, found: MotorView) -> str:
         """Why a person should check this motor before it is set up; empty for no reason."""
         if found.fix:
-            return f"look at this first: {found.fix}"
+            return f"check this first: {found.fix}"
         for other, motor in self._motors.view.motors.items():
             if other != joint and motor.target_id == found.found_id != AS_NEW:
                 return (
-                    f"somebody has set this motor up as that of {other} before; make sure that it"
-                    f" is to be the one of {joint}"
+                    f"this motor was set up before as the motor of {other}; make sure that it is"
+                    f" the right one for {joint}"
                 )
         return ""
 
@@ -184,7 +187,7 @@ class MotorWizard:
         if isinstance(error, MotorSetupError):
             self._trouble = f"{error.reason}; {error.next_step}"
             if error.problem == "no servo":
-                return  # so it is while plugs change hands; the picture says it
+                return  # normal while plugs are changed; the picture shows it
         else:
             self._trouble = str(error)
         self._terminal.mention(self._trouble, step="trouble")

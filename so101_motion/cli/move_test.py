@@ -1,4 +1,4 @@
-"""``so101 move-test``: test the arm with small slow motions, and measure it."""
+"""``so101 move-test``: move every joint a little, and check that it follows."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> None:
     """Move every joint a little and check that it follows commands. The arm MOVES.
 
-    One joint after the other goes six degrees back and forth, slowly, clear of everything that is
-    known, and stands still to be measured; at last the jaw opens and closes a little. Ctrl-C stops
-    the arm. Exit code 6 if a joint does not obey.
+    One joint after the other moves six degrees back and forth, slowly, clear of all known
+    obstacles, and stands still to be measured; then the jaw opens and closes a little. Ctrl-C stops
+    the arm. Exit code 6 if a joint does not follow.
 
     \b
     so101 move-test --port /dev/ttyACM0 --report test.json

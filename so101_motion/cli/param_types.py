@@ -1,7 +1,7 @@
 """Parameter types of the command line: finite numbers, ports, files to read or to write.
 
-A file to be written is checked before anything else happens, so that no motion is planned and no
-path recorded that cannot be saved.
+An output file is checked before anything else happens, so that no motion is planned and no path
+recorded that cannot be saved.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from so101_motion.cli.completion_values import completed_ports
 from so101_motion.common.errors import quoted
 
 IN_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
-"""A file that is there."""
+"""An existing file."""
 
 
 class Finite(click.FloatRange):
@@ -28,7 +28,7 @@ class Finite(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """The number."""
+        """Read the number."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{quoted(value)} is not a usable number.", param, ctx)
@@ -44,14 +44,15 @@ class Finite(click.FloatRange):
 
 
 SECONDS = Finite(min=0.0, min_open=True)
-"""How long; more than nothing."""
+"""A time of more than 0 s."""
 
 
 class Numbers(click.ParamType[np.ndarray]):
-    """A fixed count of numbers with commas between.
+    """A fixed count of numbers, separated by commas.
 
     Args:
-        most: The largest amount that can be meant.
+        names: A name for each, for the help.
+        most: The largest absolute value.
     """
 
     def __init__(self, *names: str, most: float) -> None:
@@ -61,7 +62,7 @@ class Numbers(click.ParamType[np.ndarray]):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> np.ndarray:
-        """The numbers."""
+        """Read the numbers."""
         try:
             numbers = np.array([float(part) for part in str(value).split(",")])
         except ValueError:
@@ -78,19 +79,19 @@ class Numbers(click.ParamType[np.ndarray]):
 
 
 class PerJoint(click.ParamType[object]):
-    """One number, or five with commas between."""
+    """One number, or five separated by commas."""
 
     name = "NUMBER[,...]"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> object:
-        """The number, or a list of them."""
+        """Read the number or the list."""
         try:
             numbers = [float(part) for part in str(value).split(",")]
         except ValueError:
             self.fail(
-                f"{quoted(value)} is neither a number nor five numbers with commas between",
+                f"{quoted(value)} is neither a number nor five numbers separated by commas",
                 param,
                 ctx,
             )
@@ -103,15 +104,15 @@ class Port(click.ParamType[str]):
     name = "PORT"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The name; only opening it tells whether it is a port."""
+        """Read the name; whether it is a port shows only when it is opened."""
         if not value.strip():
-            self.fail("a port has a name, such as /dev/ttyACM0; so101 ports lists them", param, ctx)
+            self.fail("the port's name is empty; so101 ports lists the ports", param, ctx)
         return str(value)
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Ports that are plugged in."""
+        """Complete the ports that are plugged in."""
         return completed_ports(ctx, param, incomplete)
 
 
@@ -125,12 +126,16 @@ class Link(click.Path):
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path of a link that can be made now."""
+        """Read the path, and check that the link can be made."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if path.exists() and not path.is_symlink():
-            self.fail(f"{quoted(str(path))} exists and is not a link.", param, ctx)
+            self.fail(f"{quoted(str(path))} exists and is not a link; name another", param, ctx)
         if not path.name or not os.access(path.parent, os.W_OK | os.X_OK):
-            self.fail(f"nothing can be made in {quoted(str(path.parent))}.", param, ctx)
+            self.fail(
+                f"no file can be made in {quoted(str(path.parent))}; name another folder",
+                param,
+                ctx,
+            )
         return path
 
 
@@ -142,7 +147,7 @@ class OutFile(click.Path):
         self._endings = endings
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path of a file that can be written now."""
+        """Read the path, and check that the file can be written."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if self._endings and path.suffix.lower() not in self._endings:
             self.fail(
@@ -151,5 +156,9 @@ class OutFile(click.Path):
         if not path.parent.is_dir():
             self.fail(f"there is no folder {quoted(str(path.parent))}; make it first.", param, ctx)
         if not path.exists() and not os.access(path.parent, os.W_OK | os.X_OK):
-            self.fail(f"nothing can be written in {quoted(str(path.parent))}.", param, ctx)
+            self.fail(
+                f"no file can be written in {quoted(str(path.parent))}; name another folder",
+                param,
+                ctx,
+            )
         return path

@@ -1,4 +1,4 @@
-"""``so101 plan`` and ``so101 move``: plan a motion to a goal, and for ``move`` run it."""
+"""``so101 plan`` and ``so101 move``: plan a motion to a goal; ``move`` also runs it."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ _JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
 
 
 def _goal_options(verb: F) -> F:
-    """The options that name a goal; the verb gets ``goal`` and ``scene``."""
+    """Add the options for a goal; the verb gets ``goal`` and ``scene``."""
 
-    @click.option("--xyz", type=_POINT, help="Bring the tool to this point [mm], base frame.")
+    @click.option("--xyz", type=_POINT, help="Move the tool to this point [mm], base frame.")
     @click.option(
         "--approach",
         type=_POINT,
@@ -63,9 +63,9 @@ def _goal_options(verb: F) -> F:
         type=click.Choice(["tool", "jaw_tip"]),
         default="tool",
         show_default=True,
-        help="With --xyz: which frame of the hand is meant.",
+        help="With --xyz: the frame of the hand that moves to the point.",
     )
-    @click.option("--joints", type=_JOINTS, help="Bring the joints to these angles [deg].")
+    @click.option("--joints", type=_JOINTS, help="Move the joints to these angles [deg].")
     @click.option(
         "--pose",
         metavar="NAME",
@@ -73,7 +73,7 @@ def _goal_options(verb: F) -> F:
         help=f"A named pose: {', '.join(pose.name for pose in POSES)}, or one of your own.",
     )
     @click.option(
-        "--scene", "scene_file", type=IN_FILE, help="What stands around the arm, a JSON file."
+        "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles around the arm."
     )
     @pace_options
     @functools.wraps(verb)
@@ -89,7 +89,7 @@ def _goal_options(verb: F) -> F:
         **kwargs: Any,
     ) -> Any:
         if sum(given is not None for given in (xyz, joints, pose)) != 1:
-            raise click.UsageError("where to? give one of --xyz, --joints, --pose")
+            raise click.UsageError("give one goal: --xyz, --joints or --pose")
         if xyz is None and (approach is not None or line or frame != "tool"):
             raise click.UsageError("--approach, --line and --frame belong to --xyz")
         goal = _goal(xyz, approach, line, frame, joints, pose)
@@ -112,7 +112,7 @@ def _goal(
     if joints is not None:
         return JointGoal(q=to_rad(joints))
     if xyz is None:
-        return JointGoal(q=_posed(str(pose)))
+        return JointGoal(q=_pose_angles(str(pose)))
     target, metric = SE3.from_translation(to_m(xyz)), GoalMetric.POSITION_ONLY
     if approach is not None:
         if np.linalg.norm(approach) < 1e-6:
@@ -128,7 +128,7 @@ def _scene(file: Path | None) -> Scene | None:
     return None if file is None else read_scene(file)
 
 
-def _posed(name: str) -> Array:
+def _pose_angles(name: str) -> Array:
     """The joint angles of a named pose, built in or the user's own."""
     from so101_motion.common.errors import ConfigError, quoted
     from so101_motion.files.saved_poses import SavedPoses
@@ -144,13 +144,11 @@ def _posed(name: str) -> Array:
 @click.command()
 @any_source_options
 @_goal_options
-@click.option("--from", "q_from", type=_JOINTS, help="With --sim: where the joints stand [deg].")
-@click.option("--out", type=OutFile(), help="Save it: .csv, .json or .mcap.")
+@click.option("--from", "q_from", type=_JOINTS, help="With --sim: the start of the joints [deg].")
+@click.option("--out", type=OutFile(), help="Save the motion: .csv, .json or .mcap.")
 @click.option("--lerobot", is_flag=True, help="With --out: LeRobot's names and units.")
-@click.option(
-    "--html", type=OutFile(".html", ".htm"), help="Save a film of it that any browser plays."
-)
-@click.option("--preview", is_flag=True, help="Show it in the browser.")
+@click.option("--html", type=OutFile(".html", ".htm"), help="Save a film of it for any browser.")
+@click.option("--preview", is_flag=True, help="Show the motion in the browser.")
 @json_option
 def plan(
     source: AnySource,
@@ -171,10 +169,10 @@ def plan(
     so101 plan --sim --xyz 190,200,100 --from 65,-20,30,50,0 --scene examples/table.json
     so101 plan --machine my-arm.local:8080 --pose ready
     """  # noqa: D301
-    _refuse(out, lerobot)
+    _check_file_name(out, lerobot)
     if q_from is not None:
         if not isinstance(source, Source) or source.port is not None:
-            raise click.UsageError("--from belongs to --sim; a real arm stands where it stands")
+            raise click.UsageError("--from works only with --sim; leave it out for a real arm")
         source = replace(source, q_start=to_rad(q_from))
     viewer: Any = import_preview() if preview or html is not None else None
     with quietly(), closing(source.open()) as rig:
@@ -193,7 +191,7 @@ def plan(
             )
             viewer.write_recording(film, html)
             aside(f"saved {html}")
-        if as_json:  # at the end: a program that reads it knows that the files are there
+        if as_json:  # last, so that the files exist when a program reads it
             print_json("plan", {"source": source.what, **_facts(found)})
         if preview:
             _show(viewer, rig, found, source)
@@ -205,7 +203,7 @@ def plan(
 @yes_option
 @json_option
 def move(source: AnySource, goal: Goal, scene: Scene | None, yes: bool, as_json: bool) -> None:
-    """Plan a motion, say what it will be, and run it. Ctrl-C stops the arm.
+    """Plan a motion, show it, and run it. Ctrl-C stops the arm.
 
     \b
     so101 move --port /dev/ttyACM0 --pose ready
@@ -231,14 +229,14 @@ def move(source: AnySource, goal: Goal, scene: Scene | None, yes: bool, as_json:
             click.echo(f"arrived: tool at ({where}) mm, joints within {off_deg:.2f} deg")
 
 
-def _refuse(out: Path | None, lerobot: bool) -> None:
+def _check_file_name(out: Path | None, lerobot: bool) -> None:
     """Refuse a file that the plan could not be saved to, before planning."""
     if out is not None:
         from so101_motion.files.trajectory_export import check_name
 
         check_name(out.name, lerobot=lerobot)
     elif lerobot:
-        raise click.UsageError("--lerobot belongs to --out")
+        raise click.UsageError("--lerobot works only with --out; give both")
 
 
 def _planned(rig: RigLike, goal: Goal, scene: Scene | None) -> Plan:
@@ -264,7 +262,7 @@ def _facts(found: Plan) -> dict[str, object]:
 
 
 def _wait(rig: RigLike, motion: Motion, found: Plan) -> None:
-    """Wait for the end with a bar on stderr; Ctrl-C stops the arm and waits until it rests."""
+    """Wait for the end with a progress bar; Ctrl-C stops the arm and waits until it rests."""
     with stops_on_ctrl_c(rig.arm):
         if not sys.stderr.isatty():
             motion.result()

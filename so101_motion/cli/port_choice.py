@@ -1,4 +1,4 @@
-"""Choose the port and the calibration file if none is named."""
+"""Choose the port and the calibration file that a verb uses, and open the port's bus."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 
 
 def look_at(port: str) -> PortReport:
-    """Examine only this port."""
+    """Report what is connected to this port; touches no other.
+
+    Raises:
+        PortUnavailable: It cannot be used.
+    """
     from so101_motion.drivers.port.port_list import find_ports, port_problem
     from so101_motion.setup.discovery import discover
 
@@ -30,7 +34,7 @@ def look_at(port: str) -> PortReport:
 
 
 def find_arm(port: str | None) -> PortReport:
-    """The port to use: the named one, else the only one with an arm.
+    """Find the port to use: the named one, else the only one with an arm.
 
     Raises:
         PortUnavailable: There is none, or it cannot be used.
@@ -40,7 +44,7 @@ def find_arm(port: str | None) -> PortReport:
 
 
 def find_to_examine(port: str | None) -> PortReport:
-    """The port to examine: the one with an arm, else the only servo adapter's.
+    """Find the port to examine: the one with an arm, else the only servo adapter's.
 
     Raises:
         PortUnavailable: There is none, or it cannot be used.
@@ -58,7 +62,7 @@ def find_to_examine(port: str | None) -> PortReport:
 
 
 def find_adapter(port: str | None) -> PortReport:
-    """The port to set servos up on: the named one, else the only servo adapter.
+    """Find the port to set up servos on: the named one, else the only servo adapter's.
 
     Raises:
         PortUnavailable: There is none, or it cannot be used.
@@ -74,10 +78,10 @@ def find_adapter(port: str | None) -> PortReport:
 
 
 def calibration_file(given: str | None, report: PortReport) -> Path:
-    """The file given, else the one that ``port_selection`` chooses for what is on the port.
+    """The given file, else the one that ``port_selection`` chooses for the arm on the port.
 
     Raises:
-        CalibrationError: It cannot be a path, or this user has no home.
+        CalibrationError: It is not a valid path, or this user has no home folder.
     """
     from so101_motion.calib.record import store
     from so101_motion.setup import port_selection
@@ -86,7 +90,7 @@ def calibration_file(given: str | None, report: PortReport) -> Path:
 
 
 def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) -> PortReport:
-    """The named port, else the only one that can be meant."""
+    """The named port, else the only one for which ``is_meant``."""
     from so101_motion.setup.discovery import discover
 
     if port is not None:
@@ -98,13 +102,13 @@ def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) 
         raise PortUnavailable(f"no {what}", ". ".join((*sentences, *found.notes)))
     if len(meant) > 1:
         named = ", or ".join(f"--port {report.port.name} ({report.sentence})" for report in meant)
-        raise click.UsageError(f"there are several: give {named}")
+        raise click.UsageError(f"there are several {what}s; give {named}")
     return meant[0]
 
 
 @contextmanager
 def lent_bus(report: PortReport, purpose: str) -> Iterator[tuple[HardwareRig, BusLease]]:
-    """Borrow the bus of a port; drives nothing, and a held arm stays held."""
+    """Borrow the bus of a port; no joint moves, and an arm that holds goes on holding."""
     from so101_motion.rig.hardware_rig import open_hardware
     from so101_motion.rig.servo_driver import ServoSettings
 

@@ -21,24 +21,24 @@ further_ports_option = click.option(
     multiple=True,
     envvar="SO101_PORT",
     type=PORT,
-    help="Look at this one as well, such as /dev/ttyAMA0 (or SO101_PORT); repeatable.",
+    help="Search this one as well, such as /dev/ttyAMA0 (or SO101_PORT); repeatable.",
 )
-"""For verbs that look at all ports; the verb gets ``extra``."""
+"""The option of verbs that search all ports; the verb gets ``extra``."""
 
 
 @click.command()
 @further_ports_option
 @json_option
 def ports(extra: tuple[str, ...], as_json: bool) -> None:
-    """List serial ports, which of them has an arm, and why one cannot be used.
+    """List the serial ports, which of them have an arm, and why one cannot be used.
 
-    Servos are asked who they are; nothing is written to them. A port that another program uses is
-    left alone. Exit code 3 if there is no port at all.
+    Servos are read, nothing is written to them. A port that another program uses is left alone.
+    Exit code 3 if there is no port at all.
     """
     from so101_motion.cli.terminal import echo
     from so101_motion.setup.discovery import discover
 
-    with quietly(), busy_message("looking at the serial ports"):
+    with quietly(), busy_message("searching the serial ports"):
         found = discover(extra)
     if as_json:
         reports = [report.to_json() for report in found.reports]
@@ -62,5 +62,5 @@ def ports(extra: tuple[str, ...], as_json: bool) -> None:
 
 
 def _is_there(report: PortReport) -> bool:
-    """Whether the system has this port, with or without an arm."""
+    """Whether the system has this port."""
     return sys.platform == "win32" or os.path.exists(report.port.device)

@@ -57,7 +57,7 @@ def run(
     if rounds is not None:
         made = made.with_rounds(rounds)
     with quietly(), closing(source.open()) as rig:
-        with busy_message("planning all of it ..."):
+        with busy_message("planning the program ..."):
             rehearsal = rehearse(rig.arm, rig.gripper, made)
         if not as_json:
             click.echo(_planned(rehearsal), err=True)
@@ -91,7 +91,7 @@ def _planned(rehearsal: Rehearsal) -> str:
 
 
 def await_end(run: ProgramRun) -> None:
-    """Wait for the end and say on stderr where it is."""
+    """Wait for the end, and print the present round and step on a terminal."""
     shown = None
     while not wait((run.future,), 0.1).done:
         shown = _show(run, run.program, shown)

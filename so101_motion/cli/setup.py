@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     help="Only this joint's motor; repeatable.",
 )
 @click.option(
-    "--start-over", is_flag=True, help="Begin with the gripper, whatever was done before."
+    "--start-over", is_flag=True, help="Start with the gripper again, even if motors are done."
 )
 @click.option("--yes", is_flag=True, help="Ask no questions; for scripts.")
 @click.option(
@@ -69,14 +69,14 @@ def setup(
 ) -> None:
     """Give the motors of a new kit their ids, one at a time.
 
-    New motors all have the id 1, so on one cable they cannot be told apart. Connect each alone when
-    you are asked for it; the rest happens by itself. At the end, with all six on the cable,
-    everything is verified. You may stop at any time: the next start goes on where this one ended.
+    New motors all have the id 1, so on one cable they cannot be distinguished. Connect each alone
+    when you are asked for it; the rest happens by itself. At the end, with all six on the cable,
+    everything is verified. You may stop at any time: the next start continues there.
 
-    With --web a page leads through all of it, from the box of parts to a tested arm.
+    With --web a page in the browser leads you from the box of parts to a tested arm.
 
     \b
-    so101 setup --web                  in the browser, nothing need be plugged in yet
+    so101 setup --web                  in the browser, even before anything is plugged in
     so101 setup --web --machine kit.local:8080   through a machine's calibration sensor
     so101 setup                        with the only servo adapter that is plugged in
     so101 setup --joint wrist_flex     after that motor was replaced
@@ -86,7 +86,9 @@ def setup(
         machine = None
     if web:
         if joints or start_over or yes or within or events or dry_run or as_json:
-            raise click.UsageError("--web goes with --port or --machine, and where the page is")
+            raise click.UsageError(
+                "--web works only with --port or --machine, and the options of the page"
+            )
         _in_browser(port, machine, page)
         return
     if machine is not None:
@@ -104,7 +106,7 @@ def setup(
     name = report.port.name
     progress = SetupProgress(own_folder() / kept.NAME, name)
     if dry_run:
-        _would(report, () if start_over else progress.done, joints, as_json)
+        _print_dry_run(report, () if start_over else progress.done, joints, as_json)
         return
     if start_over:
         progress.clear()
@@ -127,13 +129,15 @@ def setup(
                 else:
                     checked = _all(walk, terminal, progress, about(report))
             except (Quit, KeyboardInterrupt) as reason:
-                terminal.say("stopped; so101 setup goes on from here", style="yellow")
+                terminal.say("stopped; the next so101 setup continues here", style="yellow")
                 raise SystemExit(STOPPED if isinstance(reason, Quit) else INTERRUPTED) from None
         _conclude(name, motors.view, checked, as_json)
 
 
-def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_json: bool) -> None:
-    """Say what a setup would do; writes nothing to a servo."""
+def _print_dry_run(
+    report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_json: bool
+) -> None:
+    """Print what a setup would do; writes nothing to a servo."""
     from so101_motion.calib.motors.setup_view import SETUP_ORDER
 
     left = [joint for joint in SETUP_ORDER if joint not in done]
@@ -145,7 +149,7 @@ def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_
         print_json("setup", {**heard, "dry_run": True, "would_set_up": plan})
         return
     click.echo(f"on {report.port.name}: {report.sentence}")
-    click.echo("would write, one after the other:" if plan else "would only verify what is there")
+    click.echo("would write, one after the other:" if plan else "would only verify the motors")
     for step in plan:
         click.echo(f"  alone on the cable, the motor of {step['joint']}: id {step['servo_id']}")
     click.echo("nothing was written", err=True)
@@ -154,7 +158,7 @@ def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_
 def _all(
     walk: MotorWizard, terminal: Terminal, progress: SetupProgress, seen: Findings
 ) -> Verification:
-    """Go through the steps of the workflow, each with its check before the next."""
+    """Do the steps of the workflow, each with its check before the next."""
     from so101_motion.setup.setup_steps import CHAIN, MOTORS, MOTORS_ONLY, SetupState
 
     doing = {
@@ -169,7 +173,7 @@ def _all(
             seen = replace(seen, servos=found)
         check = step.check(SetupState(seen=seen, setup=walk.view))
         terminal.say(check.sentence, step=step.name, verdict=check.verdict)
-    assert seen.servos is not None  # the last step has looked
+    assert seen.servos is not None  # the last step has verified them
     if seen.servos.ok:
         progress.clear()
     return seen.servos
@@ -178,15 +182,15 @@ def _all(
 def _one_by_one(walk: MotorWizard, terminal: Terminal, progress: SetupProgress) -> None:
     if progress.done:
         terminal.say(
-            f"set up before: {', '.join(progress.done)}; going on from there"
-            " (--start-over begins with the gripper)"
+            f"set up before: {', '.join(progress.done)}; continuing after them"
+            " (--start-over starts with the gripper again)"
         )
     while (joint := walk.view.next_joint) is not None:
         walk.set_up(joint)
 
 
 def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> None:
-    """Serve the page until Ctrl-C; then a running calibration on a port is undone."""
+    """Serve the setup page until Ctrl-C, which undoes a running calibration on a port."""
     from so101_motion.cli.shared import import_preview, quietly
 
     viewer = import_preview()
@@ -209,7 +213,7 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
             key_of=page.key_of(f"setup of {machine.address if machine else port or 'a kit'}"),
         )
         keep_open(stack.enter_context(served), page)
-    click.echo("so101 setup --web goes on from here", err=True)
+    click.echo("the next so101 setup --web continues here", err=True)
 
 
 def _conclude(port: str, view: SetupView, checked: Verification | None, as_json: bool) -> None:

@@ -1,7 +1,4 @@
-"""Helpers that all verbs share: printing results, asking a person, writing files.
-
-What becomes of an error is in ``error_exit.py``.
-"""
+"""Options and helpers that verbs share: printing results, asking a person, writing reports."""
 
 from __future__ import annotations
 
@@ -27,17 +24,17 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 NO_DEVICE, CHECK_FAILED, STOPPED, INTERRUPTED = 3, 6, 7, 130
-"""Exit codes that no error stands for; ``error_exit.py`` has all of them."""
+"""Exit codes that verbs use themselves; ``error_exit.py`` has all of them."""
 
 DEBUG = "SO101_DEBUG"
-"""Environment variable: when it is set, what is unexpected comes with its traceback."""
+"""Environment variable: when it is set, unexpected errors are shown with their traceback."""
 
-_PRINTED = f"{__name__}.told"  # in the context: whether a program has its object
+_PRINTED = f"{__name__}.printed"  # in the context: whether the JSON object has been printed
 
 
 @contextmanager
 def busy_message(words: str) -> Iterator[None]:
-    """Show that something takes a moment: a spinner on a terminal, nothing elsewhere."""
+    """Show a spinner with ``words`` during the block, if stderr is a terminal."""
     if not sys.stderr.isatty():
         yield
         return
@@ -49,7 +46,7 @@ def busy_message(words: str) -> Iterator[None]:
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Keep log lines away from a live picture, which shows what a person must know."""
+    """Switch off the package's log lines during the block, so that they do not mix with output."""
     log = logging.getLogger("so101_motion")
     log.setLevel(logging.CRITICAL)
     try:
@@ -60,7 +57,7 @@ def quietly() -> Iterator[None]:
 
 @contextmanager
 def in_lines() -> Iterator[None]:
-    """Print log lines for a person: one line each, with tracebacks only in debug mode."""
+    """Print log lines on stderr during the block, with tracebacks only in debug mode."""
     log, handler = logging.getLogger("so101_motion"), logging.StreamHandler()
     if not os.environ.get(DEBUG):
         handler.setFormatter(_Brief())
@@ -77,7 +74,7 @@ class _Brief(logging.Formatter):
 
 
 def print_json(kind: str, content: Mapping[str, object]) -> None:
-    """One JSON object on stdout, for programs."""
+    """Print one JSON object on stdout, for programs."""
     whole = {"schema": f"so101/{kind}/1", "version": __version__, **content}
     click.echo(json.dumps(whole, indent=2))
     context = click.get_current_context(silent=True)
@@ -86,13 +83,13 @@ def print_json(kind: str, content: Mapping[str, object]) -> None:
 
 
 def has_printed() -> bool:
-    """Whether this call of the program has printed its JSON object."""
+    """Whether the verb has printed its JSON object."""
     context = click.get_current_context(silent=True)
     return context is not None and _PRINTED in context.meta
 
 
 def aside(sentence: str) -> None:
-    """Print a side remark for a person."""
+    """Print a sentence on stderr."""
     click.echo(sentence, err=True)
 
 
@@ -112,10 +109,10 @@ def have_agreed(question: str) -> None:
     """Ask a person before something moves; returns if the answer is yes.
 
     Raises:
-        click.UsageError: Nobody is there to answer.
+        click.UsageError: There is no terminal to ask on.
         SystemExit: The answer is no, or Ctrl-C.
     """
-    nobody = click.UsageError("there is no terminal to ask on; --yes goes ahead without asking")
+    nobody = click.UsageError("there is no terminal to ask on; give --yes to start without asking")
     if sys.stdin is None:  # it was closed
         raise nobody
     try:
@@ -131,7 +128,7 @@ def have_agreed(question: str) -> None:
 
 @contextmanager
 def stops_on_ctrl_c(arm: Arm) -> Iterator[None]:
-    """Let Ctrl-C in this block stop the arm, wait until it rests, and end the program."""
+    """On Ctrl-C in this block, stop the arm, wait until it rests, and end the program."""
     try:
         yield
     except KeyboardInterrupt:
@@ -141,10 +138,10 @@ def stops_on_ctrl_c(arm: Arm) -> Iterator[None]:
 
 
 def write_report(path: Path, content: bytes) -> None:
-    """Write what ``--report`` asks for.
+    """Write a report file.
 
     Raises:
-        ConfigError: It cannot be written there.
+        ConfigError: It cannot be written.
     """
     from so101_motion.files import atomic
 
@@ -163,7 +160,7 @@ def json_option(verb: F) -> F:
 
 def dry_run_option(verb: F) -> F:
     """The option ``--dry-run``; the verb gets ``dry_run``."""
-    says = "Say what would be done, and write nothing."
+    says = "Print what would be done, and write nothing."
     return click.option("--dry-run", is_flag=True, help=says)(verb)
 
 
@@ -173,31 +170,31 @@ def yes_option(verb: F) -> F:
 
 
 def events_option(verb: F) -> F:
-    """The option ``--events`` of a verb that guides; the verb gets ``events``."""
+    """The option ``--events`` of the setup and calibration verbs; the verb gets ``events``."""
     file = click.File("w", encoding="utf-8", lazy=False)
     says = "Write every message to this file, as JSON lines."
     return click.option("--events", type=file, help=says)(verb)
 
 
 def import_preview() -> Any:
-    """Import ``so101_viewer``, which serves the preview, when it is needed.
+    """Import ``so101_viewer``, which serves the preview.
 
     Raises:
-        ConfigError: The extra that holds it was not installed.
+        ConfigError: It is not installed.
     """
     try:
         import so101_viewer
     except ModuleNotFoundError as error:
         reason = (
             f"needs {error.name}, which is not installed;"
-            f" install it: {_how_to_install()} (so101 demo --text goes without)"
+            f" install it: {_how_to_install()} (so101 demo --text does without it)"
         )
         raise ConfigError("preview", None, reason) from error
     return so101_viewer
 
 
 def _how_to_install() -> str:
-    """The command that installs what the preview needs, in a checkout or for a wheel."""
+    """The command that installs the packages that the preview needs."""
     wanted = [
         found[1]
         for line in requires("so101-motion") or ()

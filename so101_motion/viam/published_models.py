@@ -1,7 +1,7 @@
-"""The models that this module and the published one share, and how they differ.
+"""Every model of this module, and how it differs from that of the published module.
 
-The attributes of both are in ``attribute_table``; here is what a value means and what behaves
-differently, a line each with its reason. ``migration`` reads it.
+The attributes are in ``attribute_table``; this file has the meaning of their values and a line for
+each difference in behaviour, with its reason. ``migration`` uses it.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from so101_motion.viam.component_config import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """A model of both modules: its attributes here, and the differences.
+    """A model: its attributes, and the differences from the published module.
 
     Attributes:
         read: Checks attributes; raises ``ConfigError``.
-        attributes: What it takes.
-        differences: What behaves differently, given the attributes.
+        attributes: The attributes it takes.
+        differences: The differences in behaviour for given attributes, a line each.
     """
 
     read: Callable[[Mapping[str, Any]], object]
@@ -57,7 +57,7 @@ def _seconds(value: Any) -> str:
 def _planned_by(value: Any) -> str:
     if value in (None, ""):
         return "planned by this module"
-    return f"planned by the service {value}; leave it out to have it planned here"
+    return f"planned by the service {value}; leave it out to use this module's planner"
 
 
 def _only_here(_: Mapping[str, Any]) -> tuple[str, ...]:
@@ -69,16 +69,16 @@ MEANINGS: Mapping[str, Callable[[Any], str]] = {
     "motion": _planned_by,
     "calibration_file": lambda _: "the same file; see below",
 }
-"""What the value of an attribute means here, where that needs words."""
+"""The meaning of an attribute's value in this module, where it needs an explanation."""
 
 
 def _arm_differences(given: Mapping[str, Any]) -> tuple[str, ...]:
     lines = [
-        "waypoints are followed; there only the last one of a path was gone to",
-        "stop, a cancelled call and a lost client bring the arm to rest at once, for they mean it",
-        "acceleration is enforced, jerk too, and joints arrive together: a plan is a timed one",
-        "a newer move ends the older one (ABORTED); there it waited",
-        "targets outside the calibrated range are refused with the limit; there they were clamped",
+        "the arm follows all waypoints; the published module went only to the last one",
+        "a stop, a cancelled call or a lost client brings the arm to rest at once",
+        "acceleration and jerk are limited too, and all joints arrive together",
+        "a newer move ends the older one (ABORTED); in the published module it waited",
+        "targets outside the calibrated range are refused; the published module clamped them",
     ]
     if "acceleration_degs_per_sec_per_sec" not in given:
         lines.append(
@@ -87,19 +87,19 @@ def _arm_differences(given: Mapping[str, Any]) -> tuple[str, ...]:
         )
     if given.get("motion") in (None, ""):
         lines.append(
-            "MoveToPosition is planned here, point only, for five joints cannot take every"
-            " orientation; extra.goal_metric_type asks for more"
+            "this module plans MoveToPosition for the position only, because five joints cannot"
+            " reach every orientation; set extra.goal_metric_type for more"
         )
     return tuple(lines)
 
 
 def _gripper_differences(given: Mapping[str, Any]) -> tuple[str, ...]:
     lines = [
-        "grab says whether the jaw was stopped by something, and holds it gently",
-        "closing by set_position grips what it meets instead of crushing it",
+        "grab returns whether an object stopped the jaw, and holds the object gently",
+        "closing with set_position grips an object in the way instead of crushing it",
     ]
     if given.get("port") and given.get("arm"):
-        lines.append("the arm's port is used, for one port has one owner")
+        lines.append("the arm's port is used, because a port has one owner")
     return tuple(lines)
 
 
@@ -118,9 +118,9 @@ MODELS: Mapping[str, Model] = {
         read=SimulatedArmConfig.from_attributes,
         attributes=table.SIMULATED_ARM,
         differences=lambda _: (
-            "it is planned for and moved as the real arm is, within its accelerations; there it"
-            " turned at constant speed",
-            "speeds are 3 to 180 deg/s, as for the real one",
+            "it plans and moves like the real arm, with limited acceleration; in the published"
+            " module it turned at constant speed",
+            "speeds are 3 to 180 deg/s, as for the real arm",
         ),
     ),
     "simulated-gripper": Model(
@@ -130,8 +130,8 @@ MODELS: Mapping[str, Model] = {
         read=CalibrationConfig.from_attributes,
         attributes=table.CALIBRATION,
         differences=lambda _: (
-            "saving merges with what the file says, keeps versions, and writes where the next start"
-            " reads",
+            "saving keeps the file's other joints and its older versions, and writes the file that"
+            " the next start reads",
             "a joint may cross the end of its servo's counter while it is recorded",
         ),
     ),
@@ -144,13 +144,15 @@ MODELS: Mapping[str, Model] = {
         read=teleop.TeleopConfig.from_attributes,
         attributes=teleop.ATTRIBUTES,
         differences=lambda _: (
-            "the follower comes to the leader slowly before it follows; there it jumped",
-            "a lost leader or follower means hold; there it went on",
+            "the follower moves slowly to the leader's position before it follows; in the published"
+            " module it jumped",
+            "when leader or follower is lost, the follower holds; in the published module it went"
+            " on",
         ),
     ),
 }
-"""By what follows ``devrel:so101:`` in a model's name."""
+"""The models by their name without ``devrel:so101:``."""
 
 _ALL = [each for model in MODELS.values() for each in model.attributes]
 OURS = {each.name for each in _ALL if each.ours} - {each.name for each in _ALL if not each.ours}
-"""The attributes that the published module does not know at all."""
+"""The attributes that no model of the published module has."""

@@ -1,4 +1,4 @@
-"""Suggest a configuration for the arms that were found, ready to paste."""
+"""Write the configuration for the arms that discovery found, ready to paste."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def frame_json(frame: Frame) -> dict[str, object]:
 
 
 def own_module() -> list[dict[str, str]]:
-    """This installation as the one local module; none if viam-server cannot start it."""
+    """The "modules" entry of this installation; empty if viam-server cannot start it."""
     start = Path(__file__).resolve().parents[2] / "run.sh"
     if not start.is_file():
         return []

@@ -140,7 +140,7 @@ def test_a_servo_that_is_missing_is_named_and_nothing_is_left_half_done(arm, tmp
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 4, result.output
     assert "servo 4 (wrist_flex)" in result.stderr
-    assert "given up" in result.stderr
+    assert "cancelled: " in result.stderr
 
 
 # Setting motors up
@@ -188,13 +188,13 @@ def test_a_setup_is_stopped_and_goes_on_later(make_kit, tmp_path):
         person.sees("✓ gripper")
         person.sees("which is done, is still connected")
         person.presses("q")
-        person.sees("goes on from here")
+        person.sees("so101 setup continues here")
         assert person.code() == 7
     kit.begin(parse_fault("chain"))
     with Typist("setup", "--port", kit.port, "--start-over") as person:
         person.sees("a whole arm is connected")
         person.interrupts()
-        person.sees("goes on from here")
+        person.sees("so101 setup continues here")
         assert person.code() == 130
 
 
@@ -204,5 +204,5 @@ def test_a_setup_in_the_browser_prints_its_link_and_ends_with_ctrl_c(make_kit):
     with Typist(*page, "--port", kit.port) as person:
         person.sees("http://127.0.0.1:")
         person.interrupts()
-        person.sees("so101 setup --web goes on from here")
+        person.sees("so101 setup --web continues here")
         assert person.code() == 0

@@ -265,7 +265,7 @@ def test_what_a_calibration_and_a_setup_would_do_is_said_and_nothing_is_written(
     before = memories(arm)
     result = run("calibrate", "--port", arm.port, "--dry-run", "--file", "new.json")
     assert result.exit_code == 0, result.output
-    assert "would let go of" in result.stdout
+    assert "would release" in result.stdout
     told = run("calibrate", "--port", arm.port, "--dry-run", "--joint", "gripper", "--json").stdout
     assert json.loads(told)["joints"] == ["gripper"]
     result = run("setup", "--port", arm.port, "--dry-run", "--joint", "wrist_flex")

@@ -53,7 +53,7 @@ def servos_came_late(error):
 
 def processes_came_late(error):
     """Whether a busy machine kept processes of simulated arms from answering or moving in time."""
-    late = ("has not said within", "no setpoint could be sent")
+    late = ("has not listed its components within", "no setpoint could be sent")
     return any(words in error.message for words in late)
 
 

@@ -306,7 +306,7 @@ async def test_of_several_arms_the_one_moves_that_the_component_hangs_from():
     async with two_arms() as motion:
         told = (await motion.do_command(to_there("gripper")))["preview"]
         assert list(told["plan"][0]) == ["arm"]
-        with pytest.raises(GRPCError, match="hangs from no arm of this module") as caught:
+        with pytest.raises(GRPCError, match="is not attached to an arm of this module") as caught:
             await motion.do_command(to_there("camera"))
         assert "arm, left" in caught.value.message
         assert await motion.get_status() == {"arms": ["arm", "left"]}

@@ -183,7 +183,7 @@ class Frames:
         trail: list[str] = []
         while frame not in (self.arm, WORLD, f"{self.arm}_origin"):
             if frame in trail:
-                raise ConfigError("transforms", frame, "hangs from itself: " + " - ".join(trail))
+                raise ConfigError("transforms", frame, "is attached to itself: " + " - ".join(trail))
             trail.append(frame)
             _refuse_long(trail)
             if frame in self._brought:
@@ -196,7 +196,7 @@ class Frames:
         if frame in self._known:
             return self._known[frame]
         if frame in trail:
-            raise ConfigError("transforms", frame, "hangs from itself: " + " - ".join(trail))
+            raise ConfigError("transforms", frame, "is attached to itself: " + " - ".join(trail))
         _refuse_long(trail)
         if frame in self._brought:
             seen = self._brought[frame].pose_in_observer_frame

@@ -1,9 +1,10 @@
 """The Viam arm methods that real and simulated arms share.
 
-Each method converts, calls, converts back. Stop goes from the event loop straight to the arm's I/O
-thread; what blocks (letting go, closing) has a thread of its own. A ``Motion`` is awaited with
-``arrival``, so that a client that goes away ends its motion. Forward kinematics takes microseconds
-and is done in the event loop's thread, for the kinematic model belongs to one thread.
+Each method converts its arguments, calls the arm and converts the result. Stop goes from the event
+loop straight to the arm's I/O thread; calls that block (release, close) run in a thread of their
+own. A ``Motion`` is awaited with ``arrival``, so that it ends when its client goes away. Forward
+kinematics takes microseconds and runs on the event loop, because the kinematic model belongs to one
+thread.
 """
 
 from __future__ import annotations
@@ -63,8 +64,8 @@ from so101_motion.viam.surroundings.machine_cell import MachineCell
 from so101_motion.viam.surroundings.surroundings import Surroundings
 
 AT_START = to_rad(0.5)
-"""How near a first waypoint must be to where the arm is to be taken for its start [rad]. Motion
-services send the present joints as the first waypoint; an arm rests up to this far off; chosen."""
+"""Largest distance from the arm to a first waypoint that counts as the start [rad]; chosen. Motion
+services send the present joints as the first waypoint, and an arm rests up to this far off."""
 
 
 class ArmResource(Configured, Arm):
@@ -72,18 +73,18 @@ class ArmResource(Configured, Arm):
 
     Args:
         name: The component's name.
-        rig: What it moves; closed with the component.
-        settings: How it behaves.
+        rig: The rig of the arm; closed with the component.
+        settings: The component's own settings.
     """
 
     NEEDS_SERVOS: ClassVar[frozenset[str]] = frozenset()
-    """The commands that are refused until the servos have been found; the others need none."""
+    """The commands that are refused until the servos have been found."""
 
     here: ClassVar[dict[str, ArmResource]] = {}
-    """The arms of this process by name; a gripper or a motion service finds its arm here."""
+    """The arms of this process by name; grippers and services look up their arm here."""
 
     cell: ClassVar = MachineCell(here)
-    """Where these arms know each other's motions, so that they keep apart."""
+    """Lets these arms know each other's motions, so that they keep apart."""
 
     def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
         super().__init__(name)
@@ -112,16 +113,16 @@ class ArmResource(Configured, Arm):
 
     @classmethod
     def needed(cls, wanted: ArmConfig) -> Sequence[str]:
-        """The motion service that is to plan for it, if one is named."""
+        """The motion service that plans for this arm, if one is named."""
         scene_of(wanted)  # refuses obstacles that are not valid
         return [motion_name(wanted.motion)] if wanted.motion else []
 
     @classmethod
     def used(cls, wanted: ArmConfig) -> Sequence[str]:
-        """What is asked for what is around."""
+        """The resources that report the surroundings."""
         return wanted.senses.resources
 
-    # Where it is
+    # Position
 
     async def get_end_position(self, **kwargs: Any) -> Pose:
         """Pose of the tool frame in the arm's base frame, from the measured joints."""
@@ -138,11 +139,11 @@ class ArmResource(Configured, Arm):
         return self._arm.is_moving or not self._arm.newest_motion.future.done()
 
     def T_end(self) -> SE3:
-        """Where the tool is in the base frame."""
+        """The pose of the tool in the base frame."""
         return self._arm.T_base("tool")
 
     def T_links(self) -> Mapping[str, SE3]:
-        """Where the links are in the base frame, by their URDF names."""
+        """The poses of the links in the base frame, by their URDF names."""
         return self._arm.T_base_links()
 
     # Moving
@@ -163,7 +164,7 @@ class ArmResource(Configured, Arm):
             await self.arrived(self._start_move(goal, options.search(self._arm.scene)))
 
     def _start_move(self, goal: Goal, search: Search) -> Motion:
-        """Plan around what is around the arm then, and move."""
+        """Plan around the surroundings as they are once the arm rests, and move."""
         planning: Callable[[], Future[Plan]] = partial(self._arm.start_plan, goal, search=search)
         if self.surroundings.is_asked():
             loop = asyncio.get_running_loop()
@@ -183,7 +184,7 @@ class ArmResource(Configured, Arm):
     async def _move_by_service(
         self, service: MotionService, pose: Pose, extra: dict[str, Any], **kwargs: Any
     ) -> None:
-        convert.from_pose(pose)  # refuses what is not finite before the service sees it
+        convert.from_pose(pose)  # refuses numbers that are not finite
         cloud = cloud_in(extra)
         destination = PoseInFrame(reference_frame=f"{self.short_name}_origin", pose=pose)
         if cloud is not None:
@@ -209,9 +210,9 @@ class ArmResource(Configured, Arm):
     ) -> None:
         """Move the joints along a planned path; returns on arrival.
 
-        With ``extra={"wait": false}`` it returns at once and the arm turns straight towards the
-        angles from whatever it is doing, short of contact: the form for a stream of targets. There
-        ``streamed`` of the published module changes nothing: the arm's caps hold for all.
+        With ``extra={"wait": false}`` it returns at once, and the arm turns from its present motion
+        straight towards the angles and stops short of contact: the form for a stream of targets.
+        ``streamed`` of the published module is accepted and has no effect.
         """
         await self.ready()
         with grpc_statuses():
@@ -232,8 +233,9 @@ class ArmResource(Configured, Arm):
     ) -> None:
         """Follow joint waypoints without stopping at each; returns on arrival at the last.
 
-        ``extra`` of Viam's teleoperation is honoured: ``interpolate`` false turns straight towards
-        the last waypoint from whatever the arm is doing, ``waitAtEnd`` false returns at once.
+        The ``extra`` of Viam's teleoperation is supported: with ``interpolate`` false the arm turns
+        from its present motion straight towards the last waypoint, with ``waitAtEnd`` false the
+        call returns at once.
         """
         await self.ready()
         extra = extra or {}
@@ -262,7 +264,7 @@ class ArmResource(Configured, Arm):
         extra: dict[str, Any] | None = None,
         **kwargs: Any,
     ) -> AsyncIterator[Arm.TrajectoryUpdate]:
-        """Play time-stamped points while they come in, an acknowledgement for each batch."""
+        """Play time-stamped points as they come in; yields an acknowledgement for each batch."""
         await self.ready()
         with grpc_statuses():
             opening = self._arm.start_stream()
@@ -282,7 +284,7 @@ class ArmResource(Configured, Arm):
             for i, entry in enumerate(positions)
         ]
         if len(rows) > 1 and self._is_here(rows[0]):
-            del rows[0]  # the start, perhaps just outside the limits: an arm may rest there
+            del rows[0]  # the start; an arm may rest just outside the limits
         return np.array([self._checked(q) for q in rows]).reshape(-1, len(ARM_JOINTS))
 
     def _is_here(self, q: Array) -> bool:
@@ -299,12 +301,12 @@ class ArmResource(Configured, Arm):
             await self._at_rest(self._arm.start_stop())
 
     async def make_way(self) -> None:
-        """End what is under way for something newer; returns when the arm is at rest."""
+        """End the motion under way because a newer one replaces it; returns at rest."""
         await self._at_rest(self._arm.start_stop(by=SUPERSEDED))
 
     async def removed(self) -> None:
-        """End what is under way, because the component goes; returns when the arm is at rest."""
-        with suppress(So101Error):  # also when nothing answers any more
+        """End the motion under way because the component is removed; returns at rest."""
+        with suppress(So101Error):  # the servos may not answer any more
             await self._at_rest(self._arm.start_stop(by="the removal of its arm"))
 
     async def _at_rest(self, stop: Future[None]) -> None:
@@ -322,7 +324,7 @@ class ArmResource(Configured, Arm):
         return self.settings.ignored
 
     async def ready(self) -> None:
-        """Hold again after a fault and update the other arms, for a request that moves this one."""
+        """Read the other arms' positions, for a request that moves this arm."""
         await self.surroundings.update_other_arms()
 
     async def ended(self, motion: Motion, by: str) -> None:
@@ -336,7 +338,7 @@ class ArmResource(Configured, Arm):
         await arrival(motion, self._come_to_rest)
 
     async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
-        """Wait until a motion that is being ended is over, well or not."""
+        """Wait until a motion that is being ended is over, also if it failed."""
         await rest(over)
 
     # Manual mode
@@ -354,7 +356,7 @@ class ArmResource(Configured, Arm):
         await self.found()
         return self._arm.in_manual
 
-    # What it is
+    # Description
 
     async def get_properties(self, **kwargs: Any) -> Arm.Properties:
         """The arm's capabilities."""
@@ -394,7 +396,7 @@ class ArmResource(Configured, Arm):
     # Requests
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Answer the published module's requests, and ours."""
+        """Carry out a command of the published module or of ours."""
         with grpc_statuses():
             name = command.get("command")
             if isinstance(name, str) and name in self.NEEDS_SERVOS:
@@ -422,7 +424,7 @@ class ArmResource(Configured, Arm):
         return {"mode": "auto"}
 
     async def _get_planning_setup(self) -> dict[str, Any]:
-        """What an external planner needs: the scene and the joint ranges."""
+        """The scene and the joint ranges, for a planner outside this process."""
         lower, upper = self._arm.range
         setup = {
             "scene": scene_to(self._arm.scene),
@@ -441,6 +443,6 @@ class ArmResource(Configured, Arm):
         await in_own_thread(self._leave)
 
     def _leave(self) -> None:
-        with suppress(So101Error):  # also when nothing answers any more
+        with suppress(So101Error):  # the servos may not answer any more
             self.cell.leave(self.short_name, self.rig)
         self.rig.close()

@@ -1,4 +1,4 @@
-"""The settings of an arm component that are not those of its rig."""
+"""The settings of an arm component beyond those of its rig."""
 
 from __future__ import annotations
 
@@ -42,15 +42,16 @@ class ArmSettings:
     """The settings of an arm component beyond those of its rig.
 
     Attributes:
-        motion: The motion service that plans MoveToPosition; None when we plan it.
+        motion: The motion service that plans MoveToPosition; None for our planner.
         visualize_ee_frame: Whether the tool frame is drawn.
-        guarded: Whether moves that do not wait keep clear of the arm and what is around it.
+        guarded: Whether moves that do not wait keep clear of the arm and its surroundings.
         use_urdf: Whether kinematics are served as URDF instead of SVA.
-        position_tolerance: Largest position error that counts as arrived [m]; None for ours.
-        approach_tolerance: Largest error of the approach direction [rad]; None for ours.
+        position_tolerance: Largest position error that counts as arrived [m]; None for the
+            planner's.
+        approach_tolerance: Largest error of the approach direction [rad]; None for the planner's.
         ignored: Components of the machine that are not planned around.
-        senses: What else of the machine is asked for what is around.
-        dependencies: What the machine has of what the configuration names, as clients.
+        senses: The resources of the machine that report the surroundings.
+        dependencies: The clients of the resources that the configuration names.
     """
 
     motion: MotionService | None
@@ -68,7 +69,7 @@ class ArmSettings:
         """Read the settings from a configuration.
 
         Raises:
-            ConfigError: It names a motion service that is not there.
+            ConfigError: The machine has no motion service of that name.
         """
         return cls(
             motion=motion_service(wanted.motion, dependencies),

@@ -27,15 +27,15 @@ from so101_motion.viam.requests.commands import answer
 
 
 class So101Calibration(Configured, Sensor):
-    """Motor setup and calibration: state by readings, steps by commands.
+    """A sensor for motor setup and calibration: its readings give the state, commands do the steps.
 
-    It shares the port with an arm and a gripper and needs neither. Until a command wants the bus,
-    it only looks on.
+    It shares the port with an arm and a gripper and needs neither. It only reads the servos until
+    a command needs the bus for itself.
 
     Args:
         name: The component's name.
         calibrator: Does the work; closed with the component.
-        first_try: Done when the port has been looked at once.
+        first_try: Done when the port has been tried once.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:calibration")
@@ -52,7 +52,7 @@ class So101Calibration(Configured, Sensor):
         cls, name: str, wanted: CalibrationConfig, dependencies: Dependencies
     ) -> So101Calibration:
         """Make the sensor of a port; needs no servo."""
-        rig = open_without_waiting(_asked(wanted))
+        rig = open_without_waiting(_port_settings(wanted))
         try:
             return cls(name, Calibrator(rig, wanted.joints), rig.first_try)
         except BaseException:
@@ -86,8 +86,8 @@ class So101Calibration(Configured, Sensor):
         await carried_out(self._calibrator.close)
 
 
-def _asked(wanted: CalibrationConfig) -> ServoSettings:
-    """The settings it asks of the port: no servo, only the calibration file."""
+def _port_settings(wanted: CalibrationConfig) -> ServoSettings:
+    """The settings for the port: the calibration file, and no servos."""
     file = wanted.connection.calibration_file
     return replace(
         wanted.connection.servo_settings(),

@@ -1,4 +1,4 @@
-"""Build a resource of this module from its configuration."""
+"""The base class of all models: checks a configuration and builds the resource."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Dependencies = Mapping[ResourceName, ResourceBase]
 
 
 class Configured:
-    """A component or service that its attributes describe; what every model inherits first."""
+    """A component or service that is built from its attributes; every model inherits it first."""
 
     READ: ClassVar[staticmethod[[Mapping[str, Any]], Any]]
     """Turns attributes into settings; raises ``ConfigError`` for what cannot be used."""
 
     @classmethod
     def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes; the resources that must be there first, and that may be."""
+        """Check the attributes; return the required and the optional dependencies."""
         wanted = cls.READ(convert.from_struct(config.attributes))
         return cls.needed(wanted), cls.used(wanted)
 
@@ -39,15 +39,15 @@ class Configured:
 
     @classmethod
     def needed(cls, wanted: Any) -> Sequence[str]:
-        """The resources that must be there before this one, by the names in its settings."""
+        """The required dependencies: resources that viam-server builds before this one."""
         return []
 
     @classmethod
     def used(cls, wanted: Any) -> Sequence[str]:
-        """The resources that it uses if they are there."""
+        """The optional dependencies: resources that are used if the machine has them."""
         return []
 
     @classmethod
     def build(cls, name: str, wanted: Any, dependencies: Dependencies) -> Self:
-        """Make it as its settings say."""
+        """Build the resource from its settings."""
         raise NotImplementedError

@@ -33,15 +33,16 @@ def motion_service(name: str | None, dependencies: Dependencies) -> MotionServic
     for resource, client in dependencies.items():
         if resource.subtype == "motion" and resource.name == short_name:
             return cast("MotionService", client)
-    raise ConfigError("motion", name, "there is no such motion service on this machine")
+    raise ConfigError("motion", name, "is not a motion service of this machine; check the name")
 
 
 def sources(
     senses: SensesConfig, dependencies: Dependencies, logger: logging.Logger
 ) -> Sequence[Source]:
-    """What else tells what is around the arm: a store, a camera. The caller closes them.
+    """The store and the camera that report the surroundings. The caller closes them.
 
-    One that the machine does not have is a source all the same, which says so when a plan is made.
+    A resource that the machine does not have makes a source too; planning with it fails with an
+    error that says so.
     """
     found: list[Source] = []
     if senses.store is not None:

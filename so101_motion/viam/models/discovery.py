@@ -1,4 +1,4 @@
-"""``devrel:so101:discovery``: suggests configurations for the arms that are plugged in."""
+"""``devrel:so101:discovery``: suggests configurations for the arms on the serial ports."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from so101_motion.viam.suggested_config import frame_json
 
 
 class So101Discovery(Configured, DiscoveryService):
-    """Finds arms that are plugged in.
+    """Finds arms on the serial ports.
 
     Args:
         name: The service's name.
-        ports: Ports to look at beyond those that are found.
+        ports: Ports to search beyond those that the system lists.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:discovery")
@@ -44,24 +44,24 @@ class So101Discovery(Configured, DiscoveryService):
     def build(
         cls, name: str, wanted: tuple[str, ...], dependencies: Dependencies
     ) -> So101Discovery:
-        """Make the service; looks at nothing yet."""
+        """Make the service; searches no port yet."""
         return cls(name, wanted)
 
     async def discover_resources(self, **kwargs: Any) -> list[ComponentConfig]:
-        """Suggest configurations for what is plugged in, in under 2 s.
+        """Suggest configurations for the servos that are plugged in, in under 2 s.
 
-        What each port has, or why it has nothing, is said in the log.
+        The log has a line for each port: what was found there, or why nothing was.
         """
         found = await self._look()
         return [_config(one) for report in found.reports for one in report.suggestions]
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Answer ``report``: what was found on each port, and why nothing was found."""
+        """Answer ``report``: what was found on each port, or why nothing was found."""
         with grpc_statuses():
             return convert.to_result(await answer(command, self._commands))
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The further ports that are looked at."""
+        """The further ports that are searched."""
         return {"ports": list(self._ports)}
 
     async def _look(self) -> Discovery:
@@ -110,6 +110,6 @@ def _config(one: Suggestion) -> ComponentConfig:
 
 
 def _about(report: PortReport) -> dict[str, Any]:
-    """A report as an answer; what is not known is left out."""
-    told = {**report.to_json(), "names": [one.name for one in report.suggestions]}
-    return {key: value for key, value in told.items() if value is not None}
+    """A report as JSON; unknown values are left out."""
+    values = {**report.to_json(), "names": [one.name for one in report.suggestions]}
+    return {key: value for key, value in values.items() if value is not None}

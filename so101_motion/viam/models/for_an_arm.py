@@ -1,7 +1,7 @@
-"""The base of services for one arm of this module.
+"""The base class of services for one arm of this module.
 
-The arm is no dependency in viam-server's sense, because its own configuration may name such a
-service; it is looked up when it is needed, and may be built later or be rebuilt meanwhile.
+The arm is not a dependency in viam-server's sense, because the arm's configuration may name the
+service. So the service looks the arm up with every request; it may be built later, or rebuilt.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class ServiceForAnArm(Configured):
 
     @classmethod
     def build(cls, name: str, wanted: Any, dependencies: Dependencies) -> Self:
-        """Make the service for the named arm; the arm is no dependency."""
+        """Make the service for the named arm, which need not exist yet."""
         return cls(name, wanted)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The arm that is served, or why none can be."""
+        """The name of the arm, or why there is none."""
         if self._arm_name is None and ArmResource.here:
             return {"arms": list(ArmResource.here)}
         try:
@@ -49,7 +49,7 @@ def arm_here(name: str | None) -> ArmResource:
     """The arm of this name, or without a name the only one.
 
     Raises:
-        ConfigError: It is not there now; the message names those that are.
+        ConfigError: There is no such arm now; the message lists the arms.
     """
     here = ArmResource.here
     if name is not None and name not in here:
@@ -57,6 +57,6 @@ def arm_here(name: str | None) -> ArmResource:
     if name is None and len(here) != 1:
         known = ", ".join(here) or "none"
         raise ConfigError(
-            "arm", name, f'which arm? set "arm" in the configuration; arms here: {known}'
+            "arm", name, f"must name an arm, because there is not exactly one; arms: {known}"
         )
     return here[name] if name is not None else next(iter(here.values()))

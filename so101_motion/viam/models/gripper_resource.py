@@ -22,7 +22,7 @@ from so101_motion.viam.requests.commands import Command, Request, answer
 
 
 def clamped(percentage: float) -> float:
-    """0 to 100."""
+    """A percentage limited to 0 .. 100."""
     return min(max(percentage, 0.0), 100.0)
 
 
@@ -31,7 +31,7 @@ class GripperResource(Configured, Gripper):
 
     Args:
         name: The component's name.
-        rig: An arm and its gripper; only the gripper is used.
+        rig: The rig of the gripper; its arm is not moved.
         gripper_type: ``"follower"`` (moving jaw) or ``"leader"`` (handle and trigger).
         mesh_detail: ``"low"`` or ``"high"``.
     """
@@ -40,7 +40,7 @@ class GripperResource(Configured, Gripper):
     """The commands that are answered before the servo has been found."""
 
     here: ClassVar[dict[str, GripperResource]] = {}
-    """The grippers of this process by name, for whoever names one."""
+    """The grippers of this process by name; services look up theirs here."""
 
     def __init__(self, name: str, rig: Rig, *, gripper_type: str, mesh_detail: str) -> None:
         super().__init__(name)
@@ -91,11 +91,11 @@ class GripperResource(Configured, Gripper):
         return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, sva
 
     async def get_current_inputs(self, **kwargs: Any) -> list[float]:
-        """None: its kinematics have no joints."""
+        """An empty list: its kinematics have no joints."""
         return []
 
     async def go_to_inputs(self, values: list[float], **kwargs: Any) -> None:
-        """Its kinematics have no joints, so there is nowhere to go to."""
+        """Refuse any inputs: its kinematics have no joints."""
         if len(values) > 0:
             raise GRPCError(
                 Status.OUT_OF_RANGE,
@@ -106,7 +106,7 @@ class GripperResource(Configured, Gripper):
     # Requests
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Answer the published module's requests, and ours."""
+        """Carry out a command of the published module or of ours."""
         with grpc_statuses():
             if command.get("command") not in self.NEEDS_NO_SERVO:
                 await self.found()
@@ -121,7 +121,7 @@ class GripperResource(Configured, Gripper):
         return {"position": self._percentage()}
 
     async def _go(self, percentage: float, *, waits: bool = True) -> float:
-        """Move to a percentage, clamped to 0..100 as the published module does; return that."""
+        """Move to a percentage, limited to 0 .. 100 as in the published module; return it."""
         raise NotImplementedError
 
     def _percentage(self) -> float:

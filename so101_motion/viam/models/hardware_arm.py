@@ -30,17 +30,17 @@ from so101_motion.viam.requests.servo_commands import ServoCommands, health, out
 class HardwareArm(ArmResource):
     """The SO-101 arm.
 
-    It is there at once; its servos are looked for in the background until they answer. Until then
-    everything that needs them is refused with UNAVAILABLE, and the status says who is silent.
+    The component starts without its servos and looks for them in the background. Until they answer,
+    requests that need them are refused with UNAVAILABLE, and the status names the silent servos.
 
-    A fault (an unplugged cable, a servo that restarted) ends what is under way. The arm holds then;
-    the next request to move lets it hold where it stands, if it can be reached, and moves.
+    A fault (an unplugged cable, a servo that restarted) ends the motion under way. The next request
+    to move makes the arm hold its position, if the servos answer, and moves it.
 
     Args:
         name: The component's name.
-        rig: Its share of the rig of its port.
-        settings: How it behaves.
-        servo_ids: Its servos, base to wrist.
+        rig: The arm's part of the rig of its port.
+        settings: The component's own settings.
+        servo_ids: The ids of its servos, base to wrist.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:arm")
@@ -96,9 +96,9 @@ class HardwareArm(ArmResource):
         return convert.to_joint_positions(served_joints.reported(q))
 
     def _is_here(self, q: Array) -> bool:
-        """Whether ``q`` is where the arm is, or what viam-server was told."""
-        told = served_joints.reported(self._arm.state.q)
-        return super()._is_here(q) or bool(np.max(np.abs(q - told)) <= AT_START)
+        """Whether ``q`` is where the arm is, as measured or as reported to viam-server."""
+        reported = served_joints.reported(self._arm.state.q)
+        return super()._is_here(q) or bool(np.max(np.abs(q - reported)) <= AT_START)
 
     def _log_new(self, remarks: list[str]) -> None:
         """Log a remark on a joint when it first appears."""
@@ -112,16 +112,16 @@ class HardwareArm(ArmResource):
         """Wait until the servos have been found.
 
         Raises:
-            GRPCError: Some are silent, and which.
+            GRPCError: Some are silent; the message names them.
         """
         with grpc_statuses():
             await ready(self.rig)
 
     async def ready(self) -> None:
-        """Let the arm hold again after a fault, if it can be reached.
+        """Hold again after a fault and read the other arms' positions, before a move.
 
         Raises:
-            GRPCError: It cannot, or the servos are being calibrated or set up.
+            GRPCError: The servos do not answer, or are being calibrated or set up.
         """
         with grpc_statuses():
             await out_of_fault(self.rig)

@@ -1,4 +1,4 @@
-"""``devrel:so101:gripper``: the real gripper, the sixth servo of the arm's chain."""
+"""``devrel:so101:gripper``: the real gripper, the sixth servo of the arm."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from so101_motion.viam.requests.commands import Taking, in_deg
 from so101_motion.viam.requests.servo_commands import controller, health, out_of_fault, ready
 
 OPEN_PERCENT = 95.0
-"""How far ``open`` opens; the published module's."""
+"""Where ``open`` moves the jaw; the published module's figure."""
 
 CLOSED_PERCENT = 0.0
-"""How far ``grab`` closes when it meets nothing."""
+"""Where ``grab`` moves the jaw if it meets nothing."""
 
 FASTEST_DEG = 120.0
-"""The jaw's largest speed [deg/s]: what half of its drive can do with something in reserve."""
+"""The jaw's largest speed [deg/s]; half of its drive reaches it with a reserve."""
 
 
 class HardwareGripper(GripperResource):
@@ -43,8 +43,8 @@ class HardwareGripper(GripperResource):
 
     Args:
         name: The component's name.
-        rig: Its share of the rig of its port.
-        config: How it looks, and which servo it is.
+        rig: The gripper's part of the rig of its port.
+        config: Its servo id, type and mesh detail.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:gripper")
@@ -83,7 +83,7 @@ class HardwareGripper(GripperResource):
 
     @classmethod
     def needed(cls, wanted: HardwareGripperConfig) -> Sequence[str]:
-        """The arm that it belongs to, if it is named."""
+        """The gripper's arm, if one is named."""
         return [wanted.arm] if wanted.arm else []
 
     @classmethod
@@ -95,7 +95,7 @@ class HardwareGripper(GripperResource):
         gripper = cls(name, rig, wanted)
         if wanted.arm and wanted.connection and not _same_port(rig, wanted):
             gripper.logger.warning(
-                "port %s is not that of arm %s; the arm's is used",
+                "port %s is not the port of arm %s; the arm's port is used",
                 wanted.connection.port,
                 wanted.arm,
             )
@@ -109,10 +109,10 @@ class HardwareGripper(GripperResource):
             await arrival(await self._start(self._open_percent))
 
     async def grab(self, **kwargs: Any) -> bool:
-        """Close until something stops the jaw, and hold it gently.
+        """Close until something stops the jaw, and hold the object gently.
 
         Returns:
-            Whether something is held.
+            Whether an object is held.
         """
         with grpc_statuses():
             await out_of_fault(self.rig)
@@ -121,7 +121,7 @@ class HardwareGripper(GripperResource):
             return self._gripper.is_holding
 
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
-        """Whether the grabbed object is still held, and how that is known."""
+        """Whether the grabbed object is still held, with load, current and jaw position."""
         await self.found()
         load = health(self.rig.servos).get(GRIPPER_JOINT, {})
         meta = {key: load[key] for key in ("load_percent", "amps") if key in load}
@@ -131,7 +131,7 @@ class HardwareGripper(GripperResource):
         )
 
     async def _start(self, percentage: float) -> Motion:
-        """Start to move; grips an object in the way instead of crushing it."""
+        """Start moving the jaw; an object in the way is gripped, not crushed."""
         await out_of_fault(self.rig)
         aperture = percentage / 100.0
         closes = aperture < self._gripper.aperture
@@ -141,10 +141,10 @@ class HardwareGripper(GripperResource):
         return self._watched(start(aperture))
 
     async def _unload(self) -> None:
-        """Let an overloaded jaw stop pressing, so that it can open.
+        """Clear an overload of the jaw's servo, so that it can open.
 
-        An alarm ends whatever moves its joint, and leaves it standing where it is; that is all a
-        servo needs to take an overload back.
+        The servo clears the alarm when its goal is where it stands. The motion to there ends with
+        the alarm.
         """
         if "overload" not in self._own_health().get("faults", ()):
             return
@@ -176,12 +176,12 @@ class HardwareGripper(GripperResource):
         }
 
     async def _get_load(self) -> dict[str, Any]:
-        """The servo's own figure: thousandths of full drive, with the sign of its direction."""
+        """The servo's own figure in thousandths of full drive; its sign is the direction."""
         percent = self._own_health().get("load_percent", 0.0)
         return {"load": round(10.0 * percent), **self._condition()}
 
     def _condition(self) -> dict[str, str]:
-        """What the servo reports of itself, in words; nothing where it reports nothing."""
+        """The faults that the servo reports, in words; empty without any."""
         faults = self._own_health().get("faults", ())
         return {"condition": ", ".join(faults)} if faults else {}
 
@@ -249,10 +249,10 @@ class HardwareGripper(GripperResource):
     async def _health(self) -> dict[str, Any]:
         return {"connected": self.rig.servos.is_connected, **self._own_health()}
 
-    # What it is doing
+    # State
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The aperture, whether it moves and holds, and its servo's health."""
+        """The jaw's position, whether it moves and holds, and its servo's health."""
         state, not_ready = self.rig.arm.state, self.rig.not_ready
         status = {
             **({} if not_ready else self._position()),
@@ -289,7 +289,7 @@ class HardwareGripper(GripperResource):
 
 
 def _settings(wanted: HardwareGripperConfig) -> ServoSettings:
-    """Of the port it names, or of the arm's.
+    """The settings of the port that the gripper names, or of its arm's port.
 
     Raises:
         ConfigError: There is no such arm in this process.
@@ -302,7 +302,7 @@ def _settings(wanted: HardwareGripperConfig) -> ServoSettings:
         real = (name for name, arm in HardwareArm.here.items() if isinstance(arm, HardwareArm))
         known = ", ".join(real) or "none so far"
         raise ConfigError(
-            "arm", wanted.arm, f"is no {HardwareArm.MODEL} of this module; there are: {known}"
+            "arm", wanted.arm, f"is not a {HardwareArm.MODEL} of this module; there are: {known}"
         )
     return arm.rig.settings
 

@@ -1,9 +1,9 @@
 """Answer the machine's ``GetPose`` on this module's own socket.
 
 viam-server does not pass ``GetPose`` of a motion service on to the module. Its client sends the
-machine's request of that name to the module's socket instead, where the SDK answers it with
-UNIMPLEMENTED. The machine knows all frames, so it is asked. The name of the service is not part of
-that request, so all motion services of this module give the same answer.
+machine's request of that name to the module's socket instead, and the SDK answers UNIMPLEMENTED.
+Here the request is passed on to the machine, which knows all frames. It does not name the service,
+so all motion services of this module give the same answer.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPos
     machine = machine_here()
     if machine is None:
         raise GRPCError(
-            Status.FAILED_PRECONDITION, "no machine can be asked where its components are"
+            Status.FAILED_PRECONDITION,
+            "the module is not connected to its machine, which knows where its components are;"
+            " try again when viam-server is up",
         )
     pose = await machine.get_pose(
         request.component_name,
@@ -34,4 +36,4 @@ async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPos
 
 def serve_get_pose() -> None:
     """Answer ``GetPose`` on all servers that are made from now on."""
-    setattr(RobotService, "GetPose", _get_pose)  # noqa: B010  # the SDK asks nobody which to serve
+    setattr(RobotService, "GetPose", _get_pose)  # noqa: B010  # the SDK has no hook for it

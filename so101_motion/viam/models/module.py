@@ -1,11 +1,11 @@
-"""Run the process that viam-server starts: register its models, serve, end in order.
+"""Run the process that viam-server starts: register its models, serve, clean up at the end.
 
-Importing this registers the models. The process ends in three ways and cleans up in all: a SIGTERM
-(or a SIGHUP, when a terminal ends) closes the server, which closes every component; a parent that
-vanishes without a word (``kill -9``) is noticed within a second, long before the SDK would, and is
-treated the same; and whatever else happens, the planning process leaves by itself when its pipe
-ends. Before the components are closed, arms that are to be let go of at the end are: closing a
-component alone, as every change of its configuration does, leaves the arm holding.
+Importing this module registers the models. A SIGTERM (or a SIGHUP, when a terminal ends) closes the
+server, which closes every component. A parent process that disappears (``kill -9``) is noticed
+within a second, long before the SDK would, and has the same effect. In any case the planning
+process ends by itself when its pipe closes. Arms that are configured to be released at the end are
+released before the components are closed: closing a component alone, as every change of its
+configuration does, leaves the arm holding.
 """
 
 from __future__ import annotations
@@ -67,38 +67,38 @@ for _model in MODELS:
         ResourceCreatorRegistration(_model.new, _model.validate_config),
     )
 
-getLogger("so101_motion")  # gives our loggers the SDK's way to viam-server's log
+getLogger("so101_motion")  # sends our log to viam-server's
 
-_LOOK_PERIOD = 1.0  # [s] between two looks at the parent; chosen
-_PATIENCE = 8.0  # [s] to end in order once the parent is gone; chosen, viam-server itself gives 10
+_CHECK_PERIOD = 1.0  # [s] between two checks of the parent process; chosen
+_PATIENCE = 8.0  # [s] for cleaning up once the parent is gone; chosen, viam-server itself gives 10
 
 
 class So101Module(Module):
-    """The SDK's module, whose refusals of a configuration are sentences."""
+    """The SDK's module with plain error messages, and arms that end their motion when removed."""
 
     async def validate_config(self, request: ValidateConfigRequest) -> ValidateConfigResponse:
         """Check a configuration.
 
         A thousand obstacles take a tenth of a second, so they are checked in a thread first; the
-        SDK's check on the event loop then finds them checked.
+        SDK's check on the event loop then uses the cached result.
 
         Raises:
-            GRPCError: What is wrong with it, without the type that the SDK puts before it.
+            GRPCError: The configuration is not valid; the message has no Python type before it.
         """
         config = request.config
-        with suppress(Exception):  # the SDK says what is wrong
+        with suppress(Exception):  # the SDK's own check raises it again
             api, model = API.from_string(config.api), Model.from_string(config.model)
             await asyncio.to_thread(Registry.lookup_validator(api, model), config)
         try:
             return await super().validate_config(request)
         except GRPCError as error:
-            told = (error.message or "").removeprefix(f"{type(Exception)}: ")
-            raise GRPCError(error.status, told) from error
+            message = (error.message or "").removeprefix(f"{type(Exception)}: ")
+            raise GRPCError(error.status, message) from error
 
     async def remove_resource(self, request: RemoveResourceRequest) -> None:
-        """Remove a resource, also to build it anew; who waits for an arm's motion is told so.
+        """Remove a resource, also to rebuild it; first end an arm's motion with an error.
 
-        The SDK would stop the arm, as if somebody had pressed Stop.
+        The SDK alone would stop the arm as if somebody had pressed Stop.
         """
         api, _, name = request.name.rpartition("/")
         arm = ArmResource.here.get(name) if api == str(ArmResource.API) else None
@@ -108,7 +108,7 @@ class So101Module(Module):
 
 
 async def run() -> None:
-    """Serve until told to end."""
+    """Serve until the process is to end."""
     serve_get_pose()
     module = So101Module.from_args()
     set_machine(lambda: module.parent)
@@ -117,7 +117,7 @@ async def run() -> None:
     await asyncio.to_thread(user_storage.remove_old_leftovers)
     guard(module.server)
     _end_before_clients(module.server)
-    _leave_before_closing(module.server)
+    _release_before_closing(module.server)
     reduce_jitter()
     if sys.platform != "win32":
         hung_up = partial(os.kill, os.getpid(), signal.SIGTERM)
@@ -130,10 +130,10 @@ async def run() -> None:
 
 
 def _end_before_clients(server: Server) -> None:
-    """Have the server end while viam-server is still connected, as it always is.
+    """Make the server close while viam-server is still connected.
 
-    Since Python 3.12 asyncio's ``Server.wait_closed`` waits until every client has gone. The
-    components would be closed only then, and viam-server kills a module that takes so long.
+    Since Python 3.12 asyncio's ``Server.wait_closed`` waits until every client has disconnected.
+    The components would be closed only then, and viam-server kills a module that takes so long.
     """
     grpc = server._server
 
@@ -145,21 +145,21 @@ def _end_before_clients(server: Server) -> None:
     grpc.wait_closed = wait_closed  # type: ignore[method-assign]  # less one wait, else grpclib's
 
 
-def _leave_before_closing(server: Server) -> None:
+def _release_before_closing(server: Server) -> None:
     close = server.close
 
-    async def leave_and_close() -> None:
+    async def release_and_close() -> None:
         await in_own_thread(release_arms_at_end)
-        await close()  # type: ignore[no-untyped-call]  # likewise
+        await close()  # type: ignore[no-untyped-call]  # the SDK left it unannotated
 
-    server.close = leave_and_close  # type: ignore[method-assign]  # the SDK asks nobody at its end
+    server.close = release_and_close  # type: ignore[method-assign]  # the SDK has no hook for it
 
 
 async def _end_with_parent(parent: int) -> None:
     while True:
-        await asyncio.sleep(_LOOK_PERIOD)
+        await asyncio.sleep(_CHECK_PERIOD)
         if os.getppid() != parent:
             break
     os.kill(os.getpid(), signal.SIGTERM)
     await asyncio.sleep(_PATIENCE)
-    os._exit(1)  # nobody is left who would end us
+    os._exit(1)  # no other process would end this one

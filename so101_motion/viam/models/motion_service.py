@@ -1,13 +1,12 @@
 """``devrel:so101:motion``: a motion service for the arms of this module.
 
-``move`` plans with the whole of our planner and runs what it planned. What a request says of the
-surroundings (``world_state``) counts for that request alone, on top of what the arm's own
-configuration says. Constraints are kept along the whole path and checked on the very setpoints that
-will be sent: a plan that breaks one is refused, with where and by how much.
+``move`` plans with our planner and runs the plan. The ``world_state`` of a request is added to the
+arm's configured surroundings, for that request alone. Constraints are checked on the setpoints that
+will be sent: a plan that breaks one is refused, and the error says where and by how much.
 
-It plans for arms of this module in this process and moves nothing else. A component that hangs from
-the arm, such as the gripper, may be named instead of the arm; its frame is then what is brought to
-the destination.
+The service moves only arms of this module in this process. A request may name a component that is
+attached to the arm, such as the gripper, instead of the arm; then the frame of that component is
+moved to the destination.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ from so101_motion.viam.requests.together import hand_over, move_together, set_he
 from so101_motion.viam.surroundings.machine_cell import refuse_through
 
 _KEYS = ("plan", "preview", "execute", "move_together", "holds", "handover")
-_COMPONENT = "component"  # what the planner calls the frame of a component that is not the arm
+_COMPONENT = "component"  # the planner's name for the frame of a component that is not the arm
 
 
 class So101Motion(ServiceForAnArm, MotionService):
@@ -70,8 +69,8 @@ class So101Motion(ServiceForAnArm, MotionService):
     Args:
         name: The service's name.
         arm: Name of the arm; None for the only one, or for the one that a request names.
-        senses: What is asked for what is around, beside what the arm asks.
-        dependencies: What the machine has of that, as clients.
+        senses: The resources that report the surroundings, besides the arm's own.
+        dependencies: The clients of these resources.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:motion")
@@ -89,12 +88,12 @@ class So101Motion(ServiceForAnArm, MotionService):
 
     @classmethod
     def used(cls, wanted: MotionConfig) -> Sequence[str]:
-        """What is asked for what is around."""
+        """The resources that report the surroundings."""
         return wanted.senses.resources
 
     @classmethod
     def build(cls, name: str, wanted: MotionConfig, dependencies: Dependencies) -> So101Motion:
-        """Make the service; the arm is no dependency."""
+        """Make the service; its arm need not exist yet."""
         return cls(name, wanted.arm, wanted.senses, dependencies)
 
     async def move(
@@ -147,12 +146,12 @@ class So101Motion(ServiceForAnArm, MotionService):
             return PoseInFrame(reference_frame=destination_frame or WORLD, pose=pose)
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Answer ``plan``, ``preview``, ``execute``, and what several arms do together.
+        """Answer ``plan``, ``preview`` and ``execute``, and the commands for several arms.
 
-        ``{"plan": <MoveRequest as JSON>}`` gives the joint angles of the path [rad], as the builtin
-        service does; ``preview`` the same with what is known of it; ``{"execute": <that>}``
-        moves along the angles, from where the arm stands. ``move_together``, ``holds`` and
-        ``handover``: ``viam/requests/together.py``.
+        ``{"plan": <MoveRequest as JSON>}`` answers the joint angles of the path [rad], as the
+        builtin service does; ``preview`` adds duration, tool path and clearance;
+        ``{"execute": <either answer>}`` moves along the angles if the arm stands at their start.
+        ``move_together``, ``holds`` and ``handover`` are in ``viam/requests/together.py``.
         """
         with grpc_statuses():
             return await answer(command, {}, self._by_key, _KEYS)
@@ -186,20 +185,22 @@ class So101Motion(ServiceForAnArm, MotionService):
         name, waypoints = _read_steps(steps)
         resource = await self._arm_for(name)
         if name != resource.short_name:
-            raise ConfigError("execute", name, f"is not the arm; that is {resource.short_name}")
+            raise ConfigError(
+                "execute", name, f"is not the arm of this service, {resource.short_name}"
+            )
         await resource.ready()
         await resource.make_way()
         arm = resource.rig.arm
         off = float(np.max(np.abs(waypoints[0] - arm.state.q_ref)))
         if off > AT_START:
             raise MotionError(
-                f"the arm is {to_deg(off):.1f} deg away from where these steps begin; plan again"
+                f"the arm is {to_deg(off):.1f} deg away from the first of these steps; plan again"
             )
         if len(waypoints) > 1:
             motion = arm.start_move(PathGoal(waypoints=waypoints[1:]))
             await self._seen_through(resource, motion)
 
-    # How
+    # Steps of a request
 
     async def _arm_for(self, component: str, transforms: Iterable[Transform] = ()) -> ArmResource:
         """The arm that moves a component: the configured one, the only one, or by the frames."""
@@ -211,13 +212,13 @@ class So101Motion(ServiceForAnArm, MotionService):
             raise ConfigError(
                 "component_name",
                 component,
-                f"hangs from no arm of this module; arms here: {known}. Give it a frame whose"
+                f"is not attached to an arm of this module; arms: {known}. Give it a frame whose"
                 ' parent is the arm, or set "arm" in this service\'s configuration',
             )
         return arm_here(name)
 
     async def _seen_through(self, resource: ArmResource, motion: Motion) -> None:
-        """Wait until a motion has arrived; it ends with the call or the service."""
+        """Wait until a motion has arrived; ``close`` ends it if it is still running."""
         running = (resource, motion)
         self._running.add(running)
         try:
@@ -226,19 +227,19 @@ class So101Motion(ServiceForAnArm, MotionService):
             self._running.discard(running)
 
     async def close(self) -> None:
-        """End what this service moves; may be called twice."""
+        """End the motions of this service; may be called twice."""
         for resource, motion in tuple(self._running):
             await resource.ended(motion, "the removal of its motion service")
         for source in self._sources:
             await source.close()
 
     async def _refuse_hopeless(self, wanted: MoveArguments, around: Scene) -> None:
-        """Refuse what would be refused from anywhere, before it ends what the arm is doing.
+        """Refuse a request that fails from any start, before it ends the arm's present motion.
 
-        What else is around is looked at when the arm rests.
+        Store, camera and other arms are read later, when the arm rests.
 
         Raises:
-            So101Error: Why it is hopeless; a path that is not found from here is not.
+            So101Error: Why it fails; a path that is not found from here is no reason.
         """
         asked = await self._asked(wanted, around)
         planning = asked.arm.start_plan(asked.goal, search=asked.search)
@@ -246,10 +247,10 @@ class So101Motion(ServiceForAnArm, MotionService):
             await asyncio.wrap_future(planning)
 
     async def _asked(self, wanted: MoveArguments, around: Scene) -> _PlanningTask:
-        """Interpret a request at the arm's present place, with what is around it now.
+        """Read a request for the arm's present position and these surroundings.
 
         Raises:
-            So101Error: It is not valid.
+            So101Error: The request is not valid.
         """
         await self._turns.passed()
         self._ignored.warn(wanted.extra)
@@ -280,7 +281,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         )
 
     async def _planned(self, wanted: MoveArguments) -> Plan:
-        """Plan a request around what is there now, and check every constraint; moves nothing."""
+        """Plan a request around the present surroundings and check it; moves nothing."""
         resource = await self._arm_for(wanted.component, wanted.transforms)
         plan = partial(self._planned_in, wanted)
         return await resource.surroundings.planned(resource.rig.arm.scene, plan, self._sources)
@@ -304,12 +305,14 @@ class So101Motion(ServiceForAnArm, MotionService):
         assert problem is not None
         raise problem
 
-    # What it does not do
+    # Methods for mobile bases
 
     async def _not_for_arms(self, *args: Any, **kwargs: Any) -> Any:
-        """Not for arms; their own Stop ends a move of this service."""
+        """Refuse: this is for mobile bases; the arm's own Stop ends a move of this service."""
         raise GRPCError(
-            Status.UNIMPLEMENTED, "that is for machines that drive; this service moves an arm"
+            Status.UNIMPLEMENTED,
+            "this method is for mobile bases, and this service moves an arm; use Move, and the"
+            " arm's Stop to end it",
         )
 
     move_on_map = move_on_globe = stop_plan = get_plan = list_plan_statuses = _not_for_arms
@@ -317,14 +320,14 @@ class So101Motion(ServiceForAnArm, MotionService):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveArguments:
-    """The arguments of one request.
+    """The arguments of a Move request.
 
     Attributes:
-        component: What shall be brought there.
-        destination: Where to.
-        world: What is around.
-        constraints: What the path must keep.
-        extra: Options.
+        component: The arm, or a component attached to it.
+        destination: The goal pose.
+        world: The request's obstacles and frames.
+        constraints: Constraints of the path.
+        extra: Planner options.
     """
 
     component: str
@@ -340,10 +343,10 @@ class MoveArguments:
 
     @classmethod
     def of_json(cls, key: str, value: object) -> MoveArguments:
-        """From a MoveRequest as JSON, text or object.
+        """Read a MoveRequest from JSON, text or object.
 
         Raises:
-            ConfigError: It is none.
+            ConfigError: It is not a MoveRequest.
         """
         request = MoveRequest()
         try:
@@ -364,14 +367,14 @@ class MoveArguments:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _PlanningTask:
-    """An interpreted request.
+    """A request in the planner's terms.
 
     Attributes:
-        arm: What moves.
-        goal: Where to.
-        search: Around what, and how.
-        constraints: What the path must keep.
-        T_tool_component: Where the component that is brought there hangs.
+        arm: The arm that moves.
+        goal: The goal.
+        search: Scene, frames and options of the search.
+        constraints: Constraints of the path.
+        T_tool_component: The pose of the moved component in the tool frame.
     """
 
     arm: Arm
@@ -382,18 +385,18 @@ class _PlanningTask:
 
 
 _NOT_JSON = (AttributeError, TypeError, ValueError, OverflowError, RecursionError)
-"""What protobuf's reader of JSON raises beside its own error."""
+"""The errors of protobuf's JSON reader besides its own."""
 
 
 def _attempts(goal: PoseGoal, asked: ToolConstraints) -> list[Goal]:
-    """The goals to try in order; a straight line keeps the most constraints."""
+    """The goals to try, in order: a straight line where the constraints need one."""
     if not asked.is_any:
         return [goal]
     line = LineGoal(T_base_tool=goal.T_base_tool, metric=goal.metric, frame=goal.frame)
     line = replace(line, orientation_tolerance=min(asked.turn, line.orientation_tolerance))
     lines: list[Goal] = [line]
     if goal.cloud is not None and goal.cloud.metric is not goal.metric:
-        # A line leads to the middle of the cloud, if need be turned as there.
+        # A line ends in the middle of the cloud, on the second attempt also with its orientation.
         lines.append(replace(line, metric=goal.cloud.metric))
     if asked.wants_line:
         return lines
@@ -431,7 +434,7 @@ def _read_steps(steps: object) -> tuple[str, Array]:
     if isinstance(steps, Mapping):
         steps = steps.get("plan")
     if not isinstance(steps, list) or not steps:
-        raise ConfigError("execute", "...", "must be what plan or preview gave")
+        raise ConfigError("execute", "...", "must be an answer of plan or preview")
     rows = []
     for i, step in enumerate(steps):
         if not isinstance(step, Mapping) or len(step) != 1:

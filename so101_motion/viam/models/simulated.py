@@ -1,4 +1,4 @@
-"""``devrel:so101:simulated``: an arm without hardware, with the same planner and executor."""
+"""``devrel:so101:simulated``: a simulated arm, planned and moved like the real one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from so101_motion.viam.requests.await_motion import in_own_thread
 from so101_motion.viam.requests.commands import Taking, in_deg
 
 LONGEST_STEP = 3600.0
-"""How much simulated time may pass in one request [s]; chosen."""
+"""Most simulated time that one request may let pass [s]; chosen."""
 
 
 class SimulatedArm(ArmResource):
@@ -29,16 +29,16 @@ class SimulatedArm(ArmResource):
 
     Args:
         name: The component's name.
-        rig: A simulated arm and its clock.
-        settings: How it behaves.
+        rig: The rig of a simulated arm.
+        settings: The component's own settings.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated")
     READ = staticmethod(SimulatedArmConfig.from_attributes)
 
     left_at: ClassVar[dict[str, Array]] = {}
-    """Where arms that were closed stood, by name, shape (5,), [rad]: a new configuration closes an
-    arm and builds it anew, and a real one stays where it is meanwhile."""
+    """The last joint angles of closed arms, by name, shape (5,), [rad]. A new configuration closes
+    and rebuilds an arm; it starts again where it was, as a real arm does."""
 
     def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
         super().__init__(name, rig, settings)
@@ -66,7 +66,7 @@ class SimulatedArm(ArmResource):
         return cls(name, rig, settings)
 
     async def close(self) -> None:
-        """Stop and release everything; remembers where the arm stands for its name."""
+        """Stop and release everything; the next arm of this name starts at these angles."""
         await super().close()
         self.left_at[self.short_name] = self._arm.state.q_ref
 
@@ -78,16 +78,18 @@ class SimulatedArm(ArmResource):
         clock = self.rig.clock
         if not isinstance(clock, ManualClock):
             raise ConfigError(
-                "command", "advance_time", 'time passes by itself; set "simulate_time": false'
+                "command",
+                "advance_time",
+                'needs "simulate_time": false in the configuration; now time passes by itself',
             )
         await in_own_thread(lambda: clock.advance(seconds))
         return {"time": clock.now()}
 
     async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
-        """As for every arm; where time stands still, what the arm needs to stop is let pass.
+        """Wait until a motion is over; with a clock that stands still, advance it meanwhile.
 
-        Otherwise a stop, a cancelled call and the end of the process would wait for a request to
-        advance the time that nobody may send.
+        Otherwise a stop, a cancelled call and the end of the process would wait for an
+        ``advance_time`` that may never come.
         """
         passing = asyncio.create_task(self._let_time_pass(over))
         try:

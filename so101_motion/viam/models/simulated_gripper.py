@@ -1,4 +1,4 @@
-"""``devrel:so101:simulated-gripper``: a gripper without hardware."""
+"""``devrel:so101:simulated-gripper``: a simulated gripper, which never holds an object."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class SimulatedGripper(GripperResource):
 
     Args:
         name: The component's name.
-        rig: A simulated arm and gripper; only the gripper is used.
-        config: How it looks.
+        rig: The rig of a simulated arm and gripper; its arm is not moved.
+        config: Its type and mesh detail.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
     READ = staticmethod(SimulatedGripperConfig.from_attributes)
 
     left_at: ClassVar[dict[str, float]] = {}
-    """Where the jaws that were closed stood, by name [rad]; as for the simulated arm."""
+    """The last jaw angles of closed components, by name [rad]; as for the simulated arm."""
 
     def __init__(self, name: str, rig: Rig, config: SimulatedGripperConfig) -> None:
         super().__init__(
@@ -80,18 +80,18 @@ class SimulatedGripper(GripperResource):
         self._target = self._gripper.aperture
 
     async def close(self) -> None:
-        """Stop and release everything; remembers the jaw's angle for its name."""
+        """Stop and release everything; the next gripper of this name starts at this angle."""
         await super().close()
         self.left_at[self.short_name] = self._gripper.q_jaw
 
-    # What it is doing
+    # State
 
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
-        """A simulated gripper holds nothing."""
+        """Always False: a simulated gripper holds nothing."""
         return Gripper.HoldingStatus(is_holding_something=False)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The aperture, and whether it moves."""
+        """The jaw's position and goal, and whether it moves."""
         return convert.to_result({**self._position(), "is_moving": await self.is_moving()})
 
     async def _set_position(self, given: Attributes) -> dict[str, Any]:

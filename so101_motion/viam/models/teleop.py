@@ -1,7 +1,7 @@
 """``devrel:so101:teleop``: one arm follows another that is guided by hand.
 
-Arms of this module's own process are reached directly, at the rate of their bus; others through
-Viam. The two sides are looked up anew with every start, so an arm that was rebuilt is no trouble.
+Arms of this process are read and moved directly, at the rate of their bus, other arms through Viam.
+The arms are looked up with every start, so they may be rebuilt in between.
 """
 
 from __future__ import annotations
@@ -54,16 +54,16 @@ from so101_motion.viam.requests.await_motion import carried_out
 from so101_motion.viam.requests.commands import Command, Taking, answer
 
 RECORDINGS = "recordings"
-"""The folder in the module's data directory that records are written to."""
+"""The folder in the module's data directory that recordings are written to."""
 
 
 class So101Teleop(Configured, Generic):
-    """Lets one arm follow another.
+    """Makes one arm follow another.
 
     Args:
         name: The service's name.
-        config: Who leads and who follows, and how.
-        dependencies: The arms and grippers, as clients.
+        config: Its settings.
+        dependencies: The clients of the arms and grippers.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:teleop")
@@ -95,7 +95,7 @@ class So101Teleop(Configured, Generic):
 
     @classmethod
     def build(cls, name: str, wanted: TeleopConfig, dependencies: Dependencies) -> So101Teleop:
-        """Make the service; starts only if configured to."""
+        """Make the service; it starts by itself if ``auto_start`` is set."""
         service = cls(name, wanted, dependencies)
         if wanted.auto_start:
             service._starting = asyncio.ensure_future(service._start_alone())
@@ -141,12 +141,12 @@ class So101Teleop(Configured, Generic):
                     "rate_hz": self._rate, "state": Phase.STOPPED.value}  # fmt: skip
         return {**_status_json(session.status), "rate_hz": self._rate}
 
-    # How
+    # Sessions
 
     async def _start_alone(self) -> None:
         try:
             await self._start(Attributes({}, ()))
-        except Exception as error:  # nobody waits for it
+        except Exception as error:  # no caller waits for it
             self.logger.error("teleoperation could not be started: %s", error)
 
     async def _begin(self, record: str, fps: float) -> None:
@@ -199,7 +199,9 @@ class So101Teleop(Configured, Generic):
             follower = LocalFollower(following, guarded=config.guarded)
         elif config.guarded and config.asks_for_guard:
             raise ConfigError(
-                "collision_guard", True, "needs a follower of this module; leave it out"
+                "collision_guard",
+                True,
+                "needs a follower of this module, which this one is not; leave it out",
             )
         else:
             follower = RemoteFollower(following)
@@ -210,7 +212,7 @@ class So101Teleop(Configured, Generic):
             raise ConfigError(
                 "follower_arm",
                 config.follower_arm,
-                "needs time that passes by itself, like the leader",
+                "and the leader have different clocks; set simulate_time to true for both",
             )
         clock = clocks[-1] if clocks else MonotonicClock()
         return leader, follower, clock, len(clocks) == 2
@@ -236,13 +238,13 @@ class So101Teleop(Configured, Generic):
         for resource, client in self._dependencies.items():
             if resource.subtype == subtype and resource.name == _short(name):
                 return client
-        raise ConfigError(f"{subtype}s", name, f"there is no such {subtype} on this machine")
+        raise ConfigError(f"{subtype}s", name, f"is not a {subtype} of this machine")
 
     def _recorder(self, record: str, fps: float, clock: Clock) -> Recorder | None:
         if not record:
             return None
         if Path(record).name != record:
-            raise ConfigError("record", record, "must be the name of a file, without folders")
+            raise ConfigError("record", record, "must be a file name without folders")
         path = store.resolve(f"{RECORDINGS}/{record}")
         path.parent.mkdir(parents=True, exist_ok=True)
         here = ArmResource.here.get(_short(self._config.follower_arm))

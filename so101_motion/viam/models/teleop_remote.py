@@ -1,11 +1,11 @@
 """Use arms of other modules and machines in a teleoperation, through Viam.
 
-The leader is asked for its joints again and again. The follower is sent a goal in every period, by
-the call that Viam's own teleoperation uses (no interpolation, return at once), with the caps of the
-moment as move options; the arm itself makes the path there smooth.
+In every period the leader's joints are read and the follower is sent a goal, with the call that
+Viam's own teleoperation uses (no interpolation, return at once) and the present caps as move
+options; the arm itself makes the motion smooth.
 
-A side's calls go to the event loop from the session's own thread. A question that is not answered
-within ``PATIENCE`` is given up and asked anew; what follows from the silence is up to the gate.
+The calls run on the event loop, started from the session's own thread. A request without an answer
+within ``PATIENCE`` is given up and sent again; the gate decides what a silence means.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from so101_motion.viam.conversion import convert
 _log = logging.getLogger(__name__)
 
 PATIENCE = 0.25
-"""How long to wait for an answer [s]; chosen, a network's worst."""
+"""How long to wait for an answer [s]; chosen for a bad network."""
 
 SETTING_UP = 5.0
 """How long a request may take that is not part of the motion [s]; chosen."""
 
 HORIZON = 0.1
-"""How far ahead of now the leader is aimed at for an arm elsewhere [s]; chosen: it slows down
-towards every goal, and the goals have to come a long way."""
+"""How far ahead the leader's motion is predicted for a remote follower [s]; chosen: such an arm
+slows down towards every goal, and the goals arrive late."""
 
 LOST_AFTER = 0.09
-"""After how long without an answer of a leader elsewhere the follower holds [s]: with the period
-after, within 0.1 s."""
+"""The follower holds when a remote leader has not answered for this long [s]; with one more period
+that is within 0.1 s."""
 
 _TROUBLE = (GRPCError, OSError, TimeoutError, So101Error)
 
@@ -58,10 +58,10 @@ class RemoteArm:
 
     Attributes:
         arm: Its client.
-        gripper: Its gripper's client; None to leave it alone.
+        gripper: Its gripper's client; None to leave the gripper alone.
         loop: The event loop that the clients belong to.
-        clock: What time it is.
-        rate: How often to ask [1/s].
+        clock: The clock of the session.
+        rate: How often it is read [1/s].
     """
 
     arm: Arm
@@ -71,7 +71,7 @@ class RemoteArm:
     rate: float
 
     async def ask(self) -> tuple[float, Array, Array]:
-        """Read time [s], joint angles and aperture, and which of them were answered.
+        """Read joint angles and aperture; returns the time [s], values, and which are valid.
 
         Raises:
             GRPCError: It does not answer.
@@ -93,7 +93,7 @@ class RemoteArm:
         return asyncio.run_coroutine_threadsafe(call, self.loop).result(SETTING_UP)
 
     def begin(self, job: Callable[[], Coroutine[Any, Any, None]]) -> Future[None]:
-        """Run ``job`` in every period until the future is cancelled."""
+        """Run ``job`` once a period until the future is cancelled."""
         return asyncio.run_coroutine_threadsafe(self._repeat(job), self.loop)
 
     async def _repeat(self, job: Callable[[], Coroutine[Any, Any, None]]) -> None:
@@ -104,7 +104,7 @@ class RemoteArm:
             await asyncio.sleep(due - self.loop.time())
 
     async def set_torque(self, on: bool) -> bool:
-        """Hold or release its joints; return whether it could be told."""
+        """Hold or release its joints; return whether the request succeeded."""
         try:
             await self.arm.do_command({"command": "set_torque", "enable": on}, timeout=SETTING_UP)
         except _TROUBLE as error:
@@ -118,7 +118,7 @@ class RemoteLeader(Leader):
 
     Args:
         arm: The arm.
-        lets_go: Whether its joints are let go of while it leads, and held again afterwards.
+        lets_go: Whether its joints are released while it leads, and held again afterwards.
     """
 
     def __init__(self, arm: RemoteArm, *, lets_go: bool = True) -> None:
@@ -152,7 +152,7 @@ class RemoteLeader(Leader):
 
     @property
     def is_limp(self) -> bool:
-        """See ``Leader.is_limp``: whether it was told to release its joints."""
+        """See ``Leader.is_limp``: whether the request to release its joints succeeded."""
         return self._is_limp
 
     @property
@@ -271,7 +271,7 @@ class RemoteFollower(Follower):
     def _lose(self, error: Exception) -> None:
         if self._engaged:
             self._engaged = False
-            self._problem = MotionError(f"the follower does not do as it is told: {error}")
+            self._problem = MotionError(f"the follower refused a request, so it holds: {error}")
 
 
 _JAW_STEP = 0.5  # [%]; a smaller change is not worth a request

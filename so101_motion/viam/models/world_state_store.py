@@ -1,8 +1,8 @@
-"""``devrel:so101:world-state``: shows in Viam's 3D view the scene that an arm plans with.
+"""``devrel:so101:world-state``: shows the scene that an arm plans with in Viam's 3D view.
 
-Obstacles, keep-out zones, what the gripper holds, the goal of the newest plan and the path of the
-tool to it are shown as transforms beside the arm. Nothing is stored: a stream compares a few times
-a second what the arm knows now with what was shown before.
+Obstacles, keep-out zones, held objects, the goal of the newest plan and the tool's path to it are
+shown as transforms. Nothing is stored: a few times a second, a stream compares the arm's scene and
+plan with what it sent before.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from so101_motion.viam.conversion.shown_things import shown_id
 from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
 
 _PERIOD = 0.25
-"""How often a stream looks [s]; chosen: soon enough for the eye, near no load."""
+"""Period of a stream [s]; chosen: fast enough for the eye, and nearly free."""
 
 _POINTS = 32
-"""How many points of the tool's path are shown; chosen, 10 mm apart on a usual move."""
+"""Most points of the tool's path that are shown; chosen, 10 mm apart on a usual move."""
 
 _FLOOR_SIZE = 1.2
 _FLOOR_THICKNESS = 0.01
-"""How much of the floor is shown [m]; chosen: as far as the arm reaches, and a thin slab."""
+"""The slab that shows the floor [m]; chosen: as far as the arm reaches, and thin."""
 
-_FLOOR, _OBSTACLE, _ZONE, _HELD, _WAY, _GOAL = (
+_FLOOR, _OBSTACLE, _ZONE, _HELD, _PATH, _GOAL = (
     {"color": {"r": r, "g": g, "b": b}, "opacity": opacity}
     for r, g, b, opacity in (
         (200, 200, 200, 0.3),
@@ -58,11 +58,11 @@ _FLOOR, _OBSTACLE, _ZONE, _HELD, _WAY, _GOAL = (
 )
 
 Shown = dict[bytes, Transform]
-"""What is shown, by UUID."""
+"""The shown transforms, by UUID."""
 
 
 class So101WorldState(ServiceForAnArm, WorldStateStore):
-    """Shows what one arm of this module plans with.
+    """Shows the scene and the newest plan of one arm of this module.
 
     Args:
         name: The service's name.
@@ -72,29 +72,31 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
     MODEL: ClassVar = Model.from_string("devrel:so101:world-state")
 
     async def list_uuids(self, **kwargs: Any) -> list[bytes]:
-        """The ids of everything shown now; at least the floor.
+        """The ids of the transforms shown now.
 
-        viam-server takes an empty list for a failure.
+        The floor is always among them: viam-server takes an empty list for a failure.
         """
         with grpc_statuses():
             return list(await asyncio.to_thread(self._now))
 
     async def get_transform(self, uuid: bytes, **kwargs: Any) -> Transform:
-        """One of the things shown."""
+        """The shown transform with this id."""
         with grpc_statuses():
             found = (await asyncio.to_thread(self._now)).get(uuid)
         if found is None:
-            raise GRPCError(Status.NOT_FOUND, "nothing of that UUID is shown any more")
+            raise GRPCError(
+                Status.NOT_FOUND, "no transform of this UUID is shown now; list the UUIDs again"
+            )
         return found
 
     # The SDK declares its async generator as a coroutine that returns one.
     async def stream_transform_changes(  # type: ignore[override]
         self, **kwargs: Any
     ) -> AsyncGenerator[StreamTransformChangesResponse, None]:
-        """Everything that is shown, then what changes, until the client goes away.
+        """Send all shown transforms, then the changes, until the client goes away.
 
-        The first message is empty: viam-server drops the first one, and waits for it. While the arm
-        is not there nothing is shown; it may be there again soon.
+        The first message is empty, because viam-server waits for one and drops it. While there is
+        no such arm, as during a rebuild, nothing is shown.
         """
         yield StreamTransformChangesResponse()
         shown: Shown = {}
@@ -106,11 +108,11 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
             await asyncio.sleep(_PERIOD)
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """There are no requests; use the store's own methods."""
+        """Refuse: the store has no commands."""
         raise GRPCError(
             Status.UNIMPLEMENTED,
-            "this store answers no requests; ListUUIDs, GetTransform and StreamTransformChanges"
-            " tell what it shows, and devrel:so101:motion answers plan and preview",
+            "this store has no commands; use ListUUIDs, GetTransform and StreamTransformChanges,"
+            " or plan and preview of devrel:so101:motion",
         )
 
     def _now(self) -> Shown:
@@ -125,11 +127,11 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
 
 
 def shown_of(name: str, arm: Arm) -> Iterator[Transform]:
-    """The things to show of an arm.
+    """The transforms that show an arm's scene and newest plan.
 
     Args:
         name: The arm's short name.
-        arm: What knows its surroundings and plans.
+        arm: The arm.
     """
     scene, plan = (arm.scene, None) if arm.newest is None else (arm.newest[0].scene, arm.newest[1])
     yield from _things(name, scene)
@@ -141,13 +143,13 @@ def shown_of(name: str, arm: Arm) -> Iterator[Transform]:
         at = SE3.from_translation(points[i])
         is_last = k == len(chosen) - 1
         shape = Sphere(radius=0.008 if is_last else 0.002)
-        label = f"{name} goal" if is_last else f"{name} way {k}"
-        yield _transform(label, f"{name}_origin", shape, at, _GOAL if is_last else _WAY)
+        label = f"{name} goal" if is_last else f"{name} path {k}"
+        yield _transform(label, f"{name}_origin", shape, at, _GOAL if is_last else _PATH)
 
 
 @lru_cache(maxsize=8)
 def _things(name: str, scene: Scene) -> tuple[Transform, ...]:
-    """The obstacles and held objects of a scene, cached, for they may be many."""
+    """The obstacles and held objects of a scene; cached, because they may be many."""
     return tuple(_each_thing(name, scene))
 
 

@@ -1,1 +1,1 @@
-"""Requests beyond Viam's own methods: the published module's and ours."""
+"""DoCommand requests of the published module and of ours, and how the module waits for motions."""

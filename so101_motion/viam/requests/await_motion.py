@@ -1,10 +1,9 @@
 """Wait for a motion; cancelling the wait stops the motion.
 
-A cancelled client, a passed deadline and a lost connection all reach a handler as one thing:
-``CancelledError``. Awaiting the motion's future and letting that error through would abandon the
-wait and leave the arm moving, because a future that is being worked on cannot be cancelled. So the
-future is shielded, and on cancellation the motion is interrupted and its end awaited before the
-error goes on. Only this motion is touched: one that has superseded it moves on.
+A handler gets ``CancelledError`` when the client cancels, the deadline passes or the connection is
+lost. Letting that error through would leave the arm moving, because a running future cannot be
+cancelled. So the future is shielded, and on cancellation the motion is interrupted and its end
+awaited before the error is raised again. A newer motion that has replaced this one is not stopped.
 """
 
 from __future__ import annotations
@@ -23,14 +22,14 @@ from so101_motion.control.request_queue import running_future
 T = TypeVar("T")
 
 Rest = Callable[[asyncio.Future[None]], Awaitable[None]]
-"""Waits until a motion that is being ended is over, well or not."""
+"""Waits until a motion that is being ended is over, also if it failed."""
 
 
 async def arrival(motion: Motion, come_to_rest: Rest | None = None) -> None:
     """Wait until the arm has arrived; when the wait is cancelled, stop this motion first.
 
     Args:
-        motion: What is waited for.
+        motion: The motion.
         come_to_rest: Waits until an interrupted motion is over; ``rest`` if not given.
 
     Raises:
@@ -47,29 +46,29 @@ async def arrival(motion: Motion, come_to_rest: Rest | None = None) -> None:
 
 
 async def rest(future: asyncio.Future[Any]) -> None:
-    """Wait until a motion is over, well or not; cancelling this wait takes effect only then."""
+    """Wait until a motion is over, also if it failed; cancelling this wait takes effect then."""
     cancelled: asyncio.CancelledError | None = None
     while not future.done():
         try:
             await asyncio.wait([future])
         except asyncio.CancelledError as error:
             cancelled = error
-    future.exception()  # looked at, so that asyncio does not report it as forgotten
+    future.exception()  # read, so that asyncio does not report it as never retrieved
     if cancelled is not None:
         raise cancelled
 
 
 def own_thread(job: Callable[[], T]) -> Future[T]:
-    """Run ``job``, which waits, in a thread of its own.
+    """Run ``job``, which may block, in a thread of its own.
 
-    The threads of ``asyncio.to_thread`` are few, and what plans or computes may occupy them all.
+    The threads of ``asyncio.to_thread`` are few, and computations may occupy them all.
     """
     done: Future[T] = running_future()
 
     def run() -> None:
         try:
             done.set_result(job())
-        except BaseException as error:  # whoever waits must hear of it
+        except BaseException as error:  # raised where the job is awaited
             done.set_exception(error)
 
     threading.Thread(target=run, name="so101-job").start()
@@ -82,19 +81,19 @@ def in_own_thread(job: Callable[[], T]) -> asyncio.Future[T]:
 
 
 async def carried_out(job: Callable[[], T]) -> T:
-    """Run ``job`` in a thread and wait for it; a step that has begun is always finished.
+    """Run ``job`` in a thread to its end, even if the wait for it is cancelled.
 
-    When the wait is cancelled that takes effect only then, so nobody overtakes the step.
+    A cancellation takes effect after the job, so that no other step starts before its end.
 
     Raises:
-        Exception: What ``job`` raised.
+        Exception: As ``job`` raised it.
         asyncio.CancelledError: The wait was cancelled; the job is over.
     """
     return await finished(in_own_thread(job))
 
 
 async def finished(step: Awaitable[T]) -> T:
-    """Wait for a step that is always finished, like ``carried_out``."""
+    """Wait for a step to its end, even if the wait is cancelled."""
     future = asyncio.ensure_future(step)
     try:
         return await asyncio.shield(future)
@@ -104,10 +103,10 @@ async def finished(step: Awaitable[T]) -> T:
 
 
 class TurnQueue:
-    """Lets one caller per turn of the event loop through.
+    """Lets one caller through per turn of the event loop.
 
-    What many requests that came at once have to compute before they first wait would otherwise be
-    one long turn, and a Stop behind them would not be read before its end.
+    Otherwise many requests that arrive at once would all compute in one long turn, and a Stop
+    behind them would be read only after it.
     """
 
     def __init__(self) -> None:
@@ -120,11 +119,11 @@ class TurnQueue:
 
 
 def left_alone(motion: Motion, logger: logging.Logger) -> None:
-    """Let ``motion`` run without a waiting caller; errors are logged."""
+    """Log the error of a ``motion`` that no caller waits for."""
 
     def report(done: Future[None]) -> None:
         error = done.exception()
         if error is not None and not isinstance(error, Interrupted):
-            logger.warning("a motion nobody waits for did not arrive: %s", error)
+            logger.warning("a motion that no caller waits for did not arrive: %s", error)
 
     motion.future.add_done_callback(report)

@@ -1,7 +1,7 @@
-"""The commands of the calibration sensor, with the answers' keys of the published module.
+"""Answer the commands of the calibration sensor, with the published module's keys.
 
-Each runs in a thread, for it waits for the bus, and is finished even if the client goes away in
-mid-step. What an answer has beyond the published keys is said in ``docs/calibration.md``.
+Each command runs in a thread, because it waits for the bus, and is finished even if the client goes
+away. ``docs/calibration.md`` lists the keys that the published module does not have.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class CalibrationCommands:
         calibrator: Carries them out.
 
     Attributes:
-        commands: Who answers each ``command``.
+        commands: The method for each ``command``.
         last_save_error: Why the last ``save_calibration`` failed; empty if it did not.
     """
 
@@ -115,7 +115,9 @@ class CalibrationCommands:
         stored = ended.stored
         assert stored is not None
         return {
-            **self._over(ended, f"{stored.path} and the servos hold the calibration of before."),
+            **self._over(
+                ended, f"{stored.path} and the servos have the earlier calibration again."
+            ),
             "calibration_file": str(stored.path),
         }
 
@@ -125,7 +127,7 @@ class CalibrationCommands:
         if not found:
             raise CalibrationError(
                 None,
-                "no servo answers" if now.is_connected else "the port is not there at present",
+                "no servo answers" if now.is_connected else "the port is not connected",
                 "check the arm's power supply and its cables",
             )
         return {
@@ -237,7 +239,7 @@ class CalibrationCommands:
         await carried_out(self._setup.reset)
         return {"success": True, "status": self._setup.view.status}
 
-    # All of it
+    # All steps of a workflow
 
     async def _list_steps(self, given: Attributes) -> dict[str, Any]:
         name = given.text("workflow", setup_steps.FULL.name)
@@ -257,7 +259,7 @@ class CalibrationCommands:
         }
 
 
-# What requests hold
+# Values of requests
 
 
 def _motor_name(given: Attributes) -> str:
@@ -275,7 +277,7 @@ def _whole(given: Attributes, key: str, upper: int) -> int | None:
     return round(value)
 
 
-# What answers hold
+# Parts of answers
 
 
 def ranges(joints: Mapping[str, JointView]) -> dict[str, Any]:
@@ -301,16 +303,16 @@ def _about_step(step: setup_steps.SetupStep, known: setup_steps.SetupState) -> d
 
 
 def _checked(check: MotorCheck) -> dict[str, Any]:
-    told: dict[str, Any] = {"id": check.servo_id, "status": check.status}
+    motor: dict[str, Any] = {"id": check.servo_id, "status": check.status}
     if check.facts is not None:
-        told |= {
+        motor |= {
             "model": check.facts.model,
             "firmware": check.facts.firmware,
             "volts": round(check.facts.volts, 1),
         }
     if check.error:
-        told |= {"error": check.error, "fix": check.fix}
-    return told
+        motor |= {"error": check.error, "fix": check.fix}
+    return motor
 
 
 def _scanned(servo: ScannedServo) -> dict[str, Any]:

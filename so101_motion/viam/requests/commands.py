@@ -1,9 +1,8 @@
-"""Dispatch the requests that an arm answers beyond Viam's own methods.
+"""Dispatch DoCommand requests to the methods that answer them.
 
-The published module knows two styles. A ``command`` names what to do; ``set_speed``,
+The published module has two styles of request. Most have the key ``command``; ``set_speed``,
 ``set_acceleration`` and ``get_motion_params`` are keys of the request itself and may be combined.
-Combined keys are checked together and then applied together, so a request that is refused has
-changed nothing.
+Combined keys are all checked before any is applied, so a refused request changes nothing.
 """
 
 from __future__ import annotations
@@ -26,17 +25,17 @@ Request = Mapping[str, object]
 
 
 class Taking(NamedTuple):
-    """A command with arguments: who answers it, and what may stand beside ``command``."""
+    """A command with arguments: the method that answers it, and the arguments' names."""
 
     answer: Callable[[Attributes], Awaitable[dict[str, Any]]]
     names: tuple[str, ...]
 
 
 Command = Taking | Callable[[], Awaitable[dict[str, Any]]]
-"""Who answers a command; nothing stands beside one without arguments."""
+"""The answering method of a command without arguments, or a ``Taking``."""
 
 KEYS = ("set_speed", "set_acceleration", "get_motion_params")
-"""The requests that are keys."""
+"""The arm's requests without ``command``."""
 
 
 async def answer(
@@ -48,19 +47,18 @@ async def answer(
     """Carry out ``request``.
 
     Args:
-        request: As it came.
-        commands: What a ``command`` may be, and who answers it.
-        keys: Who answers a request without ``command``; None if it must have one.
-        names: The keys such a request may have.
+        request: The request.
+        commands: The known commands.
+        keys: Answers a request without ``command``; None if it must have one.
+        names: The keys that such a request may have.
 
     Raises:
-        ConfigError: Nobody answers this request; the message names what would be. Or something
-            stands beside the command that it does not know.
+        ConfigError: The command, key or an argument is unknown; the message suggests a known one.
     """
     command = request.get("command")
     if command is None:
         if keys is None or not any(name in request for name in names):
-            raise ConfigError("request", dict(request), _what_instead(request, commands, names))
+            raise ConfigError("request", dict(request), _suggestion(request, commands, names))
         return await keys(request)
     if isinstance(command, str) and command in commands:
         known = commands[command]
@@ -73,8 +71,8 @@ async def answer(
     raise ConfigError("command", command, hint)
 
 
-def _what_instead(request: Request, commands: Collection[str], names: tuple[str, ...]) -> str:
-    """Guess what a request without command and key meant."""
+def _suggestion(request: Request, commands: Collection[str], names: tuple[str, ...]) -> str:
+    """What to send instead of a request without a command or a known key."""
     first = next(iter(request), "")
     if first in commands:
         return f'"{first}" is a command, not a key: send {{"command": "{first}", ...}}'
@@ -86,7 +84,7 @@ def motion_params(arm: Arm, request: Request) -> dict[str, Any]:
     """Answer ``set_speed``, ``set_acceleration`` and ``get_motion_params``.
 
     Raises:
-        ConfigError: One of them cannot be done; then none has been.
+        ConfigError: A value is not valid; then nothing has changed.
     """
     given = Attributes(request, KEYS, kind="request")
     speed_deg = _wanted(request, "set_speed", SPEED_RANGE_DEG, "deg/s")

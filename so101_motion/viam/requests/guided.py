@@ -1,8 +1,8 @@
-"""Answer the requests about guided paths, for every arm.
+"""Answer the commands that record, replay, list and delete paths guided by hand.
 
-A hand shows a path while the arm is in manual mode; it is kept as a file in the folder ``paths`` of
-the module's data and can be gone again. A recording is saved whenever it ends: by ``end_path``, by
-leaving manual mode, when its time is up, and when the component is closed.
+A path is recorded while a person moves the arm in manual mode. It is saved in the folder ``paths``
+of the module's data when the recording ends: by ``end_path``, by leaving manual mode, when its time
+is up, or when the component is closed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from so101_motion.viam.models.arm_resource import ArmResource
 
 PATHS = "paths"
-"""The folder in the module's data directory that guided paths are kept in."""
+"""The folder in the module's data directory that guided paths are saved in."""
 
 _REPLAYED = ("name", "tolerance_deg", "speed_degs_per_sec", "acceleration_degs_per_sec_per_sec")
 
@@ -56,13 +56,13 @@ class PathCommands:
         arm: The component.
 
     Attributes:
-        commands: Who answers each ``command``.
+        commands: The method for each ``command``.
     """
 
     def __init__(self, arm: ArmResource) -> None:
         self._arm = arm
         self._recording: _Recording | None = None
-        self._one_at_a_time = asyncio.Lock()  # two recordings begun at once would lose one
+        self._one_at_a_time = asyncio.Lock()  # of two recordings begun at once, one would be lost
         self.commands: Mapping[str, Command] = {
             "record_path": Taking(self._record, ("name", "replace", "enabled_for")),
             "end_path": self._end,
@@ -100,14 +100,14 @@ class PathCommands:
             await self._arm.set_manual_mode(True, seconds)
         recorder = PathRecorder(rig.executor, jaw_of(rig))
         saved = asyncio.ensure_future(self._save(recorder, file, replace))
-        saved.add_done_callback(lambda task: task.cancelled() or task.exception())  # looked at
+        saved.add_done_callback(lambda task: task.cancelled() or task.exception())  # retrieved
         self._recording = _Recording(recorder=recorder, file=file, saved=saved)
 
     async def _save(self, recorder: PathRecorder, file: Path, replace: bool) -> GuidedPath:
         path = await asyncio.wrap_future(recorder.future)
         try:
             await asyncio.to_thread(files.write, path, file, replace=replace)
-        except So101Error as error:  # perhaps nobody waits for it
+        except So101Error as error:  # perhaps no caller waits for it
             self._arm.logger.error("the guided path was not saved: %s", error)
             raise
         if recorder.ended_by:
@@ -145,7 +145,7 @@ class PathCommands:
         )
         limits, gripper = _limits(given, rig.arm.limits), jaw_of(rig)
         path = await asyncio.to_thread(files.read, file)
-        await self._arm.set_manual_mode(False)  # and out of a fault
+        await self._arm.set_manual_mode(False)  # holds again after a fault, too
         planned: list[Replay] = []
 
         def plan() -> Replay:
@@ -156,7 +156,7 @@ class PathCommands:
             )
             return planned[-1]
 
-        # One motion from here on, so that a stop ends it while it is being planned, too.
+        # Planning and replay are one motion, so a stop ends it while it is being planned, too.
         await self._arm.arrived(start_replay(rig.arm, gripper, lambda: own_thread(plan)))
         return {**_facts(file.stem, path), "replay_s": round(planned[0].duration, 3)}
 

@@ -1,4 +1,4 @@
-"""Answer ``identify``: let an arm find out what its servos are like, and weigh what it carries."""
+"""Answer ``identify``: move the arm to measure its servos, or to weigh the load in its hand."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ class IdentifyCommands:
     """Answers ``identify`` of one arm component. Lives in the event loop.
 
     Args:
-        rig: The arm's.
-        surroundings: What is around the arm; asked once, before anything moves.
-        logger: Told which joint moves.
+        rig: The arm's rig.
+        surroundings: The arm's surroundings; read once, before anything moves.
+        logger: Gets a line for each joint that moves.
 
     Attributes:
-        commands: Who answers each ``command``.
+        commands: The method for each ``command``.
     """
 
     def __init__(
@@ -64,16 +64,16 @@ class IdentifyCommands:
                 scene = await self._surroundings.around(scene)
             identification = Identification(self._rig, joints, Search(scene=scene))
             planned = await carried_out(identification.outline)
-            told = {"will_move": planned.sentence, "cannot_move": dict(planned.obstacles)}
+            plan_json = {"will_move": planned.sentence, "cannot_move": dict(planned.obstacles)}
             if outline:
-                return {**told, "duration_s": round(planned.duration, 1)}
+                return {**plan_json, "duration_s": round(planned.duration, 1)}
             await self._moved(identification, planned)
             report = await carried_out(
                 partial(identification.report, hand_is_empty=not carrying, keeps=not check)
             )
             if report.file is not None:
                 await carried_out(self._rig.reload)
-            return {**told, **report.to_json()}
+            return {**plan_json, **report.to_json()}
         finally:
             self._is_under_way = False
 
@@ -94,7 +94,9 @@ class IdentifyCommands:
     async def _undo(self) -> dict[str, Any]:
         file = self._rig.settings.file
         if file is None:
-            raise CalibrationError(None, "no calibration file is configured", "configure one")
+            raise CalibrationError(
+                None, "no calibration file is configured", 'set "calibration_file"'
+            )
         kept = await carried_out(partial(servo_file.restore, file))
         await carried_out(self._rig.reload)
         return {"at": kept.at, "file": str(servo_file.servos_path(file))}

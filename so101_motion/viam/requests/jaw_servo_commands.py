@@ -1,8 +1,8 @@
-"""Answer the ``servo_…`` requests, which move the jaw through the arm.
+"""Answer the ``servo_…`` commands, which move the jaw through the arm component.
 
-Later versions of the published module let programs move such a servo through the arm when no
-gripper is configured; the answers are theirs. A jaw that a gripper component has as well is the
-same jaw: the newer motion takes over.
+Later versions of the published module let programs move the jaw's servo through the arm when no
+gripper is configured; the answers have the same keys. If a gripper component moves the same jaw,
+the newer motion takes over.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.servo_commands import out_of_fault
 
 _PATIENCE_MS = 3000.0
-"""How long ``servo_wait_stop`` waits unless it is told otherwise [ms]; the published default."""
+"""How long ``servo_wait_stop`` waits without ``timeout_ms`` [ms]; the published default."""
 
 _LOOK = 0.02
-"""Time between two looks while it waits [s]."""
+"""Time between two checks while it waits [s]."""
 
 
 class JawServoCommands:
-    """Answers the ``servo_…`` requests.
+    """Answers the ``servo_…`` commands.
 
     Args:
-        rig: The arm's.
-        logger: Told of motions that nobody waits for and that did not arrive.
+        rig: The arm's rig.
+        logger: Gets the errors of motions that no caller waits for.
 
     Attributes:
-        commands: Who answers each ``command``.
+        commands: The method for each ``command``.
     """
 
     def __init__(self, rig: HardwareRig, logger: logging.Logger) -> None:
@@ -68,14 +68,14 @@ class JawServoCommands:
         else:
             percent = given.required("percent", unit="%")
             aperture, echo = percent / 100.0, {"percent": min(max(percent, 0.0), 100.0)}
-        aperture = min(max(aperture, 0.0), 1.0)  # as the published module does, and tells
+        aperture = min(max(aperture, 0.0), 1.0)  # limited, as in the published module
         limits = jaw.limits
         if given.given("speed"):
             ticks = given.required("speed", lower=1.0, upper=4096.0, unit="ticks/s")
             asked = np.full(1, 2.0 * np.pi * ticks / 4096.0)
             limits = replace(limits, velocity=np.minimum(asked, limits.velocity))
         await out_of_fault(self._rig)
-        # What the jaw meets on its way to closed is gripped, not crushed.
+        # An object in the way of a closing jaw is gripped, not crushed.
         start = jaw.start_grab if aperture < jaw.aperture else jaw.start_move
         self._latest = start(aperture, limits=limits)
         left_alone(self._latest, self._logger)
@@ -102,7 +102,10 @@ class JawServoCommands:
         waited_ms = 0.0
         while self._is_moving:
             if waited_ms >= patience_ms:
-                raise MotionError(f"servo {self._id} still moves after {patience_ms:g} ms")
+                raise MotionError(
+                    f"servo {self._id} still moves after {patience_ms:g} ms; raise timeout_ms, or"
+                    " send servo_stop"
+                )
             await asyncio.sleep(_LOOK)
             waited_ms += 1000.0 * _LOOK
         return {}
@@ -121,13 +124,19 @@ class JawServoCommands:
         return GRIPPER_JOINT in self._rig.servos.setups
 
     def _check_id(self, given: Attributes) -> None:
-        """Check that this servo may be moved so.
+        """Check that the request names the jaw's servo.
 
         Raises:
-            ConfigError: It is the arm's, or it is not there.
+            ConfigError: It names a servo of the arm, or the jaw's does not answer.
         """
         asked = given.required("servo_id", lower=1.0, upper=6.0)
         if asked != self._id:
-            raise ConfigError("servo_id", asked, f"is the arm's own; {self._id} is not")
+            raise ConfigError(
+                "servo_id", asked, f"moves the arm, not the jaw; give {self._id}, the jaw's servo"
+            )
         if not self._is_there:
-            raise ConfigError("servo_id", asked, "did not answer when the arm was opened")
+            raise ConfigError(
+                "servo_id",
+                asked,
+                "did not answer when the arm was opened; check its cable, then send reinitialize",
+            )

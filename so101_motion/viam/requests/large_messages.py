@@ -1,12 +1,12 @@
 """Read large messages without holding up the event loop.
 
 Protobuf decodes a message in one piece and holds the interpreter lock meanwhile: 15 ms for a mesh
-of 31 MiB or for 100,000 boxes, and whoever takes the mesh out copies it once more; grpclib joins
-the pieces of that mesh in one go, which takes as long again. So ``receive_in_pieces`` puts them
-together one by one, and ``LargeCodec`` looks through a large message before it is decoded. Large
-contents (meshes, point clouds) are taken out without a copy; a short reference is decoded in their
-place, and ``content_of`` finds the content again. What then remains is bounded in bytes and in
-fields, and is refused before it is decoded if it exceeds them.
+of 31 MiB or for 100,000 boxes, and reading the mesh copies it once more; grpclib joins the pieces
+of that mesh in one go, which takes as long again. So ``receive_in_pieces`` puts them together one
+by one, and ``LargeCodec`` scans a large message before it is decoded. Large contents (meshes, point
+clouds) are taken out without a copy; a short reference is decoded in their place, and
+``content_of`` gives the content for it. The rest of the message has at most ``LARGEST_REST`` bytes
+and ``MOST_FIELDS`` fields, or is refused before it is decoded.
 
 The wire format: https://protobuf.dev/programming-guides/encoding
 """
@@ -37,20 +37,19 @@ LARGEST_STRUCT = 1 << 18
 a text of a megabyte keeps the event loop for 10 ms."""
 
 _PIECE = 1 << 16
-"""So much of a large message is put together at once [byte]. Chosen: it takes 20 us."""
+"""Size of the pieces that a large message is put together from [byte]. Chosen: it takes 20 us."""
 
 MOST_FIELDS = 5_000
-"""Most fields of a large message. Chosen: they take 4 ms to look through; 1,000 geometries have
-fewer."""
+"""Most fields of a large message. Chosen: they take 4 ms to scan; 1,000 geometries have fewer."""
 
 _REFERENCE = os.urandom(16)
-"""What references begin with; no client can know it."""
+"""The beginning of every reference; no client can know it."""
 
 _contents: ContextVar[list[memoryview]] = ContextVar("contents")
 """The large contents of the message that the current task has received."""
 
 _STRUCT = "google.protobuf.Struct"
-"""Is one field to us: ``request_guard`` counts the values in it."""
+"""Counted as one field here; ``request_guard`` counts the values in it."""
 
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5  # wire types
 
@@ -61,8 +60,8 @@ async def receive_in_pieces(
     """Receive ``size`` bytes without holding the interpreter lock for long.
 
     Args:
-        receive: Receives so many bytes of a message.
-        size: How many are wanted.
+        receive: Receives up to the given number of bytes of a message.
+        size: The number of bytes to receive.
 
     Returns:
         The bytes; fewer if the message ends early.
@@ -81,14 +80,14 @@ async def receive_in_pieces(
 
 
 class LargeCodec(ProtoCodec):
-    """Protobuf as gRPC carries it, with large contents taken out of messages that are received."""
+    """The protobuf codec of gRPC; takes large contents out of received messages."""
 
     def decode(self, data: bytes | memoryview, message_type: Any) -> Any:
-        """The message in ``data``.
+        """Decode the message in ``data``.
 
         Raises:
-            DecodeError: It is garbled.
-            ConfigError: It has too many bytes or fields, or a struct in it has.
+            DecodeError: It is not valid protobuf.
+            ConfigError: It has too many bytes or fields, or a struct in it is too large.
         """
         if len(data) <= LARGE:
             return message_type.FromString(data)
@@ -103,7 +102,7 @@ def content_of(value: bytes) -> bytes | memoryview:
     """The content of a field of the message that the current task has received.
 
     Args:
-        value: The field's value: the content itself, or what refers to it.
+        value: The field's value: the content itself, or a reference to it.
     """
     if not value.startswith(_REFERENCE):
         return value
@@ -111,7 +110,7 @@ def content_of(value: bytes) -> bytes | memoryview:
 
 
 class _Count:
-    """Counts what remains of one message against its bounds."""
+    """Counts the fields and bytes of a message, and refuses too many."""
 
     def __init__(self) -> None:
         self._fields = self._bytes = 0
@@ -135,7 +134,7 @@ class _Count:
 def _without_contents(
     data: memoryview, kind: Descriptor, contents: list[memoryview], count: _Count
 ) -> bytes:
-    """A message of a kind with references in place of its large contents, which are appended."""
+    """A message with references in place of its large contents, which go into ``contents``."""
     fields = kind.fields_by_number
     kept = bytearray()
     at, end = 0, len(data)
@@ -164,7 +163,7 @@ def _without_contents(
 def _slim(
     value: memoryview, field: FieldDescriptor, contents: list[memoryview], count: _Count
 ) -> bytes:
-    """What stands for a large value: its length and bytes."""
+    """The replacement of a large value: its length and bytes."""
     slim: bytes | memoryview = value
     if field.type == FieldDescriptor.TYPE_BYTES:
         slim = _REFERENCE + len(contents).to_bytes(4, "big")
@@ -186,7 +185,7 @@ def _slim(
 
 
 def _after_number(data: memoryview, at: int, wire: int) -> int:
-    """Where the number ends that begins ``at``."""
+    """The position behind the number that begins ``at``."""
     if wire == _VARINT:
         return _varint(data, at)[1]
     if wire == _FIXED64:
@@ -197,7 +196,7 @@ def _after_number(data: memoryview, at: int, wire: int) -> int:
 
 
 def _varint(data: memoryview, at: int) -> tuple[int, int]:
-    """The number that begins ``at``, and where it ends."""
+    """The number that begins ``at``, and the position behind it."""
     value = shift = 0
     try:
         while True:

@@ -1,4 +1,4 @@
-"""Manual mode: hand guiding of the arm, for a while or until it is ended."""
+"""Switch manual mode, in which the arm is guided by hand, for some time or until it is ended."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ManualMode:
 
     Args:
         arm: The arm.
-        logger: Where to say that holding again failed when the time was up.
+        logger: Gets a warning if the arm cannot hold when the time is up.
     """
 
     def __init__(self, arm: Arm, logger: logging.Logger) -> None:
@@ -33,16 +33,15 @@ class ManualMode:
     async def set(
         self, enabled: bool, enabled_for: float = 0.0, compliance: Compliance | None = None
     ) -> None:
-        """Start or end manual mode, with a time limit; once begun it is always finished.
+        """Start or end manual mode; a switch that has begun is always finished.
 
         Args:
-            enabled: Whether the arm shall yield.
-            enabled_for: For how long [s]; 0 for no end. Real seconds, even in simulated time: they
-                are a person's.
-            compliance: How it yields; the arm's own way if not given.
+            enabled: Whether the arm yields to a hand.
+            enabled_for: For how long [s]; 0 for no end. Real seconds, even in simulated time.
+            compliance: How it yields; the arm's own setting by default.
 
         Raises:
-            ConfigError: ``enabled_for`` is negative or absurdly long.
+            ConfigError: ``enabled_for`` is negative or more than ``LONGEST``.
             So101Error: The joints could not be switched.
         """
         checked_number("enabled_for", enabled_for, lower=0.0, upper=LONGEST, unit="s")
@@ -71,4 +70,6 @@ class ManualMode:
             try:
                 await in_own_thread(lambda: self._arm.set_manual(False))
             except So101Error as error:
-                self._logger.warning("the time for manual mode is up, but: %s", error)
+                self._logger.warning(
+                    "the time for manual mode is up, but the arm cannot hold: %s", error
+                )

@@ -1,9 +1,8 @@
-"""Answer the request that runs a program, for every arm.
+"""Answer ``run_program``: plan and run a program of waypoints on an arm.
 
 ``{"command": "run_program", "waypoints": [...], "loops": [...], "rounds": 3}`` has the entries of a
-program's file (``tasks/program/files.py``). What is around the arm is read once, all of it is
-planned, and then it is run: one motion from the beginning, so a Stop or a newer motion ends it at
-any point.
+program's file (``tasks/program/files.py``). The surroundings are read once, then the whole program
+is planned and run. All of that is one motion, so a Stop or a newer motion ends it at any point.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ class ProgramCommands:
         arm: The component.
 
     Attributes:
-        commands: Who answers each ``command``.
+        commands: The method for each ``command``.
     """
 
     def __init__(self, arm: ArmResource) -> None:
@@ -43,7 +42,7 @@ class ProgramCommands:
     async def _run(self, given: Attributes) -> dict[str, Any]:
         content = {key: given.raw(key) for key in _ENTRIES if given.given(key)}
         program = await asyncio.to_thread(program_from, content)
-        await self._arm.set_manual_mode(False)  # and out of a fault
+        await self._arm.set_manual_mode(False)  # holds again after a fault, too
         rig = self._arm.rig
         planned = partial(self._planned, asyncio.get_running_loop(), program)
         run = run_once_planned(rig.arm, jaw_of(rig), rig.clock, program, planned)
@@ -58,7 +57,7 @@ class ProgramCommands:
     def _planned(
         self, loop: asyncio.AbstractEventLoop, program: Program, motion: Motion
     ) -> Rehearsal:
-        """Called on the arm's thread, once it rests."""
+        """Read the surroundings and plan; called on the arm's planning thread once it rests."""
         rig, scene, around = self._arm.rig, None, self._arm.surroundings
         if around.is_asked():
             reading = asyncio.run_coroutine_threadsafe(around.around(rig.arm.scene), loop)

@@ -1,13 +1,16 @@
 """Refuse requests that would take too long to read, before they are read.
 
-The event loop answers Stop, so nothing on it may take long. Nor may the garbage collector, which
-stops every thread: with 200 clients it had 45,000 objects of finished requests to free and took 90
-ms, so requests leave nothing that refers to itself. The SDK turns the structs of a request
-(``extra``, ``command``) into dictionaries there, value by value, quotes names in its own errors,
-and reports a message that it cannot parse with file and line. So every call passes here first:
-messages are bounded before they are decoded (``large_messages``), structs in the number of their
-values, a message that cannot be parsed is refused as such, and whatever error leaves is cut to what
-gRPC can encode without delay.
+The event loop answers Stop, so no request may keep it busy for long. Every call passes through
+here:
+
+- a message that is too large or not valid protobuf is refused before it is decoded
+  (``large_messages``);
+- a request whose structs (``extra``, ``command``) have too many values is refused, because the SDK
+  converts them value by value on the event loop;
+- error messages are cut to a length that gRPC can encode without delay.
+
+The garbage collector stops every thread: with 200 clients it had 45,000 objects of finished
+requests to free and took 90 ms. So requests leave no reference cycles behind.
 """
 
 from __future__ import annotations
@@ -36,23 +39,23 @@ _SMALL = 2_000
 """Structs of fewer bytes than this have few values; they are not counted."""
 
 DEEPEST = 32
-"""So many structs can be inside each other: protobuf gives up at 100 messages, three for each."""
+"""Most levels of nested structs: protobuf gives up at 100 messages, and a level has three."""
 
 
 def guard(server: Server) -> None:
     """Check every call of ``server``; call it before the server serves."""
-    inner = server._server  # the SDK has no door of its own for either
+    inner = server._server  # the SDK has no interface for either
     inner._codec = LargeCodec()
-    Handler.__gc_interval__ = 1  # a connection forgets a request at the next one, not at the tenth
+    Handler.__gc_interval__ = 1  # a connection drops a request at the next one, not at the tenth
     listen(inner, RecvRequest, _guarded)
     convert_answers_fast()
 
 
 def convert_answers_fast() -> None:
-    """Have the SDK recognise the numbers of an answer by their class.
+    """Make the SDK recognise the numbers of an answer by their class.
 
-    It asks a protocol of ``typing``, for which Python 3.11 looks at every method of that protocol
-    anew: 17 us a number on the event loop, 4 ms for the preview of a plan; with this, 3 us.
+    It checks them against a protocol of ``typing``, for which Python 3.11 inspects every method
+    each time: 17 us a number on the event loop, 4 ms for the preview of a plan; with this, 3 us.
     """
     viam.utils.SupportsFloat = Real  # type: ignore[attr-defined]
     viam.utils.SupportsBytes = bytes  # type: ignore[attr-defined]
@@ -72,8 +75,8 @@ async def _guarded(event: RecvRequest) -> None:
                 except DecodeError as error:
                     raise GRPCError(
                         Status.INVALID_ARGUMENT,
-                        "the request cannot be read: it is garbled, or structs in it are nested"
-                        f" more than {DEEPEST} deep; send it with fewer levels",
+                        "the request cannot be read: it is not valid protobuf, or structs in it are"
+                        f" nested more than {DEEPEST} deep; send it with fewer levels",
                     ) from error
                 check_size(message)
             return message
@@ -84,7 +87,7 @@ async def _guarded(event: RecvRequest) -> None:
         except GRPCError as error:
             message = None if error.message is None else on_the_wire(error.message)
             raise GRPCError(error.status, message, error.details) from error
-        finally:  # or the streams refer to themselves, and wait for the garbage collector
+        finally:  # otherwise the streams refer to themselves until the garbage collector runs
             del stream.recv_message, transport.recv_data
 
     event.method_func = answered

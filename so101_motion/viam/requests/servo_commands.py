@@ -1,8 +1,8 @@
-"""Answer the requests about servos: ping, diagnose, calibration, torque.
+"""Answer the arm's commands about its servos: ping, diagnose, calibration, torque.
 
 Keys and answers are the published module's. Its ``diagnose``, ``verify_config`` and
-``reinitialize`` could not succeed in a running module; these do, and say more. What talks to the
-servos is a job for the I/O thread, which takes none while the arm moves.
+``reinitialize`` could not succeed in a running module; here they can. Commands that talk to the
+servos run on the I/O thread and are refused while the arm moves.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ async def on_bus(rig: HardwareRig, job: Callable[[ServoDriver], T]) -> T:
 
     Raises:
         MotionError: The arm moves.
-        So101Error: What ``job`` raised.
+        So101Error: As ``job`` raised it.
     """
     return await asyncio.wrap_future(rig.executor.call(lambda _: job(rig.servos)))
 
 
 async def ready(rig: HardwareRig) -> None:
-    """Check that the servos have been found; asks a missing one again.
+    """Check that the servos have been found; tries a missing one again.
 
-    A component is there before its servos are. The first try takes a moment, which is waited for;
-    after that the answer comes at once.
+    A component starts before its servos are found. This waits for the first try, which takes a
+    moment; later calls return at once.
 
     Raises:
-        NotReady: They have not been found yet; who does not answer, and since when.
+        NotReady: They have not been found; the message names the silent ones and since when.
     """
     if not rig.first_try.done():
         await asyncio.shield(asyncio.wrap_future(rig.first_try))
@@ -55,12 +55,12 @@ async def ready(rig: HardwareRig) -> None:
 
 
 async def out_of_fault(rig: HardwareRig) -> None:
-    """Let the arm hold again after a fault, which the next request needs.
+    """Let the arm hold again after a fault, before a request that moves it.
 
     Raises:
         NotReady: The servos have not been found yet.
-        MotionError: The servos are being calibrated or set up; said before anything is planned.
-        So101Error: The cause is still there.
+        MotionError: The servos are being calibrated or set up.
+        So101Error: The cause of the fault is still there.
     """
     state = rig.arm.state
     if state.lent_to is not None:
@@ -111,12 +111,12 @@ class ServoCommands:
     """Answers the requests about servos.
 
     Args:
-        rig: The arm's.
+        rig: The arm's rig.
         servo_ids: The arm's servos, base to wrist.
         manual: Switches manual mode.
 
     Attributes:
-        commands: Who answers each ``command``.
+        commands: The method for each ``command``.
     """
 
     def __init__(self, rig: HardwareRig, servo_ids: tuple[int, ...], manual: ManualMode) -> None:
@@ -139,7 +139,7 @@ class ServoCommands:
 
     async def _set_torque(self, given: Attributes) -> dict[str, Any]:
         if not given.given("enable"):
-            raise ConfigError("enable", None, "is missing; true to hold, false to let go")
+            raise ConfigError("enable", None, "is missing; true to hold, false to release")
         enable = given.flag("enable", True)
         self._manual.forget()
         if enable:
@@ -161,7 +161,7 @@ class ServoCommands:
             "note": "kept until the servos are set up again; 1000 is full drive",
         }
 
-    # How they are
+    # State
 
     async def _ping(self) -> dict[str, Any]:
         if self._rig.arm.state.mode in (Mode.MOVING, Mode.STOPPING):
@@ -261,8 +261,8 @@ class ServoCommands:
             await carried_out(self._rig.reload)
         except So101Error as error:
             return {"success": False, "error": str(error)}
-        told = f"calibration of {len(found.calibration)} joints loaded; the arm stayed where it was"
-        message = "; ".join((told, *found.notes))
+        loaded = f"calibration of {len(found.calibration)} joints loaded; the arm did not move"
+        message = "; ".join((loaded, *found.notes))
         return {"success": True, "calibration_file": str(file), "message": message}
 
     async def _get_calibration(self) -> dict[str, Any]:

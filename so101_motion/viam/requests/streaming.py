@@ -1,10 +1,9 @@
 """Play a trajectory while a client is still sending it.
 
-Each batch is acknowledged once its points are taken. When they reach far ahead of the arm the next
-batch is not taken from the wire before the arm has come nearer: what a client sends too early waits
-on its side, so a stream may be as long as one likes. What ends the motion meanwhile (a stop, a
-newer motion, a joint left behind) reaches the client at once, not with its next batch; and whatever
-ends the call brings this motion to rest before the call is over.
+Each batch is acknowledged once its points are queued. When they reach far ahead of the arm, the
+next batch is received only after the arm has caught up, so a stream may have any length. When the
+motion ends early (a stop, a newer motion, a joint that cannot follow), the client gets the error at
+once, not with its next batch. When the call ends, this motion is brought to rest first.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ from so101_motion.viam.requests.await_motion import Rest
 Batch = Sequence[Arm.TrajectoryPoint]
 
 FARTHEST = 2.0
-"""How far ahead points may reach before the next batch is taken [s]; chosen: rides out whatever a
-network does, and a stop has little to throw away."""
+"""How far ahead points may reach before the next batch is received [s]; chosen: longer than the
+gaps of a network, and a stop discards little."""
 
-_LOOK = 0.02  # [s] between two looks at how far ahead they reach
+_LOOK = 0.02  # [s] between two checks of how far ahead they reach
 
 
 async def played(
@@ -38,9 +37,9 @@ async def played(
     """Push batches into a stream as they arrive, and wait until the arm has arrived.
 
     Args:
-        opening: Of the stream that takes the points.
-        batches: What the client sends.
-        read: Joint angles, shape (5,), [rad], of a point.
+        opening: The opening of the stream that takes the points.
+        batches: The client's batches.
+        read: Gives the joint angles of a point, shape (5,), [rad].
         come_to_rest: Waits until an interrupted motion is over.
 
     Yields:
@@ -50,7 +49,7 @@ async def played(
         So101Error: Why the arm did not arrive.
     """
     over, opened = (asyncio.wrap_future(f) for f in (opening.motion.future, opening.opened))
-    opened.add_done_callback(lambda done: done.cancelled() or done.exception())  # looked at
+    opened.add_done_callback(lambda done: done.cancelled() or done.exception())  # retrieved
     empty = True
     try:
         stream = await asyncio.shield(opened)
@@ -71,7 +70,7 @@ async def played(
 
 
 async def _next(batches: AsyncIterator[Batch], over: asyncio.Future[None]) -> Batch | None:
-    """The next batch, None after the last; raises what ends the motion first."""
+    """The next batch, None after the last; raises the motion's error if it ends first."""
     coming = asyncio.ensure_future(anext(batches, None))
     either: tuple[asyncio.Future[Any], ...] = (coming, over)
     try:

@@ -1,13 +1,14 @@
-"""What the motion service does with several arms of one cell at once.
+"""Answer the motion service's commands for several arms of one cell.
 
 ``{"move_together": {"left": {"joints_deg": [0, -40, 40, 60, 0]}, "right": {"pose": {"x": 200,
 "z": 150, "o_z": 1}}}}``: one motion to joint angles [deg], or poses of the tool in that arm's base
 frame [mm, deg] as for MoveToPosition. Arms that are not named hold still.
 
 ``{"holds": {"left": [{"name": "stick", "box_mm": [20, 20, 140], "position_mm": [0, 0, 140],
-"mass_kg": 0.05}]}}`` says what an arm has in its hand from now on, in its tool frame;
-``[]`` for nothing. ``{"handover": {"from": "left", "to": "right", "object": "stick"}}`` passes it
-on.
+"mass_kg": 0.05}]}}`` sets the objects in an arm's hand, in its tool frame; ``[]`` for none.
+
+``{"handover": {"from": "left", "to": "right", "object": "stick"}}`` passes such an object to
+another arm.
 
 The arms share a cell (``viam/surroundings/machine_cell.py``).
 """
@@ -47,11 +48,11 @@ async def move_together(
     Args:
         asked: Their goals by name, as in the request.
         arms: The arms of this process.
-        seen_through: Waits for the motion of an arm; ends it with the call.
+        seen_through: Waits for the motion of an arm, and ends it when the call is cancelled.
 
     Raises:
-        ConfigError: A goal is not valid, or the arms do not know each other.
-        So101Error: What one of the motions raises.
+        ConfigError: A goal is not valid, or the arms do not share a cell.
+        So101Error: One of the motions failed.
     """
     goals = _goals(asked, arms)
     cell, scenes = await _cell_of("move_together", list(goals), arms)
@@ -61,19 +62,19 @@ async def move_together(
 async def hand_over(
     asked: object, arms: Mapping[str, ArmResource], seen_through: SeenThrough
 ) -> Any:
-    """Pass a thing from one hand to another; returns when it has been passed.
+    """Pass an object from one hand to another; returns when it has been passed.
 
     Args:
-        asked: Who gives what to whom, as in the request.
+        asked: The giving arm, the taking arm and the object, as in the request.
         arms: The arms of this process.
         seen_through: As for ``move_together``.
 
     Returns:
-        The thing in the hand of the arm that has taken it, as an entry of ``holds``.
+        The object in the hand of the taking arm, as an entry of ``holds``.
 
     Raises:
-        ConfigError: It cannot be meant, or the arms do not know each other.
-        So101Error: What one of the motions raises.
+        ConfigError: The request is not valid, or the arms do not share a cell.
+        So101Error: One of the motions failed.
     """
     if not isinstance(asked, Mapping):
         raise ConfigError("handover", asked, 'must be {"from": ..., "to": ..., "object": ...}')
@@ -88,17 +89,17 @@ async def hand_over(
 
 
 async def set_held(asked: object, arms: Mapping[str, ArmResource]) -> None:
-    """Say what arms have in their hands.
+    """Set the objects in the arms' hands.
 
     Args:
-        asked: The things by arm, as in the request.
+        asked: The objects by arm, as in the request.
         arms: The arms of this process.
 
     Raises:
-        ConfigError: Something cannot be meant; nothing has changed.
+        ConfigError: The request is not valid; nothing has changed.
     """
     if not isinstance(asked, Mapping):
-        raise ConfigError("holds", asked, 'must be things by arm: {"left": [...]}')
+        raise ConfigError("holds", asked, 'must be objects by arm: {"left": [...]}')
     scenes = {}
     for name, entries in asked.items():
         arm = arms[_known(str(name), arms, "holds")].rig.arm
@@ -117,7 +118,7 @@ def _known(name: str, arms: Mapping[str, ArmResource], key: str) -> str:
 async def _cell_of(
     key: str, names: Sequence[str], arms: Mapping[str, ArmResource]
 ) -> tuple[Cell, dict[str, Scene]]:
-    """The cell that arms share, and what is around each of its arms."""
+    """The cell that arms share, and the surroundings of each of its arms."""
     for name in names:
         await arms[name].ready()
     first = arms[names[0]]
@@ -127,8 +128,8 @@ async def _cell_of(
         raise ConfigError(
             key,
             sorted(names),
-            "are arms that do not know each other; each needs a frame in the machine's"
-            ' configuration, and time must pass for all alike ("simulate_time")',
+            "do not share a cell; give each arm a frame in the machine's configuration, and the"
+            ' same "simulate_time" to all',
         )
     for name in place.cell.places.keys() - scenes.keys():
         arm = arms[name]

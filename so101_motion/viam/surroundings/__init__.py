@@ -1,1 +1,1 @@
-"""What the machine knows of the space around an arm: its components, stores and cameras."""
+"""Read an arm's surroundings from the machine: its components, stores and cameras."""

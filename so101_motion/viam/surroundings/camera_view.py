@@ -1,9 +1,10 @@
-"""Look with a camera before a plan is made.
+"""Add the points or objects that a camera sees to the scene, before a plan is made.
 
-The points of a camera, or the objects that a vision service finds in its picture, are where the
-camera was when it looked. So its place is asked for before and after; if it or the arm has moved
-meanwhile, it looks again. The arm itself and what it holds are cut out of what was seen. A camera
-that does not answer, or sees nothing at all, is no reason to take the space for empty.
+The points of a camera, or the objects that a vision service finds in its picture, are relative to
+the camera. So the camera's pose is read before and after the picture; if the camera or the arm has
+moved meanwhile, another picture is taken. The arm itself and its held objects are cut out. If a
+camera does not answer or sees no point at all, planning fails: the space is not assumed to be
+empty.
 """
 
 from __future__ import annotations
@@ -32,27 +33,28 @@ LONGEST_LOOK = 5.0
 """How long a camera may take [s], with all its tries. Chosen: many deliver twice a second."""
 
 _TRIES = 3
-"""So often it looks at most, when something moves meanwhile; chosen."""
+"""Most pictures that are taken while something moves; chosen."""
 
 _MOVED = 0.005
-"""What has moved less has not [m], at half a metre from the camera; chosen, half a cube."""
+"""Less motion than this counts as none [m], at half a metre from the camera; chosen, half a
+cube."""
 
 _Seen = bytes | list[PointCloudObject]
 _Things = list[tuple[str, Shape | ShapeFile, SE3]]
 
 _WHOLE = 0.9
-"""An object of which so much is left without the arm is taken as its box; chosen."""
+"""An object's own geometry is used if at least this share of it is outside the arm; chosen."""
 
 
 class CameraView:
-    """What a camera sees, or a vision service in its picture. Belongs to the event loop.
+    """A camera, or a vision service that finds objects in its picture. Lives in the event loop.
 
     Args:
-        camera: The camera's name, which is that of its frame.
-        client: A client of it; None if it does not run.
+        camera: The name of the camera and of its frame.
+        client: The camera's client; None if the machine has no such camera.
         vision: A vision service's name; None for the camera's points.
-        finder: A client of it; None if it does not run, or is not asked.
-        patience: How long it may take to look [s].
+        finder: The vision service's client; None if it is not used or the machine has none.
+        patience: How long it may take [s].
     """
 
     is_steady = False
@@ -71,19 +73,19 @@ class CameraView:
         self._patience = patience
 
     async def added_to(self, scene: Scene, view: MachineView) -> Scene:
-        """``scene`` with what is seen now.
+        """``scene`` with the points or objects that the camera sees now.
 
         Raises:
-            SurroundingsUnknown: Nothing can be seen, or something moves all the time.
+            SurroundingsUnknown: The camera does not answer or sees nothing, or something moves.
         """
         try:
             async with asyncio.timeout(self._patience):
                 seen, view, T_base_camera = await self._steady_look(view)
             return await asyncio.to_thread(self._placed, seen, scene, view, T_base_camera)
         except TimeoutError as error:
-            raise self._unknown(f"has not looked within {self._patience:g} s") from error
+            raise self._unknown(f"sent no picture within {self._patience:g} s") from error
         except GRPCError as error:
-            reason = f"does not look: {error.message}"
+            reason = f"sends no picture: {error.message}"
             if self._vision is not None:
                 reason = f'or the vision service "{self._vision}" {reason}'
             raise self._unknown(reason) from error
@@ -91,7 +93,7 @@ class CameraView:
             raise self._unknown(f"sees something that is not valid: {error}") from error
 
     async def _steady_look(self, view: MachineView) -> tuple[_Seen, MachineView, SE3]:
-        """What it sees while nothing moves, the machine at that moment, and where it is."""
+        """A picture taken while nothing moved, the machine then, and the camera's pose."""
         for _ in range(_TRIES):
             T_base_camera = await view.frames().T_base(self._camera)
             seen = await self._look()
@@ -100,10 +102,10 @@ class CameraView:
             if _stood_still(view, now) and nearly(T_base_camera, there, _MOVED):
                 return seen, now, T_base_camera
             view = now
-        raise self._unknown(f"or the arm moved whenever it looked, {_TRIES} times")
+        raise self._unknown(f"or the arm moved during each of {_TRIES} pictures")
 
     async def close(self) -> None:
-        """It looks only when it is asked."""
+        """Nothing to close: the camera is read only in ``added_to``."""
 
     async def _look(self) -> _Seen:
         if self._client is None:
@@ -113,7 +115,7 @@ class CameraView:
             return data
         if self._finder is None:
             raise self._unknown(
-                f'is asked by the vision service "{self._vision}", which does not run'
+                f'is used by the vision service "{self._vision}", which does not run'
             )
         return await self._finder.get_object_point_clouds(self._camera, timeout=self._patience)
 
@@ -129,7 +131,7 @@ class CameraView:
         if isinstance(seen, bytes):
             points = _finite(read_points(seen))
             if len(points) == 0:
-                raise self._unknown("sees nothing at all, not even the table")
+                raise self._unknown("sees no point at all, not even the table")
             shapes = self._cubes(points, scene, view, T_base_camera)
             things = [(self._camera, shape, SE3.identity()) for shape in shapes]
         else:
@@ -155,10 +157,10 @@ class CameraView:
     def _objects(
         self, found: list[PointCloudObject], scene: Scene, view: MachineView, T_base_camera: SE3
     ) -> _Things:
-        """Each object as its geometries, or as what is left of its points without the arm."""
+        """Each object as its geometries, or as its points outside the arm."""
         count = sum(max(1, len(each.geometries.geometries)) for each in found)
         if count > MOST_THINGS:
-            raise ConfigError("objects", count, f"are more than {MOST_THINGS}")
+            raise ConfigError("objects", count, f"are more than {MOST_THINGS}; find fewer")
         things: _Things = []
         own = partial(
             of_the_arm,
@@ -189,7 +191,7 @@ class CameraView:
     def _unknown(self, why: str) -> SurroundingsUnknown:
         return SurroundingsUnknown(
             f'the camera "{self._camera}" {why}',
-            remedy="put that right, or take it out of the configuration",
+            remedy="mend that, or take the camera out of the configuration",
         )
 
 

@@ -1,8 +1,8 @@
-"""The machine's frame system as it is configured: what hangs from what, and where.
+"""The machine's frame system as a tree: the parent and the pose of every component.
 
-A component has two frames. ``<name>_origin`` is where its configuration puts it in its parent;
-``<name>`` is the end of its kinematics, such as the tool of an arm, and the same frame where it has
-none. What hangs from ``<name>`` moves with its joints, what hangs from ``<name>_origin`` does not.
+A component has two frames. ``<name>_origin`` is its configured pose in its parent; ``<name>`` is
+the end of its kinematics, such as the tool of an arm, or the same frame if it has no kinematics. A
+component attached to ``<name>`` moves with its joints, one attached to ``<name>_origin`` does not.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.frames import LONGEST_CHAIN, WORLD
 
 MOST_PARTS = 1_000
-"""Most components of a frame system that are read; chosen, larger machines have dozens."""
+"""Most components of a frame system; chosen, larger machines have dozens."""
 
 _ORIGIN = "_origin"
 
@@ -30,14 +30,14 @@ class Part:
     """One component in the frame system.
 
     Attributes:
-        name: The component's.
-        parent: The frame it hangs from.
-        T_parent_origin: Where it is there.
-        geometry: What its frame's configuration says it looks like; None if nothing.
+        name: The component's name.
+        parent: The frame it is attached to.
+        T_parent_origin: The pose of its origin in the parent.
+        geometry: The geometry in its frame's configuration; None without one.
         has_end: Whether it has kinematics, so that its end may be elsewhere than its origin.
         has_joints: Whether that end moves.
-        kinematics: What those call themselves: an arm of this module by the component's name, which
-            that of the frame need not be.
+        kinematics: The name in its kinematics; for an arm of this module the component's name, from
+            which the frame's name may differ.
     """
 
     name: str
@@ -53,15 +53,15 @@ class FrameTree:
     """The components of a frame system.
 
     Args:
-        configs: What the machine says.
-        left_out: Parts that may hang from nothing that is there; they are not there then.
+        configs: The machine's frame system.
+        left_out: Components that are ignored; one of them is dropped if its parent is missing.
 
     Attributes:
         parts: The components by name.
 
     Raises:
-        ConfigError: They are not valid: too many, two of one name, a pose that is not finite,
-            a parent that is not there, or one that hangs from itself.
+        ConfigError: The frame system is not valid: too many components, two of one name, a pose
+            that is not finite, a missing parent, or a circle.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class FrameTree:
                 raise ConfigError("frame", part.name, "is there twice in the frame system")
             if len(self.parts) == MOST_PARTS:
                 given = f"more than {MOST_PARTS} components"
-                raise ConfigError("frame system", given, "are more than are read")
+                raise ConfigError("frame system", given, "are more than can be planned around")
             self.parts[part.name] = part
         for name in list(self.parts):
             try:
@@ -86,26 +86,26 @@ class FrameTree:
                 del self.parts[name]
 
     def has(self, frame: str) -> bool:
-        """Whether there is such a frame, a component's or its origin's."""
+        """Whether ``frame`` is the frame or the origin of a component."""
         return frame in self.parts or frame.removesuffix(_ORIGIN) in self.parts
 
     def above(self, name: str) -> Iterator[tuple[str, bool]]:
-        """The components ``name`` hangs from, nearest first, each with whether from its end.
+        """The components that ``name`` is attached to, nearest first; True with one for its end.
 
         Raises:
-            ConfigError: The chain ends nowhere, or leads round in a circle.
+            ConfigError: A parent is missing, or the chain is a circle.
         """
         frame, steps = self.parts[name].parent, 0
         while frame != WORLD:
             holder = frame if frame in self.parts else frame.removesuffix(_ORIGIN)
             if holder not in self.parts:
                 reason = (
-                    f'has the parent "{frame}", which is no frame; {suggest(frame, self.parts)}'
+                    f'has the parent "{frame}", which is not a frame; {suggest(frame, self.parts)}'
                 )
                 raise ConfigError("frame", name, reason)
             steps += 1
             if steps > LONGEST_CHAIN:
-                reason = f"hangs from itself, or from more than {LONGEST_CHAIN} others"
+                reason = f"is attached to itself, or has more than {LONGEST_CHAIN} parents"
                 raise ConfigError("frame", name, reason)
             yield holder, frame in self.parts
             frame = self.parts[holder].parent
@@ -115,7 +115,7 @@ class FrameTree:
         return (arm, True) in self.above(name)
 
     def ends_needed(self) -> set[str]:
-        """The components with kinematics from whose end something hangs."""
+        """The components with kinematics whose end has something attached."""
         return {
             holder
             for name in self.parts
@@ -124,11 +124,11 @@ class FrameTree:
         }
 
     def T_world(self, frame: str, ends: Mapping[str, SE3]) -> SE3:
-        """Where a frame is in the world.
+        """The pose of a frame in the world.
 
         Args:
-            frame: A component's, or its origin's.
-            ends: Where the ends of components are in their origins; at the origin if missing.
+            frame: The frame or origin of a component.
+            ends: The poses of components' ends in their origins; the origin if missing.
         """
         if frame == WORLD:
             return SE3.identity()
@@ -146,7 +146,7 @@ def _part(config: FrameSystemConfig) -> Part:
     frame = config.frame
     name, seen = frame.reference_frame, frame.pose_in_observer_frame
     if not name or name == WORLD:
-        raise ConfigError("frame", name, "is no name of a component")
+        raise ConfigError("frame", name, "is not the name of a component")
     try:
         T_parent_origin = convert.from_pose(seen.pose)
     except ConfigError as error:
@@ -167,12 +167,12 @@ def _part(config: FrameSystemConfig) -> Part:
 
 def _kinematics_name(config: FrameSystemConfig) -> str:
     fields = config.kinematics.fields
-    name = fields["name"].string_value if "name" in fields else ""  # asking would make one
+    name = fields["name"].string_value if "name" in fields else ""  # indexing would add one
     return config.model.name or name
 
 
 def _has_joints(config: FrameSystemConfig) -> bool:
-    """Whether kinematics as a struct have joints; what is no list of them may have."""
+    """Whether kinematics given as a struct have joints; True if that cannot be read."""
     fields = config.kinematics.fields
     if "joints" not in fields:
         return "links" not in fields  # a model that is written in another way

@@ -1,14 +1,14 @@
-"""Read what the machine's components look like and where they are, seen from one arm.
+"""Read the shapes and poses of the machine's components, seen from one arm.
 
-Everything with a frame counts: the geometry in its frame's configuration, and what it answers to
-``GetGeometries``. Another arm of this process is where its joints are, with the hulls of its links;
-the arm's own links and grippers are known better than any answer says. What hangs from the arm's
-tool is held, everything else stands where it is at that moment; only arms that share a cell with
-this one, and what those hold, are left to the cell, which knows where they will be.
+Every component with a frame counts, with the geometry of its frame's configuration and its answer
+to ``GetGeometries``. For another arm of this process the hulls of its links are used, and this
+arm's own links and grippers are left out: the planner has them. A component attached to the arm's
+tool is held; all others stand where they are at that moment. Arms that share a cell with this one,
+and what they hold, are left to the cell, which knows their motions.
 
-The machine is asked anew for each plan. An answer that says what the last one said gives the same
-bodies, so that a planner need not build them again. Who has no geometries is asked again only when
-the configuration has changed, or after a while.
+The machine is read for each plan. An unchanged answer gives the same body objects, so that the
+planner need not rebuild them. A component without geometries is asked again only when the
+configuration has changed, or after ``_ASK_AGAIN`` seconds.
 """
 
 from __future__ import annotations
@@ -43,19 +43,21 @@ LONGEST_READ = 2.0
 """How long the machine may take to answer [s]. Chosen: a hundred times what it takes."""
 
 _ASK_AGAIN = 5.0
-"""After how long those without geometries are asked again [s]; chosen."""
+"""How long until a component without geometries is asked again [s]; chosen."""
 
 _LOST = (OSError, StreamTerminatedError)
-"""What a call ends with when there is no connection."""
+"""The errors of a call without a connection."""
 
 _STARTING = 0.05
-"""How often a component that is being configured, or a connection, is looked for [s]; chosen."""
+"""Pause between two tries while a component is being configured or the connection is lost [s];
+chosen."""
 
 _REMOTE = "_world"
-"""With which viam-server names the frame of a remote machine, which is no component."""
+"""The end of the name that viam-server gives the frame of a remote machine, which is no
+component."""
 
 _HAS_NONE = ("unimplemented", "not implemented", "unsupported")
-"""What modules in other languages say for UNIMPLEMENTED."""
+"""Words that modules in other languages send for UNIMPLEMENTED."""
 
 
 class NeighbourArm(Protocol):
@@ -65,25 +67,25 @@ class NeighbourArm(Protocol):
         """Wait until its joints can be read."""
 
     def T_end(self) -> SE3:
-        """Where its tool is in its base frame."""
+        """The pose of its tool in its base frame."""
 
     def T_links(self) -> Mapping[str, SE3]:
-        """Where its links are in its base frame, by their URDF names."""
+        """The poses of its links in its base frame, by their URDF names."""
 
 
 class MachineBodies:
-    """Reads the machine for one arm.
+    """Reads the machine's components for one arm.
 
     Args:
         arm: The arm's short name.
-        left_out: Components that do not count; ``ALL`` if none counts.
-        arms: The arms of this process by name, as they come and go.
+        left_out: Components that are ignored; ``ALL`` to ignore every one.
+        arms: The arms of this process by name; arms come and go.
         grippers: The names of the grippers of this process.
-        cell: Where the arms of this process know each other's motions; None if they do not.
+        cell: Lets the arms of this process know each other's motions; None if they do not.
         patience: How long the machine may take to answer [s].
 
     Attributes:
-        without: Why nothing of the machine is known although nothing is wrong; else empty.
+        without: Why the machine's components are unknown though there is no error; else empty.
     """
 
     def __init__(
@@ -103,7 +105,7 @@ class MachineBodies:
         self._arms, self._grippers = arms, grippers
         self._configs: list[FrameSystemConfig] | None = None
         self._tree = FrameTree(())
-        self._shapeless: dict[str, float] = {}  # who has no geometries, and since when
+        self._shapeless: dict[str, float] = {}  # components without geometries: when they were read
         self._ends: dict[str, SE3] = {}
         self._links: dict[str, Mapping[str, SE3]] = {}
         self._shapes: dict[str, tuple[bytes, Shape | ShapeFile]] = {}
@@ -120,23 +122,23 @@ class MachineBodies:
 
     @property
     def company(self) -> tuple[object, ...]:
-        """Equal when the same other arms are known, and stand and hold what they did."""
+        """A key that changes when other arms come, go, move or hold something else."""
         return (self._changes, self._mates, self._held)
 
     @property
     def is_asked(self) -> bool:
-        """Whether there is a machine that could say something."""
+        """Whether there is a machine to read."""
         return ALL not in self._left_out and machine_here() is not None
 
     async def read(self) -> MachineView:
-        """The machine as it is now.
+        """Read the machine as it is now.
 
         Raises:
-            SurroundingsUnknown: It does not answer in time, or something in it is not valid.
+            SurroundingsUnknown: It does not answer in time, or an answer is not valid.
         """
         if not self.is_asked:
             return self._nothing()
-        reason = f"the machine has not said within {self._patience:g} s what its components are"
+        reason = f"the machine has not listed its components within {self._patience:g} s"
         try:
             async with asyncio.timeout(self._patience), self._one_at_a_time:
                 while True:
@@ -171,7 +173,7 @@ class MachineBodies:
             if error.status is Status.UNIMPLEMENTED:
                 self.without = "the machine has no frame system"
                 return self._nothing()
-            reason = f"the machine does not tell its frame system: {_words(error)}"
+            reason = f"the machine does not report its frame system: {_words(error)}"
             raise SurroundingsUnknown(reason) from error
         if configs != self._configs:
             tree = await asyncio.to_thread(FrameTree, configs, self._left_out)
@@ -209,9 +211,9 @@ class MachineBodies:
         return self._view(self._bodies, self._tree, ends)
 
     def _refuse_renamed(self) -> None:
-        """Refuse a machine in which the arm's frame is called otherwise than the arm.
+        """Refuse a machine in which the arm's frame has another name than the arm.
 
-        viam-server knows the frame by that name alone, and cannot place what hangs from it.
+        viam-server knows the frame only by that name, and cannot place what is attached to it.
         """
         for part in self._tree.parts.values():
             if part.kinematics == self._arm:
@@ -221,7 +223,7 @@ class MachineBodies:
                 )
 
     async def _frame_system(self) -> list[FrameSystemConfig]:
-        """What the machine says once everything that belongs into its frame system is there."""
+        """The frame system once every component that belongs into it runs."""
         machine = machine_here()
         assert machine is not None, "is_asked"
         configs = await machine.get_frame_system_config()
@@ -230,7 +232,7 @@ class MachineBodies:
         while missing := await missing_parts(machine, self._left_out):
             for name, why in missing.items():
                 if why:
-                    reason = f'"{name}" does not run, so nobody knows where it is: {why}'
+                    reason = f'"{name}" does not run, so its place is unknown: {why}'
                     raise SurroundingsUnknown(reason, component=name)
             await asyncio.sleep(_STARTING)
         configs = await machine.get_frame_system_config()
@@ -245,7 +247,7 @@ class MachineBodies:
         return configs
 
     async def _meet(self, ends: Mapping[str, SE3]) -> None:
-        """Let the arms of this process that have frames know each other."""
+        """Take the arms of this process that have frames into a cell."""
         if self._cell is not None:
             here = self._arms.keys() & self._tree.parts.keys()
             bases = {name: self._tree.T_world(f"{name}_origin", ends) for name in here}
@@ -257,7 +259,7 @@ class MachineBodies:
     def _fingerprint(
         self, answers: list[list[Geometry]], ends: Mapping[str, SE3]
     ) -> tuple[object, ...]:
-        """Equal when nothing has changed. Where this arm's own tool is changes no body."""
+        """A key that changes when a body does; this arm's own tool pose changes none."""
         messages = [each.SerializeToString(deterministic=True) for many in answers for each in many]
         places = [(each, T.p.tobytes(), T.R.tobytes()) for each, T in ends.items()]
         others = [each for each in places if each[0] not in (self._arm, *self._mates)]
@@ -270,7 +272,7 @@ class MachineBodies:
         return dict(zip(names, await _all(map(self._end, names)), strict=True))
 
     async def _end(self, name: str) -> SE3:
-        """Where the end of a component's kinematics is in its origin."""
+        """The pose of the end of a component's kinematics in its origin."""
         known = self._ends.get(name)
         if name == self._arm:
             return self._arms[name].T_end()
@@ -287,7 +289,7 @@ class MachineBodies:
         try:
             seen = await machine.transform_pose(query, f"{name}_origin")
         except GRPCError as error:
-            reason = f'the machine does not tell where "{name}" is: {_words(error)}'
+            reason = f'the machine does not report where "{name}" is: {_words(error)}'
             raise SurroundingsUnknown(reason, component=name) from error
         T = convert.from_pose(seen.pose)
         if known is not None and nearly(T, known):
@@ -299,13 +301,13 @@ class MachineBodies:
         try:
             await self._arms[name].found()
         except GRPCError as error:
-            reason = f'nobody knows where "{name}" is: {_words(error)}'
+            reason = f'the place of "{name}" is unknown: {_words(error)}'
             raise SurroundingsUnknown(reason, component=name) from error
 
-    # What they look like
+    # Shapes of components
 
     async def _geometries(self, part: Part) -> list[Geometry]:
-        """What a component answers, and what its frame's configuration says."""
+        """The geometries in a component's answer and in its frame's configuration."""
         own = [part.geometry] if part.geometry is not None else []
         if part.name in self._arms or part.name in self._grippers:
             if part.name in self._arms and part.name != self._arm:
@@ -337,7 +339,7 @@ class MachineBodies:
         if resource is None and name.endswith(_REMOTE):
             return []
         if resource is None:
-            reason = f'"{name}" has a frame but does not run, so nobody knows what it is like'
+            reason = f'"{name}" has a frame but does not run, so its shape is unknown'
             raise SurroundingsUnknown(reason, component=name)
         try:
             client = machine.get_component(resource)
@@ -350,10 +352,10 @@ class MachineBodies:
         except GRPCError as error:
             if _has_none(error):
                 return []
-            reason = f'"{name}" does not tell its geometries: {_words(error)}'
+            reason = f'"{name}" does not report its geometries: {_words(error)}'
             raise SurroundingsUnknown(reason, component=name) from error
 
-    # Both together
+    # Bodies
 
     def _placed(
         self,
@@ -387,7 +389,7 @@ class MachineBodies:
         return tuple(bodies)
 
     def _shape(self, name: str, i: int, geometry: Geometry) -> tuple[Shape | ShapeFile, SE3]:
-        """Its form and the place of it; the very same objects for the same message."""
+        """A geometry's shape and centre; the same shape object for the same message."""
         key, message = f"{name}/{i}", geometry.SerializeToString(deterministic=True)
         known = self._shapes.get(key)
         try:
@@ -410,7 +412,7 @@ class MachineBodies:
 
 
 async def _all(asked: Iterable[Coroutine[Any, Any, Answer]]) -> list[Answer]:
-    """All answers, asked for at once; nothing goes on once one has failed."""
+    """All answers, asked for at once; when one fails the others are cancelled."""
     tasks = [asyncio.ensure_future(each) for each in asked]
     try:
         return await asyncio.gather(*tasks)
@@ -425,7 +427,7 @@ def _component(names: list[ResourceName], name: str) -> ResourceName | None:
 
 
 def _is_among(geometry: Geometry, answer: Iterable[Geometry]) -> bool:
-    """Whether an answer has the same geometry, called whatever it is."""
+    """Whether an answer has the same geometry under any label."""
     bare = Geometry()
     for each in answer:
         bare.CopyFrom(each)
@@ -436,14 +438,14 @@ def _is_among(geometry: Geometry, answer: Iterable[Geometry]) -> bool:
 
 
 def _called(component: str, label: str, count: int) -> str:
-    """What messages call a geometry: by its component, and by its label if that has several."""
+    """The name of a geometry in messages: its component's, with its label if there are several."""
     label = clipped(label.removeprefix(f"{component}:"), 80)
     return component if count == 1 or label in ("", component) else f"{component}:{label}"
 
 
 def _has_none(error: GRPCError) -> bool:
-    told = (error.message or "").lower()
-    return error.status is Status.UNIMPLEMENTED or any(word in told for word in _HAS_NONE)
+    message = (error.message or "").lower()
+    return error.status is Status.UNIMPLEMENTED or any(word in message for word in _HAS_NONE)
 
 
 def _words(error: GRPCError) -> str:

@@ -1,9 +1,8 @@
-"""Arms of this process that have a frame know each other: where they are, and what they will do.
+"""Let the arms of this process know each other's positions and planned motions.
 
-The frame system says where their bases stand. Who has read it takes all arms with a frame into a
-cell (``arm/cell.py``), itself among them, and those out of it that have lost theirs. Arms whose
-clocks show different times, as simulated ones may, are no company for each other; they are planned
-around where they stand.
+The frame system has the poses of their bases. An arm that reads it adds all arms with a frame to a
+cell (``arm/cell.py``), and removes those without one. Arms whose clocks differ, as those of
+simulated arms may, do not share a cell; each is an obstacle for the other, where it stands.
 """
 
 from __future__ import annotations
@@ -25,26 +24,26 @@ from so101_motion.viam.conversion.world_state import UniqueNames
 from so101_motion.viam.surroundings.machine_view import Body, nearly
 
 _STAYED = 1e-6
-"""A base that has moved by less stands where it stood [m]: rounding, no more."""
+"""A base that has moved by less has not moved [m]; that is rounding."""
 
 
 class CellArm(Protocol):
-    """An arm of this process with what moves it."""
+    """An arm of this process and its rig."""
 
     @property
     def rig(self) -> RigWithExecutor:
-        """What moves it."""
+        """The arm's rig."""
 
     @property
     def ignored(self) -> Collection[str]:
-        """Names of components that it does not keep off."""
+        """Names of components that it does not plan around."""
 
 
 class MachineCell:
     """The cells of the arms of this process. Any thread may call.
 
     Args:
-        arms: The arms by name, as they come and go.
+        arms: The arms of this process by name; arms come and go.
     """
 
     def __init__(self, arms: Mapping[str, CellArm]) -> None:
@@ -54,14 +53,14 @@ class MachineCell:
         self._closed: set[str] = set()  # of these
 
     def meet(self, own: str, bases: Mapping[str, SE3]) -> frozenset[str]:
-        """Let arms know each other.
+        """Take arms into a cell, and those without a frame out of it.
 
         Args:
-            own: The arm that asks.
-            bases: Where the base of each arm stands that has a frame.
+            own: The arm that has read the frame system.
+            bases: The pose of the base of each arm with a frame.
 
         Returns:
-            The arms whose motions ``own`` knows and minds.
+            The arms whose motions ``own`` knows and keeps off.
         """
         with self._lock:
             for name in self._joined.keys() - bases.keys():
@@ -72,16 +71,16 @@ class MachineCell:
             return frozenset() if place is None else place.minded
 
     def know(self, own: str, held: Mapping[str, tuple[Attached, ...]]) -> None:
-        """What arms hold, by their names, as one of them has read it."""
+        """Set what arms hold, by their names, as arm ``own`` has read it."""
         joined = self._joined.get(own)
         if joined is not None and joined.arm.place is not None:
             joined.arm.place.held = dict(held)
 
     def leave(self, name: str, rig: RigWithExecutor) -> None:
-        """An arm is about to be closed; may be called for one that has not joined.
+        """Note that an arm is about to be closed; does nothing for one that has not joined.
 
-        It stands where it stops, and what the others are doing goes on. So they keep off it until
-        the machine has been read again, unless there are no others.
+        The arm stays where it stops, and the others go on with their motions. They keep off it
+        until the machine has been read again.
         """
         with self._lock:
             if self._joined.get(name) is rig:
@@ -101,7 +100,7 @@ class MachineCell:
             return
         self._leave(name)
         cell = self._cells.setdefault(_time_of(arm.rig.clock), Cell())
-        with suppress(So101Error):  # one that is being closed stands where it is
+        with suppress(So101Error):  # the arm is being closed
             cell.add(name, arm.rig, T, ignores=arm.ignored)
             self._joined[name] = arm.rig
 
@@ -115,7 +114,7 @@ class MachineCell:
 
 
 def held_by(bodies: Iterable[Body], arms: Collection[str]) -> dict[str, tuple[Attached, ...]]:
-    """What of some bodies each arm holds, by the arm's name."""
+    """The bodies that each arm holds, by the arm's name."""
     held: dict[str, list[Attached]] = {name: [] for name in arms}
     names = UniqueNames({FLOOR, *LINKS})
     for body in bodies:
@@ -126,18 +125,19 @@ def held_by(bodies: Iterable[Body], arms: Collection[str]) -> dict[str, tuple[At
 
 
 def refuse_through(place: Place | None, constraints: Constraints) -> None:
-    """Refuse to except another arm whose motions are known.
+    """Refuse a request that allows contact with an arm of the same cell.
 
     Raises:
-        ConfigError: A pair of frames that may touch names one.
+        ConfigError: A pair of frames that may touch names such an arm.
     """
     for specification in constraints.collision_specification:
         for allow in specification.allows:
             for name in (allow.frame1, allow.frame2):
                 if place is not None and name.partition(":")[0] in place.minded:
                     reason = (
-                        "is an arm of this process, and never gone through; an arm that shall not"
-                        ' keep off it names it in its "ignore_components"'
+                        "is an arm of this process, and contact with it cannot be allowed in a"
+                        " request; to ignore it, name it in the other arm's"
+                        ' "ignore_components"'
                     )
                     raise ConfigError("collision_specification", name, reason)
 

@@ -1,4 +1,4 @@
-"""What was read of the machine: its bodies and frames at one moment, seen from one arm."""
+"""The machine's bodies and frames at one moment, seen from one arm."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from so101_motion.viam.conversion.world_state import UniqueNames, taken_in
 from so101_motion.viam.surroundings.frame_tree import FrameTree
 
 _SAME = 1.5e-3
-"""Who has moved less is taken to stand where it stood [m]. Chosen: a tick or two of a servo that
-holds move its tool by that much, and the planner keeps 3 mm from everything."""
+"""Less motion than this counts as none [m]. Chosen: a tick or two of a holding servo move its tool
+by that much, and the planner keeps 3 mm from everything."""
 
 _LEVER = 0.2
-"""How far what turns with a frame is from it [m]; chosen, twice the length of a gripper."""
+"""Distance of a body from the frame that it turns with [m]; chosen, twice a gripper's length."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """One thing of the machine.
+    """A shape of a component of the machine.
 
     Attributes:
         component: The component it belongs to.
-        name: What messages call it; more than one thing may have it.
-        shape: Its form.
-        T: Where it is: in the base frame of the arm, of what is held in its holder's tool frame.
-        holder: The arm with whose tool it moves; empty if it stands.
+        name: Its name in messages; not always unique.
+        shape: Its shape.
+        T: Its pose: in the arm's base frame, or, if it is held, in its holder's tool frame.
+        holder: The arm that holds it; empty if it stands.
     """
 
     component: str
@@ -54,7 +54,7 @@ class Body:
 
     @property
     def held(self) -> bool:
-        """Whether it moves with a tool."""
+        """Whether an arm holds it."""
         return bool(self.holder)
 
 
@@ -64,12 +64,12 @@ class MachineView:
 
     Attributes:
         arm: The arm's short name.
-        bodies: What stands around it and what it holds.
-        tree: The frame system; None if nothing is known of it.
-        ends: Where the ends of components with kinematics are in their origins.
-        T_base_tool: Where the arm's tool is.
-        T_links: Where its links are in its base frame, by their URDF names.
-        read_again: Gives the machine as it is when it is called.
+        bodies: The bodies around the arm and those that it holds.
+        tree: The frame system; None if it is not known.
+        ends: The poses of the ends of components with kinematics, in their origins.
+        T_base_tool: The pose of the arm's tool in its base frame.
+        T_links: The poses of its links in its base frame, by their URDF names.
+        read_again: Reads the machine once more.
     """
 
     arm: str
@@ -82,12 +82,12 @@ class MachineView:
 
     @property
     def own_frames(self) -> set[str]:
-        """The frames of the machine, which nothing else may be called."""
+        """The names of the machine's frames, which no other thing may have."""
         names = set() if self.tree is None else set(self.tree.parts)
         return {WORLD, *names, *(f"{name}_origin" for name in (*names, self.arm)), self.arm}
 
     def frames(self, transforms: Iterable[Transform] = ()) -> Frames:
-        """The same frames, and those that ``transforms`` bring along.
+        """The machine's frames together with ``transforms``.
 
         Raises:
             ConfigError: A transform is not valid.
@@ -99,30 +99,30 @@ class MachineView:
         return Frames(self.arm, self.T_base_tool, transforms, placed=placed, parents=parents)
 
     def _placed(self, frame: str) -> SE3 | None:
-        """Where a frame of the machine is in the arm's base frame; None if it is not known."""
+        """The pose of a frame of the machine in the arm's base frame; None if it is not known."""
         tree = self.tree
         if tree is None or (frame != WORLD and not tree.has(frame)):
             return None
         part = tree.parts.get(frame)
         if part is not None and part.has_end and frame not in self.ends:
-            return None  # nothing hangs from there, so it was not asked for
+            return None  # nothing is attached there, so it was not read
         return tree.T_world(f"{self.arm}_origin", self.ends).inverse @ tree.T_world(
             frame, self.ends
         )
 
 
 def scene_around(scene: Scene, bodies: tuple[Body, ...]) -> Scene:
-    """A scene with what the machine has added to it.
+    """A scene with the machine's bodies added.
 
     Raises:
-        ConfigError: Something cannot be planned with.
+        ConfigError: A body cannot be planned with.
     """
     names = UniqueNames(taken_in(scene))
     obstacles, attached = list(scene.obstacles), list(scene.attached)
     for body in bodies:
         is_far = float(np.abs(body.T.p).max()) > LARGEST
         if is_far and not isinstance(body.shape, ShapeFile):
-            continue  # no shape is larger, so this one cannot be met
+            continue  # no shape is larger, so the arm cannot reach this one
         is_taken = body.name in (FLOOR, *LINKS)
         name = names.new(f"{body.name} (component)" if is_taken else body.name)
         if body.held:
@@ -144,6 +144,6 @@ def link_hulls() -> dict[str, tuple[str, Mesh]]:
 
 
 def nearly(T: SE3, other: SE3, distance: float = _SAME) -> bool:
-    """Whether nothing that hangs there has moved by as much as ``distance`` [m]."""
+    """Whether a body attached to the frame has moved by less than ``distance`` [m]."""
     turned = float(np.linalg.norm(T.R - other.R)) * _LEVER
     return float(np.linalg.norm(T.p - other.p)) + turned < distance

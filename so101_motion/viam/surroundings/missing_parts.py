@@ -1,7 +1,7 @@
-"""Which components viam-server's frame system leaves out because they do not run.
+"""Find the components that viam-server's frame system leaves out because they do not run.
 
-An arm or a gantry that failed, or is just being configured, is not in it, as if there were none;
-nor is what a remote machine has that is not connected.
+An arm or gantry that failed or is being configured is missing from the frame system, as if the
+machine had none. The parts of a remote machine that is not connected are missing too.
 """
 
 from __future__ import annotations
@@ -15,23 +15,24 @@ from so101_motion.common.errors import clipped
 from so101_motion.viam.conversion.frames import Machine
 
 _LEFT_OUT = ("arm", "gantry")
-"""Kinds that are in it only while they run. Grippers are, too, but they hang from one of those."""
+"""Kinds that are in it only while they run. Grippers are too, but each is attached to one of
+these."""
 
 _RUNS = (ResourceStatus.STATE_READY, ResourceStatus.STATE_UNSPECIFIED)
 
 
 async def missing_parts(machine: Machine, left_out: Collection[str]) -> Mapping[str, str]:
-    """Arms and gantries that do not run, by name.
+    """The arms and gantries that do not run.
 
     Args:
-        machine: What is asked.
-        left_out: Those that do not count.
+        machine: The machine.
+        left_out: Components that are ignored.
 
     Returns:
-        Why each has failed; empty for one that is being configured.
+        Why each has failed, by name; empty for one that is being configured.
 
     Raises:
-        GRPCError: The machine does not say.
+        GRPCError: The machine does not answer.
     """
     return {
         each.name.name: clipped(each.error, 300)
@@ -44,7 +45,7 @@ async def missing_parts(machine: Machine, left_out: Collection[str]) -> Mapping[
 
 
 async def lost_part(machine: Machine, gone: Collection[str]) -> str | None:
-    """The first of the parts that have gone from the frame system but are still components."""
+    """The first part of ``gone`` that is still a component of the machine; None without one."""
     listed = {each.name.name for each in await _components(machine)} if gone else set()
     return next((name for name in gone if name in listed), None)
 

@@ -1,11 +1,11 @@
-"""Follow a world-state store, so that a plan has what is in it at that moment.
+"""Follow a world-state store, so that a plan uses its present content.
 
-The store's stream tells what comes, changes and goes; what was there before is asked for once the
-stream is open. A change that does not say all is asked for again. The list is compared every few
-seconds, for a stream that has lost something does not say so.
+The store's stream reports what comes, changes and goes; the earlier content is read once the stream
+is open. A thing whose change is incomplete is read again. The list of things is compared every few
+seconds, because a stream does not report that it has dropped a change.
 
-What ``devrel:so101:world-state`` shows (goals, paths, the arm's own scene) is no obstacle; its ids
-tell.
+The transforms of ``devrel:so101:world-state`` (goals, paths, the arm's own scene) are no obstacles;
+they are recognised by their ids.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from so101_motion.viam.surroundings.machine_bodies import LONGEST_READ
 from so101_motion.viam.surroundings.machine_view import MachineView
 
 _AGAIN = 0.2
-"""How long a store that failed is left alone [s]; chosen."""
+"""Pause before a store that failed is read again [s]; chosen."""
 
 _COMPARED = 5.0
-"""How often the list is asked for [s]; chosen."""
+"""Time between two readings of the list [s]; chosen."""
 
 _GONE = (GRPCError, StreamTerminatedError, OSError, TimeoutError, asyncio.IncompleteReadError)
 
@@ -41,12 +41,12 @@ T = TypeVar("T")
 
 
 class StoreWatch:
-    """What is in a world-state store. Belongs to the event loop; ``close`` it.
+    """Keeps the content of a world-state store up to date. Lives in the event loop; ``close`` it.
 
     Args:
-        name: The store's, for messages.
-        store: A client of it; None if it does not run.
-        logger: Where to say that it does not answer.
+        name: The store's name, for messages.
+        store: The store's client; None if the machine has no such store.
+        logger: Gets a warning when the store does not answer.
         patience: How long a plan waits for it [s].
     """
 
@@ -67,10 +67,10 @@ class StoreWatch:
         self._following = asyncio.ensure_future(self._follow()) if store is not None else None
 
     async def added_to(self, scene: Scene, view: MachineView) -> Scene:
-        """``scene`` with what is in the store now.
+        """``scene`` with the things in the store now.
 
         Raises:
-            SurroundingsUnknown: The store does not say what is in it, or that is not valid.
+            SurroundingsUnknown: The store does not answer, or a thing in it is not valid.
         """
         if self._store is None:
             raise self._unknown("does not run")
@@ -86,7 +86,7 @@ class StoreWatch:
             raise self._unknown(f"has something that is not valid: {error}") from error
 
     def _named_apart(self, view: MachineView) -> list[Transform]:
-        """The things, each with a name of its own: what a store counts by is the id."""
+        """The things with unique names; in a store only their ids are unique."""
         names = UniqueNames(taken=view.own_frames)
         apart = []
         for thing in self._things.values():
@@ -98,7 +98,7 @@ class StoreWatch:
         return apart
 
     async def close(self) -> None:
-        """Follow it no longer; may be called twice."""
+        """Stop following the store; may be called twice."""
         if self._following is not None:
             self._following.cancel()
             with suppress(asyncio.CancelledError):
@@ -107,19 +107,19 @@ class StoreWatch:
     def _unknown(self, why: str) -> SurroundingsUnknown:
         return SurroundingsUnknown(
             f'the world-state store "{self._name}" {why}',
-            remedy="put that right, or take it out of the configuration",
+            remedy="mend that, or take the store out of the configuration",
         )
 
     async def _follow(self) -> None:
         store, said = self._store, ""
-        assert store is not None, "followed only if there is one"
+        assert store is not None, "started only with a store"
         while True:
             try:
                 await self._follow_once(store)
                 self._trouble = "has ended its stream of changes"
             except _GONE as error:
-                told = error.message if isinstance(error, GRPCError) else error
-                self._trouble = f"does not say what is in it: {told or type(error).__name__}"
+                reason = error.message if isinstance(error, GRPCError) else error
+                self._trouble = f"does not answer: {reason or type(error).__name__}"
             self._known.clear()
             if self._trouble != said:
                 self._logger.warning('the world-state store "%s" %s', self._name, self._trouble)
@@ -138,17 +138,17 @@ class StoreWatch:
                 async with aclosing(opened) as stream:
                     async for change in stream:
                         changes.put_nowait(change)
-                        self._known.clear()  # until it has been looked at
+                        self._known.clear()  # until the change has been applied
             finally:
                 changes.put_nowait(None)
 
         listening = asyncio.ensure_future(listen())
         try:
-            await asyncio.sleep(0)  # so that it asks before the list is asked for
+            await asyncio.sleep(0)  # so that the stream is requested before the list
             await self._compare(store, anew=True)
             while True:
                 if changes.empty():
-                    self._trouble = "is being asked"
+                    self._trouble = "is being read"
                     self._known.set()
                 try:
                     async with asyncio.timeout(_COMPARED):
@@ -159,7 +159,7 @@ class StoreWatch:
                 if change is None:
                     break
                 await self._take(store, change)
-            await listening  # raises what it ended with
+            await listening  # raises its error
         finally:
             listening.cancel()
             with suppress(asyncio.CancelledError, *_GONE):
@@ -179,22 +179,22 @@ class StoreWatch:
                 await self._read(store, thing.uuid)
 
     async def _compare(self, store: WorldStateStore, *, anew: bool = False) -> None:
-        """Read what is listed and not known, or all of it, and forget what is not listed."""
+        """Read the listed things that are not known, or ``anew`` all, and drop those not listed."""
         try:
             listed = set(await _in_time(store.list_uuids(), self._patience))
         except GRPCError as error:
-            if "nil response" not in (error.message or ""):  # viam-server's word for an empty list
+            if "nil response" not in (error.message or ""):  # viam-server's error for an empty list
                 raise
             listed = set()
         if len(listed) > MOST_THINGS:
-            listed = set(sorted(listed)[: MOST_THINGS + 1])  # refused when it is planned with
+            listed = set(sorted(listed)[: MOST_THINGS + 1])  # one too many: ``scene_with`` refuses
         for gone in self._things.keys() - listed:
             del self._things[gone]
         new = sorted(listed if anew else listed - self._things.keys())
         await asyncio.gather(*(self._read(store, uuid) for uuid in new))
 
     async def _read(self, store: WorldStateStore, uuid: bytes) -> None:
-        """Ask for one thing. One that went meanwhile is an error, after which all is read anew."""
+        """Read one thing; one that has gone is an error, after which all are read again."""
         self._things[uuid] = await _in_time(store.get_transform(uuid), self._patience)
 
 

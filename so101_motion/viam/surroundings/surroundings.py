@@ -1,8 +1,8 @@
-"""What is around an arm when a plan is made.
+"""Collect an arm's surroundings when a plan is made.
 
-The arm's own scene is what its configuration says. To it comes what the machine has: its
-components, and what stores and cameras know. Asking takes some milliseconds, as long as a plan. So
-a plan is begun with what was there the last time, and counts only if that is still so.
+They are the arm's configured scene, the machine's components, and the things that stores and
+cameras report. Reading them takes some milliseconds, as long as a plan. So planning begins with the
+last known surroundings, and the plan is used only if they are unchanged.
 """
 
 from __future__ import annotations
@@ -21,35 +21,35 @@ from so101_motion.viam.surroundings.machine_view import Body, MachineView, scene
 T = TypeVar("T")
 
 _KNOWN_FOR = 5.0
-"""How long a led motion may go by where other arms stood [s]; chosen."""
+"""How long the positions of other arms may be used for streamed targets and jogs [s]; chosen."""
 
 
 class Source(Protocol):
-    """Something that knows what is around, beside the machine's components."""
+    """A store or camera that reports things around the arm."""
 
     @property
     def is_steady(self) -> bool:
-        """Whether it says the same of what has not changed."""
+        """Whether it reports the same while nothing changes; a camera does not."""
 
     async def added_to(self, scene: Scene, view: MachineView) -> Scene:
-        """``scene`` with what it knows.
+        """``scene`` with the things that it reports.
 
         Raises:
-            SurroundingsUnknown: It does not say.
-            ConfigError: What it says is not valid.
+            SurroundingsUnknown: It does not answer.
+            ConfigError: A thing that it reports is not valid.
         """
 
     async def close(self) -> None:
-        """Ask it no more; may be called twice."""
+        """Stop using it; may be called twice."""
 
 
 class Surroundings:
-    """What is around one arm. Belongs to the event loop.
+    """The surroundings of one arm. Lives in the event loop.
 
     Args:
         machine: Reads the machine's components.
-        sources: What else knows something.
-        logger: Where to say, once, that nothing of the machine is known.
+        sources: The stores and cameras.
+        logger: Gets a warning, once, if the machine's components are unknown.
     """
 
     def __init__(
@@ -57,23 +57,25 @@ class Surroundings:
     ) -> None:
         self._machine, self._sources, self._logger = machine, tuple(sources), logger
         self._said = ""
-        self._seen: float | None = None  # when the machine was read last, for led motions
+        self._seen: float | None = None  # when ``update_other_arms`` read the machine last
         self._built: tuple[Scene, tuple[Body, ...], Scene] | None = None
         self._last: dict[tuple[Source, ...], tuple[Scene, Scene]] = {}
 
     def is_asked(self, also: tuple[Source, ...] = ()) -> bool:
-        """Whether anything beside the arm's own scene can be known."""
+        """Whether there is more to read than the arm's own scene."""
         return bool(self._sources or also) or self._machine.is_asked
 
     async def around(self, scene: Scene, also: tuple[Source, ...] = ()) -> Scene:
-        """``scene`` with what is around now.
+        """``scene`` with the present surroundings.
 
         Raises:
-            SurroundingsUnknown: That cannot be found out.
+            SurroundingsUnknown: They cannot be read.
         """
         view = await self._machine.read()
         if self._machine.without and self._machine.without != self._said:
-            self._logger.warning("%s: nothing of it is planned around", self._machine.without)
+            self._logger.warning(
+                "%s, so the machine's components are not planned around", self._machine.without
+            )
         self._said = self._machine.without
         try:
             now = scene
@@ -82,15 +84,15 @@ class Surroundings:
             for source in (*self._sources, *also):
                 now = await source.added_to(now, view)
         except ConfigError as error:
-            raise SurroundingsUnknown(f"what is around the arm is not valid: {error}") from error
+            raise SurroundingsUnknown(f"a thing around the arm is not valid: {error}") from error
         self._last[also] = (scene, now)
         return now
 
     async def update_other_arms(self) -> None:
-        """Read where the other arms of this process are, before this one moves without a plan.
+        """Read the positions of the other arms of this process, before this one moves.
 
-        Asks the machine only if there are others and it has not been asked for a while. If it does
-        not say, what was known counts, and that is logged.
+        Reads the machine only if there are others and the last reading is older than
+        ``_KNOWN_FOR``. If the machine does not answer, the last positions are used, with a warning.
         """
         now = time.monotonic()
         if not self._machine.has_company or (
@@ -101,7 +103,7 @@ class Surroundings:
         try:
             await self._machine.read()
         except SurroundingsUnknown as error:
-            self._logger.warning("using the last known places of other arms: %s", error)
+            self._logger.warning("the last known positions of the other arms are used: %s", error)
 
     async def _with_bodies(self, scene: Scene, bodies: tuple[Body, ...]) -> Scene:
         built = self._built
@@ -116,16 +118,19 @@ class Surroundings:
         plan: Callable[[Scene], Awaitable[T]],
         also: tuple[Source, ...] = (),
     ) -> T:
-        """What ``plan`` makes of ``scene`` with what is around now, at an arm that rests.
+        """Call ``plan`` with ``scene`` and the present surroundings, for an arm at rest.
 
         Args:
-            scene: What is known without asking.
+            scene: The arm's own scene.
             plan: Called with the scene to plan in, perhaps twice; may be cancelled.
             also: Further sources.
 
+        Returns:
+            The result of ``plan``.
+
         Raises:
-            SurroundingsUnknown: What is around cannot be found out.
-            Exception: What ``plan`` raises.
+            SurroundingsUnknown: The surroundings cannot be read.
+            Exception: As ``plan`` raises it.
         """
         if not self.is_asked(also):
             return await plan(scene)
@@ -142,10 +147,10 @@ class Surroundings:
             if guess is not None:
                 guess.cancel()
                 await asyncio.wait([guess])
-                guess.cancelled() or guess.exception()  # looked at, so that nobody reports it
+                guess.cancelled() or guess.exception()  # retrieved, so that asyncio does not warn
         return await plan(now)
 
     async def close(self) -> None:
-        """Ask nobody any more; may be called twice."""
+        """Close the sources; may be called twice."""
         for source in self._sources:
             await source.close()

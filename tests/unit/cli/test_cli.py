@@ -138,7 +138,7 @@ def test_a_move_that_nobody_can_agree_to_says_so_to_people_and_to_programs():
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        (["--sim"], 2, "where to?"),
+        (["--sim"], 2, "give one goal"),
         (["--xyz", "1,2,3"], 2, "which arm?"),
         (["--sim", "--port", "/dev/x", "--pose", "home"], 2, "not both"),
         (["--sim", "--xyz", "1,2"], 2, "3 numbers"),
@@ -157,7 +157,7 @@ def test_a_move_that_nobody_can_agree_to_says_so_to_people_and_to_programs():
         (["--sim", "--pose", "home", "--from", "1e9,0,0,0,0"], 2, "from -360 to 360"),
         (["--sim", "--xyz", "200,0,100", "--approach", "1e-320,0,0"], 2, "direction"),
         (["--sim", "--pose", "home", "--calibration", "arm.json"], 2, "belongs to --port"),
-        (["--port", "", "--pose", "home"], 2, "a port has a name"),
+        (["--port", "", "--pose", "home"], 2, "port's name is empty"),
         (["--port", "/tmp", "--pose", "home"], 3, "not a serial port"),
     ],
 )

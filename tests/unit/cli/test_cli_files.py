@@ -96,7 +96,7 @@ def test_a_joint_that_the_other_file_lacks_is_a_difference(file, tmp_path):
     store.save(other, {"gripper": calibration()["gripper"]})
     result = run("diff", "arm.json", "other.json")
     assert result.exit_code == 6
-    assert "elbow_flex: not known" in result.stdout
+    assert "elbow_flex: missing" in result.stdout
 
 
 def test_lerobot_gets_a_file_where_it_looks(file):
@@ -164,9 +164,9 @@ def test_what_would_be_saved_is_shown_and_nothing_is_written(file, tmp_path):
     assert told["dry_run"] is True
     assert {(one["now"], one["then"]) for one in told["changes"]} == {(910, 900), (2510, 2500)}
     result = run("import", "arm.json", "--file", "copy.json", "--dry-run")
-    assert "there is no usable file there yet" in result.stderr
+    assert "there is no usable file yet" in result.stderr
     assert (
-        "it holds the same now"
+        "the file is the same now"
         in run("import", "arm.json", "--file", "arm.json", "--dry-run").stderr
     )
     result = run("export", "arm.json", "--lerobot", "me", "--dry-run")

@@ -69,8 +69,8 @@ def so101(line: str) -> Result:
         ("teleop --leader sim --follower sim --yes --fps 0", "0.1 to 1000"),
         ("calibrate --events none/x", "No such file"),
         ("setup --within -1", "x>=0"),
-        ("setup --web --dry-run", "--web goes with"),
-        ("emulate --link none/x", "nothing can be made"),
+        ("setup --web --dry-run", "--web works only with"),
+        ("emulate --link none/x", "no file can be made"),
         ("emulate --link there.json", "is not a link"),
         ("emulate --loss 2", "0 to 1"),
     ],
@@ -87,4 +87,4 @@ def test_a_folder_in_which_nobody_may_write_is_named(
     monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
     result = so101("plan --sim --pose ready --out x.csv")
     assert result.exit_code == 2
-    assert "nothing can be written" in result.stderr
+    assert "no file can be written" in result.stderr

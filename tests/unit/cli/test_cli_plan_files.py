@@ -27,7 +27,7 @@ def test_a_plan_is_saved_under_lerobots_names_and_as_a_film(tmp_path: Path) -> N
 def test_lerobots_names_without_a_file_are_a_wrong_usage() -> None:
     outcome = plan("--lerobot")
     assert outcome.exit_code == 2
-    assert "--lerobot belongs to --out" in outcome.output
+    assert "--lerobot works only with --out" in outcome.output
 
 
 def test_a_film_that_is_no_html_file_is_refused_in_a_sentence(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def test_a_configuration_is_compared_and_printed_anew(file):
     pasted = json.loads(result.stdout)
     assert pasted["components"][0]["name"] == "my-arm"
     assert pasted["components"][0]["attributes"] == {"port": "/dev/ttyUSB0"}
-    for words in ("kept", "unsupported", "differs: stop", "to go back"):
+    for words in ("kept", "unsupported", "differs: a stop", "to go back"):
         assert words in result.stderr
     for secret in ("TOPSECRET", "HIDDEN"):
         assert secret not in result.output

@@ -235,7 +235,7 @@ def test_the_command_converts_between_two_arms(tmp_path):
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["frames"] == 90
-    assert "middle of the travel of wrist_roll" in result.stderr
+    assert "middle of the travel is used as zero of wrist_roll" in result.stderr
     found = open_data_set(tmp_path / "new").episode(0).action
     q, now = units_of("range", a).to_model(swing()), units_of("range", b).to_model(found)
     assert np.allclose(q[:, :5], now[:, :5], atol=1e-4)
@@ -244,7 +244,7 @@ def test_the_command_converts_between_two_arms(tmp_path):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ([], "--units says it"),
+        ([], "give --units"),
         (["--units", "range"], "calibration"),
         (["--units", "old", "--to", "degrees"], "to-calibration"),
     ],

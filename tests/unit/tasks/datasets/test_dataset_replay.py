@@ -180,4 +180,4 @@ def test_the_command_asks_first_and_does_not_guess_units(short):
     assert "to the first frame, then 0.2 s as recorded" in result.stderr
     result = run(short, "--episode", 0, "--sim", "--yes")
     assert result.exit_code == 2
-    assert "--units says it" in result.stderr
+    assert "give --units" in result.stderr

@@ -95,4 +95,4 @@ def test_invalid_input_is_refused_with_a_sentence(file, arguments, code, says):
 def test_a_folder_without_paths_says_so(tmp_path):
     result = run("list", tmp_path)
     assert result.exit_code == 0
-    assert "no paths here" in result.output
+    assert "no paths in this folder" in result.output

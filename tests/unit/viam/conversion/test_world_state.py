@@ -186,9 +186,9 @@ async def test_an_unknown_frame_is_named_with_what_the_machine_says(machine):
 
 async def test_frames_that_hang_from_each_other_are_refused():
     frames = Frames("arm", TOOL, [transform("a", "b"), transform("b", "a")])
-    with pytest.raises(ConfigError, match="hangs from itself"):
+    with pytest.raises(ConfigError, match="is attached to itself"):
         await frames.T_base("a")
-    with pytest.raises(ConfigError, match="hangs from itself"):
+    with pytest.raises(ConfigError, match="is attached to itself"):
         await frames.is_held("a")
 
 

@@ -136,21 +136,23 @@ async def test_a_camera_that_moves_looks_again_until_it_stands(sight):
         assert off_the_box(cubes_of(await scene())).max() < 0.02
         assert bench.camera.looks == 3
         steps = iter(np.arange(100.0, 1000.0, 50.0))
-        with pytest.raises(SurroundingsUnknown, match="moved whenever it looked, 3 times"):
+        with pytest.raises(SurroundingsUnknown, match="moved during each of 3 pictures"):
             await scene()
 
 
 async def test_a_camera_that_does_not_see_is_no_reason_to_take_the_space_for_empty(sight):
     bench = Bench(FakeCamera("camera", lambda: np.full((100, 3), np.nan)))
     async with bench.watching() as scene:
-        with pytest.raises(SurroundingsUnknown, match='"camera" sees nothing at all'):
+        with pytest.raises(SurroundingsUnknown, match='"camera" sees no point at all'):
             await scene()
         bench.camera.look = lambda: GRPCError(Status.UNAVAILABLE, "unplugged")
-        with pytest.raises(SurroundingsUnknown, match=r'"camera" does not look: unplugged; put'):
+        with pytest.raises(SurroundingsUnknown, match=r'"camera" sends no picture: unplugged; mend'):
             await scene()
     finder = FakeVision("finder", GRPCError(Status.UNKNOWN, "no header"))
     async with bench.watching(finder) as scene:
-        with pytest.raises(SurroundingsUnknown, match='service "finder" does not look: no header'):
+        with pytest.raises(
+            SurroundingsUnknown, match='service "finder" sends no picture: no header'
+        ):
             await scene()
     view = CameraView("camera", None)
     set_machine(lambda: bench.machine)

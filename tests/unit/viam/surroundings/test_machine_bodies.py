@@ -210,8 +210,8 @@ async def test_an_arm_whose_frame_is_called_otherwise_is_not_moved_through_thing
 @pytest.mark.parametrize(
     ("configs", "things", "says"),
     [
-        ([hanging("a", "b"), hanging("b", "a")], [], "hangs from itself"),
-        ([hanging("a", "moon")], [], '"moon", which is no frame'),
+        ([hanging("a", "b"), hanging("b", "a")], [], "is attached to itself"),
+        ([hanging("a", "moon")], [], '"moon", which is not a frame'),
         ([hanging("a"), hanging("a")], [], "twice"),
         ([hanging("a", x=float("nan"))], [], "finite"),
         ([hanging("a", geometry=a_box(10, float("nan"), 10))], [Thing("a")], '"a" is not valid'),
@@ -234,7 +234,7 @@ async def test_invalid_and_unreadable_parts_are_refused_in_a_sentence(
 async def test_a_chain_and_a_frame_system_without_end_are_refused(around):
     names = [f"part {i}" for i in range(frame_tree.MOST_PARTS + 1)]
     chain = [hanging(name, above) for name, above in zip(names[1:], names, strict=False)]
-    with pytest.raises(SurroundingsUnknown, match="hangs from itself, or from more than"):
+    with pytest.raises(SurroundingsUnknown, match="is attached to itself, or has more than"):
         await around(FakeMachine(ARM, hanging(names[0]), *chain[:-2])).read()
     with pytest.raises(SurroundingsUnknown, match="more than 1000 components"):
         await around(FakeMachine(ARM, *map(hanging, names))).read()
@@ -258,7 +258,7 @@ async def test_a_machine_that_does_not_answer_is_not_waited_for(around):
 async def test_a_connection_that_is_lost_is_waited_for(around):
     machine = FakeMachine(ARM, hanging("a"), things=[Thing("a", [a_box(10, 10, 10)])])
     configs, machine.configs = machine.configs, StreamTerminatedError("Connection lost")
-    with pytest.raises(SurroundingsUnknown, match=r"cannot be reached: Connection lost; put that"):
+    with pytest.raises(SurroundingsUnknown, match=r"cannot be reached: Connection lost; mend that"):
         await around(machine, patience=0.02).read()
     reading = asyncio.ensure_future(around(machine).read())
     await until(lambda: machine.asked > 1)
@@ -275,7 +275,7 @@ async def test_an_arm_whose_joints_are_not_known_is_not_planned_around(around):
     reader = around(
         FakeMachine(ARM, hanging("left", joints=5)), arms={"arm": Neighbour(), "left": left}
     )
-    with pytest.raises(SurroundingsUnknown, match='"left" is: not ready: servo 3'):
+    with pytest.raises(SurroundingsUnknown, match='"left" is unknown: not ready: servo 3'):
         await reader.read()
 
 
