@@ -1,8 +1,7 @@
 """Options that choose the arm of a verb: ``--sim``, ``--port`` or ``--machine``.
 
-A verb that works on servos takes the first two (``source_options``); one that only needs an arm and
-its gripper takes any (``any_source_options``). A source that was typed wins over those that the
-environment names.
+A verb that works on servos has the first two (``source_options``); one that only needs an arm and
+its gripper has all three (``any_source_options``). A typed option wins over the environment.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ R = TypeVar("R", bound="RigLike")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Paced:
+class _SourceWithCaps:
     """A source with caps of its own.
 
     Attributes:
-        speed: Joint speed cap [rad/s]; None for the arm's default, or what its machine says.
-        acceleration: Joint acceleration cap [rad/s^2]; likewise.
+        speed: Joint speed cap [rad/s]; None for the arm's or its machine's.
+        acceleration: Joint acceleration cap [rad/s^2]; None for the arm's or its machine's.
     """
 
     speed: float | None = None
@@ -66,13 +65,14 @@ class _Paced:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source(_Paced):
+class Source(_SourceWithCaps):
     """An arm of this computer: simulated or on a port.
 
     Attributes:
         port: Serial port of a real or emulated arm; None for the simulated one.
-        calibration_file: Its calibration; None to look for the one that fits its servos.
-        q_start: Where the simulated arm stands, shape (5,), [rad]; None for zeros.
+        calibration_file: Its calibration; None to search for the one that fits its servos.
+        q_start: First joint angles of the simulated arm, shape (5,), [rad]; None for zeros.
+        say: Prints a note about the calibration.
     """
 
     port: str | None
@@ -105,15 +105,15 @@ class Source(_Paced):
         return self._capped(rig)
 
     def known_calibration(self) -> Path | None:
-        """The file that ``open`` takes the calibration from; None for none.
+        """The calibration file that ``open`` uses; None without one.
 
         Raises:
-            So101Error: The one that was named cannot be read.
+            So101Error: The named file cannot be read.
         """
         from so101_motion.calib.record import store
 
         if self.calibration_file is not None:
-            # The rig would go on without one that cannot be used; who named it shall know.
+            # The rig would ignore a file that it cannot use; a named one must be usable.
             return store.read(store.resolve(str(self.calibration_file))).path
         return None if self.port is None else _known_calibration(self.port, self.say)
 
@@ -125,20 +125,22 @@ def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
     report = look_at(port)
     if report.calibration is not None:
         say(f"calibration: {report.calibration}")
-    elif report.joints:  # without any there is no arm to speak of, as opening it will tell
+    elif report.joints:  # without any, opening the arm fails and says why
         say(
-            "no calibration file of this arm is known, so zero is the middle of each joint's travel"
-            " and points are some 40 mm off; so101 calibrate makes one, --calibration names one"
+            "no calibration file of this arm was found, so zero is the middle of each joint's"
+            " travel and points are some 40 mm off; so101 calibrate makes one, --calibration names one"
         )
     return report.calibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MachineSource(_Paced):
+class MachineSource(_SourceWithCaps):
     """The arm of a running Viam machine.
 
     Attributes:
+        address: The machine's address.
         api_key_id: The id of an API key; None for a plain, direct connection.
+        api_key: The key.
         arm: Which of its arms; None for the only one.
         gripper: Which of its grippers; None for the only one.
     """
@@ -174,13 +176,13 @@ class MachineSource(_Paced):
 
 
 AnySource = Source | MachineSource
-"""Where an arm can come from. Both open a rig that fits ``rig_like.RigLike``."""
+"""An arm of this computer or of a machine. Both open a rig that fits ``RigLike``."""
 
 S = TypeVar("S", bound=AnySource)
 
 
 def pace_options(verb: F) -> F:
-    """The options ``--speed`` and ``--acceleration``; placed below those of the source."""
+    """Add ``--speed`` and ``--acceleration``; the decorator goes below that of the source."""
 
     @click.option(
         "--speed", type=Finite(*SPEED_RANGE_DEG), metavar="DEG/S", help="Joint speed cap."
@@ -199,12 +201,12 @@ def pace_options(verb: F) -> F:
         acceleration: float | None,
         **kwargs: Any,
     ) -> Any:
-        return verb(*args, source=paced(source, speed, acceleration), **kwargs)
+        return verb(*args, source=with_caps(source, speed, acceleration), **kwargs)
 
     return with_pace  # type: ignore[return-value]  # its own options and those above
 
 
-def paced(source: S, speed_deg: float | None, acceleration_deg: float | None) -> S:
+def with_caps(source: S, speed_deg: float | None, acceleration_deg: float | None) -> S:
     """The same source with caps on joint speed [deg/s] and acceleration [deg/s^2]."""
     from so101_motion.common.units import to_rad
 
@@ -216,7 +218,7 @@ def paced(source: S, speed_deg: float | None, acceleration_deg: float | None) ->
 
 
 def source_options(verb: F) -> F:
-    """The options ``--sim``, ``--port``, ``--calibration``; the verb gets ``source``."""
+    """Add ``--sim``, ``--port`` and ``--calibration``; the verb gets ``source``."""
     return _local_options(
         _with_source(verb, "which arm? give --sim, or --port and its serial port")
     )
@@ -227,8 +229,8 @@ class CellSource:
     """Several arms that share a space.
 
     Attributes:
-        file: Which arms, and where they stand.
-        title: The same as a heading.
+        file: The content of a cell file.
+        title: A heading.
     """
 
     file: CellFile
@@ -249,13 +251,13 @@ def read_cell_source(path: Path) -> CellSource:
 
 
 def cell_option(verb: F) -> F:
-    """The option ``--cell`` beside those of ``any_source_options``; a source like the others."""
-    says = "Several arms that share a space: a cell file, as so101 cell takes it."
+    """Add ``--cell`` to the options of ``any_source_options``; the verb gets a ``CellSource``."""
+    says = "Several arms that share a space: a cell file, as for so101 cell."
     return click.option("--cell", type=IN_FILE, help=says)(verb)
 
 
 def any_source_options(verb: F) -> F:
-    """The same options and ``--machine`` with its keys; the verb gets ``source``."""
+    """Add the same options and ``--machine`` with its keys; the verb gets ``source``."""
     asks = "which arm? give --sim, or --port and its serial port, or --machine and its address"
     return _local_options(machine_options(_with_source(verb, asks)))
 
@@ -276,7 +278,7 @@ def _with_source(verb: F, asks: str) -> F:
         asked = {"--sim": sim or None, "--port": port, "--machine": machine, "--cell": cell}
         chosen = chosen_among(asked)
         if chosen is None and kwargs.get("atlas") is not None:
-            chosen = "--sim"  # an atlas can be looked at without an arm
+            chosen = "--sim"  # an atlas needs no arm
         if chosen is None:
             raise click.UsageError(asks)
         _refuse_stray(calibration, chosen)
@@ -287,7 +289,7 @@ def _with_source(verb: F, asks: str) -> F:
             assert machine is not None  # it was chosen
             source = machine
         elif chosen == "--cell":
-            assert cell is not None  # likewise
+            assert cell is not None  # it was chosen
             return verb(*args, source=read_cell_source(cell), **kwargs)
         return verb(*args, source=source, **kwargs)
 
@@ -296,11 +298,11 @@ def _with_source(verb: F, asks: str) -> F:
 
 def _refuse_stray(calibration: Path | None, chosen: str) -> None:
     if calibration is not None and chosen != "--port":
-        raise click.UsageError("--calibration belongs to --port")
+        raise click.UsageError("--calibration works only with --port; leave it out")
 
 
 def machine_options(verb: F) -> F:
-    """The options of a running machine; the verb gets ``machine``, None if none was named."""
+    """Add the options of a running machine; the verb gets ``machine``, None if none was named."""
 
     @click.option(
         "--machine",
@@ -319,10 +321,10 @@ def machine_options(verb: F) -> F:
         "--api-key",
         envvar="SO101_API_KEY",
         metavar="KEY",
-        help="With --machine: its API key; better by SO101_API_KEY, which no process list shows.",
+        help="With --machine: its API key; better in SO101_API_KEY, which no process list shows.",
     )
     @click.option("--arm", metavar="NAME", help="With --machine: which arm, if it has several.")
-    @click.option("--gripper", metavar="NAME", help="With --machine: which gripper, likewise.")
+    @click.option("--gripper", metavar="NAME", help="With --machine: which gripper, if several.")
     @functools.wraps(verb)
     def with_machine(
         *args: Any,
@@ -339,14 +341,14 @@ def machine_options(verb: F) -> F:
                 address=address, api_key_id=api_key_id, api_key=api_key, arm=arm, gripper=gripper
             )
         elif arm or gripper:
-            raise click.UsageError("--arm and --gripper belong to --machine")
+            raise click.UsageError("--arm and --gripper work only with --machine; give its address")
         return verb(*args, machine=machine, **kwargs)
 
     return with_machine  # type: ignore[return-value]  # its own options and those above
 
 
 def port_option(words: str) -> Callable[[F], F]:
-    """The option ``--port``; the verb gets ``port``."""
+    """Add ``--port``; the verb gets ``port``."""
     return click.option(
         "--port",
         envvar="SO101_PORT",
@@ -356,7 +358,7 @@ def port_option(words: str) -> Callable[[F], F]:
 
 
 def calibration_option(verb: F) -> F:
-    """The option ``--calibration``; the verb gets ``calibration``."""
+    """Add ``--calibration``; the verb gets ``calibration``."""
     says = "The arm's calibration file; by default the one that fits its servos."
     return click.option("--calibration", type=click.Path(path_type=Path), help=says)(verb)
 
@@ -374,7 +376,7 @@ def chosen_among(sources: Mapping[str, object]) -> str | None:
     """Choose the source: a typed option wins over the environment.
 
     Raises:
-        click.UsageError: Several were typed, or the environment names several.
+        click.UsageError: Several were typed, or the environment has several.
     """
     context = click.get_current_context()
     there = [option for option, value in sources.items() if value]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from so101_motion.rig.protocols import RigLike
 
 _PATIENCE = 1.0
-"""How long to wait for a first answer of the servos [s]; chosen: a busy computer's worst."""
+"""How long to wait for a first answer of the servos [s]; chosen for a busy computer."""
 
 
 @click.command()
@@ -34,13 +34,13 @@ _PATIENCE = 1.0
 def status(source: AnySource, as_json: bool) -> None:
     """Show the arm's mode, its joints, and where its tool is.
 
-    Looking changes nothing: a limp arm stays limp, and one that holds goes on holding.
+    It only reads: a limp arm stays limp, and one that holds goes on holding.
 
     \b
     so101 status --port /dev/ttyACM0
     so101 status --machine my-arm.local:8080 --json
     """  # noqa: D301
-    with quietly(), closing(_look_on(source)) as rig:
+    with quietly(), closing(_open_to_read(source)) as rig:
         seen = _facts(source, rig)
     if as_json:
         print_json("status", seen)
@@ -52,18 +52,18 @@ def status(source: AnySource, as_json: bool) -> None:
 @machine_options
 @json_option
 def stop(machine: MachineSource | None, as_json: bool) -> None:
-    """Bring the arm and the jaw of a running machine to rest, whoever moves them.
+    """Stop the arm and the jaw of a running machine, whichever program moves them.
 
-    They hold where they come to rest. An arm on a serial port of this computer is stopped where it
-    is moved: Ctrl-C in that program, or Stop on its page.
+    They hold where they come to rest. To stop an arm on a serial port of this computer, press
+    Ctrl-C in the program that moves it, or Stop on its page.
 
     \b
     so101 stop --machine my-arm.local:8080
     """  # noqa: D301
     if machine is None:
         raise click.UsageError(
-            "which machine? give --machine and its address; a program that moves an arm on a serial"
-            " port is stopped by Ctrl-C"
+            "give --machine and its address; to stop an arm on a serial port, press Ctrl-C in the"
+            " program that moves it"
         )
     with quietly(), closing(machine.open()) as rig:
         rig.arm.stop()
@@ -77,14 +77,14 @@ def stop(machine: MachineSource | None, as_json: bool) -> None:
         click.echo(f"the {machine.what} is {state.mode.value}")
 
 
-def _look_on(source: AnySource) -> RigLike:
-    """Open the arm without driving it."""
+def _open_to_read(source: AnySource) -> RigLike:
+    """Open the arm without moving or holding it."""
     if isinstance(source, Source) and source.port is not None:
-        return _onlooking(source, source.port)
+        return _open_port_to_read(source, source.port)
     return source.open()
 
 
-def _onlooking(source: Source, port: str) -> Rig:
+def _open_port_to_read(source: Source, port: str) -> Rig:
     from so101_motion.cli.port_choice import look_at
     from so101_motion.rig.hardware_rig import open_hardware
     from so101_motion.rig.servo_driver import ServoSettings
@@ -121,7 +121,7 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     if isinstance(rig, HardwareRig):
         seen["joints_found"] = list(rig.servos.setups)
         seen["notes"] = list(rig.servos.notes)
-        if is_held:  # by whoever left it so; this program only looks on
+        if is_held:  # since before; this program only reads
             seen["mode"] = Mode.HOLDING.value
     elif isinstance(rig, MachineRig):
         notes = rig.status.get("notes", ())

@@ -1,4 +1,4 @@
-"""``so101 teleop``: one arm follows another that is guided by hand."""
+"""``so101 teleop``: make one arm follow another that is guided by hand."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from so101_motion.rig.hardware_rig import Rig
     from so101_motion.tasks.teleop import Recorder, Status
 
-_EVERY = 0.2  # [s], how often a person is told how it is
+_EVERY = 0.2  # [s] between two prints of the state
 
 
 @click.command()
@@ -50,7 +50,7 @@ _EVERY = 0.2  # [s], how often a person is told how it is
     help="Keep the follower clear of itself and the table.  [default: on]",
 )
 @click.option(
-    "--scene", "scene_file", type=IN_FILE, help="A scene file: what stands around the follower."
+    "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles of the follower."
 )
 @click.option(
     "--speed", type=float, metavar="DEG/S", help="Joint speed cap while it mirrors.  [default: 180]"
@@ -65,7 +65,7 @@ _EVERY = 0.2  # [s], how often a person is told how it is
     "--approach-speed",
     type=float,
     metavar="DEG/S",
-    help="Joint speed cap while it comes to the leader.  [default: 30]",
+    help="Joint speed cap while it approaches the leader.  [default: 30]",
 )
 @click.option(
     "--record", type=OutFile(".csv", ".mcap"), help="Record it to this file, .csv or .mcap."
@@ -96,11 +96,11 @@ def teleop(
     yes: bool,
     as_json: bool,
 ) -> None:
-    """Lead one arm by hand and let another follow. Ctrl-C ends it; both arms hold then.
+    """Guide one arm by hand and let another follow. Ctrl-C ends it; then both arms hold.
 
-    The leader goes limp, so have a hand on it. The follower comes to it slowly, and mirrors it
-    once it is within 5 deg. When one of the two is lost the follower holds, until you bring the
-    leader back to it.
+    The leader goes limp, so have a hand on it. The follower moves slowly to the leader's pose, and
+    mirrors it once it is within 5 deg. When one of the two is lost, the follower holds until you
+    move the leader back to the follower's pose.
 
     \b
     so101 teleop --leader /dev/ttyACM0 --follower /dev/ttyACM1
@@ -124,10 +124,10 @@ def teleop(
     if leader == follower != "sim":
         raise click.UsageError("--leader and --follower must be two arms")
     if scene_file is not None and not guard:
-        raise click.UsageError("--scene is for the guard; leave out --no-guard")
+        raise click.UsageError("--scene is only for the guard; leave out --no-guard")
     scene = None if scene_file is None else read_scene(scene_file)
     if record is not None and record.suffix.lower() == ".mcap":
-        mcap_writer(record)  # now, not when a hand is on the arm
+        mcap_writer(record)  # fails now rather than when a hand is on the arm
     with ExitStack() as stack:
         leading = stack.enter_context(_open(leader, leader_calibration))
         following = stack.enter_context(_open(follower, follower_calibration))
@@ -185,7 +185,7 @@ def _watch(session: Any, seconds: float | None) -> None:
 
 
 def print_end(last: Status) -> None:
-    """Print why it ended by itself, if it did."""
+    """If the session ended by itself, print why and exit with ``STOPPED``."""
     if not last.is_running:
         click.echo(f"ended: {last.reason}", err=True)
         raise SystemExit(STOPPED)

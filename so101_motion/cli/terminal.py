@@ -1,10 +1,10 @@
 """The terminal of a guided verb: a live picture, permanent lines, and single keys.
 
-Where standard error is a file or a pipe there is no picture, and what has to be known comes line by
-line; where standard input is no terminal, or with ``--yes``, nobody is asked.
+If stderr is a file or a pipe, there is no picture and everything is printed in lines. If stdin is
+not a terminal, or with ``--yes``, nothing is asked.
 
-What talks to servos runs in a thread of its own and is never cut short: after Ctrl-C or a key it
-ends what it has begun, so that no servo is left with half of its settings.
+A step that talks to servos runs in a thread of its own and is always finished, also after Ctrl-C or
+a key, so that no servo is left with half of its settings.
 """
 
 from __future__ import annotations
@@ -44,10 +44,12 @@ class Terminal:
     """Shows a live picture and reads keys. Use it in a ``with`` block.
 
     Args:
-        events: Where each line is also written as a JSON object; None for nowhere.
+        ask: Whether to wait for keys, if there is a terminal.
+        events: Each line is also written there as a JSON object; None for nowhere.
 
     Attributes:
-        pressed: The last key that was pressed during the last ``run``; empty if none was.
+        is_manned: Whether a person is asked and can answer.
+        pressed: The last key pressed during the last ``run``; empty without one.
     """
 
     def __init__(self, *, ask: bool = True, events: TextIO | None = None) -> None:
@@ -75,10 +77,10 @@ class Terminal:
         if self._before is not None:
             termios.tcsetattr(sys.stdin, termios.TCSAFLUSH, self._before)
 
-    # What is seen
+    # Output
 
     def say(self, sentence: str, *, style: str = "", **facts: Any) -> None:
-        """Print a permanent line; the same one twice in a row is printed once."""
+        """Print a permanent line; a line that repeats the last one is left out."""
         if sentence == self._last:
             return
         self._last = sentence
@@ -92,7 +94,7 @@ class Terminal:
             self._events.flush()
 
     def mention(self, sentence: str, **facts: Any) -> None:
-        """Print what the picture also shows, where there is no picture."""
+        """Print a line only if there is no live picture, which shows the same."""
         if not self._is_drawn:
             self.say(sentence, **facts)
 
@@ -101,10 +103,10 @@ class Terminal:
         if self._is_drawn:
             self._live.update(Group(*parts), refresh=True)
 
-    # What is pressed
+    # Keys
 
     def key(self, seconds: float) -> str:
-        """The key pressed within so many seconds, in lower case; empty if none is.
+        """Wait for a key for so many seconds; returns it in lower case, or empty.
 
         Raises:
             Quit: It is ``q``.
@@ -132,15 +134,15 @@ class Terminal:
                 return pressed
         return keys[0]
 
-    # What goes on meanwhile
+    # Steps
 
     def run(self, work: Callable[[], T], picture: Callable[[], RenderableType]) -> T:
         """Run ``work`` with a live picture, and return its result.
 
         Raises:
             Quit: ``q`` was pressed; ``work`` has ended.
-            KeyboardInterrupt: Likewise for Ctrl-C.
-            Exception: What ``work`` raised.
+            KeyboardInterrupt: Ctrl-C was pressed; ``work`` has ended.
+            Exception: As ``work`` raised it.
         """
         future: Future[T] = Future()
         thread = threading.Thread(target=_into, args=(future, work), name="so101-guided")
@@ -155,10 +157,10 @@ class Terminal:
                     wait((future,), _FRAME)
         except (Quit, KeyboardInterrupt):
             if not future.done():
-                self.say("one moment, finishing what has begun ...")
+                self.say("finishing the step that has begun ...")
             raise
         finally:
-            wait((future,))  # a join that Ctrl-C has cut short takes the thread for ended
+            wait((future,))  # a join that Ctrl-C has interrupted believes the thread has ended
             thread.join()
         return future.result()
 
@@ -166,12 +168,12 @@ class Terminal:
 def _into(future: Future[T], work: Callable[[], T]) -> None:
     try:
         future.set_result(work())
-    except BaseException as error:  # handed to whoever waits
+    except BaseException as error:  # raised by ``run``
         future.set_exception(error)
 
 
 def sentence(text: str) -> str:
-    """Start with a capital letter and end with a full stop."""
+    """A text with a capital letter at its start and a full stop at its end."""
     return text[:1].upper() + text[1:] + ("" if text.endswith(("?", ".")) else ".")
 
 

@@ -15,15 +15,15 @@ from so101_motion.common.errors import PortUnavailable
 
 _EXPLANATION = """\
 Why: a serial port belongs to root and to a group, dialout on Debian and Ubuntu, uucp on Arch. The
-rule lets whoever sits at the screen use servo adapters, and the group dialout. Over SSH, or for a
-program that starts by itself, be in that group:
+rule gives access to servo adapters to the user at the screen and to the group dialout. Over SSH, or
+for a program that starts by itself, join that group:
     sudo usermod -aG dialout $USER      and log in again
 The rule also keeps ModemManager from asking new adapters whether they are modems.
 """
 
 _BRLTTY = """\
-brltty, which drives Braille displays, takes adapters with a CH340 chip (1a86:7523) for one; before
-its version 6.5 they then have no port at all. Unless you use a Braille display:
+brltty, which drives Braille displays, mistakes adapters with a CH340 chip (1a86:7523) for one;
+before its version 6.5 they then have no port at all. Unless you use a Braille display:
     sudo apt remove brltty              and plug the adapter in again
 """
 
@@ -35,20 +35,20 @@ its version 6.5 they then have no port at all. Unless you use a Braille display:
 def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
     """Give users of this Linux computer access to servo adapters, without root.
 
-    Prints the udev rule on stdout, and on stderr what it is for; --install writes it to
-    /etc/udev/rules.d and has it take effect.
+    Prints the udev rule on stdout, and its purpose on stderr; --install writes it to
+    /etc/udev/rules.d and activates it.
     """
     from so101_motion.drivers.port import host_checks
 
     if install and printed:
         raise click.UsageError("give either --print or --install")
     if sys.platform != "linux":
-        raise click.UsageError("udev exists only on Linux; nothing needs to be installed here")
+        raise click.UsageError("udev is only on Linux; no rule is needed on this computer")
     if install and not dry_run:
         write_rule(host_checks.RULES)
         return
     if install:
-        click.echo(f"would be written to {host_checks.RULES}, and udev told to read it:", err=True)
+        click.echo(f"would be written to {host_checks.RULES} and activated:", err=True)
     click.echo(host_checks.udev_rules(), nl=False)
     click.echo(f"\n{_EXPLANATION}\n{_BRLTTY}", err=True)
     if host_checks.is_rule_installed():
@@ -68,13 +68,14 @@ def write_rule(path: Path) -> None:
         reason = f"{error.strerror}; do it as root: {_as_root()}"
         raise PortUnavailable(str(path), reason) from error
     click.echo(f"written to {path}")
-    if _take_effect():
-        click.echo("in force now; if a port is still refused, plug the adapter in again", err=True)
+    if _activate_rules():
+        click.echo("active now; if a port is still refused, plug the adapter in again", err=True)
     else:
-        click.echo("in force from the next start of this computer", err=True)
+        click.echo("active from the next start of this computer", err=True)
 
 
-def _take_effect() -> bool:
+def _activate_rules() -> bool:
+    """Let udev read its rules again; False if that failed."""
     udevadm = shutil.which("udevadm")
     if udevadm is None:
         return False

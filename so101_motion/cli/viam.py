@@ -36,20 +36,22 @@ _WIDTH = 120  # columns of a comparison that goes into a file; chosen
 
 @click.group(cls=Verbs)
 def viam() -> None:
-    """Print a configuration for a machine, or take one over from the published module."""
+    """Print a machine's configuration, or migrate one from the published module."""
 
 
 @viam.command("import")
 @click.argument("file", type=click.File(encoding="utf-8"))
-@click.option("--new", "with_new", is_flag=True, help="Also list what only this module knows.")
+@click.option(
+    "--new", "with_new", is_flag=True, help="Also list the attributes that only this module has."
+)
 @json_option
 def import_(file: TextIO, with_new: bool, as_json: bool) -> None:
     """Read a machine's configuration and print it rewritten for this module.
 
     FILE is the machine's JSON (Configure, then JSON, in Viam's app; or /etc/viam.json), or - to
-    read it from stdin. It is read and never changed, and keys in it are not printed. On stdout come
-    the components and services to paste; on stderr the comparison, and how to go back. Exit code 6
-    if something in it cannot be used.
+    read it from stdin. It is never changed, and keys in it are not printed. The components and
+    services to paste are printed on stdout; a comparison, and how to go back, on stderr. Exit code
+    6 if a part of it cannot be used.
 
     \b
     so101 viam import machine.json
@@ -73,9 +75,9 @@ def import_(file: TextIO, with_new: bool, as_json: bool) -> None:
 def config(extra: tuple[str, ...], as_json: bool) -> None:
     """Print a complete Viam configuration for the arms that are plugged in.
 
-    Paste it into the machine's configuration (Configure, then JSON), beside what is there. What was
-    found, or not, is told on stderr, so the output can go into a file. Exit code 3 if there is
-    nothing to configure.
+    Paste it into the machine's configuration (Configure, then JSON), beside the other entries. The
+    result of the search is printed on stderr, so the output can go into a file. Exit code 3 if
+    there is nothing to configure.
 
     \b
     so101 viam config > arm.json
@@ -84,7 +86,7 @@ def config(extra: tuple[str, ...], as_json: bool) -> None:
     from so101_motion.setup.discovery import discover
     from so101_motion.viam.suggested_config import configuration
 
-    with quietly(), busy_message("looking at the serial ports"):
+    with quietly(), busy_message("searching the serial ports"):
         found = discover(extra)
     suggested = configuration(found.reports)
     if as_json:
@@ -140,7 +142,7 @@ def _compare(migration: Migration, *, with_new: bool) -> None:
     click.echo("to go back:", err=True)
     for line in migration.steps_back():
         echo(f"- {line}", indent="  ", err=True)
-    click.echo("paste these, each in place of the entry with its name; leave the rest:", err=True)
+    click.echo("replace the entries of these names with the following; leave the rest:", err=True)
 
 
 def _table(part: MigratedResource, *, with_new: bool) -> Table:

@@ -1,5 +1,5 @@
-"""``so101 sweep``: the verbs that compute for long, on all cores or on a cluster.
+"""``so101 sweep``: the verbs with long computations, on all cores or on a cluster.
 
-``sweep`` has the verbs, ``place`` and ``check`` the two long ones, ``options`` what they share.
-It may import what ``cli`` may.
+``sweep.py`` has the verbs, ``place.py`` and ``check.py`` two long ones, ``options.py`` the shared
+options. This room may import the same as ``cli``.
 """

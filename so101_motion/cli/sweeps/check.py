@@ -1,4 +1,4 @@
-"""``so101 sweep check``: motions or a program against a changed scene, or another calibration."""
+"""``so101 sweep check``: check motions or a program after scene or calibration have changed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def check_motions(
     calibration_file: Path | None,
     taught_file: Path | None,
 ) -> None:
-    """Check the motions of ``so101 sweep plans``."""
+    """Check the motions in a folder that ``so101 sweep plans`` made."""
     from so101_motion.tasks.sweeps import CheckSweep, as_lerobot, check_summary
 
     if taught_file is not None:
@@ -50,7 +50,7 @@ def check_program(
 
     if (calibration_file is None) != (taught_file is None):
         raise click.UsageError(
-            "a program is in the angles of the arm as it was calibrated then: give both"
+            "a program has the joint angles of the calibration it was taught with; give both"
             " --taught-with and --calibration"
         )
     taught, now = read_calibration(taught_file), read_calibration(calibration_file)

@@ -1,4 +1,4 @@
-"""Options of several verbs of ``so101 sweep``: the arm's caps and load, who computes, and where."""
+"""Options that verbs of ``so101 sweep`` share: caps, load, processes and result folder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from so101_motion.common import attributes
 
 payload_option = click.option(
     "--payload-g", type=Finite(0.0, 1e3 * attributes.HEAVIEST), default=0.0,
-    help="What the hand carries.",
+    help="Mass in the hand [g].",
 )  # fmt: skip
 voltage_option = click.option(
     "--servo-voltage", type=click.Choice([f"{each:g}" for each in attributes.SERVO_VOLTAGES]),
@@ -22,7 +22,7 @@ voltage_option = click.option(
 
 
 def caps_options(verb: F) -> F:
-    """The options ``--speed`` [deg/s] and ``--acceleration`` [deg/s^2]."""
+    """Add ``--speed`` [deg/s] and ``--acceleration`` [deg/s^2]."""
     acceleration = click.option(
         "--acceleration", type=Finite(*attributes.ACCELERATION_RANGE_DEG), default=430.0,
         show_default=True, metavar="DEG/S2", help="Joint acceleration cap.",
@@ -34,7 +34,7 @@ def caps_options(verb: F) -> F:
 
 
 def computing_options(verb: F) -> F:
-    """The options ``--out``, ``--workers`` and ``--dask``."""
+    """Add ``--out``, ``--workers`` and ``--dask``."""
     for option in (
         click.option("--dask", metavar="ADDRESS", help="A Dask scheduler: tcp://scheduler:8786."),
         click.option("--workers", type=click.IntRange(1, 256), help="Number of processes."),

@@ -1,4 +1,4 @@
-"""``so101 sweep place``: where to screw the base, for a task."""
+"""``so101 sweep place``: find the best place for an arm's base, for a task."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _each = partial(click.option, multiple=True, show_default=True)
 
 
 class FromTo(click.ParamType[tuple[float, float]]):
-    """A number, or two with a colon between: from, to."""
+    """A number, or two with a colon between them: from, to."""
 
     name = "FROM:TO"
 
@@ -49,7 +49,7 @@ class FromTo(click.ParamType[tuple[float, float]]):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[float, float]:
-        """Both ends, the smaller one first."""
+        """Read both ends, the smaller one first."""
         if isinstance(value, tuple):
             return value
         try:
@@ -97,12 +97,12 @@ class FromTo(click.ParamType[tuple[float, float]]):
 )
 @click.option(
     "--by", type=click.Choice(["time", "clearance", "torque", "robust"]), default="time",
-    show_default=True, help="What is wanted most; the time decides between equals.",
+    show_default=True, help="What to optimise; the time decides between equals.",
 )  # fmt: skip
-@click.option("--scene", "scene_file", type=IN_FILE, help="What stands in the cell.")
+@click.option("--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles there.")
 @click.option(
     "--cell", "cell_file", type=IN_FILE,
-    help="A cell file: its scene, and its arms stay where they stand.",
+    help="A cell file: its scene and its other arms, which stay where they stand.",
 )  # fmt: skip
 @click.option(
     "--arm", multiple=True,
@@ -111,7 +111,7 @@ class FromTo(click.ParamType[tuple[float, float]]):
 )  # fmt: skip
 @click.option(
     "--others-at", type=_JOINTS, multiple=True,
-    help="Where the other arms' joints are; all that are given are kept clear of."
+    help="Joint angles of the other arms [deg]; the arm stays clear of all that are given."
     "  [default: folded]",
 )  # fmt: skip
 @click.option(
@@ -148,12 +148,12 @@ def place(
     dask: str | None,
     as_json: bool,
 ) -> None:
-    """Find the place for the base from which TASK is done best.
+    """Find the best place for the base of an arm that does TASK.
 
     TASK is a program taught on an arm at the cell's origin, or a file of poses with tolerances.
-    Every pose must be reached free of contact, and the whole cycle planned. The ten best places
-    are kept with their programs, and a map of all. Two tasks are for two arms: they are placed so
-    that they keep apart wherever on its way either is.
+    Every pose must be reached free of contact, and the whole cycle planned. The ten best places are
+    saved with their programs, and a map of all. Two tasks are for two arms, which are placed so
+    that they keep apart at every point of their paths.
 
     \b
     so101 sweep place wave.json --x-mm -200:200 --y-mm -200:200 --out placed
@@ -174,13 +174,13 @@ def place(
 
     names = _names(task_files, arm)
     if scene_file is not None and cell_file is not None:
-        raise click.UsageError("--scene or --cell, not both; a cell file has a scene of its own")
+        raise click.UsageError("give --scene or --cell, not both; a cell file has its own scene")
     scene = Scene() if scene_file is None else read_scene(scene_file)
     others: tuple[FixedArm, ...] = ()
     if cell_file is not None:
         scene, others = _others(cell_file, arm, others_at)
     elif others_at or (arm and len(task_files) == 1):
-        raise click.UsageError("--arm and --others-at need --cell, which says where arms stand")
+        raise click.UsageError("--arm and --others-at need the arms of a cell file; give --cell")
     sweeps = []
     for k, task_file in enumerate(task_files):
         of = partial(_of_arm, k, len(task_files))
@@ -227,28 +227,32 @@ def place(
 
 
 def _names(task_files: Sequence[Path], arms: Sequence[str]) -> tuple[str, ...]:
-    """What the arms are called: as they are in the cell, or as the files of their tasks."""
+    """The names of the placed arms: from ``--arm``, or from the files of their tasks."""
     if len(task_files) > 2:
-        raise click.UsageError(f"{len(task_files)} tasks; one or two arms can be placed")
+        raise click.UsageError(f"{len(task_files)} tasks are too many; give one or two")
     if arms and len(arms) != len(task_files):
-        raise click.UsageError("--arm names each arm that is placed: once for each TASK, or never")
+        raise click.UsageError("give --arm once for each TASK, or not at all")
     names = tuple(arms or (path.stem for path in task_files))
     if len(set(names)) < len(names):
-        raise click.UsageError(f"two arms called {names[0]}; name them: --arm left --arm right")
+        raise click.UsageError(
+            f"both arms are called {names[0]}; name them: --arm left --arm right"
+        )
     return names if arms or len(names) > 1 else ("placed",)
 
 
 def _of_arm(which: int, arms: int, option: str, values: Sequence[V]) -> V:
-    """What is said for an arm: the same for both, or one for each."""
+    """An option's value for one arm: given once for both, or once for each."""
     if len(values) not in (1, arms):
-        raise click.UsageError(f"{option} is given {len(values)} times for {arms} arms")
+        raise click.UsageError(
+            f"{option} is given {len(values)} times for {arms} arms; give it once, or for each"
+        )
     return values[which] if len(values) == arms else values[0]
 
 
 def _others(
     file: Path, placed: Sequence[str], q_deg: tuple[Array, ...]
 ) -> tuple[Scene, tuple[FixedArm, ...]]:
-    """The scene of a cell, and its arms without those that are placed, at some joint angles."""
+    """The scene of a cell, and its other arms at the given joint angles."""
     from so101_motion.arm.gripper import JAW_CLOSED
     from so101_motion.common.named_poses import POSES
     from so101_motion.files.cell_file import read_cell
@@ -258,7 +262,7 @@ def _others(
     names = [each.name for each in cell.arms]
     for name in placed:
         if name not in names:
-            raise click.UsageError(f"there is no arm {name} in {file}, but {', '.join(names)}")
+            raise click.UsageError(f"{file} has no arm {name}; it has {', '.join(names)}")
     folded = next(pose.q for pose in POSES if pose.name == "rest")
     q = [to_rad(each) for each in q_deg] or [folded]
     others = []
@@ -298,7 +302,7 @@ def _print(placement: Placement, out: Path, *, as_json: bool) -> None:
     click.echo(f"  {_PLACE_HEADS}{_FIGURE_HEADS}")
     for number, row in enumerate(rows, 1):
         click.echo(f"{number:2}{_place(row)}{_figures(row)}")
-    _tell_rest((placement,), out, f"{placement.planned} planned; {_IN_BEST}, map in map.svg")
+    _print_rest((placement,), out, f"{placement.planned} planned; {_IN_BEST}, map in map.svg")
     click.echo(f"sha256 {placement.sha256}")
 
 
@@ -325,8 +329,8 @@ def _print_pairs(pairs: PairPlacement, names: tuple[str, str], out: Path, *, as_
             start = f"{number:2}" if name == names[0] else "  "
             base = row["arms"][name]
             click.echo(f"{start} {name:{wide}}{_place(base)}{_figures(base)}")
-    held = f"{pairs.held} pairs held against each other; {_IN_BEST}, maps beside them"
-    _tell_rest(pairs.each, out, held)
+    held = f"{pairs.held} pairs compared; {_IN_BEST}, maps beside them"
+    _print_rest(pairs.each, out, held)
     click.echo(f"sha256 {pairs.sha256}")
 
 
@@ -346,7 +350,7 @@ def _figures(row: Mapping[str, float]) -> str:
     )
 
 
-def _tell_rest(placements: Sequence[Placement], out: Path, rest: str) -> None:
+def _print_rest(placements: Sequence[Placement], out: Path, rest: str) -> None:
     for each in placements:
         able = sum(base.missed == -1 for base in each.screened)
         aside(f"{able} of {len(each.screened)} bases reach every pose")

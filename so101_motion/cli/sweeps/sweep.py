@@ -1,4 +1,4 @@
-"""``so101 sweep``: computations that keep all cores busy, or a cluster."""
+"""``so101 sweep``: run long computations on all cores or on a cluster."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ if TYPE_CHECKING:
     from so101_motion.tasks.sweeps.sweep import Sweep
 
 _EVERY = 10.0
-"""How often progress is told where there is no terminal [s]."""
+"""How often progress is printed without a terminal [s]."""
 
 _SHOWN = 5
-"""So many failures are told one by one."""
+"""Most failures that are printed one by one."""
 
 
 @click.group(cls=Verbs)
 def sweep() -> None:
-    """Run large computations in pieces: where the arm reaches, many plans.
+    """Run large computations in pieces, such as an atlas of the reach or many plans.
 
-    All cores but one work, unless --workers or --dask says otherwise. The result is the same
-    whatever computes it; the last line is its SHA-256. To go on after an interruption, give the
+    All cores but one are used unless you give --workers or --dask. The result is the same on any
+    number of computers; the last line is its SHA-256. To continue after an interruption, give the
     same command again.
     """
 
 
 def _run_options(verb: F) -> F:
-    """The options of every sweep; the verb gets ``run``, which runs one and prints its end."""
+    """Add the options of every sweep; the verb gets ``run``, which runs it and prints the result."""
 
     @computing_options
     @json_option
@@ -71,14 +71,14 @@ def _run_options(verb: F) -> F:
     "--spacing-mm", type=Finite(1.0, 200.0), default=20.0, show_default=True,
     help="Spacing of the points.",
 )  # fmt: skip
-@click.option("--scene", "scene_file", type=IN_FILE, help="What stands around the arm.")
+@click.option("--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles.")
 @click.option(
     "--frame", type=click.Choice(["tool", "jaw_tip"]), default="tool", show_default=True,
-    help="Which frame of the hand is brought to the points.",
+    help="The frame of the hand that moves to the points.",
 )  # fmt: skip
 @click.option(
     "--approach", type=Numbers("X", "Y", "Z", most=1e6),
-    help="Where the tool's z axis points; 0,0,-1 is from above.  [default: anywhere]",
+    help="Direction of the tool's z axis; 0,0,-1 is from above.  [default: any]",
 )  # fmt: skip
 @click.option(
     "--tolerance-deg", type=Finite(0.1, 90.0), default=5.0, show_default=True,
@@ -97,10 +97,10 @@ def reach(
     payload_g: float,
     servo_voltage: str,
 ) -> None:
-    """Make an atlas of what the arm reaches, and how well.
+    """Make an atlas of the points that the arm reaches, and how well.
 
-    For every point of a grid: whether the arm can be there free of contact, in how many branches,
-    and for the best pose its clearance, the torque that is left, and manipulability.
+    For every point of a grid it has: whether the arm reaches it free of contact, in how many
+    branches, and for the best pose its clearance, the torque that is left, and manipulability.
 
     \b
     so101 sweep reach --spacing-mm 20 --out atlas
@@ -126,7 +126,7 @@ def reach(
         voltage=float(servo_voltage),
     )
     aside(in_words(work))
-    run(work, lambda folder: _of_atlas(Atlas.read(folder).summary()))
+    run(work, lambda folder: _atlas_facts(Atlas.read(folder).summary()))
 
 
 @sweep.command()
@@ -137,11 +137,11 @@ def reach(
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")
 @click.option(
     "--scene", "scene_files", type=IN_FILE, multiple=True,
-    help="What stands around the arm; several are taken in turn.",
+    help="A scene file; several are used in turn.",
 )  # fmt: skip
 @click.option(
     "--scatter-mm", type=Finite(0.0, 1000.0), default=0.0, show_default=True,
-    help="By how much obstacles are moved at most, anew for each 100 problems.",
+    help="Move the obstacles by up to this, anew for each 100 problems.",
 )  # fmt: skip
 @click.option(
     "--fps", type=click.IntRange(1, 100), default=30, show_default=True,
@@ -164,8 +164,9 @@ def plans(
 ) -> None:
     """Make a data set of motions: planned, timed and verified.
 
-    Each goes from one random configuration to another, both free of contact and bearable, or as
-    --problems says. Names and units are LeRobot's: degrees from the middle of a joint's travel.
+    Each motion goes from one random configuration to another, both free of contact and within the
+    servos' torque, or is a problem of --problems. Names and units are LeRobot's: degrees from the
+    middle of a joint's travel.
 
     \b
     so101 sweep plans --count 1000 --out motions
@@ -178,7 +179,7 @@ def plans(
     from so101_motion.tasks.sweeps.motion_problems import read_problems
 
     if (count is None) == (problems_file is None):
-        raise click.UsageError("--count or --problems says which motions; one of them")
+        raise click.UsageError("give --count or --problems, one of the two")
     scenes = [read_scene(each) for each in scene_files] or [Scene()]
     problems = () if problems_file is None else read_problems(problems_file)
     work = PlansSweep(
@@ -206,9 +207,9 @@ def plans(
 )  # fmt: skip
 @click.option("--count", type=click.IntRange(1), help="Number of problems.  [default: all]")
 def export(plans_folder: Path, out: Path, first: int, count: int | None) -> None:
-    """Write MOTIONS, the folder that so101 sweep plans made, as MCAP.
+    """Write MOTIONS, a folder that so101 sweep plans made, as MCAP.
 
-    For Foxglove, Rerun and PlotJuggler: ROS 2 messages, one motion after the other.
+    It has ROS 2 messages, one motion after the other, for Foxglove, Rerun and PlotJuggler.
 
     \b
     so101 sweep export motions --count 100 --out motions.mcap
@@ -223,10 +224,10 @@ def export(plans_folder: Path, out: Path, first: int, count: int | None) -> None
 
 @sweep.command()
 @click.argument("checked", metavar="MOTIONS|PROGRAM")
-@click.option("--scene", "scene_file", type=IN_FILE, help="What stands around the arm now.")
+@click.option("--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles now.")
 @click.option(
     "--calibration", "calibration_file", type=IN_FILE,
-    help="Calibration of the arm that will do it.",
+    help="Calibration of the arm that will run it.",
 )  # fmt: skip
 @click.option(
     "--taught-with", "taught_file", type=IN_FILE,
@@ -242,8 +243,9 @@ def check(
 ) -> None:
     """Check motions or a program against a changed scene, or another calibration.
 
-    MOTIONS is the folder of so101 sweep plans: says how many fail, by what, and which. PROGRAM is
-    the name of a program, or its file: each waypoint, and the way to each stop.
+    MOTIONS is a folder that so101 sweep plans made; printed are the motions that fail, and why.
+    PROGRAM is the name of a program, or its file; checked are each waypoint and the path to each
+    stop.
 
     \b
     so101 sweep check motions --scene examples/table.json --out checked
@@ -254,7 +256,7 @@ def check(
     from so101_motion.cli.sweeps.check import check_motions, check_program
 
     if scene_file is None and calibration_file is None:
-        raise click.UsageError("against what? --scene or --calibration says it")
+        raise click.UsageError("give what has changed: --scene or --calibration")
     if Path(checked).is_dir():
         check_motions(run, Path(checked), scene_file, calibration_file, taught_file)
     else:
@@ -269,17 +271,17 @@ def check(
 )  # fmt: skip
 @click.option(
     "--at-mm", type=Finite(-1000.0, 1000.0), default=50.0, show_default=True,
-    help="Where on this axis the slice is.",
+    help="Position of the slice on this axis.",
 )  # fmt: skip
 @click.option(
     "--colour-by", type=click.Choice(["torque", "clearance", "manipulability", "ways"]),
-    default="torque", show_default=True, help="What the colours say.",
+    default="torque", show_default=True, help="The figure that the colours show.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="An .svg file."
 )
 def picture(atlas_folder: Path, axis: str, at_mm: float, colour_by: str, out: Path) -> None:
-    """Draw a slice of ATLAS, the folder that so101 sweep reach made.
+    """Draw a slice of ATLAS, a folder that so101 sweep reach made.
 
     \b
     so101 sweep picture atlas --at-mm 20 --out table.svg
@@ -300,7 +302,7 @@ def picture(atlas_folder: Path, axis: str, at_mm: float, colour_by: str, out: Pa
 sweep.add_command(place)
 
 
-def _of_atlas(summary: dict[str, float]) -> dict[str, object]:
+def _atlas_facts(summary: dict[str, float]) -> dict[str, object]:
     facts: dict[str, object] = {
         "points within the joint limits": summary["within_limits"],
         "free of contact": summary["free"],
@@ -325,11 +327,11 @@ def _run(work: Sweep, out: Path, workers: int | None, dask: str | None) -> Sweep
 
 @contextmanager
 def computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dict[str, Any]]:
-    """Who computes, as arguments for ``run_sweep``; says where an interrupted sweep is kept."""
+    """Start processes or connect to a cluster; gives the arguments for ``run_sweep``."""
     from so101_motion.tasks.sweeps import WorkerPool, default_workers
 
     if workers is not None and dask is not None:
-        raise click.UsageError("--workers or --dask, not both")
+        raise click.UsageError("give --workers or --dask, not both")
     try:
         if dask is None:
             pool = WorkerPool(default_workers() if workers is None else workers)
@@ -341,13 +343,13 @@ def computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dict
         with dask_executor(dask) as (executor, ahead):
             yield {"executor": executor, "ahead": ahead}
     except KeyboardInterrupt:
-        aside(f"interrupted; what is done is kept in {out}, the same command goes on")
+        aside(f"interrupted; finished pieces are kept in {out}, give the same command to continue")
         raise
 
 
 @contextmanager
 def show_progress(work: Sweep) -> Iterator[Callable[[Progress], None]]:
-    """Show progress: a bar on a terminal, a line now and then elsewhere."""
+    """Show progress: a bar on a terminal, otherwise a line every few seconds."""
     if not sys.stderr.isatty():
         yield _Lines(work.unit)
         return
@@ -366,7 +368,7 @@ def show_progress(work: Sweep) -> Iterator[Callable[[Progress], None]]:
 
 
 class _Lines:
-    """Tells progress in lines, not too often."""
+    """Prints a line of progress every ``_EVERY`` seconds."""
 
     def __init__(self, unit: str) -> None:
         self._unit, self._next = unit, time.monotonic() + _EVERY

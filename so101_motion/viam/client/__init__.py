@@ -1,8 +1,8 @@
 """The arm and gripper of a running Viam machine, with the interface of a rig.
 
 ``machine.py`` is a connected machine, ``rig.py`` its arm and gripper, ``sensor.py`` its calibration
-sensor. ``link.py`` is the connection and its thread, ``watch.py`` polls the machine and makes our
-joint state of it, ``runner.py`` runs one motion at a time.
+sensor. ``link.py`` is the connection and its thread, ``reports.py`` turns readings into our joint
+state, ``runner.py`` runs one motion at a time.
 """
 
 from so101_motion.viam.client.link import Access

@@ -183,7 +183,9 @@ class Frames:
         trail: list[str] = []
         while frame not in (self.arm, WORLD, f"{self.arm}_origin"):
             if frame in trail:
-                raise ConfigError("transforms", frame, "is attached to itself: " + " - ".join(trail))
+                raise ConfigError(
+                    "transforms", frame, "is attached to itself: " + " - ".join(trail)
+                )
             trail.append(frame)
             _refuse_long(trail)
             if frame in self._brought:

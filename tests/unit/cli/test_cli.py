@@ -156,7 +156,7 @@ def test_a_move_that_nobody_can_agree_to_says_so_to_people_and_to_programs():
         (["--sim", "--xyz", "1e308,0,0"], 2, "from -1e+06 to 1e+06"),
         (["--sim", "--pose", "home", "--from", "1e9,0,0,0,0"], 2, "from -360 to 360"),
         (["--sim", "--xyz", "200,0,100", "--approach", "1e-320,0,0"], 2, "direction"),
-        (["--sim", "--pose", "home", "--calibration", "arm.json"], 2, "belongs to --port"),
+        (["--sim", "--pose", "home", "--calibration", "arm.json"], 2, "works only with --port"),
         (["--port", "", "--pose", "home"], 2, "port's name is empty"),
         (["--port", "/tmp", "--pose", "home"], 3, "not a serial port"),
     ],

@@ -10,7 +10,7 @@ from so101_motion.cli import main
 from so101_motion.cli.error_exit import reports_errors
 from so101_motion.cli.error_text import parted
 from so101_motion.cli.shared import DEBUG
-from so101_motion.cli.sources import MachineSource, Source, any_source_options, paced
+from so101_motion.cli.sources import MachineSource, Source, any_source_options, with_caps
 from so101_motion.common import errors
 
 
@@ -49,7 +49,7 @@ def test_a_calibration_that_was_named_and_cannot_be_used_moves_nothing(tmp_path)
         (("--sim", "--port", "/dev/a"), {}, "not both"),
         (("--port", "/dev/a", "--machine", "m"), {}, "not both"),
         ((), {"SO101_PORT": "/dev/a", "SO101_MACHINE": "m"}, "not both"),
-        (("--sim", "--arm", "left"), {}, "belong to --machine"),
+        (("--sim", "--arm", "left"), {}, "work only with --machine"),
     ],
 )
 def test_a_source_that_is_not_clear_is_asked_for(arguments, environment, says):
@@ -73,8 +73,8 @@ def test_a_key_comes_from_the_environment_and_is_never_shown():
 
 def test_caps_are_the_same_for_every_source():
     for source in (Source(port=None), MachineSource(address="m")):
-        assert paced(source, 90.0, None).speed == pytest.approx(1.5707963)
-        assert paced(source, None, None).speed is None
+        assert with_caps(source, 90.0, None).speed == pytest.approx(1.5707963)
+        assert with_caps(source, None, None).speed is None
 
 
 # Errors

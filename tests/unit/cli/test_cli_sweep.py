@@ -133,7 +133,7 @@ def test_motions_are_exported_as_mcap(tmp_path):
 
 def test_a_check_needs_something_to_check_against(tmp_path):
     nothing = sweep("check", str(tmp_path), "--out", str(tmp_path / "out"))
-    assert (nothing.exit_code, "against what?" in nothing.output) == (2, True)
+    assert (nothing.exit_code, "give what has changed" in nothing.output) == (2, True)
 
 
 def test_an_arm_that_is_not_in_the_cell_is_refused_with_those_that_are(tmp_path):

@@ -146,7 +146,9 @@ async def test_a_camera_that_does_not_see_is_no_reason_to_take_the_space_for_emp
         with pytest.raises(SurroundingsUnknown, match='"camera" sees no point at all'):
             await scene()
         bench.camera.look = lambda: GRPCError(Status.UNAVAILABLE, "unplugged")
-        with pytest.raises(SurroundingsUnknown, match=r'"camera" sends no picture: unplugged; mend'):
+        with pytest.raises(
+            SurroundingsUnknown, match=r'"camera" sends no picture: unplugged; mend'
+        ):
             await scene()
     finder = FakeVision("finder", GRPCError(Status.UNKNOWN, "no header"))
     async with bench.watching(finder) as scene:
