@@ -128,7 +128,8 @@ def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
     elif report.joints:  # without any, opening the arm fails and says why
         say(
             "no calibration file of this arm was found, so zero is the middle of each joint's"
-            " travel and points are some 40 mm off; so101 calibrate makes one, --calibration names one"
+            " travel and points are some 40 mm off; so101 calibrate makes one, --calibration names"
+            " one"
         )
     return report.calibration
 

@@ -46,7 +46,7 @@ def sweep() -> None:
 
 
 def _run_options(verb: F) -> F:
-    """Add the options of every sweep; the verb gets ``run``, which runs it and prints the result."""
+    """Add every sweep's options; the verb gets ``run``, which runs it and prints the result."""
 
     @computing_options
     @json_option
