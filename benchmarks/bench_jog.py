@@ -20,19 +20,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 import numpy as np
-import viser
 from so101_viewer import serve
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection
 
 from benchmarks import _common
 from so101_motion.common.state import JointState
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.rig.hardware_rig import Rig, open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
+
+_raw_window: Any = _common.from_tests("harness.raw_window")
 
 PRESSES = 100
 REPEAT = 0.025  # [s], as the browser's script
@@ -95,17 +95,8 @@ async def press(window: ClientConnection, uuid: str, value: object) -> None:
 
 async def jog(url: str, widgets: dict[str, str], presses: int) -> list[tuple[float, float, float]]:
     """Press and release; when each began, ended, and when the last message of a lost one went."""
-    link = urlsplit(url)
-    origin = f"http://{link.netloc}"
-    cookie = f"so101_{link.port}={parse_qs(link.query)['key'][0]}"
     times = []
-    async with connect(
-        origin.replace("http", "ws"),
-        subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
-        origin=origin,  # type: ignore[arg-type]
-        additional_headers={"Cookie": cookie},
-        max_size=None,
-    ) as window:
+    async with _raw_window.page_connection(url) as window:
         reader = asyncio.ensure_future(_listen(window))
         await asyncio.sleep(1.0)
         await press(window, widgets["Start jogging"], True)

@@ -27,18 +27,18 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 import numpy as np
-import viser
 import zstandard
 from playwright.sync_api import Browser, Page, sync_playwright
 from so101_viewer.server.guarded_server import start_guarded
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection
 
 from benchmarks import _common
 from benchmarks.soak_page import BROWSERS, Process, running_page
+
+_raw_window: Any = _common.from_tests("harness.raw_window")
 
 LOADS, IDLE_SECONDS, MOVES = 6, 8.0, 4
 WORDS = "Idle, holding"
@@ -190,16 +190,9 @@ class RawWindow:
 
 async def listen(url: str) -> Heard:
     """Be a window on ``url``, and move the arm a few times."""
-    link, heard = urlsplit(url), Heard()
-    origin = f"http://{link.netloc}"
+    heard = Heard()
     begin = time.perf_counter()
-    async with connect(
-        origin.replace("http", "ws"),
-        subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
-        origin=origin,  # type: ignore[arg-type]
-        additional_headers={"Cookie": f"so101_{link.port}={parse_qs(link.query)['key'][0]}"},
-        max_size=None,
-    ) as connection:
+    async with _raw_window.page_connection(url) as connection:
         window = RawWindow(connection)
         while not await window.hear():
             pass

@@ -27,17 +27,15 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 import numpy as np
-import viser
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
-from viser import _messages
-from websockets.asyncio.client import connect
 
 from benchmarks import _common
 from benchmarks._machine import cpu_time, memory
+
+_raw_window: Any = _common.from_tests("harness.raw_window")
 
 SECONDS = 600.0
 IDLE_SHARE, REOPEN_EVERY = 0.05, 8
@@ -165,22 +163,9 @@ class Listener:
         self._thread.join()
 
     async def _listen(self) -> None:
-        link = urlsplit(self._url)
-        origin = f"http://{link.netloc}"
-        cookie = f"so101_{link.port}={parse_qs(link.query)['key'][0]}"
-        async with connect(
-            origin.replace("http", "ws"),
-            subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
-            origin=origin,  # type: ignore[arg-type]
-            additional_headers={"Cookie": cookie},
-            max_size=None,
-        ) as connection:
-            camera = _messages.ViewerCameraMessage(
-                (1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 1.0, 0.01, 100.0, 100, 100,
-                (0.0, 0.0, 0.0), (0.0, 0.0, 1.0),
-            )  # fmt: skip
-            told = {"type": "ViewerCameraMessage", **vars(camera)}
-            await connection.send(msgspec.msgpack.encode(told))
+        async with _raw_window.page_connection(self._url) as connection:
+            camera = {"type": "ViewerCameraMessage", **vars(_raw_window.CAMERA)}
+            await connection.send(msgspec.msgpack.encode(camera))
             while not self._over.is_set():
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(connection.recv(), 0.2)

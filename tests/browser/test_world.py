@@ -1,4 +1,4 @@
-"""The World tab: plans use what is edited in the browser."""
+"""The World tab: obstacles are added, dragged, held, saved and loaded, and plans avoid them."""
 
 from __future__ import annotations
 

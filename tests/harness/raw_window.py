@@ -11,7 +11,7 @@ import viser
 from viser import _messages
 from websockets.asyncio.client import ClientConnection, connect
 
-_CAMERA = _messages.ViewerCameraMessage(
+CAMERA = _messages.ViewerCameraMessage(
     wxyz=(1.0, 0.0, 0.0, 0.0),
     position=(1.0, 1.0, 1.0),
     fov=1.0,
@@ -24,6 +24,19 @@ _CAMERA = _messages.ViewerCameraMessage(
 )
 
 
+def page_connection(url: str) -> connect:
+    """The websocket of a page, from its link; use it with ``async with`` or ``await``."""
+    link = urlsplit(url)
+    origin = f"http://{link.netloc}"
+    return connect(
+        f"ws://{link.netloc}",
+        subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
+        origin=origin,  # type: ignore[arg-type]
+        additional_headers={"Cookie": f"so101_{link.port}={parse_qs(link.query)['key'][0]}"},
+        max_size=None,
+    )
+
+
 class RawWindow:
     """One window; use it in an ``async with`` block.
 
@@ -33,23 +46,14 @@ class RawWindow:
     """
 
     def __init__(self, url: str, *, draws: bool = True) -> None:
-        self._draws = draws
-        link = urlsplit(url)
-        self._origin = f"http://{link.netloc}"
-        self._cookie = f"so101_{link.port}={parse_qs(link.query)['key'][0]}"
+        self._url, self._draws = url, draws
         self._connection: ClientConnection | None = None
 
     async def __aenter__(self) -> RawWindow:
-        self._connection = await connect(
-            self._origin.replace("http", "ws"),
-            subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
-            origin=self._origin,  # type: ignore[arg-type]
-            additional_headers={"Cookie": self._cookie},
-            max_size=None,
-        )
+        self._connection = await page_connection(self._url)
         await self._connection.recv()
         if self._draws:
-            await self.send("ViewerCameraMessage", **vars(_CAMERA))
+            await self.send("ViewerCameraMessage", **vars(CAMERA))
         return self
 
     async def __aexit__(

@@ -1,4 +1,4 @@
-"""Draw a program: numbered dots at the waypoints and the planned path through them.
+"""Draw a program: its waypoints as numbered dots, the planned path, and the ghost of a rehearsal.
 
 Dots carry numbers, not names: typed text never becomes part of the scene.
 """

@@ -54,9 +54,9 @@ def test_every_waypoint_is_on_one_leg_and_a_leg_ends_where_the_arm_stops(
     made = Program(
         waypoints=tuple(Waypoint(name="a", q=np.zeros(5), passes=each) for each in passes)
     )
-    ways = [each.indices for each in made.visits()]
-    assert [index for each in ways for index in each] == [*range(len(passes))]
-    for each in ways:
+    legs = [each.indices for each in made.visits()]
+    assert [index for each in legs for index in each] == [*range(len(passes))]
+    for each in legs:
         assert [made.stops_at(index) for index in each] == [False] * (len(each) - 1) + [True]
 
 
@@ -70,8 +70,8 @@ def looped(names: str, *loops: tuple[int, int, int], passed: str = "") -> Progra
 
 def order(made: Program, most: int | None = None) -> str:
     """The waypoints as they are gone through; a comma where the arm stops."""
-    ways = (made.waypoints[each.indices.start : each.indices.stop] for each in made.visits(most))
-    return ",".join("".join(each.name for each in way) for way in ways)
+    legs = (made.waypoints[each.indices.start : each.indices.stop] for each in made.visits(most))
+    return ",".join("".join(each.name for each in leg) for leg in legs)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_loops_survive_every_edit_and_two_rounds_show_every_leg_with_every_jaw(
         assert len(edited.loops) <= len(made.loops)
         assert all(loop.last < len(edited) for loop in edited.loops)
 
-    def ways(most: int | None) -> set[tuple[object, ...]]:
+    def legs(most: int | None) -> set[tuple[object, ...]]:
         found, jaw = set(), 0.5
         for visit in made.with_rounds(3).visits(most):
             found.add((visit.origin, visit.indices, jaw))
@@ -124,7 +124,7 @@ def test_loops_survive_every_edit_and_two_rounds_show_every_leg_with_every_jaw(
             jaw = jaw if told is None else told
         return found
 
-    assert ways(2) == ways(None)
+    assert legs(2) == legs(None)
 
 
 @pytest.mark.parametrize(
