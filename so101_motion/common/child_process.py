@@ -35,7 +35,7 @@ import importlib, sys
 sys.path.append(sys.argv.pop(1))
 importlib.import_module(sys.argv.pop(1)).main()
 """
-"""What a child runs. The folder of this package is searched last, in case it is the current one."""
+"""Code that a child runs. The package's folder is searched last: it may be the current one."""
 
 _CANCELLED = "the computation was cancelled"
 
@@ -125,7 +125,7 @@ def main() -> None:
 
 
 def _search_path() -> list[str]:
-    """Where this process finds modules, without the current folder."""
+    """The folders in which this process finds modules, without the current one."""
     try:
         here = os.path.realpath(os.curdir)
     except OSError:  # it has been deleted

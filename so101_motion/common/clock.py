@@ -71,7 +71,7 @@ class MonotonicClock:
 
 
 class _Wait:
-    """What a waiting thread waits for: the time ``until`` [s] or the event ``wake``."""
+    """The time ``until`` [s] and the event ``wake`` that a thread waits for."""
 
     __slots__ = ("until", "wake")
 
@@ -93,7 +93,7 @@ class ManualClock:
         self._threads: dict[threading.Thread, _Wait | None] = {}  # None: busy
 
     def now(self) -> float:
-        """What the clock shows [s]."""
+        """The time that the clock shows [s]."""
         return self._now
 
     def advance(self, dt: float) -> None:

@@ -21,7 +21,7 @@ NEEDED = (
     *("ruckig", "scservo_sdk", "serial", "trimesh", "viam.module.module"),
     *(("toppra",) if (sys.platform, platform.machine()) == ("linux", "x86_64") else ()),
 )
-"""What the module, the library and the command line import."""
+"""Packages that the module, the library and the command line import."""
 
 NEEDED_BY_EXTRA = {
     "viewer": ("viser", "websockets"),
@@ -35,7 +35,7 @@ NEEDED_BY_EXTRA = {
         "qpsolvers",
     ),
 }
-"""What each extra of the installation adds to that."""
+"""Further packages of each extra of the installation."""
 
 DEBIAN_PACKAGES = {
     "libatomic.so.1": "libatomic1",

@@ -15,7 +15,7 @@ from enum import Enum
 
 
 class Mode(Enum):
-    """What the arm is doing."""
+    """The mode of the arm: what it is doing."""
 
     LIMP = "limp"
     GUIDING = "guiding"
@@ -27,7 +27,7 @@ class Mode(Enum):
 
 
 class Event(Enum):
-    """What can happen to it."""
+    """An event that may change the mode."""
 
     MOVE = "a motion starts"
     STOP = "a stop is asked for"

@@ -20,7 +20,7 @@ GRIPPER_JOINT = "gripper"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointReading:
-    """What a driver measured in one cycle.
+    """The measurements of a driver in one cycle.
 
     Attributes:
         q: Arm joint angles, shape (5,), [rad].

@@ -236,7 +236,7 @@ def _near(wanted: float, before: float, change: float) -> float:
 
 
 def _between(value: float, end: float) -> float:
-    """What is nearest to ``value`` from 0 to ``end``."""
+    """``value``, limited to the range from 0 to ``end``."""
     return min(max(value, min(end, 0.0)), max(end, 0.0))
 
 

@@ -122,14 +122,14 @@ class _KnownPosition:
 
     def judge(self, ticks: int, asked: float, answered: float) -> bool:
         # Plain comparisons: six of these run in every cycle.
-        way = (ticks - self._sure + _HALF) % TICKS_PER_TURN - _HALF
+        moved = (ticks - self._sure + _HALF) % TICKS_PER_TURN - _HALF
         dt = answered - self._sure_t
         on = self._v * dt if dt <= _RECENT else 0.0
-        above, below = (way - on, -way) if on > 0.0 else (way, on - way)
+        above, below = (moved - on, -moved) if on > 0.0 else (moved, on - moved)
         beyond = above if above > below else below
-        is_possible = abs(way) <= SCATTER + FASTEST * dt
+        is_possible = abs(moved) <= SCATTER + FASTEST * dt
         if is_possible and beyond <= CLOSE:
-            self._trust(ticks, asked, way)
+            self._trust(ticks, asked, moved)
             return True
         self._count_in(ticks, asked)
         if not is_possible:
@@ -143,29 +143,29 @@ class _KnownPosition:
             return True
         return False
 
-    def _trust(self, ticks: int, asked: float, way: int) -> None:
+    def _trust(self, ticks: int, asked: float, moved: int) -> None:
         """Make a reading that agrees with the past the sure position."""
         since = asked - self._sure_t
         if since >= _SPACING:
-            self._v = way / since
+            self._v = moved / since
             self._sure, self._sure_t = ticks, asked
         self.t, self.is_sure, self._count = asked, True, 0
 
     def _count_in(self, ticks: int, asked: float) -> None:
         """Count readings in a row that agree with each other but not with the past."""
-        way, dt = _way(self._last, ticks), asked - self._last_t
+        moved, dt = _difference(self._last, ticks), asked - self._last_t
         on = self._last_v * dt
-        if self._count == 1 and abs(way) <= CLOSE + _HANDS * dt and dt <= _RECENT:
+        if self._count == 1 and abs(moved) <= CLOSE + _HANDS * dt and dt <= _RECENT:
             self._count = 2
-        elif self._count > 1 and min(on, 0.0) - CLOSE <= way <= max(on, 0.0) + CLOSE:
+        elif self._count > 1 and min(on, 0.0) - CLOSE <= moved <= max(on, 0.0) + CLOSE:
             self._count += 1
         else:
             self._count = 1
         if self._count == 1 or dt >= _SPACING:
-            self._last_v = way / dt if self._count > 1 else 0.0
+            self._last_v = moved / dt if self._count > 1 else 0.0
             self._last, self._last_t = ticks, asked
 
 
-def _way(start: int, end: int) -> int:
-    """From one position to another the shorter way round [tick]."""
+def _difference(start: int, end: int) -> int:
+    """The distance from one position to another, the shorter way round [tick]."""
     return (end - start + _HALF) % TICKS_PER_TURN - _HALF

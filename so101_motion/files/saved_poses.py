@@ -22,7 +22,7 @@ from so101_motion.files import user_storage
 SCHEMA = "so101/poses/1"
 
 MOST = 200
-"""How many poses a user may save. Chosen; a longer list is of no use."""
+"""Most poses that a user may save. Chosen; nobody finds anything in a longer list."""
 
 
 class SavedPoses:

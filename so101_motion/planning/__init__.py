@@ -1,4 +1,4 @@
-"""From a request to a verified trajectory: numbers in, numbers out.
+"""Plan a verified trajectory for a request: numbers in, numbers out.
 
 ``planner.py`` runs the stages; each stage has a folder: ``kinematics``, ``collision``, ``paths``,
 ``timing``, ``cartesian`` (lines and arcs of the tool), ``differential`` (jogging and following) and

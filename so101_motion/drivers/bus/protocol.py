@@ -110,7 +110,7 @@ class Answers:
 
     @property
     def rest(self) -> bytes:
-        """What has arrived and is not (yet) an answer."""
+        """The bytes that have arrived and are not (yet) an answer."""
         return bytes(self._buffer if self._doubtful is None else self._buffer[1:])
 
     def feed(self, data: bytes) -> None:

@@ -49,7 +49,7 @@ class Code(IntEnum):
 
 
 class State(Enum):
-    """What the next byte means to a listener."""
+    """The meaning of the next byte to a listener."""
 
     HUNT = "looking for FF FF"
     ID = "id"

@@ -35,7 +35,7 @@ ALL_IDS: Mapping[int, int] = {place: place for place in range(1, 7)}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatorOptions:
-    """What to emulate.
+    """Settings of an emulated arm.
 
     Attributes:
         link: A symbolic link that always leads to the port; None for none.

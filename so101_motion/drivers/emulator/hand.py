@@ -27,12 +27,12 @@ STRENGTH = 2.0
 """Largest torque of the hand [N m]; chosen: enough for any limp joint, not for a driven one."""
 
 STIFFNESS = 25.0
-"""Of the hand [N m/rad]; chosen."""
+"""Stiffness of the hand [N m/rad]; chosen."""
 
 _DAMPING = 1.5  # [N m s/rad], chosen: about critical with a servo's inertia
 
 OBJECT_STIFFNESS = 120.0
-"""Of something between the jaws [N m/rad at the jaw]; chosen: hard plastic."""
+"""Stiffness of an object between the jaws [N m/rad at the jaw]; chosen: hard plastic."""
 
 _GAP_MM = (
     (-11.5, 0.0), (-10.0, 1.9), (-5.0, 8.8), (0.0, 15.8), (5.0, 22.1), (10.0, 28.5),

@@ -27,7 +27,7 @@ from so101_motion.drivers.emulator.motion import DT
 from so101_motion.drivers.servo_types import ServoType
 
 STOP_STIFFNESS = 150.0
-"""Of a mechanical stop [N m/rad]; chosen, a stalled servo presses it in by about a degree."""
+"""Stiffness of a stop [N m/rad]; chosen, a stalled servo presses it in by about a degree."""
 
 _STOP_DAMPING = 2.0  # [N m s/rad], chosen: an arm that falls on its stop does not bounce
 _PLAY_FRICTION = 0.01  # [N m], chosen: smaller loads do not move the output through the play

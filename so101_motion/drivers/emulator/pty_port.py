@@ -49,7 +49,7 @@ _CHUNK = 4096
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pacing:
-    """When replies reach the client.
+    """Delays with which replies reach the client.
 
     Attributes:
         realtime: Whether bytes take the time they would take on the wire.

@@ -76,7 +76,7 @@ class FeetechArm:
         maps: The servo of each joint this arm has, by joint name. A joint without one reads as 0
             and takes no goals.
         gravity: The torque that holds a pose, see ``gravity_compensation.py``.
-        per_kg: What each kilogram in the hand adds to it; None if nobody knows.
+        per_kg: Additional torque for each kilogram in the hand; None if unknown.
         speed: Speed cap kept by the servos themselves [rad/s].
         acceleration: Acceleration cap of the servos [rad/s^2]; well above plans, or they lag.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].

@@ -68,7 +68,7 @@ class GoalCompensation:
         maps: The servo of each joint there is, by index.
         gravity: The torque that holds a pose.
         limiter: What bounds commands and goals.
-        per_kg: What each kilogram in the hand adds to that torque; None if nobody knows.
+        per_kg: Additional torque for each kilogram in the hand; None if unknown.
         figures: How servos were found to differ from their type, by index.
         compensates: Whether anything is added at all. If not, the offsets at which the servos were
             found are faded out within ``_GIVEN_UP``.

@@ -97,7 +97,7 @@ LARGEST_OFFSET = LARGEST_SAG + LARGEST_DRIVE
 """Share of full drive that both parts together may cause."""
 
 INERTIA = (0.012, 0.014, 0.007, 0.002, 0.001)
-"""Of the links that each joint moves, on top of rotor and gears [kg m^2]; chosen, averages."""
+"""Inertia that the moved links add to each joint [kg m^2]; chosen, averages."""
 
 HEAVIEST = 0.4
 """Largest mass that is learnt, positive or negative [kg]. Chosen; a weaker motor looks like a mass

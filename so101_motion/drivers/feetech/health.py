@@ -101,7 +101,7 @@ def _figures(block: bytes) -> tuple[float, float, int, float]:
 
 @lru_cache(maxsize=256)
 def _words(status: int) -> tuple[str, ...]:
-    """What the bits of a status byte mean."""
+    """The bits of a status byte."""
     return Fault(status).names
 
 

@@ -1,4 +1,4 @@
-"""Compute how far beyond its joint a servo's goal must be to make a torque.
+"""Model a position servo: the error that makes a torque, its friction, its lag and its play.
 
 A position loop without integral makes torque only from an error: ``p_gain / 4`` thousandths of full
 drive for each tick, and a constant that helps it over its friction. So a goal lies beyond the

@@ -146,7 +146,7 @@ def _blocked(end: _End) -> Array | None:
 
 
 def _limit(ik: IkSolver, search: PathSearch, end: _End) -> tuple[str | None, float]:
-    """What stops the arm, by name; or None and how far the tool would be turned off [rad]."""
+    """The name of the limit that stops the arm, or None and the tool's orientation error [rad]."""
     task = search.task
     if not task.tool_path.spin:
         until = min(task.tool_path.length, end.s + NEAR_END)

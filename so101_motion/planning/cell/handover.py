@@ -230,7 +230,7 @@ class _Planning:
                 yield from sorted(some, key=turned)
 
     def _ready(self, meeting: Meeting, grasp: Grasp) -> Array | None:
-        """The taker's configuration before it takes the object; None if the meeting is no use."""
+        """The taker's configuration before it takes the object; None if nothing free is found."""
         q_jaw = self._q_jaw_open(grasp)
         giver, taker = self._giver, _with(self._taker, q_jaw=q_jaw)
         at_giver, at_taker = self._at_giver, self._at_taker

@@ -67,7 +67,7 @@ class Course:
 
     @property
     def end(self) -> float:
-        """When it comes to rest [s]."""
+        """The time at which the arm comes to rest [s]."""
         return self.t + self.dt * (len(self.q) - 1)
 
     def at(self, times: NDArray[np.floating[Any]]) -> Array:

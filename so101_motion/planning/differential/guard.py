@@ -4,8 +4,7 @@ A control cycle asks three questions:
 
 * ``look``: which bodies are near, and which joints are near their torque limit?
 * ``within_reach``: which configuration nearest to a target is free? An estimate, from distances
-that
-  are linearised in the joint angles: the arm slides along obstacles.
+  that are linearised in the joint angles: the arm slides along obstacles.
 * ``admits``: is a path free, and can the servos bear it? A proof. An arm that only takes steps from
   which an admitted path leads to rest never touches anything, however wrong the estimate was.
 

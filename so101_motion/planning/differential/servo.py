@@ -208,7 +208,7 @@ class Servo:
         return self._taken(qd, share)
 
     def held_by(self) -> tuple[str, ...]:
-        """What limited the task velocity of the last step, in words.
+        """Reasons that limited the task velocity of the last step, for messages.
 
         Such as ``"elbow_flex at its upper limit"`` or ``"the jaw close to the floor"``; joints that
         only gain speed are not mentioned.
@@ -227,7 +227,7 @@ class Servo:
         return tuple(dict.fromkeys(reasons))
 
     def _approached(self, q: Array) -> Sequence[_Approached]:
-        """What the arm is nearest to at ``q``, shape (5,), [rad]: torque limits first, then bodies.
+        """Torque limits, then bodies, that the arm is nearest to at ``q``, shape (5,), [rad].
 
         Bodies of other arms count from where the arm is, and are put into words at once: the next
         step overwrites them.
@@ -313,7 +313,7 @@ class Servo:
         return float((np.abs(qd) / self._limits.acceleration).max())
 
     def _limit_of(self, i: int, wanted: float) -> str | None:
-        """The limit that keeps a joint from a velocity, in words; None if none does."""
+        """The limit that keeps a joint from a velocity, for messages; None if none does."""
         up, speed = wanted > 0.0, abs(wanted)
         rest = self._lead[i] + 0.5 * self._braking_time * self._lead_qd[i]
         left = self._upper[i] - rest if up else rest - self._lower[i]

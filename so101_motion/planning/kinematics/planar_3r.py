@@ -83,7 +83,7 @@ class Hand(NamedTuple):
 
 
 class Target(NamedTuple):
-    """Where the hand shall end, from the shoulder: forward and up [m]."""
+    """The wanted end of the hand, from the shoulder: forward and up [m]."""
 
     x: float
     z: float

@@ -1,6 +1,6 @@
-/* Measures the distance of one pair of convex bodies in double precision, as far as needed.
+/* Computes the poses of bodies, and the distance of two of them in double precision, as far as needed.
  *
- * It finds the point of the difference of two bodies nearest to the origin (E. G. Gilbert, D. W.
+ * Finds the point of the difference of two bodies nearest to the origin (E. G. Gilbert, D. W.
  * Johnson, S. S. Keerthi, 1988). The nearest point of a simplex is searched among all edges and faces
  * that it can be on. As in lanes.c, the length of a combination of points is an upper bound and a
  * plane that touches the difference gives a lower one, so an error in the iteration could cost time,

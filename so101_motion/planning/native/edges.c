@@ -22,7 +22,7 @@ static void ask_on(Scene *s, int n) {
     if (said == 2) s->stopped = 1;
 }
 
-/* Verdicts without UNKNOWN. When it was told to stop, all the rest counts as touching. */
+/* Verdicts without UNKNOWN. When the check is interrupted, all others become TOUCHING. */
 int so101_check(Scene *s, const Level *level, const double *q, int n, int stop, uint8_t *verdict) {
     int found = 0;
     for (int i = 0; i < n; i += AT_ONCE) {

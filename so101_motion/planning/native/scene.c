@@ -17,7 +17,7 @@ Furthest so101_furthest = so101_furthest_base;
 
 /* Whether processor and system support the instructions that lanes.c was compiled for; asked of the
  * processor itself because not every compiler's builtin works. */
-static int can(int width) {
+static int can_use(int width) {
     unsigned a, b, c, d, low, high;
     if (!__get_cpuid(1, &a, &b, &c, &d) || !(c >> 27 & 1)) return 0; /* osxsave */
     const unsigned first = 1u << 12 | 1u << 22 | 1u << 28 | 1u << 29; /* fma movbe avx f16c */
@@ -40,12 +40,12 @@ int so101_start(int most) {
     so101_lanes = so101_lanes_base;
     so101_furthest = so101_furthest_base;
 #if defined(__x86_64__)
-    if (most >= 8 && can(8)) so101_furthest = so101_furthest_avx2;
-    if (most >= 16 && can(16)) {
+    if (most >= 8 && can_use(8)) so101_furthest = so101_furthest_avx2;
+    if (most >= 16 && can_use(16)) {
         so101_lanes = so101_lanes_avx512;
         return 16;
     }
-    if (most >= 8 && can(8)) {
+    if (most >= 8 && can_use(8)) {
         so101_lanes = so101_lanes_avx2;
         return 8;
     }
@@ -198,7 +198,7 @@ static void divide(Piece *p, int n, int k, int axis) {
     }
 }
 
-static void plant(Scene *s, int index, int first, int count) {
+static void build_tree(Scene *s, int index, int first, int count) {
     Node *node = &s->node[index];
     double low[3], high[3], least[3], most[3];
     node->mask = 0, node->object = s->piece[first].object;
@@ -226,8 +226,8 @@ static void plant(Scene *s, int index, int first, int count) {
     divide(s->piece + first, count, left, axis);
     node->first = child, node->count = 0;
     s->nodes += 2;
-    plant(s, child, first, left);
-    plant(s, child + 1, first + left, count - left);
+    build_tree(s, child, first, left);
+    build_tree(s, child + 1, first + left, count - left);
 }
 
 /* Makes a scene; 0 without memory. All arrays are copied; `first` has one more than bodies or shapes. */
@@ -275,7 +275,7 @@ Scene *so101_new(const double *offsets, int bodies, const int *joint, const int 
     }
     if (pieces) {
         s->nodes = 1;
-        plant(s, 0, 0, pieces);
+        build_tree(s, 0, 0, pieces);
     }
     free(largest);
     return s;

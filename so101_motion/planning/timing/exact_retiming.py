@@ -14,8 +14,7 @@ How it works.
 3. The place as a function of time is averaged over a window that turns steps of acceleration into
    ramps of the jerk limit (a moving average, or FIR filter: see ``jerk_filter.py``).
 4. The result is measured. Where it exceeds a limit, the speed near there is lowered accordingly,
-and
-   the motion is made again. The excess after a few rounds is removed by slowing the whole motion.
+   and the motion is made again. Any excess after a few rounds is removed by slowing all of it.
 
 Source: J. E. Bobrow, S. Dubowsky, J. S. Gibson, Time-Optimal Control of Robotic Manipulators Along
 Specified Paths, 1985, for the two passes under a speed limit at each place.

@@ -3,9 +3,8 @@
 Each takes tens of microseconds to a millisecond; collisions and position limits are not checked
 here but by the caller. There are two kinds of stop:
 
-- :func:`stop_on_path` stays on a motion that has been verified and only slows its time down until
-it
-  stands. Every position of the stop is one of the motion's, so it is free of collision too.
+- :func:`stop_on_path` stays on a motion that has been verified and only slows its time down to a
+  stop. Every position of the stop is one of the motion's, so it is free of collision too.
 - :func:`stop` brings each joint to rest as fast as it can. It is the shortest stop, and leaves the
   path as far as the joints' braking times differ.
 
@@ -190,7 +189,7 @@ def _overtaking(
 def alongside(
     now: Setpoint, target: Setpoint, limits: MotionLimits, dt: float
 ) -> tuple[Setpoint, Array]:
-    """The next setpoint beside a target whose acceleration is known.
+    """The next setpoint that keeps up with a target whose acceleration is known.
 
     A joint near its target approaches it softly: its error decays with the time constant
     ``SOFTNESS``, and otherwise it accelerates like the target. A joint that would exceed a cap goes

@@ -65,7 +65,7 @@ class JointPath:
 
     @property
     def length(self) -> float:
-        """Where the path ends [rad]."""
+        """The end of the path [rad]."""
         return float(self.knots[-1])
 
     def evaluate(self, s: ArrayLike) -> PathPoints:
