@@ -101,7 +101,7 @@ def pixels(guest: Guest, hue_from: int, hue_to: int) -> int:
     return int((clear & (hue >= hue_from) & (hue <= hue_to)).sum())
 
 
-def test_what_is_added_is_drawn_in_the_scene_of_plans_and_moves_nothing(
+def test_an_added_obstacle_is_drawn_and_planned_with_and_moves_nothing(
     world: Guest, rig: Rig, preview: Preview
 ) -> None:
     arrows = preview._server.viser.scene._handle_from_node_name["/target"]
@@ -206,7 +206,7 @@ def test_the_gripper_takes_a_thing_along_and_leaves_it(world: Guest, rig: Rig) -
     np.testing.assert_allclose(rig.arm.scene.obstacles[0].T_base_obstacle.p, there, atol=1e-3)
 
 
-def test_an_obstacle_where_the_arm_stands_is_drawn_and_told(world: Guest, rig: Rig) -> None:
+def test_an_obstacle_where_the_arm_stands_is_drawn_and_reported(world: Guest, rig: Rig) -> None:
     node = add(world, "box")
     p_mm = 1000.0 * rig.arm.model.frame(rig.arm.state.q, "gripper_link").p
     fill(world, "Position (mm)", *(f"{x:.0f}" for x in p_mm))

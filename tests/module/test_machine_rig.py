@@ -250,7 +250,7 @@ def test_what_cannot_be_done_over_the_network_is_refused(rig):
         rig.arm.start_retarget(np.radians([0.0, -45.0, 45.0, 60.0, 400.0]))
 
 
-def test_what_the_module_knows_of_the_arm_is_planned_with():
+def test_plans_use_the_obstacles_floor_and_caps_of_the_module():
     mug = {"name": "mug", "box_mm": [60, 60, 90], "position_mm": [250, 0, 45]}
     attributes = {"obstacles": [mug], "floor_z_mm": -10.0, "speed_degs_per_sec": 40.0}
     resources = ((ARM, SIMULATED, "arm", attributes),)
@@ -281,7 +281,7 @@ def test_nobody_at_the_address_is_a_sentence():
     assert "secret" not in str(caught.value)
 
 
-def test_several_arms_have_to_be_told_apart():
+def test_with_several_arms_one_must_be_named():
     with running_machine(resources=(*SIM, (ARM, SIMULATED, "second", {}))) as machine:
         with pytest.raises(ConfigError, match="name one of arm, second"):
             MachineRig.connect(machine.address)

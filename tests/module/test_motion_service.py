@@ -1,4 +1,4 @@
-"""The motion service over gRPC, with a simulated arm whose time is let pass by the test."""
+"""The motion service over gRPC, with a simulated arm on a clock the test drives."""
 
 import asyncio
 import json
@@ -123,7 +123,7 @@ async def test_the_gripper_may_be_named_instead_of_the_arm(arm, motion):
     np.testing.assert_allclose(1000 * T.p + 60 * T.R[:, 2], (240, 60, 100), atol=0.2)
 
 
-async def test_the_way_goes_around_what_the_request_says_is_there(arm, motion):
+async def test_the_path_avoids_the_obstacles_of_the_request(arm, motion):
     await in_time(arm, motion.move("arm", at(200, -140, 120)))
     await in_time(arm, motion.move("arm", at(200, 140, 120), WALL))
     np.testing.assert_allclose(await tool(arm), (200, 140, 120), atol=0.2)
@@ -132,13 +132,13 @@ async def test_the_way_goes_around_what_the_request_says_is_there(arm, motion):
     assert not plan.report.straight
 
 
-async def test_what_was_said_to_be_there_counts_for_that_request_alone(arm, motion):
+async def test_obstacles_of_a_request_count_for_that_request_alone(arm, motion):
     with pytest.raises(GRPCError, match="wall"):
         await motion.move("arm", at(230, 0, 150), WALL)
     assert await in_time(arm, motion.move("arm", at(230, 0, 150)))
 
 
-async def test_a_large_mesh_is_in_the_way_as_a_small_one_is(arm, motion):
+async def test_a_large_mesh_blocks_as_a_small_one_does(arm, motion):
     """Its content goes beside the request, which is too large to be decoded at once."""
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.04).export(file_type="ply")
     assert len(ball) > LARGE
@@ -319,7 +319,7 @@ async def test_an_arm_that_the_configuration_misspells_is_named():
         assert "lfet" in (await motion.get_status())["problem"]
 
 
-async def test_what_is_for_machines_that_drive_is_refused_as_such(motion):
+async def test_requests_for_mobile_bases_are_refused_as_such(motion):
     with pytest.raises(GRPCError) as refused:
         await motion.stop_plan("arm")
     assert refused.value.status is Status.UNIMPLEMENTED

@@ -244,7 +244,7 @@ def test_a_motion_service_that_is_not_there_is_named():
     assert "mine" in caught.value.message
 
 
-async def test_what_always_stands_around_is_said_in_the_configuration():
+async def test_fixed_obstacles_come_from_the_configuration():
     crate = {"name": "crate", "box_mm": [80, 80, 80], "position_mm": [250, 0, 120]}
     arm = new_arm(obstacles=[crate])
     try:
@@ -255,7 +255,7 @@ async def test_what_always_stands_around_is_said_in_the_configuration():
         await arm.close()
 
 
-def test_an_obstacle_that_cannot_be_meant_is_named():
+def test_an_invalid_obstacle_is_named():
     with pytest.raises(GRPCError, match="crate"):
         new_arm(obstacles=[{"name": "crate", "box_mm": [80, 80, -1]}])
 

@@ -79,7 +79,7 @@ def scene():
     )
 
 
-async def test_what_is_around_and_in_the_hand_is_shown_where_it_is(arm, store):
+async def test_obstacles_and_held_objects_are_shown_where_they_are(arm, store):
     arm.scene = scene()
     shown = await everything(store)
     assert set(shown) == {"box", "post", "plate", "seen", "zone", "cube", "arm floor"}
@@ -99,7 +99,7 @@ async def test_the_newest_plan_is_shown_with_its_goal(arm, store):
     assert sum("way" in name for name in shown) > 20
 
 
-async def test_a_stream_tells_what_comes_changes_and_goes(arm, store):
+async def test_a_stream_reports_added_changed_and_removed_objects(arm, store):
     changes = store.stream_transform_changes()
     arm.scene = Scene(obstacles=scene().obstacles[:1])
     # viam-server drops the first message, and waits for it before it answers its own client.
@@ -122,7 +122,7 @@ async def test_a_stream_tells_what_comes_changes_and_goes(arm, store):
     await changes.aclose()
 
 
-async def test_what_is_no_longer_there_is_said_to_be_gone(store):
+async def test_removed_objects_are_reported_as_removed(store):
     with pytest.raises(GRPCError, match="no transform of this UUID"):
         await store.get_transform(b"nothing")
 

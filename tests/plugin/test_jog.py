@@ -105,7 +105,7 @@ def test_the_tool_stops_short_of_the_table_and_the_log_says_so(bench, pad, jog, 
     assert tool(bench)[2] > 0.0
 
 
-def test_what_is_held_again_after_the_arm_was_moved_begins_where_it_is(bench, pad, jog):
+def test_a_jog_after_the_arm_was_moved_begins_where_it_is(bench, pad, jog):
     robot, say = bench.connected(), pad[1]
     lead(bench, robot, jog, 0.1)
     elsewhere = np.add(READY, (10.0, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -57,7 +57,7 @@ def asked_of(installer):
     return asked.read_text().splitlines() if asked.exists() else []
 
 
-def test_what_is_complete_is_left_alone(installer, capsys):
+def test_a_complete_installation_is_left_alone(installer, capsys):
     pretend_environment(installer)
     assert not installer.is_installed(set())
     assert installer.main([]) == 0

@@ -246,7 +246,7 @@ def test_a_point_is_reached_with_the_joints_of_this_very_arm(arm):
     assert arm.model.frame(plan.q_goal).p == pytest.approx(p, abs=1e-4)
 
 
-def test_what_stands_around_the_arm_is_planned_around(arm):
+def test_plans_avoid_obstacles_around_the_arm(arm):
     aside = np.radians([60.0, -45.0, 45.0, 60.0, 0.0])
     goal = JointGoal(q=[-1.0, 1.0, 1.0, 1.0, 1.0] * aside)
     before = arm.plan(JointGoal(q=aside))

@@ -110,7 +110,7 @@ def test_a_grip_presses_as_gently_as_it_is_told_also_while_it_holds(rig, gripper
             gripper.set_force(force)
 
 
-def test_what_is_stopped_near_its_end_is_taken_for_closed(rig, gripper):
+def test_a_jaw_stopped_near_its_end_counts_as_closed(rig, gripper):
     gripper.closed = JAW_CLOSED - to_rad(1.0)
     rig.arm.jam("gripper")
     rig.after(3.0, gripper.start_grab().future)

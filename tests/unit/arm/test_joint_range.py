@@ -35,7 +35,7 @@ def test_it_is_narrowed_and_never_widened() -> None:
     np.testing.assert_array_equal(upper, [1.0, 1.0, 2.0, 1.0, 1.0])
 
 
-def test_what_it_is_made_of_cannot_be_changed_by_others() -> None:
+def test_its_arrays_cannot_be_changed_by_callers() -> None:
     given_lower = np.full(5, -1.0)
     bounds = WIDE.narrowed(given_lower, np.full(5, 1.0))
     given_lower[0] = 0.5
@@ -58,7 +58,7 @@ def test_two_ticks_beyond_are_let_pass(beyond: float, is_refused: bool) -> None:
     assert refuses(NARROW.check, q) is is_refused
 
 
-def test_what_is_no_number_is_outside() -> None:
+def test_nan_is_outside() -> None:
     assert refuses(NARROW.check, np.array([0.0, np.nan, 0.0, 0.0, 0.0]))
 
 

@@ -103,7 +103,7 @@ def test_a_plan_may_start_anywhere(run):
     assert json.loads(result.stdout)["q_start_deg"] == pytest.approx([10, -40, 40, 60, 0])
 
 
-def test_what_stands_in_a_scene_is_avoided_or_named(run, tmp_path):
+def test_obstacles_of_a_scene_are_avoided_or_named(run, tmp_path):
     scene = tmp_path / "scene.json"
     scene.write_text(
         json.dumps(

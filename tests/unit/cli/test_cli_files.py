@@ -126,7 +126,7 @@ def test_a_calibration_of_lerobot_is_taken_over(file, tmp_path):
     assert (tmp_path / "work" / "copy.json").exists()
 
 
-def test_what_a_file_said_before_comes_back(file):
+def test_a_files_former_content_comes_back(file):
     store.save(file, calibration(10))
     assert run("restore", "arm.json").exit_code == 0
     assert store.read(file).calibration == calibration()

@@ -114,7 +114,7 @@ def test_what_is_not_said_of_two_arms_is_refused(tmp_path, arguments, why):
 
 
 @pytest.mark.parametrize("given", ["a:b", "3:1", "1:2:3", "nan", "9e9"])
-def test_a_region_that_cannot_be_meant_is_refused(tmp_path, given):
+def test_an_invalid_region_is_refused(tmp_path, given):
     (tmp_path / "task.json").write_text("{}")
     wrong = sweep("place", str(tmp_path / "task.json"), "--x-mm", given, "--out", str(tmp_path))
     assert wrong.exit_code == 2

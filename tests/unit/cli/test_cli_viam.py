@@ -79,7 +79,7 @@ def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(file):
         ("[1]", "nothing to migrate"),
     ],
 )
-def test_what_is_no_configuration_is_a_sentence(given, says):
+def test_an_invalid_configuration_is_refused_with_a_sentence(given, says):
     result = run("-", given=given)
     assert result.exit_code == 2
     assert says in result.stderr

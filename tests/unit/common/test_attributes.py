@@ -163,7 +163,7 @@ def test_what_the_arm_carries_is_read_in_kilograms_and_millimetres():
         ({"servo_voltage": 5.0}, "must be 7.4 or 12"),
     ],
 )
-def test_a_load_that_cannot_be_meant_is_refused(attributes, complaint):
+def test_an_invalid_load_is_refused(attributes, complaint):
     with pytest.raises(ConfigError, match=complaint):
         SimulatedArmConfig.from_attributes(attributes)
 

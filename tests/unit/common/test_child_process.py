@@ -15,7 +15,7 @@ def test_it_is_another_process_that_computes():
     assert OwnProcess().call(os.getpid) != os.getpid()
 
 
-def test_what_it_raises_comes_back():
+def test_its_exception_is_raised_here():
     with pytest.raises(TypeError, match="str"):
         OwnProcess().call(to_deg, "much")
 

@@ -137,7 +137,7 @@ def test_closing_brings_the_joints_to_rest(sim):
     assert_bounded(sim)
 
 
-def test_what_is_in_the_way_holds_the_joints_until_the_target_comes_back(sim):
+def test_an_obstacle_holds_the_joints_until_the_target_comes_back(sim):
     back = []
     following = chase(sim, lambda t: np.full(5, 0.9 if not back else 0.1), Fence(0.5))
     sim.clock.advance(2.0)
@@ -282,7 +282,7 @@ def test_the_driver_is_told_how_joints_brake_whose_target_said_how_it_accelerate
         assert known == pytest.approx(true)
 
 
-def test_what_is_not_finite_or_too_many_is_refused_and_the_target_before_stays(sim):
+def test_invalid_targets_are_refused_and_the_former_one_stays(sim):
     following = follow(sim, stale_after=None)
     following.aim(np.full(5, 0.2))
     for q, qd in (

@@ -26,7 +26,7 @@ def test_without_a_file_there_are_the_poses_of_the_arm(book: SavedPoses) -> None
     assert book.find("rest") is next(pose for pose in POSES if pose.name == "rest")
 
 
-def test_a_saved_pose_is_found_again_by_whoever_asks_next(book: SavedPoses, tmp_path: Path) -> None:
+def test_a_saved_pose_is_found_by_another_reader(book: SavedPoses, tmp_path: Path) -> None:
     book.save("  over the mug ", Q)
     found = SavedPoses(tmp_path / "new folder" / "poses.json").find("over the mug")
     np.testing.assert_allclose(found.q, Q, atol=1e-6)

@@ -52,6 +52,6 @@ def test_an_arm_that_is_buried_is_told_of_the_hand(model):
 
 
 @pytest.mark.parametrize("farthest", [0.0, -1.0, 2.1, np.nan])
-def test_a_length_that_cannot_be_meant_is_refused(farthest):
+def test_an_invalid_length_is_refused(farthest):
     with pytest.raises(ConfigError, match="farthest"):
         LeaveContactGoal(farthest=farthest)

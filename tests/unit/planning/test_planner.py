@@ -325,7 +325,7 @@ def test_giving_up_at_once_asks_for_more_time(plan):
         ("seed", 1.5),
     ],
 )
-def test_a_request_that_cannot_be_meant_names_the_key(key, value):
+def test_an_invalid_request_names_the_key(key, value):
     with pytest.raises(ConfigError, match=f'"{key}"'):
         PlanRequest(**{"q_start": HOME, "goal": JointGoal(q=GOAL), "limits": LIMITS, key: value})
 
@@ -345,7 +345,7 @@ def test_something_else_than_a_goal_is_a_mistake_of_the_program():
 
 
 @pytest.mark.parametrize("tolerance", [-0.1, np.nan, np.inf])
-def test_a_corner_tolerance_that_cannot_be_meant_is_refused(tolerance):
+def test_an_invalid_corner_tolerance_is_refused(tolerance):
     with pytest.raises(ConfigError, match='"tolerance"'):
         PathGoal(waypoints=WAYPOINTS, tolerance=tolerance)
 

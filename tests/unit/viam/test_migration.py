@@ -95,7 +95,7 @@ def test_both_generations_of_the_gripper_are_understood():
         assert set(fates(found).values()) == {Outcome.KEPT}
 
 
-def test_a_value_that_cannot_be_meant_is_wrong():
+def test_an_invalid_value_is_wrong():
     (found,) = migrate(machine(part("devrel:so101:gripper", {"arm": "a", "servo_id": 9}))).parts
     assert fates(found)["servo_id"] is Outcome.WRONG
     assert "1 to 6" in found.problem

@@ -49,7 +49,7 @@ def test_a_finished_arm_is_seen_without_being_written_to():
     assert all(packet[4] in (1, 2, 0x82) for _, packet in bus.wire.sent)
 
 
-def test_nobody_is_seen_where_nobody_is():
+def test_a_silent_bus_shows_no_servo():
     seen = seen_on(LentBus({}))
     assert seen.is_empty
     assert not seen.has_arm

@@ -271,7 +271,7 @@ def test_a_travel_that_is_meant_can_be_accepted(arm, file):
     assert "shoulder_pan" not in session.save().zeros  # nobody knows where its stops are
 
 
-def test_a_joint_that_was_not_moved_cannot_be_meant(arm, file):
+def test_a_joint_that_was_not_moved_is_refused(arm, file):
     session = recording(file, arm)
     with pytest.raises(CalibrationError, match="shoulder_pan"):
         session.stop_recording(accept=JOINTS)

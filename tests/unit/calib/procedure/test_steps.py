@@ -49,7 +49,7 @@ def test_a_command_is_possible_in_its_states_and_in_no_other(command):
     assert {state for state in State if (state, command) in TABLE} == REQUIRED[command]
 
 
-def test_the_way_through_ends_where_it_began():
+def test_the_workflow_ends_where_it_began():
     state = State.IDLE
     for command, expected in THE_WAY:
         state = step(state, command).then

@@ -76,7 +76,7 @@ def test_numbers_as_viam_writes_them_are_read(tmp_path):
 
 
 @pytest.mark.parametrize("what", ["folder", "pipe", "nothing", "forbidden"])
-def test_what_only_has_the_name_of_a_file_is_refused(tmp_path, what):
+def test_folders_pipes_and_unreadable_files_are_refused(tmp_path, what):
     path = tmp_path / "arm.json"
     if what == "folder":
         path.mkdir()

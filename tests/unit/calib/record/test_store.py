@@ -110,7 +110,7 @@ def test_a_file_far_too_large_is_put_aside(file):
     assert any("too large" in note for note in found.notes)
 
 
-def test_what_cannot_be_read_again_is_not_saved(file):
+def test_a_calibration_that_would_not_read_back_is_not_saved(file):
     with pytest.raises(CalibrationError, match="record says 4"):
         store.save(file, {"shoulder_pan": JointCalibration(id=4)})
 

@@ -191,7 +191,7 @@ def test_a_line_close_past_the_pan_axis_is_followed_by_turning_the_pan(model, fi
     assert np.ptp(found.waypoints[:, 0]) > 2.0
 
 
-def test_what_stops_a_line_is_named_at_the_millimetre_where_it_does(model, lines, collision):
+def test_an_obstacle_on_a_line_is_named_with_its_millimetre(model, lines, collision):
     # Straight up with the hand level: the wrist has to bend down, and ends at its limit.
     start = np.radians([0, -60, 20, 40, 0])
     T = model.frame(start)
@@ -217,7 +217,9 @@ def test_what_stops_a_line_is_named_at_the_millimetre_where_it_does(model, lines
                 lines.find(near, start, collision, 0.0)
 
 
-def test_how_far_random_lines_can_be_followed_is_told_to_two_millimetres(model, lines, collision):
+def test_the_length_that_random_lines_can_be_followed_is_exact_to_two_millimetres(
+    model, lines, collision
+):
     random = np.random.default_rng(3)
 
     def follow(q_start, tool_path):

@@ -99,7 +99,7 @@ def test_ten_random_poses_of_a_stick_are_passed_on(planner, seed):
         assert clearance(last, rest, (), (plan.taken,)) > 0.019
 
 
-def test_what_cannot_be_passed_on_says_why(planner):
+def test_an_impossible_handover_says_why(planner):
     at = SE3.from_translation((0.0, 0.0, 0.1))
     ball = Attached(name="ball", shape=Sphere(radius=0.015), T_tool_object=at)
     with pytest.raises(NoPath, match=r"'ball' is too small to be passed on: .*20 mm must stay"):

@@ -153,7 +153,7 @@ def pen(**settings):
     )
 
 
-def test_what_is_held_is_held_against_all_but_what_holds_it(model):
+def test_a_held_object_is_checked_against_all_but_its_holder(model):
     obstacle, _ = beside(model, READY, *SHAPES["box"], 0.02, np.array([1.0, 0.0, 0.0]))
     pairs = CollisionModel(model, Scene(obstacles=(obstacle,), attached=(pen(),))).pairs
     others = {pair[1] for pair in pairs if pair[0] == "pen"}
@@ -188,7 +188,7 @@ def test_obstacles_out_of_reach_cost_nothing(model):
     assert CollisionModel(model, Scene(obstacles=(far,))).pairs == CollisionModel(model).pairs
 
 
-def test_nobody_is_held_against_what_it_cannot_come_near(model):
+def test_pairs_that_cannot_come_near_are_not_checked(model):
     # Where the stretched arm only just arrives.
     ahead = Obstacle(
         name="ahead", shape=Sphere(radius=0.02), T_base_obstacle=SE3.from_translation((0.5, 0, 0.1))

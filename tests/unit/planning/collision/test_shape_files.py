@@ -132,7 +132,7 @@ def test_a_cloud_that_is_none_is_refused(data):
 
 
 @pytest.mark.parametrize("far", [1e308, 1e30, np.inf, np.nan])
-def test_coordinates_that_cannot_be_meant_are_refused_with_the_name(far):
+def test_invalid_coordinates_are_refused_with_the_name(far):
     corners = CORNERS.astype("<f8")
     corners[2, 1] = far
     text = b"".join(b"%r %r %r\n" % tuple(map(float, row)) for row in corners)

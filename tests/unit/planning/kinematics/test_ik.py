@@ -315,7 +315,7 @@ def test_a_rounded_urdf_is_polished_to_a_nanometre(tmp_path):
         ),
     ],
 )
-def test_goals_that_cannot_be_meant_are_refused_in_a_sentence(solver, goal, key, reason):
+def test_invalid_goals_are_refused_in_a_sentence(solver, goal, key, reason):
     for ask in (solver.solve, solver.candidates):
         with pytest.raises(ConfigError, match=reason) as caught:
             ask(goal, HOME)

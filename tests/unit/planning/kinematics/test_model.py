@@ -151,7 +151,7 @@ def test_angles_on_the_limits_are_inside(model):
     assert model.outside(model.upper + 1e-3, tolerance=2e-3) is None
 
 
-def test_what_is_not_a_number_is_outside(model):
+def test_nan_is_outside(model):
     assert model.outside([0.0, 0.0, 0.0, math.nan, 0.0]) == 3
     with pytest.raises(OutsideLimits, match="wrist_flex"):
         model.check_limits([0.0, 0.0, 0.0, math.nan, 0.0])

@@ -59,7 +59,7 @@ def test_a_row_without_acceleration_bounds_the_speed() -> None:
     assert one([(0.0, 0.25, 0.0)], step=1.0, cap=9.0, following=9.0) == pytest.approx(4.0)
 
 
-def test_what_is_used_up_at_rest_leaves_less_for_braking() -> None:
+def test_a_constant_load_leaves_less_for_braking() -> None:
     assert one([(1.0, 0.0, -0.5)], step=0.5, cap=9.0, following=1.0) == pytest.approx(1.5)
 
 

@@ -93,7 +93,7 @@ def test_further_limits_slow_the_motion_down_where_they_bind() -> None:
     assert duration(grid, rate) > duration(*best(path))
 
 
-def test_what_is_used_up_at_rest_leaves_less_on_one_side() -> None:
+def test_a_constant_load_leaves_less_on_one_side() -> None:
     def leaning(points) -> LimitRows:
         a = points.q_s[:, :1] / 10.0
         return LimitRows(a, 0.0 * a, np.full_like(a, 0.5))

@@ -262,7 +262,7 @@ def test_loads_add_up_at_their_common_centre() -> None:
 
 
 @pytest.mark.parametrize("mass", [-0.1, 100.0, float("nan")])
-def test_a_mass_that_cannot_be_meant_is_refused(mass: float) -> None:
+def test_an_invalid_mass_is_refused(mass: float) -> None:
     with pytest.raises(ConfigError, match="payload"):
         Payload(mass=mass, com=(0.0, 0.0, 0.1))
 

@@ -35,7 +35,7 @@ def test_shares_of_the_limits_are_those_of_the_known_motion() -> None:
     assert report.worst == max(report.velocity.max(), report.acceleration.max(), report.jerk.max())
 
 
-def test_what_is_stated_and_what_is_sent_both_count() -> None:
+def test_stated_velocities_and_those_of_the_positions_both_count() -> None:
     q = np.linspace(0.0, 0.1, 101)[:, None]
     zero = np.zeros_like(q)
     limits = MotionLimits.uniform(velocity=0.05, acceleration=1e6, jerk=1e9, n=1)

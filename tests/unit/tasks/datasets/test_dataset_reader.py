@@ -64,7 +64,7 @@ def test_a_data_set_without_states_or_jaw_is_read(tmp_path):
     assert data_set.episode(0).state is None
 
 
-def test_what_is_no_angle_counts_as_missing(tmp_path):
+def test_values_that_are_no_angles_count_as_missing(tmp_path):
     action = swing()
     action[3, 1], action[4, 2], action[5, 0] = np.nan, np.inf, 1e30
     found = open_data_set(write_data_set(tmp_path / "set", [action])).episode(0)

@@ -140,7 +140,7 @@ def test_an_arm_whose_jaw_is_not_recorded_keeps_it(tmp_path, clock, rig):
     assert rig.gripper.aperture == pytest.approx(before, abs=0.01)
 
 
-def test_what_cannot_be_replayed_is_refused_before_anything_moves(tmp_path, rig):
+def test_an_impossible_episode_is_refused_before_anything_moves(tmp_path, rig):
     gap, table = swing(), swing()
     gap[40] = np.nan
     table[:, 1:4] = [40, 40, 40]

@@ -96,7 +96,7 @@ def test_an_invalid_name_is_refused(tmp_path, name):
         ({"aperture_percent": "open"}, "aperture_percent"),
     ],
 )
-def test_a_file_that_cannot_be_meant_says_what_is_wrong(tmp_path, changes, says):
+def test_an_invalid_file_says_what_is_wrong(tmp_path, changes, says):
     file = tmp_path / "wave.json"
     files.write(WAVE, file)
     changed(file, **changes)
@@ -104,7 +104,7 @@ def test_a_file_that_cannot_be_meant_says_what_is_wrong(tmp_path, changes, says)
         files.read(file)
 
 
-def test_what_is_no_json_and_where_nothing_can_be_written_is_reported(tmp_path):
+def test_invalid_json_and_unwritable_folders_are_reported(tmp_path):
     (tmp_path / "wave.json").write_text("{")
     with pytest.raises(ConfigError, match="is not JSON"):
         files.read(tmp_path / "wave.json")

@@ -246,6 +246,6 @@ def test_a_hand_that_pushed_against_a_stop_is_understood_and_another_arm_s_path_
 
 
 @pytest.mark.parametrize("tolerance_deg", [0.1, 40.0])
-def test_a_tolerance_that_cannot_be_meant_is_refused(guest, tolerance_deg):
+def test_an_invalid_tolerance_is_refused(guest, tolerance_deg):
     with pytest.raises(ConfigError, match="tolerance_deg"):
         plan_replay(guest.rig.arm, path_through(HERE, HERE), tolerance=np.radians(tolerance_deg))

@@ -98,7 +98,7 @@ def test_a_name_that_leads_elsewhere_is_no_program(name: str) -> None:
         ),
     ],
 )
-def test_a_file_that_cannot_be_meant_says_what_and_where(
+def test_an_invalid_file_says_what_and_where(
     tmp_path: Path, change: dict[str, object], reason: str
 ) -> None:
     file = tmp_path / "program.json"

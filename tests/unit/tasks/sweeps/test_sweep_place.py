@@ -210,7 +210,7 @@ def test_a_program_is_a_task_for_any_base(tmp_path):
         ({"pass": True, "pause_s": 1.0}, "pass"),
     ],
 )
-def test_a_pose_that_cannot_be_meant_is_named(changed, key):
+def test_an_invalid_pose_is_named(changed, key):
     pose = {"name": "there", "position_mm": [200, 0, 50], "approach": [0, 0, -1], **changed}
     with pytest.raises(ConfigError, match=f"pose 2: {key}"):
         task_from({"poses": [{"name": "here", "position_mm": [200, 90, 50]}, pose]})

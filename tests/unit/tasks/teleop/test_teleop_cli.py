@@ -35,7 +35,7 @@ def test_without_a_hand_on_the_leader_it_stays_held():
     assert "limp" in result.output
 
 
-def test_an_end_that_nobody_asked_for_is_said_and_no_success(capsys):
+def test_an_unrequested_end_is_printed_and_is_no_success(capsys):
     print_end(SimpleNamespace(is_running=True, reason=""))
     with pytest.raises(SystemExit) as ended:
         print_end(SimpleNamespace(is_running=False, reason="the follower was stopped"))

@@ -106,7 +106,7 @@ def test_mcap_holds_both_arms_in_ros_messages(tmp_path):
         ("a.csv", {"fps": 0.0}, "0.1 to 1000"),
     ],
 )
-def test_what_cannot_be_recorded_is_refused_before_it_begins(tmp_path, name, options, says):
+def test_an_impossible_recording_is_refused_before_it_begins(tmp_path, name, options, says):
     with pytest.raises(ConfigError, match=says):
         Recorder(tmp_path / name, **options)
 

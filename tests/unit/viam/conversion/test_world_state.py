@@ -126,7 +126,7 @@ def test_point_clouds_come_as_pcd(kind):
         (Geometry(pointcloud=PointCloud(point_cloud=b"nonsense"), label="seen"), "PCD"),
     ],
 )
-def test_a_shape_that_cannot_be_meant_is_refused_by_its_label(geometry, says):
+def test_an_invalid_shape_is_refused_by_its_label(geometry, says):
     with pytest.raises(ConfigError, match=says):
         from_geometry(geometry)
 

@@ -74,7 +74,7 @@ async def test_what_an_arm_holds_is_said_and_passed_on(arms):
     assert arms["right"].rig.arm.scene.attached == ()
 
 
-async def test_a_handover_that_cannot_be_meant_is_refused(arms):
+async def test_an_invalid_handover_is_refused(arms):
     with pytest.raises(ConfigError, match="lft"):
         await hand_over({"from": "lft", "to": "right", "object": "stick"}, arms, seen_through)
     with pytest.raises(ConfigError, match="which holds: nothing"):

@@ -70,7 +70,7 @@ def test_nothing_moves_until_it_is_switched_on(hand: Hand) -> None:
 
 
 @pytest.mark.parametrize("mode", ["joints", "base", "tool"])
-def test_what_is_held_moves_and_what_is_not_repeated_stops_within_a_tenth_of_a_second(
+def test_a_held_button_moves_and_without_repeats_stops_within_a_tenth_of_a_second(
     hand: Hand, mode: str
 ) -> None:
     hand.jogging.speed = "medium"
@@ -177,5 +177,5 @@ def test_nonsense_from_a_browser_is_ignored(text: str) -> None:
     assert read_held(text) is None
 
 
-def test_what_a_browser_sends_is_read() -> None:
+def test_a_browsers_message_is_read() -> None:
     np.testing.assert_array_equal(read_held("12 1 0 0 -0.5 0 0 1"), [1, 0, 0, -0.5, 0, 0, 1])

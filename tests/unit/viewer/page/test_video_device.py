@@ -76,6 +76,6 @@ def test_a_camera_without_jpeg_is_told_another_way(tmp_path: Path) -> None:
     ("path", "says"),
     [("/dev/null", "/dev/null is no camera"), ("/dev/video-none", "is not there; plug it in")],
 )
-def test_what_is_no_camera_is_said(path: str, says: str) -> None:
+def test_a_file_that_is_no_camera_is_reported(path: str, says: str) -> None:
     with pytest.raises(OSError, match=says):
         next(pictures(path, 1.0))

@@ -24,7 +24,7 @@ def can_reach(solver: IkSolver, p: np.ndarray, frame: str) -> bool:
 
 
 @pytest.mark.parametrize(("frame", "height"), [("tool", 0.1), ("tool", 0.3), ("jaw_tip", 0.2)])
-def test_what_is_shaded_is_what_can_be_reached(frame: str, height: float) -> None:
+def test_the_reachable_area_is_shaded(frame: str, height: float) -> None:
     reach, solver = Reach(MODEL, frame), IkSolver(MODEL)
     rings = reach.rings(height)
     edges = np.array(rings).ravel()

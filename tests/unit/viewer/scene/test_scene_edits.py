@@ -50,7 +50,7 @@ def test_a_new_name_is_followed_wherever_the_old_one_stood():
     assert scene.may_touch == {frozenset(["big mug", "gripper"]), frozenset(["cube", "big mug"])}
 
 
-def test_what_goes_takes_its_name_with_it():
+def test_a_removed_things_name_is_removed_everywhere():
     scene = scene_edits.without(SCENE, "mug")
     assert scene.obstacles == ()
     assert scene.attached[0].may_touch == {"floor"}

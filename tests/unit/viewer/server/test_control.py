@@ -86,7 +86,7 @@ def test_a_second_asker_waits_for_the_first_to_be_answered() -> None:
     assert here.role(2) is Role.IN_CONTROL
 
 
-def test_control_of_a_closed_window_goes_to_who_asks() -> None:
+def test_control_of_a_closed_window_goes_to_the_next_that_asks() -> None:
     here = room(1, 2)
     here.control.ask(2)
     here.control.leave(1)

@@ -42,7 +42,7 @@ def test_a_compressed_page_stays_compressed() -> None:
     assert b"so101-stop" in gzip.decompress(page.body)
 
 
-def test_what_is_no_page_stays_as_it_is() -> None:
+def test_responses_that_are_no_page_stay_unchanged() -> None:
     for other in (reply(b"<head>", "image/png"), Response(404, "no", Headers(), b"<head>")):
         head.add_head(other)
         assert other.body == b"<head>"

@@ -67,7 +67,7 @@ def test_back_from_the_first_step_is_the_choice_and_on_from_the_last_is_the_end(
     assert begun(tmp_path).interrupted is None
 
 
-def test_a_crash_in_any_step_is_gone_on_from_in_that_step(tmp_path: Path) -> None:
+def test_after_a_crash_a_setup_resumes_in_its_step(tmp_path: Path) -> None:
     wizard = begun(tmp_path)
     wizard.choose(FULL)
     for step in FULL.steps:
@@ -79,7 +79,7 @@ def test_a_crash_in_any_step_is_gone_on_from_in_that_step(tmp_path: Path) -> Non
         wizard.go_on()
 
 
-def test_what_another_version_has_left_behind_is_no_setup(tmp_path: Path) -> None:
+def test_progress_of_another_version_is_ignored(tmp_path: Path) -> None:
     progress = SetupProgress(tmp_path / "setup.json", None)
     progress.reach("full", "a step of another version")
     wizard = begun(tmp_path)
