@@ -1,10 +1,10 @@
 """How soon the arm moves after a key is pressed on the Jog tab, and slows after it is released.
 
-A window without a browser sends what the browser's script sends: every 25 ms what is held, and at
+A window without a browser sends what the browser's script sends: every 20 ms what is held, and at
 once when it is released. The servos are emulated behind a serial port, in real time and in a
 process of their own; page and arm run in this process, as in ``so101 view --port``. From the
 message that leaves the window to the first setpoint that moves (a key), to the first one with less
-than 70 % of the speed after a release, and likewise after the last message of a window whose
+than 98 % of the speed after a release, and likewise after the last message of a window whose
 network is gone. It takes 1.5 s for each of ``--n``: two and a half minutes as it stands.
 """
 
@@ -35,11 +35,11 @@ from so101_motion.rig.servo_driver import ServoSettings
 _raw_window: Any = _common.from_tests("harness.raw_window")
 
 PRESSES = 100
-REPEAT = 0.025  # [s], as the browser's script
+REPEAT = 0.02  # [s], as the browser's script
 HELD = 0.35  # [s]
 REST = 0.4  # [s]
 MOVES = 1e-3  # [rad/s]
-SLOWER = 0.7  # share of the fastest setpoint; while a key is held they differ by less
+SLOWER = 0.98  # share of the fastest setpoint; while a key is held they differ by less
 
 
 class Speeds:

@@ -25,9 +25,8 @@ from so101_motion.control.following import Following
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import RigLike
 
-DEADMAN = 0.075
-"""How long something counts as held without a repeat [s]; chosen: three of the browser's repeats,
-and with ``PERIOD`` less than a tenth of a second."""
+DEADMAN = 0.065
+"""How long something counts as held without a repeat [s]; chosen: three repeats of the browser."""
 
 PERIOD = 0.02
 """How often the arm is led [s]; chosen: two control cycles."""
@@ -238,7 +237,7 @@ class Jogging:
     def _lead(self, lead: _Lead, ends: threading.Event) -> None:
         before = self._clock.now()
         while not ends.is_set():
-            self._clock.wait(before + PERIOD, self._wake)
+            self._clock.wait(self._due(before), self._wake)
             if lead.motion.future.done():
                 lead.motion.future.result()
                 return
@@ -248,9 +247,15 @@ class Jogging:
             self._turn_jaw(0.0 if held is None else float(np.sign(held[6])))
             before = now
 
+    def _due(self, before: float) -> float:
+        """When to look next [s]: after a period, or when what is held runs out."""
+        held, due = self._held, before + PERIOD
+        ends = due if held is None else held[1] + DEADMAN
+        return min(due, ends) if ends > before else due
+
     def _still_held(self, now: float) -> Array | None:
         held = self._held
-        return None if held is None or now - held[1] > DEADMAN else held[0]
+        return None if held is None or now - held[1] >= DEADMAN else held[0]
 
     def _turn_jaw(self, way: float) -> None:
         if way == self._jaw:

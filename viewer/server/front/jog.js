@@ -2,7 +2,7 @@
 (() => {
   const link = window.so101;
   const AXES = 7;
-  const REPEAT = 25;  // ms; the server lets go when three are missing
+  const REPEAT = 20;  // ms; the server lets go when three are missing
   const STILL = 0.15;  // of a gamepad's stick
   const held = new Map();  // pointers and keys: [axis, way]
   let dragging = false;
