@@ -35,6 +35,7 @@ class Preview(SearchingPage[RigLike]):
 
     def __init__(self, source: Source, server: GuardedServer, *, plan: Plan | None = None) -> None:
         self._source, self._plan = source, plan
+        self._teach: TeachPart | None = None
         super().__init__(source, source.open, server)
 
     def stop(self) -> None:
@@ -43,13 +44,18 @@ class Preview(SearchingPage[RigLike]):
         if self._opened is not None:
             self._opened.arm.stop()
 
+    def _end_following(self) -> None:
+        """Stop also ends a following that waits for its leader, in which nothing moves yet."""
+        if self._teach is not None and self._teach.leading is not None:
+            self._teach.leading.end()
+
     def _add_parts(self, rig: RigLike) -> None:
         host, title = self.host, self._source.title
         context = host.arm_context(rig)
         move = MovePart(
             context,
             title=title,
-            stops=(self.stop, rig.gripper.stop),
+            stops=(self.stop, rig.gripper.stop, self._end_following),
             plan=self._plan,
             atlas=self._source.atlas,
         )
@@ -66,10 +72,11 @@ class Preview(SearchingPage[RigLike]):
             ),
             SharePart(context, move.page, title=title),
             *self._about_the_arm(context, move, program),
-            TeachPart(context, self._source.open_leader),
+            (teach := TeachPart(context, self._source.open_leader)),
             *setup_parts(context, on_stage=move.set_visible),
             jog,
         )
+        self._teach = teach
         if self._source.atlas is not None:
             atlas = AtlasPart(context, self._source.atlas, move.page.set_target_joints)
             host.add_parts(atlas)

@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from http.client import HTTPException
+from socket import gaierror
 from typing import BinaryIO
+from urllib.error import HTTPError, URLError
 from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
 
@@ -124,7 +126,7 @@ class CameraFeed:
                 try:
                     self._fetch()
                 except (OSError, HTTPException, ValueError, So101Error) as error:
-                    self.problem, pause = str(error) or type(error).__name__, RETRY
+                    self.problem, pause = _words(error), RETRY
             self._closing.wait(pause)
 
     def _fetch(self) -> None:
@@ -158,6 +160,20 @@ class CameraFeed:
         if self.picture is None or now - self.picture.t >= PERIOD:
             self.picture = Picture(data=data, kind=kind, t=now)
         self.problem = ""
+
+
+def _words(error: Exception) -> str:
+    """Why no picture comes."""
+    if isinstance(error, HTTPError):
+        return f"the camera answers {error.code} {error.reason}; check its address"
+    cause = error.reason if isinstance(error, URLError) else error
+    if isinstance(cause, ConnectionRefusedError):
+        return "nothing answers at its address; is the camera on?"
+    if isinstance(cause, TimeoutError):
+        return "the camera does not answer"
+    if isinstance(cause, gaierror):
+        return "its address does not exist; check it"
+    return str(cause) or type(cause).__name__
 
 
 def _jpegs(stream: BinaryIO) -> Iterator[bytes]:

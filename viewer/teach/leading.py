@@ -205,6 +205,12 @@ class Leading:
             self._look_due = self._now() + LOOK_EVERY
             self._looking = self._submit(self._session.look)
 
+    def end(self) -> None:
+        """End it, also while it starts or waits for the leader; any thread. May take a while."""
+        if self.is_on or not self.can_switch:
+            with contextlib.suppress(So101Error):  # who cannot be reached does not follow
+                self._session.stop()
+
     @property
     def sentence(self) -> Sentence:
         """What it does, or why it does not."""

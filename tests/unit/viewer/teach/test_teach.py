@@ -188,6 +188,30 @@ def test_one_button_lets_the_arm_follow_a_leader_and_ends_it(bench: Bench) -> No
     bench.until(closing.done, leading.refresh)
 
 
+def test_an_ended_following_stays_ended_though_the_leader_it_waited_for_comes_back(
+    bench: Bench,
+) -> None:
+    leader = open_simulated(clock=bench.clock)
+    session = session_for(bench.rig, lambda: leader)
+    assert session is not None
+    leading = Leading(session, bench.submit, bench.clock.now)
+    leading.toggle()
+    bench.until(lambda: leading.sentence.text == "Following the leader.", leading.refresh)
+    leader.executor.call(lambda driver: driver.push(AWAY))
+    bench.until(lambda: leading.sentence.text.startswith("Holding: "), leading.refresh)
+    ending = bench.submit(leading.end)  # as Stop on the page does
+    bench.until(lambda: ending.done() and not leading.is_on, leading.refresh)
+    assert leader.arm.state.mode is Mode.HOLDING
+    before = bench.rig.arm.state.q
+    leader.executor.call(lambda driver: driver.push(before))
+    for _ in range(100):
+        leading.refresh()
+        bench.clock.advance(0.02)
+    np.testing.assert_allclose(bench.rig.arm.state.q, before, atol=1e-6)
+    closing = bench.submit(leading.close)
+    bench.until(closing.done, leading.refresh)
+
+
 def test_a_leader_that_cannot_be_opened_is_reported(bench: Bench) -> None:
     def nobody() -> Rig:
         raise BusError("there is no such port")
