@@ -97,13 +97,13 @@ def bodies_of(attached: tuple[Attached, ...] = (), to: str | None = None) -> Arm
         to: The arm they are checked against, which may touch an object passed to it; None for any
             arm.
     """
-    return _bodies_in(Scene(attached=attached, floor_z=None), to)
+    passed = (each.name for each in attached if each.passed_to and to in (None, each.passed_to))
+    return _bodies_in(Scene(attached=attached, floor_z=None), frozenset(passed))
 
 
 @lru_cache(maxsize=32)
-def _bodies_in(scene: Scene, to: str | None) -> ArmBodies:
-    passed = (e.name for e in scene.attached if e.passed_to and to in (None, e.passed_to))
-    return ArmBodies(_model(), scene.attached, passed=frozenset(passed))
+def _bodies_in(scene: Scene, passed: frozenset[str]) -> ArmBodies:
+    return ArmBodies(_model(), scene.attached, passed=passed)
 
 
 def _levers(body: Any, offsets: Sequence[Array]) -> Array:

@@ -90,6 +90,10 @@ class Guard:
             # With an acceleration a, a path is off its chord by a t^2 / 8 at most.
             self._bend = BENT * self.margin
             self.look_every = math.sqrt(8.0 * self._bend / float(acceleration @ collision.reach))
+            # A check is made when it is first needed, which takes longer than a control cycle.
+            steps = range(round(AHEAD / AHEAD_STEP) + 1)
+            for extra in (0.0, *(INEXACT + min(AHEAD_STEP * k, AHEAD) for k in steps)):
+                collision.first_blocked(np.zeros((1, 5)), bend=self._bend, extra=extra)
         self._widest = float(collision.margins.max(initial=collision.margin))
         self._range = min(NEAR, self._widest + RANGE)
         self._reach: list[float] = collision.reach.tolist()

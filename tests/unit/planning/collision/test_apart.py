@@ -1,6 +1,8 @@
 """Whether two arms that move at the same time keep apart, checked against coal at single
 instants."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from harness.facing_arms import T_LEFT_RIGHT, Facing, distance
@@ -294,3 +296,11 @@ def test_stops_at_any_instant_are_judged_as_each_by_itself():
             assert (found.first, found.second) == (met.first, met.second)
         verdicts.append(found is None)
     assert set(verdicts) == {True, False}
+
+
+def test_bodies_are_made_once_whichever_arm_they_are_held_against():
+    stick = Attached(name="stick", shape=Box(size=[0.02, 0.02, 0.1]), T_tool_object=SE3.identity())
+    given = replace(stick, passed_to="right")
+    assert bodies_of((stick,), "left") is bodies_of((stick,), "right")
+    assert bodies_of((given,), "left") is not bodies_of((given,), "right")
+    assert bodies_of((given,), "right").passed == {"stick"}

@@ -97,3 +97,15 @@ def test_a_path_is_shown_often_enough_that_it_cannot_bend_by_more_than_is_allowe
     bend = float(ACCELERATION @ collision.reach) * guard.look_every**2 / 8.0
     assert bend <= 0.5 * guard.margin
     assert Guard(collision, lambda: 0.3).look_every == np.inf
+
+
+def test_no_check_is_made_in_a_control_cycle():
+    collision = CollisionModel(RobotModel.load())
+    made = Guard(collision, lambda: 0.3, acceleration=ACCELERATION)
+    before = collision._bent.cache_info().misses
+    for share in np.linspace(0.0, 2.0, 120):  # from standing to as fast as is told apart
+        for ahead in (False, True):
+            made.look(READY)
+            made.admits(path(READY, share * np.array([0.4, 0.3, 0.3, 0.2, 0.5])), ahead=ahead)
+    assert collision._bent.cache_info().misses == before
+    assert collision._bent.cache_info().currsize == before
