@@ -222,7 +222,7 @@ class ServosOnBus:
 
 def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
     """Read a servo's model and settings."""
-    block = bus.read_block(servo_id, 0, _END, what="what it is")
+    block = bus.read_block(servo_id, 0, _END, what="a read of its model and settings")
     return ServoFacts(
         servo_id=servo_id, held={register.name: register.cut(block, 0) for register in _LOOK_AT}
     )

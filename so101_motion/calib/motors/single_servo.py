@@ -168,4 +168,5 @@ def _alone(joint: str) -> str:
 
 
 def _list(ids: tuple[int, ...]) -> str:
-    return " and ".join(map(str, ids))
+    named = [str(each) for each in ids]
+    return " and ".join(filter(None, (", ".join(named[:-1]), *named[-1:])))

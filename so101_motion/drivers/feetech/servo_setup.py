@@ -102,7 +102,7 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
     servo_id = joint.servo_id
     full = agreed(lambda: bus.read(servo_id, reg.MAX_TORQUE))
     p_gain = agreed(lambda: bus.read(servo_id, reg.P_GAIN))
-    block = agreed(lambda: bus.read_block(servo_id, _START, _COUNT, what="its settings"))
+    block = agreed(lambda: bus.read_block(servo_id, _START, _COUNT, what="a read of its settings"))
     torque, limit = reg.TORQUE_ENABLE.cut(block, _START) == 1, reg.TORQUE_LIMIT.cut(block, _START)
     goal = _pull(bus, servo_id, block, p_gain=p_gain, may_do_more=limit < full)
     if torque and goal is not None and limit < full:
@@ -200,7 +200,7 @@ def _pull(bus: Bus, servo_id: int, block: bytes, *, p_gain: int, may_do_more: bo
 
 def _fill(bus: Bus, servo_id: int, ram: Mapping[Register, int]) -> tuple[str, ...]:
     """Write the RAM registers that differ; return their names."""
-    block = bus.read_block(servo_id, _START, _COUNT, what="its settings")
+    block = bus.read_block(servo_id, _START, _COUNT, what="a read of its settings")
     differing = {row: value for row, value in ram.items() if row.cut(block, _START) != value}
     for register, value in differing.items():
         bus.write(servo_id, register, value)
