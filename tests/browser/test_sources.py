@@ -119,7 +119,7 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
     guest.until(lambda: guest.says("12.0"))  # volts
     assert not guest.says("Still looking")
     in_color = guest.color_of(BASE)
-    guest.until(lambda: guest.says("Outside its range: wrist_roll, limit"))
+    guest.until(lambda: guest.says("Outside its range: wrist_roll by"))
     guest.until(lambda: guest.color_of("/live/gripper_link/") != in_color)
     cable.type("end pose")
     before = cable.q

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import JointState
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_deg
+from so101_motion.control.limit_recovery import FARTHEST_OUT
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.servo_judgement import judge
 
@@ -74,13 +75,26 @@ def state_alarms(state: JointState, guessed: Iterable[str]) -> tuple[Alarm, ...]
         found.append(_warm("calibration", plain, text))
     outside = tuple(state.reading.out_of_range)
     if outside:
-        where = ", ".join(
-            f"{joint}, limit {to_deg(limit):.0f}°"
-            for joint, limit in state.reading.out_of_range.items()
-        )
-        text = f"Outside its range: {where}. The next motion brings it back slowly."
-        found.append(_warm("range", outside, text))
+        found.append(_warm("range", outside, _about_range(state)))
     return tuple(found)
+
+
+def _about_range(state: JointState) -> str:
+    """How far joints are outside their limits, and what brings them back."""
+    reading = state.reading
+    here = {**dict(zip(ARM_JOINTS, reading.q, strict=True)), GRIPPER_JOINT: reading.q_jaw}
+    off = {joint: abs(float(here[joint]) - at) for joint, at in reading.out_of_range.items()}
+    where = ", ".join(
+        f"{joint} by {to_deg(off[joint]):.0f}°, limit {to_deg(limit):.0f}°"
+        for joint, limit in reading.out_of_range.items()
+    )
+    far = tuple(joint for joint in off if off[joint] > FARTHEST_OUT)
+    then = (
+        f"Move {_listed(far)} back by hand, or calibrate the arm again."
+        if far
+        else "The next motion brings it back slowly."
+    )
+    return f"Outside its range: {where}. {then}"
 
 
 def not_said_yet(alarms: Iterable[Alarm], state: JointState) -> tuple[Alarm, ...]:

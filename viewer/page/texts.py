@@ -52,7 +52,9 @@ def capital(text: str) -> str:
     text = text.strip()
     if not text:
         return ""
-    return text[0].upper() + text[1:] + ("" if text[-1] in ".?!…" else ".")
+    is_name = "_" in text.split(maxsplit=1)[0]  # a joint's, which is spelled as it is everywhere
+    first = text[0] if is_name else text[0].upper()
+    return first + text[1:] + ("" if text[-1] in ".?!…" else ".")
 
 
 def mode(state: JointState, *, lost: bool = False) -> str:

@@ -14,6 +14,7 @@ from so101_viewer.page.alarms import (
 from so101_viewer.page.screen_state import Tone
 
 from so101_motion.common.modes import Mode
+from so101_motion.common.units import to_rad
 from so101_motion.drivers.feetech.health import JointHealth
 
 WELL = JointHealth(
@@ -68,6 +69,20 @@ def test_joints_without_calibration_or_outside_their_range_are_named() -> None:
     assert outside.joints == ("wrist_flex",)
     assert "86°" in outside.sentence.text
     assert state_alarms(STILL, []) == ()
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "then"),
+    [(7.0, "The next motion brings it back slowly"), (25.0, "Move wrist_flex back by hand")],
+)
+def test_a_joint_outside_its_range_says_how_far_and_what_brings_it_back(
+    off_deg: float, then: str
+) -> None:
+    inside = float(STILL.reading.q[3]) - to_rad(off_deg)
+    reading = replace(STILL.reading, out_of_range={"wrist_flex": inside})
+    (alarm,) = state_alarms(replace(STILL, reading=reading), [])
+    assert f"wrist_flex by {off_deg:.0f}°" in alarm.sentence.text
+    assert then in alarm.sentence.text
 
 
 def test_many_late_cycles_are_an_alarm_until_they_have_stopped() -> None:
