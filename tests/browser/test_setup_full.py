@@ -18,7 +18,7 @@ import pytest
 from conftest import Visit
 from harness.browser_user import Guest
 from harness.emulated_kit import NEW, Kit  # it lives with the tests of the module
-from playwright.sync_api import TimeoutError
+from playwright.sync_api import TimeoutError, ViewportSize
 from so101_viewer.setup_app import SetupApp, serve_setup
 
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
@@ -35,6 +35,8 @@ PATIENCE = 0.1
 [s]."""
 
 SMALL = (760, 480)  # drawn without a GPU, every pixel takes its time
+PHONE: ViewportSize = {"width": 390, "height": 844}
+WAYS = ("Next", "Back", "Abort the setup")
 ORANGE, GREEN = 0xF58200, 0x3CA050
 
 POSE = {"wrist_roll": HOMING_POSE["wrist_roll"], GRIPPER_JOINT: 0.9}
@@ -152,6 +154,23 @@ class Newcomer:
                 self.guest.page.wait_for_timeout(50)
         self.sees(until)
 
+    def can_hit(self, name: str) -> bool:
+        """Whether a finger can hit the middle of a button without scrolling."""
+        hit: bool = self.guest.button(name).evaluate(
+            "button => { const box = button.getBoundingClientRect();"
+            " const there = document.elementFromPoint("
+            "box.left + box.width / 2, box.top + box.height / 2);"
+            " return button.contains(there); }"
+        )
+        return hit
+
+    def hits_on_a_phone(self, *names: str) -> None:
+        """Look at the page on a phone for a moment: these buttons are there without scrolling."""
+        width, height = SMALL
+        self.guest.page.set_viewport_size(PHONE)
+        self.guest.until(lambda: all(map(self.can_hit, names)), seconds=20.0)
+        self.guest.page.set_viewport_size({"width": width, "height": height})
+
     def ticks_the_box(self) -> None:
         box = self.guest.page.get_by_role("checkbox").last
         box.evaluate("box => box.click()")
@@ -223,6 +242,7 @@ def test_the_assembly_is_not_skipped_and_checked_joint_by_joint(person: Newcomer
     person.sees("Motor 1 turns the arm on its base")
     person.sees_lit("shoulder_link", ORANGE)
     person.guest.until(lambda: person.guest.barriers() == [])
+    person.hits_on_a_phone("This joint is right", *WAYS)
     person.presses("This joint is right")
     person.sees("Motor 2 lifts the upper arm")
     person.sees("Still to check: shoulder_lift, elbow_flex")
@@ -271,6 +291,7 @@ def test_the_pose_is_taken_once_the_arm_is_held_still(person: Newcomer, kit: Kit
 def test_bars_follow_the_hand_and_name_the_joints_left(person: Newcomer, kit: Kit) -> None:
     person.sees("Still to do: shoulder_pan, shoulder_lift")
     person.guest.until(lambda: person.guest.barriers() == [])
+    person.hits_on_a_phone("Finish the recording", *WAYS)
     assert not person.can("Finish the recording")
     before = person.guest.pose_of("/setup/arm/lower_arm_link")
     kit.let_go()
@@ -315,11 +336,13 @@ def test_half_a_sweep_is_refused_or_accepted_on_purpose(person: Newcomer, kit: K
 def test_saving_that_failed_is_tried_again(person: Newcomer, kit: Kit, folder: Path) -> None:
     person.sees("Look at what was recorded")
     person.reloads("Look at what was recorded")
+    person.hits_on_a_phone("Save", *WAYS)
     assert person.guest.page.get_by_text("new", exact=True).count() == 6
     kit.unplug()
     person.presses("Save")
     person.sees("Do this:")
     assert not person.can("Next")
+    person.hits_on_a_phone("Try to save again", *WAYS)
     kit.plug()
     for _ in range(10):  # the port is taken up again within a second or so
         if person.can("Try to save again"):
@@ -358,6 +381,34 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person.sees("was not finished")
     person.sees("Torque on: the joints are held")
     assert all(kit.driven)
+
+
+def test_the_test_done_to_its_end_asks_how_the_arm_has_moved(person: Newcomer, kit: Kit) -> None:
+    page, next_button = person.guest.page, person.guest.button("Next")
+
+    def is_done() -> bool:
+        return person.guest.button("Yes").count() == 1
+
+    plans = "This will move:"
+    for _ in range(3):  # a busy machine may end it
+        person.insists("Hold the joints", "Test again", until=lambda: person.guest.says(plans))
+        person.ticks_the_box()
+        person.presses("Move and measure")
+        person.guest.until(lambda: person.can("Stop the test"))
+        person.guest.until(lambda: person.can("Test again"), seconds=90.0)
+        if is_done():
+            break
+    assert is_done()
+    person.hits_on_a_phone("Yes", "No, it differs", *WAYS)
+    pale = next_button.evaluate("button => getComputedStyle(button).backgroundColor")
+    person.presses("Yes")
+    person.guest.until(lambda: not is_done())
+    person.guest.until(  # only now it is what to press
+        lambda: next_button.evaluate("button => getComputedStyle(button).backgroundColor") != pale
+    )
+    with page.expect_download() as download:
+        person.presses("Save the report")
+    assert json.loads(Path(download.value.path()).read_text())["as_shown"] is True
 
 
 def test_the_configuration_is_ready_to_copy(person: Newcomer, kit: Kit) -> None:

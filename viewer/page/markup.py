@@ -70,10 +70,14 @@ def sentence(sentence: Sentence) -> str:
     )
 
 
-def headline(title: str, subtitle: str) -> str:
-    """A setup's title and step; while it is shown, a double click counts once."""
+def headline(title: str, subtitle: str, *, is_under_way: bool) -> str:
+    """A setup's title and step; while it is shown, a double click counts once.
+
+    While it is under way, the front end keeps the last three widgets in view: Next, Back, Abort.
+    """
+    kind = "so101-once so101-wizard" if is_under_way else "so101-once"
     return (
-        '<div class="so101-once" style="padding:.4em .7em .2em">'
+        f'<div class="{kind}" style="padding:.4em .7em .2em">'
         f'<div style="font-size:1.15em;font-weight:700">{escape(title)}</div>'
         f'<div style="font-size:.8em;color:var(--so101-dim)">{escape(subtitle)}</div></div>'
     )
@@ -140,8 +144,9 @@ def to_copy(about: str, text: str) -> str:
         ' style="display:block;width:100%;height:14em;'
         "box-sizing:border-box;margin:.5em 0;padding:.5em;font:.9em/1.3 monospace;color:inherit;"
         f'background:#8882;border:1px solid #8886;border-radius:.2em">{escape(text)}</textarea>'
-        f'<button type="button" onclick="{escape(copy)}" style="width:100%;padding:.4em;border:0;'
-        'border-radius:.2em;background:#ffb70f;color:#000;font:inherit;cursor:pointer">Copy</button>'
+        f'<button type="button" class="so101-copy" onclick="{escape(copy)}"'
+        ' style="width:100%;padding:.4em;border:0;border-radius:.2em;background:#ffb70f;color:#000;'
+        'font:inherit;cursor:pointer">Copy</button>'
         "</div>"
     )
 

@@ -31,7 +31,7 @@ _Q_JAW = 0.6  # [rad]
 
 _BY_HAND = (
     "Turn it by hand from one stop to the other, with the power off: it goes easily, nothing rubs,"
-    " and the cable to the next motor stays loose at both ends."
+    " and its cables stay loose at both ends."
 )
 _SPECIAL = {
     "shoulder_pan": "This motor sits in the base; it is the first on the cable, at the adapter.",
@@ -54,10 +54,10 @@ class AssemblyPage(StepPage):
     def build(self, gui: viser.GuiApi) -> None:
         """Make the widgets."""
         gui.add_html(cards.instruction(ASSEMBLY.title, ASSEMBLY.instruction))
-        self._joints = gui.add_dropdown("Look at", JOINTS, initial_value=self._joint)
         self._card = gui.add_html("")
         self._further = gui.add_button("This joint is right", icon=viser.Icon.CHECK)
         self._left = gui.add_html("")
+        self._joints = gui.add_dropdown("Look at", JOINTS, initial_value=self._joint)
         self._setup.context.on_entry(self._joints, self._look_at)
         self._setup.context.on_press(self._further, self._done)
 
@@ -88,17 +88,27 @@ class AssemblyPage(StepPage):
         picture.move(np.clip(q, *self._ends), q_jaw)
         words = f"Motor {SERVO_IDS[joint]} {MOVES[joint]}. {_BY_HAND} {_SPECIAL.get(joint, '')}"
         self._card.content = cards.instruction(joint, words)
-        left = [each for each in JOINTS if each not in self._looked]
-        self._left.content = cards.note(
-            f"Still to check: {', '.join(left)}." if left else "All six are right. Press Next."
+        left = self._unlooked
+        self._left.content = (
+            cards.note(f"Still to check: {', '.join(left)}.")
+            if left
+            else cards.good("All six are right. Press Next.")
         )
 
     def can_go_on(self) -> str | None:
         """Always None: nothing measures whether a screw is tight."""
         return None
 
+    def is_next_due(self) -> bool:
+        """Whether all joints were looked at."""
+        return not self._unlooked
+
     def _as_it_was(self) -> str:
         return "nothing was changed, and nothing was moved"
+
+    @property
+    def _unlooked(self) -> list[str]:
+        return [each for each in JOINTS if each not in self._looked]
 
     # What the widgets do
 
@@ -108,6 +118,5 @@ class AssemblyPage(StepPage):
 
     def _done(self) -> None:
         self._looked.add(self._joint)
-        left = [each for each in JOINTS if each not in self._looked]
-        if left:
-            self._look_at(left[0])
+        if self._unlooked:
+            self._look_at(self._unlooked[0])

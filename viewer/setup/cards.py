@@ -57,7 +57,8 @@ def step_list(rows: Iterable[StepRow]) -> str:
             f"{mark} {escape(row.title)}</span>"
         )
     return (
-        '<div style="display:flex;flex-wrap:wrap;gap:.1em .2em;padding:.2em .45em;font-size:.82em">'
+        '<div class="so101-steplist" style="display:flex;flex-wrap:wrap;gap:.1em .2em;'
+        'padding:.2em .45em;font-size:.82em">'
         f"{''.join(steps)}</div>"
     )
 
@@ -84,6 +85,11 @@ def check_text(check: Check) -> str:
     """The result of a check and what to do."""
     mark, colour = _VERDICTS[check.verdict]
     return _marked(mark, colour, check.sentence, check.fix)
+
+
+def good(text: str) -> str:
+    """What has come out well, and what to do now."""
+    return _marked("✓", GOOD, text, "")
 
 
 def going_on(text: str) -> str:

@@ -60,12 +60,12 @@ class ConfigurePage(StepPage):
     def build(self, gui: viser.GuiApi) -> None:
         """Make the widgets."""
         self._about = gui.add_html("")
+        self._ways = gui.add_html("")
+        self._open = gui.add_button("Open the preview", icon=viser.Icon.ROBOT, visible=False)
         self._snippet = gui.add_html("")
         self._keep = gui.add_button(
             "Save it as a file", icon=viser.Icon.DOWNLOAD, color="gray", visible=False
         )
-        self._ways = gui.add_html("")
-        self._open = gui.add_button("Open the preview", icon=viser.Icon.ROBOT, visible=False)
         self._setup.context.on_press(self._open, self._preview)
         self._setup.context.on_asked(self._keep, self._hand_over)
 

@@ -103,21 +103,22 @@ class FinalTestPage(StepPage):
         """Make the widgets."""
         self._todo = gui.add_html("")
         self._hold = gui.add_button("Hold the joints", icon=viser.Icon.LOCK, visible=False)
-        self._release = AskingButton(
-            self._setup.context, "Let go to change the pose", "It will sink: press again to let go",
-            self._let_go, viser.Icon.HAND_GRAB,
-        )  # fmt: skip
         agree = gui.add_checkbox("Everything is out of the way", False, visible=False)
         self._start = gui.add_button(
             "Move and measure", icon=viser.Icon.PLAYER_PLAY, color="green", visible=False
         )
+        self._release = AskingButton(
+            self._setup.context, "Let go to change the pose", "It will sink: press again to let go",
+            self._let_go, viser.Icon.HAND_GRAB,
+        )  # fmt: skip
         self._stop = gui.add_button(
             "Stop the test", icon=viser.Icon.HAND_STOP, color="red", visible=False
         )
         self._bar = gui.add_progress_bar(0.0, color="green", visible=False)
-        self._table = gui.add_html("")
+        self._result = gui.add_html("")
         self._asked = gui.add_html("", visible=False)
         self._seen = gui.add_button_group("", (_AS_SHOWN, _NOT_AS_SHOWN), visible=False)
+        self._table = gui.add_html("")
         self._again = gui.add_button(
             "Test again", icon=viser.Icon.REPEAT, color="gray", visible=False
         )
@@ -184,16 +185,13 @@ class FinalTestPage(StepPage):
     def _show_results(self, report: MoveReport | None, progress: MoveTestProgress | None) -> None:
         lit = () if progress is None or not progress.joint else (progress.joint,)
         self._setup.picture.light(lit)
-        if progress is not None:
-            self._table.content = calibration_cards.report(progress.results)
-        elif report is not None:
-            self._table.content = calibration_cards.result(report) + calibration_cards.report(
-                report.joints
-            )
-        else:
-            self._table.content = ""
+        joints = () if report is None else report.joints
+        self._table.content = calibration_cards.report(
+            joints if progress is None else progress.results
+        )
         is_over = progress is None and report is not None
-        asks = is_over and report is not None and report.as_shown is None and not report.ended_by
+        self._result.content = calibration_cards.result(report) if report and is_over else ""
+        asks = is_over and self._is_asked
         self._asked.visible = self._seen.visible = asks
         self._asked.content = cards.instruction("", _SEEN) if asks else ""
         self._again.visible = self._keep.visible = is_over
@@ -228,6 +226,19 @@ class FinalTestPage(StepPage):
             return cards.instruction(TEST.title, _LIMP)
         trouble = cards.failed(state.fault or "the arm has ended its motion by itself")
         return cards.instruction(TEST.title, "") + trouble + cards.note(_FIXED)
+
+    @property
+    def _is_asked(self) -> bool:
+        """Whether it is still to be said how the arm moved."""
+        report = None if self._test is None else self._test.report
+        return report is not None and report.as_shown is None and not report.ended_by
+
+    def is_next_due(self) -> bool:
+        """Whether the test is done and the question after it is answered, or there can be none."""
+        target = self._setup.target
+        if target is None or target.rig is None:
+            return True
+        return self._setup.tested is not None and not self._is_asked
 
     def can_go_on(self) -> str | None:
         """A running test keeps from going on; a skipped or failed one does not."""

@@ -210,7 +210,9 @@ class MotorsPage(StepPage):
             self._card.content = cards.motor(view.motors[joint], state=state, words=words, fix=fix)
         is_found = model.can_write(view)
         self._setup.picture.light(() if joint is None else (joint,), GREEN if is_found else ORANGE)
-        self._doing.content = cards.note(self._about(view, is_found))
+        is_done = joint is None and not self._is_writing
+        say = cards.good if is_done else cards.note
+        self._doing.content = say(self._about(view, is_found))
         self._write.visible = joint is not None
         self._write.disabled = not is_found or self._is_writing
         self._skip.visible = self._again.visible = joint is not None

@@ -221,7 +221,7 @@ class SetupPart(Part):
         wizard, step = self.wizard, self.wizard.step
         if wizard.workflow is None or step is None or self._current is None:
             about = self._outcome or "From a box of parts to a moving arm. What do you need?"
-            self._head.content = markup.headline("Set up an arm", about)
+            self._head.content = markup.headline("Set up an arm", about, is_under_way=False)
             earlier = wizard.interrupted
             self._resume.visible = earlier is not None
             self._resume.label = "" if earlier is None else f"Go on with: {earlier.title}"
@@ -229,15 +229,17 @@ class SetupPart(Part):
             return
         waits = self.setup.target is None and wizard.place > 0
         about = f"{wizard.where}, once the arm is connected again" if waits else wizard.where
-        self._head.content = markup.headline(wizard.workflow.title, about)
+        self._head.content = markup.headline(wizard.workflow.title, about, is_under_way=True)
         self._steps.content = cards.step_list(wizard.rows(self.setup.known))
-        self._torque.content = cards.torque(self.setup.torque.shown)
+        if not self._is_alone:  # else the bar says it
+            self._torque.content = cards.torque(self.setup.torque.shown)
         reason = self._reason()
         target = self.setup.target
         can_test = step.name == TEST.name and target is not None and target.rig is not None
         skips = can_test and self.setup.tested is None
-        self._next.label = "Skip the test" if skips else "Finish" if wizard.is_last else "Next"
-        self._next.color = "gray" if skips else None
+        ends = wizard.is_last and not waits
+        self._next.label = "Skip the test" if skips else "Finish" if ends else "Next"
+        self._next.color = None if self._current.is_next_due() else "gray"
         self._next.disabled = reason is not None
         self._back.disabled = bool(self.setup.doing)
         self._abort.show(can=not self.setup.doing)
@@ -251,7 +253,7 @@ class SetupPart(Part):
         if trouble is not None:
             inside = f"internal error: {trouble!r}; see the log"
             return cards.failed(str(trouble) if isinstance(trouble, So101Error) else inside)
-        return "" if reason is None else cards.note(f"Next: {capital(reason)}")
+        return "" if reason is None else cards.note(f"{self._next.label}: {capital(reason)}")
 
     def close(self) -> None:
         """Leave the step and close the arm; the progress stays on disk."""

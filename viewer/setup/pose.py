@@ -26,9 +26,8 @@ from .setup_context import SetupContext
 from .setup_target import SetupTarget
 
 _LET_GO = (
-    "Assemble the arm first; this page waits. Then hold it"
-    " with one hand, then press Let go of the joints: it sinks at once. Nothing is written to the"
-    " motors yet."
+    "Hold the arm with one hand, then press Let go of the joints: it sinks at once. Nothing is"
+    " written to the motors yet."
 )
 _MATCH = (
     "Match the blue ghost: upper arm upright, forearm and gripper level and straight ahead, the jaw"

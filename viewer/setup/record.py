@@ -73,12 +73,13 @@ class RecordPage(CalibrationPage):
         self._todo.content = cards.instruction(RECORD.title, todo)
         has_bars = state in (State.RECORDING, State.COMPLETED)
         bars = calibration_cards.travels(summary.travels(joints)) if has_bars else ""
-        note = summary.picture_note(seen, joints) if is_on else ""
+        self._show_accept(missing)
+        is_about_picture = is_on and not self._limited.visible
+        note = summary.picture_note(seen, joints) if is_about_picture else ""
         self._bars.content = bars + cards.note(note)
         self._status.content = self._about_trouble(now.view.error, missing)
         self._start.visible, self._finish.visible = state is State.HOMED, is_on
         self._start.disabled = busy
-        self._show_accept(missing if is_on else ())
         self._finish.disabled = busy or bool(set(missing) - set(self._accepted))
 
     def _about_trouble(self, error: str | None, missing: tuple[str, ...]) -> str:
@@ -110,9 +111,9 @@ class RecordPage(CalibrationPage):
             return None
         if self._setup.known.view.error:
             return "resolve the problem above first"
-        return (
-            "finish the recording" if check.sentence == "the recording goes on" else check.sentence
-        )
+        if check.sentence == "the recording goes on":
+            return "finish the recording"
+        return "move every joint to both its stops first"  # which ones is said above
 
     def _lacks_pose(self) -> bool:
         """Whether there is no homing pose, or none any more because this program restarted."""

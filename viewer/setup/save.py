@@ -23,8 +23,12 @@ _BESIDE = (
     " The present file is kept as a version. Change is how far the ends of each travel have moved."
 )
 _OPEN_POSE = (
-    "First move the arm to a pose like the blue ghost's, clear of everything: saving holds its"
-    " joints there, and the final test starts there."
+    "Look at what was recorded. Then move the arm to a pose like the blue ghost's, clear of"
+    " everything, and save: its joints are held there, and the final test starts there."
+)
+_NOT_SAVED = (
+    "It is not saved yet; what was recorded is kept. Do what is said below, then try again. The"
+    " joints will be held."
 )
 
 
@@ -81,14 +85,16 @@ class SavePage(CalibrationPage):
         if is_open:
             self._lines = summary.lines(now.joints, self._setup.before)
         saved = self._setup.saved
-        self._todo.content = cards.instruction(SAVE.title, _instruction(is_open, saved is not None))
+        has_failed = is_open and self._setup.trouble is not None
+        todo = _NOT_SAVED if has_failed else _instruction(is_open, saved is not None)
+        self._todo.content = cards.instruction(SAVE.title, todo)
         self._setup.picture.ghost(OPEN_POSE if is_open else None)
         is_in_force = self._outcome is not None and not self._is_undone
         self._table.content = (
             calibration_cards.summary(self._lines) if is_open or is_in_force else ""
         )
         self._save.visible, self._save.disabled = is_open, busy
-        self._save.label = "Try to save again" if is_open and self._setup.trouble else "Save"
+        self._save.label = "Try to save again" if has_failed else "Save"
         self._undo.visible = (
             self._outcome is not None and bool(self._setup.before) and not self._is_undone
         )
@@ -136,7 +142,7 @@ class SavePage(CalibrationPage):
 
 def _instruction(is_open: bool, is_saved: bool) -> str:
     if is_open:
-        return f"{SAVE.instruction} {_OPEN_POSE}"
+        return _OPEN_POSE
     if is_saved:
         return "The motors and the file hold the calibration."
     return "There is nothing to save yet: go back to the homing pose."

@@ -72,7 +72,7 @@ def picture_note(now: PoseEstimate, joints: Iterable[str]) -> str:
             "The picture moves as the arm does, but may be some degrees off: joints that were never"
             " calibrated do not know their position. Trust the arm, not the picture."
         )
-    return f"The picture is some degrees off until these are done: {', '.join(guessed)}."
+    return "The picture is some degrees off until all are done."
 
 
 # The travels
@@ -143,7 +143,7 @@ def _advice(view: JointView) -> str:
 
 
 def _figures(view: JointView) -> str:
-    if view.verdict is Verdict.FULL_TURN and view.travel_deg < 1.0:
+    if view.verdict is Verdict.FULL_TURN:
         return "full turn"
     return f"{view.travel_deg:.0f} of {view.expected_deg:.0f}°"
 

@@ -14,7 +14,7 @@ EVIL = '<img src=x onerror="move()">'
     "html",
     [
         markup.sentence(Sentence(text=EVIL, tone=Tone.BAD)),
-        markup.headline(EVIL, EVIL),
+        markup.headline(EVIL, EVIL, is_under_way=True),
         markup.facts([(EVIL, EVIL)]),
         markup.to_copy(EVIL, EVIL),
         markup.gauges([Gauge(name=EVIL, value=1.0, lower=0.0, upper=2.0, unit=EVIL)]),
