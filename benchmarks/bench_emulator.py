@@ -27,7 +27,7 @@ REACH = 0.05
 
 
 def processor_time(pid: int) -> float:
-    """What a process has used so far, in all its threads [s]."""
+    """Processor time of a process so far, in all its threads [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 

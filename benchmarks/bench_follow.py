@@ -30,7 +30,7 @@ _referee: Any = _common.from_tests("referee")
 
 
 def followed(speed: float, acceleration: float) -> list[Any]:
-    """What became of each plan at these caps."""
+    """Plan and follow random paths at these caps."""
     with (
         _referee.refereed(),
         tempfile.TemporaryDirectory() as folder,

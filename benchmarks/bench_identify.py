@@ -89,7 +89,7 @@ def _opened(bench: Any, file: Path) -> Any:
 
 
 def errors(true: ServoFigures, found: ServoFigures, lash: float) -> dict[str, float]:
-    """How far off predictions are, as shares of the truth."""
+    """Errors of the predictions, as shares of the true values."""
     is_, seems = (ServoModel(STS3215_12V, 32, figures=each) for each in (true, found))
 
     def share(seen: float, real: float) -> float:
@@ -107,7 +107,7 @@ def errors(true: ServoFigures, found: ServoFigures, lash: float) -> dict[str, fl
 
 
 def found_by(seed: int) -> dict[str, Any]:
-    """What an arm found out about itself, and how far off that is."""
+    """Let one arm identify its servos, and compare with the true figures."""
     load = LOADS_KG[seed % len(LOADS_KG)]
     options = {"reply_timeout": 2.0, "spread": 0.2, "seed": seed}
     with (
@@ -134,7 +134,7 @@ def found_by(seed: int) -> dict[str, Any]:
 
 
 def true_figures(seed: int) -> dict[str, tuple[ServoFigures, float]]:
-    """What an arm's servos are, and their play [rad]."""
+    """An arm's true servo figures and their play [rad]."""
     found = {}
     for joint, kind in list(differing_servos(SO101, STS3215_12V, spread=0.2, seed=seed))[:5]:
         own = ServoFigures(
@@ -147,7 +147,7 @@ def true_figures(seed: int) -> dict[str, tuple[ServoFigures, float]]:
 
 
 def followed(seed: int, plans: int, known: dict[str, Any] | None) -> float:
-    """How far an arm that carries a load is from its setpoints [deg].
+    """Errors of an arm that carries a load, against its setpoints [deg].
 
     Args:
         seed: Which arm.

@@ -24,7 +24,7 @@ from so101_motion.tasks.sweeps.mounting import COARSE, Cell
 TIMES = 100.0
 DRAWN = 64
 KEPT = Path(tempfile.gettempdir()) / "so101-bench-place"
-"""What a run that was ended early has found out."""
+"""Kept results of a run that was ended early."""
 
 
 def _pose(name: str, x: float, y: float, z: float, **rest: object) -> dict[str, object]:
@@ -108,7 +108,7 @@ class RandomSearch:
         self._keep()
 
     def row(self) -> _common.Row:
-        """What came of it."""
+        """The row of the results."""
         known = self.known
         return {
             "what": self._name,

@@ -76,7 +76,7 @@ def table_with_boxes() -> Scene:
 
 
 def target(rng: np.random.Generator) -> Target:
-    """What somebody at a pendant may ask for next."""
+    """A random next target, as from a pendant."""
     kind = rng.random()
     if kind < 0.7:
         angular = rng.normal(size=3) * rng.choice([0.0, 0.5])

@@ -242,7 +242,7 @@ def losing() -> Iterator[dict[str, Any]]:
 
 
 def costing() -> Iterator[dict[str, Any]]:
-    """What the follower's I/O thread does more in each period."""
+    """Time that following costs the follower's I/O thread in each period."""
     model = RobotModel.load()
     way = np.radians(_bench.human_motion(60.0, SEEDS[0])[:, :5])
     for name in ("a setpoint", "a setpoint, guarded"):

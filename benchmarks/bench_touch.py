@@ -57,7 +57,7 @@ _referee: Any = _common.from_tests("referee")
 
 
 def calibrated(joints: list[Any], file: Path, random: np.random.Generator) -> Path:
-    """What a calibration from stop to stop records of emulated joints, with its errors."""
+    """A calibration from stop to stop of emulated joints, with its errors."""
     calibration: dict[str, JointCalibration] = {}
     zeros: dict[str, Any] = {}
     for number, joint in enumerate(joints, 1):
@@ -113,7 +113,7 @@ class Pair:
         self.gaps: list[float] = []
 
     def _arrangement(self) -> SE3:
-        """Where the right arm's base really stands: somewhere opposite, a little tilted."""
+        """True pose of the right arm's base: somewhere opposite, a little tilted."""
         x, y, z = self.random.uniform((0.28, -0.06, -0.02), (0.42, 0.06, 0.02))
         tilts = self.random.uniform(-1.0, 1.0, 2) * math.radians(2.0)
         yaw = math.pi + self.random.uniform(-0.5, 0.5)
@@ -167,7 +167,7 @@ class Pair:
 
 
 def found(seed: int, touches: int) -> dict[str, Any]:
-    """What was found out about one arrangement."""
+    """Errors of the bases found in one arrangement."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         stack.enter_context(_referee.refereed(("motion",)))

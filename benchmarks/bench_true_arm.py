@@ -54,7 +54,7 @@ def without_compensation() -> Iterator[None]:
 
 
 def seen(seed: int, plans: int, kind: ServoType) -> dict[str, list[float]]:
-    """What one arm was seen to do."""
+    """Measurements of one arm on random plans."""
     found: dict[str, list[float]] = {"90": [], "180": [], "rest": [], "later": [], "tool": []}
     found["errors"] = []
     model = RobotModel.load()

@@ -25,7 +25,7 @@ class _StillClock:
     """Time stands still while a port is waited for."""
 
     def now(self) -> float:
-        """What it shows [s]."""
+        """Always 0 [s]."""
         return 0.0
 
     def jump(self, _dt: float) -> None:
@@ -39,7 +39,7 @@ class _Served:
         self.port, self._bus, self._now = port, bus, now
 
     def open(self) -> Any:
-        """What a client opens."""
+        """A new port without waiting."""
         return _direct.DirectPort(self._bus, _StillClock(), self._now)
 
     def plug(self) -> None:

@@ -35,7 +35,7 @@ WITHOUT: Mapping[str, Mapping[str, float]] = {
     "viscous damping": {"viscous": 0.0},
     "shape of the duty": {"duty_shape": 1.0},
 }  # fmt: skip
-"""What to leave out to see what it is worth."""
+"""Parts of the model to leave out, to see how much each improves the fit."""
 
 _SMALLEST_ERROR = 0.002  # [rad], one and a half ticks: smaller errors weigh no more
 _ABSOLUTE_STEP = {"goal_delay": 1e-3, "loop_delay": 1e-3}

@@ -40,7 +40,7 @@ BOARD = 0.008
 """Thickness of the shelf's boards [m]."""
 
 _ROOM = 0.001
-"""What ends keep beyond the margin [m]."""
+"""Distance of starts and goals from obstacles beyond the margin [m]."""
 
 _BAY_Y = (-0.079, 0.079)
 _BAY_Z = (0.10, 0.24)

@@ -289,7 +289,7 @@ class _Schedule:
         self._last = t.shape[1] - 1
 
     def at(self, now: float) -> NDArray[Any]:
-        """What holds at ``now`` [s], shape (B, n)."""
+        """The values in force at ``now`` [s], shape (B, n)."""
         following = np.minimum(self._at + 1, self._last)
         self._at = np.where(
             self._t[self._rows, following] + self._delay <= now, following, self._at

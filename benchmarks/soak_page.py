@@ -72,7 +72,7 @@ class Process:
 
     @property
     def memory(self) -> int:
-        """What it has in memory [bytes]."""
+        """Resident memory [bytes]."""
         return memory(self.popen.pid)
 
     @property
@@ -88,7 +88,7 @@ class Process:
 
 @dataclass(slots=True)
 class Soak:
-    """What was seen.
+    """The findings of a soak.
 
     Attributes:
         idle_cpu: Share of a core that the idle page takes.

@@ -273,7 +273,7 @@ ATTACKS: Mapping[str, Callable[[Target], Awaitable[None]]] = {
     "a mesh of 1,000,000 triangles": sending(large_mesh, 1_000_000),
     "a cloud of 1,000,000 points": sending(large_cloud, 1_000_000),
 }
-"""What the module is busy with, by the name of the row."""
+"""The attacks that keep the module busy, by the name of the row."""
 
 
 def attack(name: str, socket: str, pid: str) -> None:

@@ -120,7 +120,7 @@ def calibrate(robot: SO101Follower, key: EnterKey, started: float) -> None:
 
 
 def check_configuration(robot: SO101Follower) -> None:
-    """What ``connect`` has written."""
+    """Check the registers that ``connect`` has written."""
     for row, wanted in (
         ("Maximum_Acceleration", 254), ("Acceleration", 254), ("Return_Delay_Time", 0),
         ("P_Coefficient", 16), ("D_Coefficient", 32), ("Torque_Enable", 1), ("Lock", 1),

@@ -63,7 +63,7 @@ STRAIGHT = Constraints(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Robot:
-    """What the task needs of a machine."""
+    """The machine's components that the task uses."""
 
     arm: Arm
     gripper: Gripper

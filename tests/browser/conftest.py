@@ -76,7 +76,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture(scope="module", autouse=True)
 def own_files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Where the page keeps the user's files: never in the home of whoever runs the tests."""
+    """Where the page keeps the user's files: never in the home of the person who runs the tests."""
     folder = tmp_path_factory.mktemp("data")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_DATA_HOME", str(folder))

@@ -1,4 +1,4 @@
-"""A cell with emulated arms: they set out together, and are kept apart by whoever moves them."""
+"""A cell of emulated arms: they set out together and keep apart, however they are moved."""
 
 from contextlib import ExitStack
 

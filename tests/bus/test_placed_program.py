@@ -74,7 +74,7 @@ def shifted(y):
 
 
 def test_two_arms_do_their_work_side_by_side(tmp_path, planning_process):
-    """In a cell that would hold up or refuse whoever comes near the other."""
+    """In a cell that refuses or holds up an arm that comes near the other."""
     names, sweeps = ("left", "right"), (shifted(0.13), shifted(-0.13))
     out, clock, bodies = tmp_path / "out", ManualClock(), bodies_of()
     write_pairs(find_pairs(sweeps, out), sweeps, out, names)

@@ -35,7 +35,7 @@ class TurnClock:
         return self._now
 
     def jump(self, seconds):
-        """Let time pass for whoever runs, as when the process was stopped meanwhile."""
+        """Let time pass unseen by running threads, as when the process was stopped meanwhile."""
         self._now += seconds
 
     @contextmanager

@@ -371,7 +371,7 @@ def megabytes(folder: Path) -> int:
 
 
 def say(sentence: str) -> None:
-    """To whoever watches, at once."""
+    """Print at once."""
     print(sentence, file=sys.stderr, flush=True)
 
 

@@ -1,4 +1,4 @@
-"""Manual mode, requests, looks and configuration of the simulated arm, over gRPC."""
+"""Manual mode, requests, geometries and configuration of the simulated arm, over gRPC."""
 
 import asyncio
 import json

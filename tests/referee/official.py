@@ -225,7 +225,7 @@ class Match:
             wire.set_off()
 
     def paused(self):
-        """Whoever drives the arm was stopped for a while; its next command begins anew."""
+        """The driving process was stopped for a while; its next command begins anew."""
         for judge in self._commands:
             judge.forget()
 

@@ -58,7 +58,7 @@ class GuardedServer:
 
     Attributes:
         viser: The server to build a page on.
-        url: The link with the key; whoever has it may move the arm.
+        url: The link with the key; with it a person may move the arm.
         policy: Who may talk to it.
     """
 
