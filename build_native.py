@@ -1,13 +1,13 @@
-"""Builds the compiled part of planning; the build backend of this package.
+"""Build the compiled part of planning; this is the build backend of the package.
 
 ``pip install`` calls it through the hooks at the end, which are setuptools' own with one step
-before them. ``python build_native.py [--target TRIPLE]`` builds it in place, for another platform
-if asked, such as ``aarch64-linux-gnu.2.17`` (needs ziglang).
+before them. ``python build_native.py [--target TRIPLE]`` builds it in place, also for another
+platform, such as ``aarch64-linux-gnu.2.17`` (needs ziglang).
 
-The system's C compiler is used if one works. Where none does, the ``ziglang`` package is asked for
-as a build requirement: a C compiler as a wheel, which pip puts into the environment of the build
-and throws away after it. Where neither works, or with ``SO101_NATIVE=off``, nothing is built: the
-package then plans with coal alone, with the same verdicts.
+The system's C compiler is used if one works. Otherwise the ``ziglang`` package is a build
+requirement: a C compiler as a wheel, which pip installs for the build and removes after it. If
+neither works, or with ``SO101_NATIVE=off``, nothing is built: the package then plans with coal
+alone, with the same verdicts.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HERE = Path(__file__).resolve().parent
 SOURCES = HERE / "so101_motion" / "planning" / "native"
 ZIG = ("linux", "darwin")
 ZIG_MACHINES = ("x86_64", "aarch64", "arm64")
-"""Where there are wheels of ziglang."""
+"""The platforms with wheels of ziglang."""
 
 FLAGS = ("-std=c11", "-O3", "-fPIC", "-fno-math-errno", "-w")
 WIDTHS = (
@@ -36,7 +36,7 @@ WIDTHS = (
     ("lanes.c", "-ffp-contract=fast", "-march=skylake-avx512", "-mprefer-vector-width=512"),
     ("furthest.c", "-ffp-contract=off", "-march=haswell"),
 )
-"""What is compiled once more for wider vectors on x86-64, and how."""
+"""Sources that are compiled again for wider vectors on x86-64, with their flags."""
 TIME_LIMIT = 300.0
 """Of one call of the compiler [s]."""
 
@@ -62,7 +62,7 @@ def zig_compiler() -> list[str] | None:
 
 
 def build(target: str | None = None) -> Path | None:
-    """Compile the library in place, unless it is there; its file, or None if that failed."""
+    """Compile the library in place, unless it exists; return its file, or None on failure."""
     system, machine = sys.platform, platform.machine()
     if target:
         machine, system = target.split("-")[:2]
@@ -75,7 +75,7 @@ def build(target: str | None = None) -> Path | None:
         return None
     compiler = zig_compiler() if target else system_compiler() or zig_compiler()
     if compiler is None:
-        print("no C compiler: planning will do without its compiled part", file=sys.stderr)
+        print("no C compiler, so planning does without its compiled part", file=sys.stderr)
         return None
     with tempfile.TemporaryDirectory() as folder:
         os.environ.setdefault("ZIG_GLOBAL_CACHE_DIR", f"{folder}/zig")
@@ -97,7 +97,7 @@ def build(target: str | None = None) -> Path | None:
         # Without contraction, arithmetic is the same on every processor.
         rest = ["-ffp-contract=off", *(("-s",) if system == "linux" else ()), "-shared"]
         if "ziglang" in compiler:
-            rest.append("-mcpu=baseline")  # or it compiles for this very processor
+            rest.append("-mcpu=baseline")  # otherwise it compiles for this processor
         if not _succeeds([*compiler, *FLAGS, *rest, "-o", made, *objects, *sources, "-lm"]):
             return None
         for old in SOURCES.glob(f"native-*-{system}-{machine.lower()}.so"):
@@ -120,7 +120,7 @@ def _succeeds(command: Sequence[str], *, quiet: bool = False) -> bool:
 
 
 def _library_module() -> ModuleType:
-    """``library.py``, without the package around it, whose needs are not installed yet."""
+    """Import ``library.py`` alone, because the package's requirements are not installed yet."""
     spec = importlib.util.spec_from_file_location("so101_native_library", SOURCES / "library.py")
     assert spec is not None
     assert spec.loader is not None
@@ -130,7 +130,7 @@ def _library_module() -> ModuleType:
 
 
 def _compiler_requirement() -> list[str]:
-    """What pip has to bring for the build: nothing where there is a compiler or a library."""
+    """The build requirement: ziglang, unless there is a compiler or the library."""
     has_wheel = sys.platform in ZIG and platform.machine().lower() in ZIG_MACHINES
     if not has_wheel or os.environ.get("SO101_NATIVE") == "off":
         return []
@@ -139,7 +139,7 @@ def _compiler_requirement() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
-    """The hooks of PEP 517 and 660: setuptools', and before building ours."""
+    """The hooks of PEP 517 and 660: setuptools' own, after ``build`` where they build."""
     hooks = ("build_wheel", "build_editable", "build_sdist")
     prepare = "prepare_metadata_for_build_"
     if name not in hooks and not name.startswith(("get_requires_for_build_", prepare)):

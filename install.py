@@ -1,23 +1,23 @@
-"""Installs the module into ``.venv`` beside this file. ``setup.sh`` finds the Python to run it.
+"""Install the module into ``.venv`` beside this file. ``setup.sh`` finds the Python to run it.
 
-It uses the standard library alone and must never hold a machine up, so:
+It uses the standard library alone and must never block a machine, so:
 
-* One installation at a time. The lock belongs to the process that installs and ends with it,
-  however it ends; whoever comes meanwhile waits a while and then says so.
-* Everything has a limit: each connection, the wait for another installation, and the whole.
-* What is complete is left alone, without a word to the network. ``.venv/.installed`` is written
-  last and holds what was asked for, so that a new version is noticed.
-* It is complete only when everything that is needed can be imported. A system library that is
-  missing is named with the command that installs it; after that, only the imports are tried again.
-* What was cut short is repaired by the next call; pip keeps what it has downloaded and built. An
-  environment without pip, or of a Python that does not suit, is made anew.
-* The free disk space is looked at first.
+* One installation at a time. The process that installs has a lock, which ends with the process;
+  another one waits for a while and then says so.
+* Everything has a time limit: each connection, the wait for another installation, and the whole.
+* A complete installation is left alone, without using the network. ``.venv/.installed`` is written
+  last and holds the requirements, so that a new version is noticed.
+* It is complete only when all packages can be imported. A missing system library is named with the
+  command that installs it; after that, only the imports are tried again.
+* The next call repairs an interrupted installation; pip keeps its downloads and builds. An
+  environment without pip, or with an unsuitable Python, is made again.
+* The free disk space is checked first.
 
-``run.sh`` asks for ``--background`` because viam-server ends a module that is not ready in five
-minutes, and where ruckig has to be compiled it takes longer. That installation is a
-process of its own and writes to ``setup.log``. ``build.sh`` asks for ``--wheels`` so that it
-comes along compiled; with it nothing is compiled on the machine. The Makefile asks for
-``--with viewer`` (the page in the browser) or ``--with dev`` (the tests).
+``run.sh`` uses ``--background``, because viam-server ends a module that is not ready in five
+minutes, and compiling ruckig may take longer. That installation is a process of its own and writes
+to ``setup.log``. ``build.sh`` uses ``--wheels`` to compile ruckig beforehand, so that the machine
+need not. The Makefile uses ``--with viewer`` (the page in the browser) or ``--with dev`` (the
+tests).
 """
 
 from __future__ import annotations
@@ -43,50 +43,50 @@ HERE = Path(__file__).resolve().parent
 VENV = HERE / ".venv"
 PYTHON = VENV / "bin" / "python"
 PACKAGES = VENV / ".packages"
-"""Written once pip is done."""
+"""Written when pip is done."""
 DONE = VENV / ".installed"
-"""Written once all of it can be imported, too."""
+"""Written when all packages can be imported, too."""
 WHEELS = HERE / "wheels"
 LOG = HERE / "setup.log"
 
 PATIENCE = 240.0
-"""How long a start waits, for this installation or for another [s]; viam-server gives it 300."""
+"""How long a start waits for this installation or another [s]; viam-server allows 300."""
 LIMIT = 3000.0
-"""The whole installation [s]; viam-server gives the first run 3600."""
+"""Time limit of the whole installation [s]; viam-server allows 3600 for the first run."""
 LONGEST_LOG = 100_000
-"""Bytes after which the log is begun anew."""
+"""A longer log is cleared [byte]."""
 COMPILED = ("ruckig",)
-"""What has ready wheels for some systems only."""
+"""Packages with ready wheels for some systems only."""
 COMPILER = "ziglang"
-"""What build_native.py asks pip for where no C compiler works."""
+"""The package that build_native.py requires where no C compiler works."""
 READY = (("linux", "x86_64"), ("darwin", "arm64"))
-"""Those systems: ``sys.platform`` and ``platform.machine()``."""
+"""Systems with ready wheels of COMPILED: ``sys.platform`` and ``platform.machine()``."""
 NETWORK = ("--timeout", "20", "--retries", "3")
-"""For one connection [s], and how often it is tried again."""
+"""pip's time limit of a connection [s], and its number of retries."""
 NETWORK_SIGNS = ("connection", "retrying", "timed out", "name resolution", "sslerror", "proxyerror")
-"""What pip says, in small letters, when it does not reach the package index."""
+"""Words in pip's output, in small letters, when it cannot reach the package index."""
 
 VERSIONS = ((3, 11), (3, 14))
-"""The oldest and the newest Python with ready wheels; ``setup.sh`` looks for the same."""
+"""The oldest and the newest Python with ready wheels; ``setup.sh`` has the same."""
 EXTRAS = {
     "viewer": {"viewer"},
     "dev": {"dev", "viewer"},
     "bench": {"bench", "dev", "viewer"},
     "site": {"site"},
 }
-"""What ``--with`` takes, and which extras of ``pyproject.toml`` each one installs."""
+"""The values of ``--with``, and the extras of ``pyproject.toml`` that each installs."""
 MEGABYTES = {"": 850, "viewer": 50, "dev": 400, "bench": 50, "site": 100}
 """The size of the environment and what each extra adds, rounded up; measured on Debian 13."""
 DOWNLOADED = 0.35
-"""The wheels take this part of what becomes of them; once while pip works, once in its cache."""
+"""Size of the wheels as share of the installed size; needed in pip's cache and while it works."""
 WITHOUT_COMPILER = 520
-"""So much more a machine without a C compiler needs while it installs, for COMPILER [MB]."""
+"""Additional space for COMPILER during the installation [MB]."""
 FULL = 20
 """A disk with less space than this is full [MB]."""
 
 
 def main(arguments: list[str]) -> int:
-    """Install, unless that is done; the exit code."""
+    """Install, unless that is done; return the exit code."""
     if arguments == ["--wheels"]:
         return compile_wheels()
     match arguments:
@@ -98,14 +98,14 @@ def main(arguments: list[str]) -> int:
             complain(f"usage: setup.sh [--background | --wheels | --with {'|'.join(EXTRAS)}]")
             return 2
     if is_installed(extras):
-        if not extras:  # make asks each time
+        if not extras:  # make calls this each time
             say(f"installed already, in {VENV}")
         return 0
     return in_background() if arguments == ["--background"] else in_foreground(extras)
 
 
 def in_foreground(extras: set[str]) -> int:
-    """Install, and say how it goes; the exit code."""
+    """Install and print the progress; return the exit code."""
     with the_lock(PATIENCE) as lock:
         if lock is None:
             complain(
@@ -116,8 +116,8 @@ def in_foreground(extras: set[str]) -> int:
 
 
 def in_background() -> int:
-    """Let a process of its own install, and wait a while for it; the exit code."""
-    say(f"installing; what happens is written to {LOG}")
+    """Install in another process and wait for it for a while; return the exit code."""
+    say(f"installing; the progress is written to {LOG}")
     is_long = LOG.exists() and LOG.stat().st_size > LONGEST_LOG
     with LOG.open("w" if is_long else "a") as log:  # another start may be writing to it
         child = subprocess.Popen(
@@ -138,7 +138,7 @@ def in_background() -> int:
 
 
 def install(extras: set[str], lock: int) -> int:
-    """Make the environment, fill it, try the imports; the exit code."""
+    """Make the environment, fill it, and try the imports; return the exit code."""
     begin = time.monotonic()
     extras = extras | extras_in(PACKAGES)
     if not is_filled(extras):
@@ -153,7 +153,7 @@ def install(extras: set[str], lock: int) -> int:
         for step in steps(extras):
             code, said = run(step, begin + LIMIT - time.monotonic(), lock)
             if code and COMPILER in said:
-                say(f"without {COMPILER}, the compiled part of planning is left out")
+                say(f"{COMPILER} cannot be installed, so planning does without its compiled part")
                 os.environ["SO101_NATIVE"] = "off"
                 code, said = run(step, begin + LIMIT - time.monotonic(), lock)
             if code:
@@ -171,7 +171,7 @@ def install(extras: set[str], lock: int) -> int:
 
 
 def steps(extras: set[str]) -> Iterator[tuple[str, ...]]:
-    """The commands that make the environment, unless there is one to go on with, and fill it."""
+    """The commands that make the environment, if there is no usable one, and fill it."""
     if not environment_works():
         yield (sys.executable, "-m", "venv", "--clear", str(VENV))
     from_here = ("--find-links", str(WHEELS)) if WHEELS.is_dir() else ()
@@ -184,7 +184,7 @@ def steps(extras: set[str]) -> Iterator[tuple[str, ...]]:
 
 
 def compile_wheels() -> int:
-    """Compile what has no ready wheels, for this system and this Python; the exit code."""
+    """Compile wheels of COMPILED for this system and Python; return the exit code."""
     shutil.rmtree(WHEELS, ignore_errors=True)
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run((sys.executable, "-m", "venv", folder), check=True)
@@ -198,16 +198,16 @@ def compile_wheels() -> int:
 
 
 def compiled_versions() -> list[str]:
-    """Which versions are compiled: those of ``constraints.txt``."""
+    """The pinned versions of COMPILED, from ``constraints.txt``."""
     pins = (HERE / "constraints.txt").read_text().splitlines()
     wanted = tuple(f"{name}==" for name in COMPILED)
     return [pin for pin in pins if pin.startswith(wanted)]
 
 
 def run(command: tuple[str, ...], limit: float, lock: int) -> tuple[int, str]:
-    """Run a command for at most ``limit`` seconds; the exit code and what it said on stderr.
+    """Run a command for at most ``limit`` seconds; return its exit code and its stderr.
 
-    All it starts ends with it. It holds the lock too, in case this process is ended before it.
+    Its child processes end with it. It holds the lock too, in case this process ends before it.
     """
     process = subprocess.Popen(
         command,
@@ -226,7 +226,7 @@ def run(command: tuple[str, ...], limit: float, lock: int) -> tuple[int, str]:
     try:
         code = process.wait(max(limit, 0.0))
     except subprocess.TimeoutExpired:
-        complain(f"error: not done after {LIMIT / 60:.0f} minutes; it is ended")
+        complain(f"error: stopped, because it was not done after {LIMIT / 60:.0f} minutes")
         code = 1
     finally:
         if process.poll() is None:
@@ -237,7 +237,7 @@ def run(command: tuple[str, ...], limit: float, lock: int) -> tuple[int, str]:
 
 
 def pass_on(lines: IO[str], said: list[str]) -> None:
-    """Show what a command says as it says it, and keep it."""
+    """Print a command's output as it comes, and collect it."""
     with lines:
         for line in lines:
             sys.stderr.write(line)
@@ -246,7 +246,7 @@ def pass_on(lines: IO[str], said: list[str]) -> None:
 
 
 def is_installed(extras: set[str]) -> bool:
-    """Whether all that this version asks for is there, and can be imported."""
+    """Whether everything that this version requires is installed and can be imported."""
     is_done = DONE.is_file() and DONE.read_text() == record(extras | extras_in(DONE))
     return is_done and environment_works()
 
@@ -257,7 +257,7 @@ def is_filled(extras: set[str]) -> bool:
 
 
 def record(extras: set[str]) -> str:
-    """What is written down of an installation."""
+    """The content of DONE and PACKAGES: the requirements and the extras."""
     return f"{asked_for()}\n# extras: {' '.join(sorted(extras))}\n"
 
 
@@ -268,14 +268,14 @@ def extras_in(file: Path) -> set[str]:
 
 
 def asked_for() -> str:
-    """What decides what is installed."""
+    """The requirements of this version: the content of the files that determine them."""
     sources = sorted((HERE / "so101_motion" / "planning" / "native").glob("*.[ch]"))
     asked = (HERE / "pyproject.toml", HERE / "constraints.txt", *sources)
     return "".join(path.read_text() for path in asked)
 
 
 def environment_works() -> bool:
-    """Whether there is an environment to go on with: with pip, and of a Python that suits."""
+    """Whether there is a usable environment, with pip and a suitable Python."""
     if not PYTHON.exists():
         return False
     asked = [str(PYTHON), "-m", "pip", "--version"]
@@ -284,13 +284,13 @@ def environment_works() -> bool:
     if found is None:
         return False
     version = (int(found[1]), int(found[2]))
-    if os.environ.get("PYTHON"):  # somebody wants this one
+    if os.environ.get("PYTHON"):  # the user has chosen this one
         return version == sys.version_info[:2]
     return VERSIONS[0] <= version <= VERSIONS[1]
 
 
 def lacking_space(extras: set[str]) -> str:
-    """What to say if a disk has too little space for what is still to come; empty if none has."""
+    """An error message if a disk has too little free space; empty if all have enough."""
     there = sum(path.lstat().st_size for path in VENV.rglob("*")) / 1e6
     installed = max(sum(MEGABYTES[name] for name in ("", *extras)) - there, 0.0)
     has_one = installed == 0.0 or any(shutil.which(name) for name in ("cc", "gcc", "clang"))
@@ -310,34 +310,34 @@ def lacking_space(extras: set[str]) -> str:
         free = shutil.disk_usage(place).free / 1e6
         if free < size:
             return (
-                f"the disk that holds {place} has {free:.0f} MB free and {size:.0f} MB are needed."
+                f"the disk with {place} has {free:.0f} MB free and {size:.0f} MB are needed."
                 " try: free some space, then repeat the installation"
             )
     return ""
 
 
 def has_ready_wheels() -> bool:
-    """Whether nothing has to be compiled here."""
+    """Whether all wheels exist, so that nothing has to be compiled."""
     python = f"-cp{sys.version_info.major}{sys.version_info.minor}-"
     shipped = {path.name.split("-")[0] for path in WHEELS.glob(f"*{python}*.whl")}
     return (sys.platform, platform.machine()) in READY or shipped.issuperset(COMPILED)
 
 
 def what_to_try(said: str) -> str:
-    """A sentence or two for whoever reads why it failed.
+    """The cause of a failed installation and what to do, in a sentence or two.
 
     Args:
-        said: What the failed step wrote on stderr.
+        said: The stderr of the failed step.
     """
     free = shutil.disk_usage(HERE).free / 1e6
     if "No space left on device" in said or free < FULL:
         return "The disk is full. try: free some space, then repeat the installation"
     if any(sign in said.lower() for sign in NETWORK_SIGNS):
-        return "Is the network there? It is tried again at the next start."
+        return "The package index was not reached; check the network. The next start tries again."
     has_compiler = any(shutil.which(name) for name in ("c++", "g++", "clang++"))
     has_headers = Path(sysconfig.get_path("include"), "Python.h").is_file()
     if has_ready_wheels() or (has_compiler and has_headers):
-        return "What pip says above is the reason. It is tried again at the next start."
+        return "pip's messages above have the reason. The next start tries again."
     missing = "Python's headers are" if has_compiler else "A C++ compiler is"
     if sys.platform == "darwin":
         return f"{missing} missing. try: xcode-select --install"
@@ -346,7 +346,7 @@ def what_to_try(said: str) -> str:
 
 @contextlib.contextmanager
 def the_lock(patience: float) -> Iterator[int | None]:
-    """Be the only installation while the block runs; None if another is, and does not end."""
+    """Hold the installation lock during the block; None if another installation does not end."""
     with (HERE / ".setup.lock").open("w") as file:
         end = time.monotonic() + patience
         while True:
@@ -363,12 +363,12 @@ def the_lock(patience: float) -> Iterator[int | None]:
 
 
 def say(sentence: str) -> None:
-    """How it goes, at once; on standard output, for viam-server logs all else as an error."""
+    """Print progress on stdout, because viam-server logs stderr as errors."""
     print(f"so101 setup: {sentence}", flush=True)
 
 
 def complain(sentence: str) -> None:
-    """What is wrong, at once."""
+    """Print a problem on stderr."""
     print(f"so101 setup: {sentence}", file=sys.stderr, flush=True)
 
 

@@ -1,4 +1,4 @@
-"""An arm on a port, as robot and leader have it: opened, read in LeRobot's units, calibrated."""
+"""An arm on a port for robot and leader: open it, read it in LeRobot's units, calibrate it."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class ArmOnPort:
     """One arm, open or not.
 
     Args:
-        name: What it is called.
+        name: Its name in messages.
         port: Its serial port.
-        file: Where LeRobot keeps its calibration.
-        use_degrees: Whether LeRobot counts in degrees, else from -100 to 100.
+        file: LeRobot's file for its calibration.
+        use_degrees: Whether LeRobot's values are degrees, else -100 to 100.
         open_rig: Opens the arm on a port.
-        waiter: How to wait for a motion; None for the wall clock.
-        disconnect: Called at the end of the program if it is open then.
+        waiter: Waits for a motion; None for the wall clock.
+        disconnect: Called at the end of the program if the arm is open then.
     """
 
     def __init__(
@@ -61,12 +61,12 @@ class ArmOnPort:
 
     @property
     def is_open(self) -> bool:
-        """Whether it has been opened and not been given up."""
+        """Whether it is open."""
         return self._session is not None
 
     @property
     def session(self) -> ArmSession:
-        """What it does.
+        """The session of the open arm.
 
         Raises:
             DeviceNotConnectedError: It is not open.
@@ -77,13 +77,13 @@ class ArmOnPort:
 
     @property
     def units(self) -> JointUnits:
-        """LeRobot's units for this arm, which has been open."""
+        """LeRobot's units for this arm; only after ``open``."""
         assert self._units is not None
         return self._units
 
     @property
     def here(self) -> dict[str, float]:
-        """Where the joints are, as LeRobot counts.
+        """The measured joint values in LeRobot's units, by key.
 
         Raises:
             So101Error: The arm cannot be reached; the message says why.
@@ -95,13 +95,13 @@ class ArmOnPort:
     def open(
         self, pace: Pace, scene: Scene, *, is_calibrated: bool, compensates: bool = True
     ) -> None:
-        """Open it; the joints hold where they stand.
+        """Open it; the joints hold their positions.
 
         Args:
-            pace: How it follows.
-            scene: What is around it.
+            pace: Caps and guard while it follows.
+            scene: The obstacles around it.
             is_calibrated: Whether there is a calibration file; the log says if not.
-            compensates: Whether weight, friction and lag are made up for.
+            compensates: Whether to compensate weight, friction and lag.
 
         Raises:
             DeviceAlreadyConnectedError: It is open.
@@ -133,14 +133,14 @@ class ArmOnPort:
         if not is_calibrated:
             sources = {setup.source for setup in rig.servos.setups.values()}
             _log.warning(
-                "%s has no calibration file (%s); what its servos remember is used%s",
+                "%s has no calibration file (%s); the values in its servos are used%s",
                 self.name,
                 file,
-                ", and defaults where that cannot be" if "defaults" in sources else "",
+                ", and defaults where those are not valid" if "defaults" in sources else "",
             )
 
     def close(self) -> None:
-        """Give up the port; the servos go on as they are. May be called again."""
+        """Close the port; the servos stay held or limp as they are. May be called twice."""
         session, self._session = self._session, None
         self._ending.leave()
         if session is not None:

@@ -1,14 +1,12 @@
-"""Let one arm follow the targets of a client: from the first one to where it is left.
+"""Make one arm follow the targets of a client, from the first target to the end of the session.
 
-How it works. The first target of a session may be far away, because a recording begins elsewhere
-or a policy has ideas of its own. The arm then goes there by a plan, and the client waits. From
-there on every target is taken up in the next control cycle by a guarded following, which bounds
-velocity, acceleration and jerk whatever the targets do, and slows to rest when they cease. The jaw
-follows beside it, and grips what it closes on.
+The first target of a session may be far away, as at the start of a recording or a policy. The arm
+then moves there along a plan while the client waits. From there on a guarded following uses every
+target in the next control cycle; it limits velocity, acceleration and jerk for any targets, and
+slows to rest when they cease. The jaw follows too, and grips an object that it closes on.
 
-A following ends when a joint is blocked. Nothing moves by itself then: the arm waits, as in
-teleoperation, for a target that is near where it holds. When it cannot be reached, or is in a
-fault, that is raised.
+A following ends when a joint is blocked. The arm then holds, as in teleoperation, until a target is
+near its position. If it cannot be reached or has a fault, an error is raised.
 """
 
 from __future__ import annotations
@@ -46,38 +44,38 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 SILENT_AFTER = 0.5
-"""How old a measurement may be [s]; the driver itself bears with silent servos for as long."""
+"""How old a measurement may be [s]; the driver tolerates silent servos for as long."""
 
 LIES_WITHIN = to_rad(6.0)
-"""How near to a pose in which it lies by itself an arm must be to be let go of [rad]; chosen."""
+"""Largest distance from a lying pose at which an arm is released [rad]; chosen."""
 
 LOWERED_BY, LOWERING = (
     to_rad(25.0),
     MotionLimits.uniform(velocity=to_rad(15.0), acceleration=to_rad(50.0), jerk=20.0),
 )
-"""How far and how fast an arm is lowered until something bears it [rad]; chosen: from ``rest`` on
+"""How far and how fast an arm is lowered until it lies on something [rad]; chosen: from ``rest``
 the forearm sinks by 18 deg."""
 
 BEARS = 0.1
-"""A joint with less of the arm's weight stays where it is when it is let go of [N m]; chosen, below
-the friction of a servo."""
+"""A joint that carries less torque than this stays in place when it is released [N m]; chosen,
+below the friction of a servo."""
 
 REST_WITHIN = 10.0
-"""For how long an arm that is told to stop is waited for [s]; it takes less than a second."""
+"""How long to wait for a stop [s]; it takes less than a second."""
 
 PARKED_WITHIN = 60.0
-"""For how long the way to the park pose is waited for [s]; chosen."""
+"""How long to wait for the motion to the park pose [s]; chosen."""
 
 Waiter = Callable[["Future[None]", float], None]
-"""Waits until a future is done, or for so long [s]; raises what the future did."""
+"""Waits until a future is done, at most for so long [s]; raises the future's error."""
 
 
 class Taken(NamedTuple):
-    """A target as it was taken.
+    """A target within the arm's limits, as the arm follows it.
 
     Attributes:
         q: Joint angles, shape (5,), [rad].
-        aperture: How far the jaw is to be open, 0 to 1.
+        aperture: Opening of the jaw, 0 to 1.
     """
 
     q: Array
@@ -86,13 +84,13 @@ class Taken(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How the arm follows.
+    """The caps and the guard of an arm that follows.
 
     Attributes:
         speed: Cap on the speed of each joint [rad/s].
         acceleration: Cap on the acceleration of each joint [rad/s^2].
-        approach_speed: Cap on the way to a first target that is far [rad/s].
-        stale_after: After how long without a target the arm slows to rest [s].
+        approach_speed: Cap on the speed to a first target that is far [rad/s].
+        stale_after: The arm slows to rest after this long without a target [s].
         guarded: Whether it keeps clear of itself and of its scene.
     """
 
@@ -111,7 +109,7 @@ class Pace:
 
     @property
     def approach(self) -> MotionLimits:
-        """The caps on the way to a first target."""
+        """The caps on the path to a first target."""
         slow = np.minimum(self.approach_speed, self.speed)
         return MotionLimits.uniform(
             velocity=float(slow),
@@ -125,12 +123,13 @@ class ArmSession:
 
     Args:
         rig: The arm; closed by ``close``.
-        pace: How it follows.
-        scene: What is around it.
-        waiter: How to wait for a motion; by default on the wall clock.
+        pace: Caps and guard while it follows.
+        scene: The obstacles around it.
+        waiter: Waits for a motion; by default on the wall clock.
 
     Attributes:
-        wait: As ``waiter``.
+        rig: The arm.
+        wait: The ``waiter``.
 
     Raises:
         ConfigError: A cap is out of range.
@@ -148,11 +147,11 @@ class ArmSession:
         rig.warm_up()  # the first plan is often wanted at once
         self._following: Following | None = None
         self._jaw: JawFollowing | None = None
-        self._trouble = ""  # why it waits
+        self._trouble = ""  # why it holds until a target is near
 
     @property
     def state(self) -> JointState:
-        """Where the arm is, measured within the last control cycle while it follows.
+        """The arm's state, measured in the last control cycle.
 
         Raises:
             MotionError: It cannot be reached, or is in a fault; the message says why.
@@ -168,16 +167,18 @@ class ArmSession:
 
     @property
     def held_by(self) -> tuple[str, ...]:
-        """What keeps the arm from its target; empty if nothing does."""
+        """The bodies or limits that keep the arm from its target; empty without any."""
         return () if self._following is None else self._following.held_by
 
     def follow(self, q: Array, aperture: float) -> Taken:
-        """Go to a target, from the next control cycle on; waits only where it begins anew.
+        """Follow a target from the next control cycle on; moves to the first one and waits.
 
         Args:
-            q: Joint angles, shape (5,), [rad]; taken within the arm's range. While the arm waits
-                after trouble, where it holds is what was taken.
-            aperture: How far the jaw is to be open; taken within 0 to 1.
+            q: Joint angles, shape (5,), [rad].
+            aperture: Opening of the jaw, 0 to 1.
+
+        Returns:
+            The target within the arm's range; its held position while it waits for a near one.
 
         Raises:
             So101Error: The arm cannot follow; the message says why.
@@ -196,10 +197,10 @@ class ArmSession:
             self._jaw.hold()
 
     def rest(self) -> None:
-        """Come to rest, and end the following; the arm holds, and a grip stays.
+        """Come to rest and end the following; the arm holds, and the jaw keeps its grip.
 
         Raises:
-            So101Error: It did not come to rest in order; the message says why.
+            So101Error: It did not come to rest; the message says why.
         """
         endings = [each.close() for each in (self._following, self._jaw) if each is not None]
         self._following = self._jaw = None
@@ -207,23 +208,26 @@ class ArmSession:
             self.wait(ending, REST_WITHIN)
 
     def go(self, q: Array, *, within: float = PARKED_WITHIN) -> None:
-        """Go to joint angles, shape (5,), [rad], by a plan at the pace of the approach, and wait.
+        """Move along a plan to joint angles, shape (5,), [rad], with the approach caps, and wait.
 
         Raises:
-            PlanningError: There is no way.
+            PlanningError: There is no path.
             So101Error: It did not arrive; the message says why.
         """
         motion = self.rig.arm.start_move(JointGoal(q=q), limits=self._pace.approach)
         self._await(motion, within)
 
     def release_where_it_lies(self, poses: tuple[Array, ...]) -> bool:
-        """Lay the arm down and let go of it if it is at one of ``poses``; whether it was.
+        """Lower the arm and release it if it is at one of ``poses``.
 
-        It is first lowered slowly, the way its weight would take it, until something bears it: in
-        the pose ``rest`` there are some millimetres left under the forearm.
+        It is lowered slowly in the direction of its weight until it lies on something: in the pose
+        ``rest`` there are some millimetres left under the forearm.
 
         Args:
-            poses: Joint angles at which the arm lies by itself, each of shape (5,), [rad].
+            poses: Joint angles in which the arm lies without torque, each of shape (5,), [rad].
+
+        Returns:
+            Whether it was at one of them.
         """
         arm = self.rig.arm
         q = arm.state.q
@@ -234,10 +238,10 @@ class ArmSession:
         return True
 
     def close(self) -> None:
-        """Give up the port; the servos go on as they are. May be called again."""
+        """Close the port; the servos stay held or limp as they are. May be called twice."""
         self.rig.close()
 
-    # How
+    # Helpers
 
     def _lower(self) -> None:
         arm = self.rig.arm
@@ -249,12 +253,12 @@ class ArmSession:
             lying = q[:5]
             lying[i] -= np.sign(torque) * LOWERED_BY
             lying = np.clip(lying, *arm.range)
-            with suppress(FollowingError):  # something bears it
+            with suppress(FollowingError):  # the arm lies on something
                 motion = arm.start_unguarded_retarget(lying, limits=LOWERING)
                 self._await(motion, REST_WITHIN)
 
     def _begin(self, q: Array) -> Following | None:
-        """Follow anew, by a plan to a first target that is far; None while the arm waits."""
+        """Open a following, after a planned move to a far target; None while the arm waits."""
         self._look_for_trouble()
         arm, pace, state = self.rig.arm, self._pace, self.state
         lower, upper = arm.range
@@ -270,11 +274,13 @@ class ArmSession:
         return following
 
     def _has_approached(self, goal: Array) -> bool:
-        """Go near a first target; whether the arm may follow from here."""
+        """Move to a first target along a plan; whether the arm may follow from there."""
         try:
             self.go(goal)
         except PlanningError as error:
-            _log.warning("no plan to the first target: %s. The arm goes as near as it can", error)
+            _log.warning(
+                "no plan to the first target: %s. The arm moves as near to it as it can", error
+            )
         except MotionError as error:
             self._note(error)
             return False
@@ -289,7 +295,7 @@ class ArmSession:
     def _note(self, error: BaseException) -> None:
         self._trouble = str(error)
         _log.warning(
-            "%s. It waits for a target no more than %.0f deg from where it is",
+            "%s. The arm holds until a target is at most %.0f deg away",
             error,
             to_deg(GATE),
         )
@@ -315,15 +321,15 @@ class ArmSession:
 
 
 def wait_in_real_time(future: Future[None], seconds: float) -> None:
-    """Wait until ``future`` is done; see ``Waiter``. Signals are served meanwhile.
+    """Wait until ``future`` is done; see ``Waiter``. Signals are handled meanwhile.
 
     Raises:
-        MotionError: It is not, after ``seconds``.
+        MotionError: It is not done after ``seconds``.
     """
     end = time.monotonic() + seconds
     while not future.done():
         left = end - time.monotonic()
         if left <= 0.0:
-            raise MotionError(f"the arm did not come to an end within {seconds:g} s")
+            raise MotionError(f"the arm's motion did not end within {seconds:g} s")
         wait((future,), min(left, LOOK_FOR_SIGNALS))
     future.result()

@@ -1,8 +1,8 @@
 """Two SO-101 arms as one robot of LeRobot: ``--robot.type=bi_so101_motion``.
 
 Each arm is a robot of its own, with ``left_`` or ``right_`` before its keys. Each keeps clear of
-itself, the table and its scene, and with a cell, which says where the two stand, of the other arm
-as well.
+itself, the table and its scene. With a cell file, which has the bases of both, they keep clear of
+each other as well.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class BiSO101Motion(Robot):
     Args:
         config: Their settings.
         open_rig: Opens the arm on a port.
-        waiter: How to wait for a motion; by default on the wall clock.
+        waiter: Waits for a motion; by default on the wall clock.
     """
 
     config_class = BiSO101MotionConfig
@@ -84,7 +84,7 @@ class BiSO101Motion(Robot):
 
     @property
     def is_connected(self) -> bool:
-        """Whether either arm has been opened and not been given up."""
+        """Whether either arm is open."""
         return any(arm.is_connected for arm in self.arms.values())
 
     @property
@@ -93,7 +93,7 @@ class BiSO101Motion(Robot):
         return all(arm.is_calibrated for arm in self.arms.values())
 
     def connect(self, calibrate: bool = True) -> None:
-        """Open both arms, or none; see ``SO101Motion.connect``."""
+        """Open both arms, or neither if one fails; see ``SO101Motion.connect``."""
         with ExitStack() as undo:
             for arm in self.arms.values():
                 arm.connect(calibrate)
@@ -116,14 +116,14 @@ class BiSO101Motion(Robot):
             arm.setup_motors()
 
     def get_observation(self) -> dict[str, Any]:
-        """Where the joints of both are, and the newest pictures; see ``SO101Motion``."""
+        """Read the joints of both and the newest pictures; see ``SO101Motion``."""
         return self._joined(lambda arm: arm.get_observation())
 
     def send_action(self, action: Mapping[str, Any]) -> dict[str, Any]:
-        """Go to a target, both arms; see ``SO101Motion.send_action``.
+        """Make both arms follow a target; see ``SO101Motion.send_action``.
 
         Returns:
-            The targets as they were taken.
+            The targets that the arms follow.
         """
         taken: dict[str, Any] = {}
         for side, arm in self.arms.items():
@@ -132,14 +132,14 @@ class BiSO101Motion(Robot):
         return taken
 
     def disconnect(self) -> None:
-        """Leave both in order, even if one cannot be; see ``SO101Motion.disconnect``."""
+        """Disconnect both, even if one fails; see ``SO101Motion.disconnect``."""
         with ExitStack() as both:
             for arm in self.arms.values():
                 if arm.is_connected:
                     both.callback(arm.disconnect)
 
     def _join(self) -> None:
-        """Let the two keep off each other, if it is known where they stand."""
+        """Let the two keep clear of each other, if there is a cell file."""
         if self._cell is None:
             return
         cell = Cell()

@@ -1,8 +1,8 @@
 """Calibrate an arm and set up its motors, asking a person as LeRobot's own driver does.
 
 The keys are the same: Enter in the middle pose, Enter when every joint has been at both its stops.
-What is recorded is judged, though, and a joint that has not been there is named instead of saved.
-The file is LeRobot's; what is known of the zeros is kept beside it.
+But the recording is checked, and a joint that was not moved to its stops is refused by name. The
+file is LeRobot's; the zeros are saved beside it.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ TRAVEL = (
 
 
 def calibrate(port: str, file: Path, *, name: str, open_rig: Opener) -> None:
-    """Calibrate the arm into ``file``; if there is one already, a person may leave it at that.
+    """Calibrate the arm and save to ``file``; if that exists, the person may keep it instead.
 
     Args:
-        port: Of the arm, which is open; it holds afterwards.
-        file: Where LeRobot keeps its calibration.
-        name: What the arm is called.
-        open_rig: Opens another share of the port.
+        port: The arm's port; the arm is open and holds afterwards.
+        file: LeRobot's file for its calibration.
+        name: The arm's name in messages.
+        open_rig: Opens the port a second time.
 
     Raises:
-        RuntimeError: It was not calibrated; the motors hold what they held before.
+        RuntimeError: It was not calibrated; the servos have their previous settings.
     """
     if file.is_file():
         answer = input(
@@ -66,8 +66,8 @@ def set_up_motors(port: str, file: Path, open_rig: Opener) -> None:
     """Give the motors on ``port`` their ids, from the gripper to the shoulder.
 
     Args:
-        port: The serial port, which nobody has open.
-        file: Where the arm's calibration will be.
+        port: The serial port; no program has it open.
+        file: The file for the arm's calibration.
         open_rig: Opens the port.
     """
     calibrator = _calibrator(port, file, open_rig)

@@ -1,9 +1,8 @@
-"""Disconnect every arm when a program ends, however it ends.
+"""Disconnect every arm when the program ends, also after SIGTERM or an early error.
 
-LeRobot's commands disconnect after Ctrl-C and after most errors. SIGTERM ends them at once, though,
-and so does an error before their loop. So SIGTERM ends the program as Ctrl-C does while an arm is
-connected, unless somebody else has taken that signal; and what is still connected at the very end
-is disconnected then.
+LeRobot's commands disconnect after Ctrl-C and after most errors, but not after SIGTERM or an error
+before their loop. So while an arm is connected, SIGTERM ends the program as Ctrl-C does, unless the
+program has a handler for it; and an arm that is still connected at the exit is disconnected then.
 """
 
 from __future__ import annotations
@@ -24,21 +23,21 @@ class Ending:
     """Disconnects one robot at the end of the program, if it is connected then.
 
     Args:
-        disconnect: Does it.
+        disconnect: Disconnects the robot.
     """
 
     def __init__(self, disconnect: Callable[[], None]) -> None:
         self.disconnect = disconnect
 
     def attend(self) -> None:
-        """The robot is connected now."""
+        """Note that the robot is connected now."""
         if self not in _connected:
             _connected.append(self)
         if _may_set_handlers() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             signal.signal(signal.SIGTERM, _end)
 
     def leave(self) -> None:
-        """The robot is not connected any more."""
+        """Note that the robot is no longer connected."""
         if self in _connected:
             _connected.remove(self)
         is_ours = _may_set_handlers() and signal.getsignal(signal.SIGTERM) is _end
@@ -59,5 +58,5 @@ def _disconnect_all() -> None:
     for ending in tuple(_connected):
         try:
             ending.disconnect()
-        except Exception as error:  # the others are to be left in order, too
-            _log.warning("an arm was not left in order: %s", error)
+        except Exception as error:  # go on with the other arms
+            _log.warning("an arm could not be disconnected properly: %s", error)

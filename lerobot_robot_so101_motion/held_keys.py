@@ -1,13 +1,13 @@
-"""Read what a person holds: keys of this terminal, or the sticks of a gamepad.
+"""Read the keys of this terminal or the sticks of a gamepad that a person holds.
 
-Each says on request which way is held, as seven numbers from -1 to 1: the tool along X, Y and Z,
-its turns about X, Y and Z, and the jaw, where 1 opens it.
+A reading has seven numbers from -1 to 1: the tool along X, Y and Z, its turns about X, Y and Z, and
+the jaw, where 1 opens it.
 
-A terminal says that a key was pressed, and again while it is held, but never that it was let go. So
-a key counts as held for ``HELD`` after it was said: one that is tapped is a nudge, and one that is
-held goes on as soon as the terminal repeats it.
+A terminal reports that a key was pressed, and again while it is held, but never its release. So a
+key counts as held for ``HELD`` after each report: a tapped key moves the tool a little, and a held
+key moves on as soon as the terminal repeats it.
 
-A gamepad is read as Linux hands it out under ``/dev/input``, eight bytes an event. It moves the arm
+A gamepad is read from its device under ``/dev/input``, eight bytes an event. It moves the arm only
 while one of its shoulder buttons is held.
 
 Source: Linux kernel, Documentation/input/joydev/joystick-api.rst.
@@ -30,11 +30,11 @@ from so101_motion.common.geometry import Array
 AXES = 7
 
 HELD = 0.12
-"""For how long a key counts as held that the terminal does not repeat [s]; chosen: terminals repeat
-each 0.03 to 0.05 s, and a loop at 15 Hz looks each 0.07 s."""
+"""How long a key counts as held after its last report [s]; chosen: terminals repeat keys every 0.03
+to 0.05 s, and a loop at 15 Hz reads them every 0.07 s."""
 
 KEYS = tuple(zip("sdfjklh", "waruioy", strict=True))
-"""For each of the seven the keys that take it down and up, as on the page."""
+"""The keys for minus and plus of each of the seven numbers, as on the page."""
 
 HELP = (
     "Hold a key: w/s forward and back, a/d left and right, r/f up and down, j/u, k/i, l/o turn,"
@@ -49,27 +49,27 @@ _STILL = 0.15  # of a stick's travel
 
 
 class Held(Protocol):
-    """Something that a person holds."""
+    """Keys or a gamepad."""
 
     def read(self, now: float) -> Array:
-        """What is held at ``now`` [s], shape (``AXES``,), -1 to 1."""
+        """The seven numbers at ``now`` [s], shape (``AXES``,), -1 to 1."""
 
     def close(self) -> None:
-        """Give it up."""
+        """Stop reading the device."""
 
 
 class TerminalKeys:
     """The keys of the terminal that this program runs in. Ctrl-C still ends the program.
 
     Raises:
-        ConnectionError: Standard input is no terminal.
+        ConnectionError: Standard input is not a terminal.
     """
 
     def __init__(self) -> None:
         if not sys.stdin.isatty():
             raise ConnectionError(
-                "there is no keyboard: standard input is no terminal. Start the command in one, or"
-                " give a gamepad: --teleop.device=/dev/input/js0"
+                "there is no keyboard, because standard input is not a terminal. Start the command"
+                " in one, or give a gamepad: --teleop.device=/dev/input/js0"
             )
         self._fd = sys.stdin.fileno()
         self._before: list[Any] = termios.tcgetattr(self._fd)
@@ -78,14 +78,14 @@ class TerminalKeys:
         self._last: dict[str, float] = {}
 
     def read(self, now: float) -> Array:
-        """What is held at ``now`` [s], shape (``AXES``,), -1 to 1."""
+        """The seven numbers at ``now`` [s], shape (``AXES``,), -1 to 1."""
         for key in _read(self._fd, 256).decode(errors="replace").lower():
             self._last[key] = now
         held = {key for key, then in self._last.items() if now - then < HELD}
         return np.array([float(more in held) - float(less in held) for less, more in KEYS])
 
     def close(self) -> None:
-        """Give the terminal back as it was."""
+        """Restore the terminal's settings."""
         os.set_blocking(self._fd, True)
         termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._before)
 
@@ -96,7 +96,7 @@ class Gamepad:
     The cross turns about Y, the triggers open and close the jaw.
 
     Args:
-        path: Of the device, such as ``/dev/input/js0``.
+        path: The device, such as ``/dev/input/js0``.
 
     Raises:
         ConnectionError: It cannot be opened.
@@ -113,16 +113,18 @@ class Gamepad:
         self._left = b""
 
     def read(self, now: float) -> Array:
-        """What is held, shape (``AXES``,), -1 to 1.
+        """The seven numbers, shape (``AXES``,), -1 to 1.
 
         Raises:
-            ConnectionError: It is not there any more.
+            ConnectionError: The gamepad was unplugged.
         """
         try:
             while found := _read(self._fd, 512 * _EVENT.size):
                 self._take(found)
         except OSError as error:
-            raise ConnectionError(f"the gamepad at {self._path} went away") from error
+            raise ConnectionError(
+                f"the gamepad at {self._path} went away; plug it in again, then restart"
+            ) from error
         held = np.zeros(AXES)
         if self._pressed.intersection(_SHOULDERS):
             at = [self._axes.get(i, 0.0) for i in range(8)]
@@ -131,7 +133,7 @@ class Gamepad:
         return np.where(np.abs(held) < _STILL, 0.0, np.clip(held, -1.0, 1.0))
 
     def close(self) -> None:
-        """Give it up."""
+        """Close the device."""
         os.close(self._fd)
 
     def _take(self, found: bytes) -> None:
@@ -146,10 +148,10 @@ class Gamepad:
 
 
 def open_held(device: str) -> Held:
-    """What ``device`` names: ``keyboard``, or the path of a gamepad.
+    """Open the keyboard or a gamepad: ``keyboard``, or the path of the gamepad.
 
     Raises:
-        ConnectionError: It is not there; the message says what to do.
+        ConnectionError: It cannot be opened; the message says what to do.
     """
     return TerminalKeys() if device == "keyboard" else Gamepad(Path(device))
 

@@ -1,9 +1,9 @@
-"""Lead the tool with keys or a gamepad, as a teleoperator: ``--teleop.type=so101_motion_jog``.
+"""Move the tool with keys or a gamepad, as a teleoperator: ``--teleop.type=so101_motion_jog``.
 
-What is held is a velocity of the tool. The Cartesian servo turns it into joint angles, on straight
-lines and clear of everything; those are the actions, which the robot follows and a data set keeps.
-The servo begins where the arm of this program is wanted, and begins anew there when the arm was
-held up, and somebody holds something again.
+The held keys or sticks give a velocity of the tool. The Cartesian servo turns it into joint angles,
+on straight lines and clear of obstacles; these are the actions that the robot follows and a data
+set records. The servo starts at the reference angles of the arm of this program. It starts there
+again when the arm was stopped elsewhere and keys are held again.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ from so101_motion.planning.timing.limits import MotionLimits
 _log = logging.getLogger(__name__)
 
 JAW_RATE = 0.6
-"""How fast the jaw opens and closes [1/s], shares of its travel; chosen."""
+"""Speed of the jaw, as share of its travel [1/s]; chosen."""
 
 CATCH_UP = 0.1
-"""How much time an action makes up for at most [s]: a loop that stalled goes on from where it was;
+"""Most time that an action covers [s]: after a longer pause of the loop the tool does not catch up;
 chosen, more than a period at 15 Hz."""
 
 AWAY = to_rad(1.0)
-"""How far the arm must be from where the servo was for that to begin anew [rad]; chosen."""
+"""The servo starts again if the arm rests farther than this from it [rad]; chosen."""
 
 LEFT_BEHIND = to_rad(4.0)
-"""An arm that is so far from where it is led is waited for [rad]; chosen, nearer than what an arm
-that waits after trouble takes up again."""
+"""The tool stops while the arm is farther than this behind [rad]; chosen, nearer than ``GATE``,
+from where an arm that waits follows again."""
 
 CAPS = MotionLimits.uniform(velocity=to_rad(120.0), acceleration=to_rad(300.0), jerk=100.0)
-"""Caps of the joints while the tool is led, where those of the arm are not lower. Chosen."""
+"""Caps of the joints while the tool moves, unless the arm's are lower. Chosen."""
 
-TOLD_EVERY = 1.0
-"""How often it is said what holds the tool [s]; chosen."""
+LOG_EVERY = 1.0
+"""How often the log says what holds the tool back [s]; chosen."""
 
-_HELD_BELOW = 0.5  # of what is wanted; below, it is said what holds the tool
+_HELD_BELOW = 0.5  # share of the wanted speed; below it the log says what holds the tool back
 
 
 class SO101MotionJog(Teleoperator):
-    """Leads the tool of the one arm of this program.
+    """Moves the tool of the one arm of this program.
 
     Args:
         config: Its settings.
-        opener: Opens what a person holds.
+        opener: Opens the keyboard or the gamepad.
     """
 
     config_class = SO101MotionJogConfig
@@ -80,7 +80,7 @@ class SO101MotionJog(Teleoperator):
 
     @property
     def feedback_features(self) -> dict[str, Any]:
-        """None: nothing is felt."""
+        """Empty: there is no feedback."""
         return {}
 
     @property
@@ -90,15 +90,15 @@ class SO101MotionJog(Teleoperator):
 
     @property
     def is_calibrated(self) -> bool:
-        """Always: there is nothing to calibrate."""
+        """Always true: there is nothing to calibrate."""
         return True
 
     def connect(self, calibrate: bool = True) -> None:
-        """Take the keys or the gamepad.
+        """Open the keyboard or the gamepad.
 
         Raises:
-            DeviceAlreadyConnectedError: It has.
-            ConnectionError: There are none; the message says what to do.
+            DeviceAlreadyConnectedError: It is open.
+            ConnectionError: It cannot be opened; the message says what to do.
         """
         if self._device is not None:
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
@@ -113,11 +113,11 @@ class SO101MotionJog(Teleoperator):
         """Do nothing."""
 
     def get_action(self) -> dict[str, Any]:
-        """Where the joints shall be next.
+        """The next target of the joints.
 
         Raises:
-            DeviceNotConnectedError: It is not connected, or no arm of this plugin's is.
-            ConnectionError: The gamepad went away, or the arm cannot be reached.
+            DeviceNotConnectedError: It or the arm is not connected.
+            ConnectionError: The gamepad was unplugged, or the arm cannot be reached.
         """
         if self._device is None:
             raise DeviceNotConnectedError(f"{self} is not connected. Run `.connect()` first.")
@@ -127,13 +127,13 @@ class SO101MotionJog(Teleoperator):
                 self._lead = _ToolLead(arm, self.config)
             return self._lead.next(self._device.read(arm.session.rig.clock.now()))
         except So101Error as error:
-            raise ConnectionError(f"{self} cannot lead: {error}") from error
+            raise ConnectionError(f"{self} cannot move the tool: {error}") from error
 
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
-        """Do nothing: keys cannot be felt."""
+        """Do nothing: there is no feedback."""
 
     def disconnect(self) -> None:
-        """Give the keys or the gamepad back.
+        """Close the keyboard or the gamepad.
 
         Raises:
             DeviceNotConnectedError: It is not connected.
@@ -146,7 +146,7 @@ class SO101MotionJog(Teleoperator):
 
 
 class _ToolLead:
-    """Where the joints of one arm are led."""
+    """Turns held keys into joint targets of one arm."""
 
     def __init__(self, arm: ArmOnPort, config: SO101MotionJogConfig) -> None:
         self.arm, self._in_tool = arm, config.in_tool
@@ -158,13 +158,13 @@ class _ToolLead:
         self._collision = CollisionModel(self._model, rig.arm.scene)
         self._limits = rig.arm.effective_limits(CAPS)
         self._aperture = rig.gripper.aperture
-        self._t = self._told_at = rig.clock.now()
+        self._t = self._logged_at = rig.clock.now()
         self._left = 0.0  # time that is no whole step yet [s]
         self._was_held = False
         self._servo = self._begin()
 
     def next(self, held: Array) -> dict[str, float]:
-        """The next action, for what is held, shape (7,), -1 to 1."""
+        """The next action for the held keys, shape (7,), -1 to 1."""
         rig = self.arm.session.rig
         now, dt = rig.clock.now(), rig.executor.dt
         elapsed, self._t = min(now - self._t, CATCH_UP), now
@@ -178,7 +178,7 @@ class _ToolLead:
         for _ in range(int(steps)):
             step = self._servo.step(twist if is_led else STILL, rig.gripper.q_jaw)
             if is_led and step.share < _HELD_BELOW:
-                self._tell(now)
+                self._log_holder(now)
         self._aperture = min(max(self._aperture + JAW_RATE * elapsed * held[6], 0.0), 1.0)
         return self.arm.units.to_lerobot(self._servo.q, self._aperture)
 
@@ -188,19 +188,19 @@ class _ToolLead:
         return Servo(self._model, self._collision, self._limits, dt, q)
 
     def _off(self) -> float:
-        """How far the arm is from where the servo is [rad]."""
+        """Largest joint distance between the arm and the servo [rad]."""
         return float(np.max(np.abs(self.arm.session.state.q_ref - self._servo.q)))
 
     def _is_elsewhere(self) -> bool:
-        """Whether the arm rests somewhere else than the servo does."""
+        """Whether arm and servo are at rest in different positions."""
         is_at_rest = not self._servo.qd.any() and not self.arm.session.state.qd_ref.any()
         return is_at_rest and self._off() > AWAY
 
-    def _tell(self, now: float) -> None:
+    def _log_holder(self, now: float) -> None:
         held_by = self._servo.held_by()
-        if held_by and now - self._told_at >= TOLD_EVERY:
-            self._told_at = now
-            _log.info("the tool is held by %s", " and ".join(held_by))
+        if held_by and now - self._logged_at >= LOG_EVERY:
+            self._logged_at = now
+            _log.info("the tool is held back by %s", " and ".join(held_by))
 
 
 def _only_arm() -> ArmOnPort:
@@ -208,7 +208,7 @@ def _only_arm() -> ArmOnPort:
     if len(arms) != 1:
         found = f"{len(arms)} are" if arms else "none is"
         raise DeviceNotConnectedError(
-            f"keys and gamepads lead one arm of this program, and {found} connected; use"
+            f"keys and gamepads move one arm of this program, but {found} connected; use"
             " --robot.type=so101_motion"
         )
     return arms[0]

@@ -1,11 +1,11 @@
-"""An SO-101 that is led by hand, as a teleoperator: ``--teleop.type=so101_motion_leader``.
+"""An SO-101 guided by hand, as a teleoperator: ``--teleop.type=so101_motion_leader``.
 
-Its joints are limp while a hand leads it. With torque on it holds, and is driven to where a
-follower is, slowly and guarded like any arm: so a person takes over from where the follower stands.
+Its joints are limp while a hand guides it. With torque on it holds, and moves to the follower's
+position, slowly and guarded like any arm, so that a person can take over from there.
 
-If asked to, it hints at the guard: while the follower of the same program is held off something,
-limp joints pull softly towards where it was stopped. LeRobot's own loops send no feedback to a
-leader, so it looks for itself, each time it is asked for an action.
+With ``guard_hint`` the hand feels the guard: while the guard holds the follower of the same
+program, limp joints pull softly towards the follower's position. LeRobot's own loops send no
+feedback to a leader, so it reads the follower itself, with every action.
 """
 
 from __future__ import annotations
@@ -31,23 +31,24 @@ from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.planning.collision.scene import Scene
 
 HANDED_OVER = 100.0
-"""Cap on the acceleration of a leader that is driven [deg/s^2]; chosen, somebody may hold it."""
+"""Cap on the acceleration of a leader that moves by itself [deg/s^2]; chosen: a hand may hold
+it."""
 
 DRIVEN_ON = 2.0
-"""For how long a leader goes on to the last place it was told [s]; chosen: it may lag behind."""
+"""How long a leader goes on moving to the last feedback [s]; chosen: it may lag behind."""
 
 HINTED = 0.2
-"""After how long without a new action a hint of the guard ends [s]; chosen: three at 15 Hz."""
+"""A pull of the guard ends after this long without a new action [s]; chosen: three at 15 Hz."""
 
 STRONGEST = 0.2
-"""Share of full drive that a hint has at most; chosen: 0.4 N m of a servo that stalls at 2 N m,
-which a hand overcomes without effort."""
+"""Largest share of full drive of a pull; chosen: 0.4 N m of a servo that stalls at 2 N m, which a
+hand overcomes without effort."""
 
 _log = logging.getLogger(__name__)
 
 
 class SO101MotionLeader(SO101Device, Teleoperator):
-    """An arm that leads.
+    """An arm that is guided by hand, as LeRobot's teleoperator.
 
     Args:
         config: Its settings.
@@ -69,11 +70,11 @@ class SO101MotionLeader(SO101Device, Teleoperator):
 
     @property
     def feedback_features(self) -> dict[str, Any]:
-        """Where the follower is: the six joints."""
+        """The six joints of the follower."""
         return self.action_features
 
     def connect(self, calibrate: bool = True) -> None:
-        """Open the arm and let go of its joints: have a hand on it.
+        """Open the arm and release its joints: have a hand on it.
 
         Args:
             calibrate: Whether an arm without a calibration file is calibrated first.
@@ -99,12 +100,12 @@ class SO101MotionLeader(SO101Device, Teleoperator):
             raise
 
     def configure(self) -> None:
-        """Let go of the joints, and look at them in every period from now on."""
+        """Release the joints, and read them in every period from now on."""
         self._arm.session.rig.executor.listen(lambda _: None)
         self.disable_torque()
 
     def get_action(self) -> dict[str, Any]:
-        """Where the hand holds the joints; it may feel the guard of the follower then.
+        """Read the joints that the hand moves; with ``guard_hint`` also pull them.
 
         Raises:
             DeviceNotConnectedError: It is not connected.
@@ -119,21 +120,21 @@ class SO101MotionLeader(SO101Device, Teleoperator):
             raise ConnectionError(str(error)) from error
 
     def enable_torque(self) -> None:
-        """Hold the joints where they are."""
+        """Hold the joints in their positions."""
         session = self._arm.session
         session.wait(session.rig.executor.hold(), REST_WITHIN)
 
     def disable_torque(self) -> None:
-        """Let go of the joints, from rest: have a hand on the arm."""
+        """Come to rest and release the joints: have a hand on the arm."""
         session = self._arm.session
         session.rest()
         session.rig.arm.set_torque(False)
 
     def send_feedback(self, feedback: Mapping[str, Any]) -> None:
-        """Drive the leader to where the follower is; nothing while its joints are limp.
+        """Move the leader to the follower's position; does nothing while its joints are limp.
 
         Args:
-            feedback: Values by key; a joint that is left out stays.
+            feedback: Values by key; a joint that is left out does not move.
 
         Raises:
             DeviceNotConnectedError: It is not connected.
@@ -149,7 +150,7 @@ class SO101MotionLeader(SO101Device, Teleoperator):
             raise ConnectionError(f"{self} cannot follow: {error}") from error
 
     def disconnect(self) -> None:
-        """Come to rest and close the port; limp joints stay limp, held ones are held.
+        """Come to rest and close the port; limp joints stay limp, held ones stay held.
 
         Raises:
             DeviceNotConnectedError: It is not connected.
@@ -162,20 +163,20 @@ class SO101MotionLeader(SO101Device, Teleoperator):
         finally:
             self._arm.close()
 
-    # How
+    # Hint of the guard
 
     def _hint(self) -> None:
-        """Pull limp joints towards a follower that is held off something, for a moment."""
+        """While the guard holds the follower, pull limp joints towards it for a moment."""
         session, follower = self._arm.session, self._follower()
         is_limp = session.state.mode is Mode.LIMP
         if follower is None or not is_limp or not follower.session.held_by:
             return
         if self._asked is not None and not self._asked.done():
-            return  # the one before is still being obeyed
+            return  # the previous pull has not been sent yet
         try:
             state = follower.session.state
         except So101Error:
-            return  # the robot will say so
+            return  # the robot raises it
         stopped = follower.units.to_lerobot(state.q_ref, 0.0)
         pull = Pull(
             toward=tuple(self._arm.units.from_lerobot(stopped)[0].tolist()),

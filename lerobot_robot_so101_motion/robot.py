@@ -34,21 +34,21 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 TAKEN = tuple(f"{joint}.taken" for joint in JOINTS)
-"""Where an observation tells what was taken of the action before."""
+"""The keys of an observation for the target that the arm followed last."""
 
-TELL_EVERY = 1.0
-"""How often the log says that targets are not taken as they are sent [s]; chosen."""
+LOG_EVERY = 1.0
+"""How often the log says that targets are changed or ignored [s]; chosen."""
 
 
 class SO101Motion(SO101Device, Robot):
-    """One arm that is planned for, guarded and bounded; for the rest like LeRobot's own follower.
+    """One arm with planning, guard and caps; otherwise like LeRobot's own follower.
 
     Args:
         config: Its settings.
         options: As for ``SO101Device``.
 
     Attributes:
-        scene: What is around it, from when it is connected on.
+        scene: The obstacles around it; used by ``connect``.
     """
 
     config_class = SO101MotionConfig
@@ -61,9 +61,9 @@ class SO101Motion(SO101Device, Robot):
         self._park = None if config.park is None else SavedPoses().find(config.park).q
         self.cameras: dict[str, Camera] = make_cameras_from_configs(config.cameras)
         self._wanted: dict[str, float] = {}
-        self._told_at: dict[str, float] = {}
+        self._warned_at: dict[str, float] = {}
 
-    # What it is
+    # Features
 
     @cached_property
     def observation_features(self) -> dict[str, Any]:
@@ -77,14 +77,14 @@ class SO101Motion(SO101Device, Robot):
         taken = dict.fromkeys(TAKEN, float) if self.config.record_taken else {}
         return {**self.action_features, **taken, **pictures}
 
-    # Beginning
+    # Connection
 
     def connect(self, calibrate: bool = True) -> None:
-        """Open the arm, which holds where it stands, and the cameras.
+        """Open the arm, which then holds its position, and the cameras.
 
         Args:
-            calibrate: Whether an arm without a calibration file is calibrated first. Otherwise what
-                its servos remember is used, and the log says so.
+            calibrate: Whether an arm without a calibration file is calibrated first. Otherwise the
+                values in its servos are used, and the log says so.
 
         Raises:
             DeviceAlreadyConnectedError: It is connected.
@@ -118,22 +118,22 @@ class SO101Motion(SO101Device, Robot):
         """Do nothing: the servos are set up when the arm is opened."""
 
     def join(self, cell: Cell, name: str, T_cell_base: SE3) -> None:
-        """Keep off the other arms of a cell from now on, until it is disconnected.
+        """Keep clear of the other arms of a cell from now on, until it is disconnected.
 
         Args:
             cell: The arms that share a space.
-            name: What messages call this one.
-            T_cell_base: Where its base stands.
+            name: This arm's name in messages.
+            T_cell_base: The pose of its base in the cell.
 
         Raises:
             DeviceNotConnectedError: It is not connected.
         """
         cell.add(name, self._arm.session.rig, T_cell_base)
 
-    # Going on
+    # Observations and actions
 
     def get_observation(self) -> dict[str, Any]:
-        """Where the joints were measured within the last control cycle, and the newest pictures.
+        """Read the joints, measured in the last control cycle, and the newest pictures.
 
         Raises:
             DeviceNotConnectedError: It is not connected.
@@ -154,17 +154,17 @@ class SO101Motion(SO101Device, Robot):
         return values
 
     def send_action(self, action: Mapping[str, Any]) -> dict[str, Any]:
-        """Go to a target, from the next control cycle on.
+        """Follow a target from the next control cycle on.
 
-        It is taken within the arm's range and ``max_relative_target``. A joint that is left out
-        keeps its target. A target with a value that is no number is not taken at all, and is no
-        sign of life either: without others the arm slows to rest. The log says both.
+        It is limited to the arm's range and ``max_relative_target``. A joint that is left out keeps
+        its target. A target with a value that is not a number is ignored; without another one the
+        arm slows to rest. The log says both.
 
         Args:
-            action: Values by key; keys that do not end with ``.pos`` are not minded.
+            action: Values by key; keys that do not end with ``.pos`` are ignored.
 
         Returns:
-            The target as it was taken, of all six joints.
+            The target that the arm follows, for all six joints.
 
         Raises:
             DeviceNotConnectedError: It is not connected.
@@ -185,18 +185,18 @@ class SO101Motion(SO101Device, Robot):
             raise ConnectionError(f"{self} cannot follow: {error}") from error
         for key in KEYS:
             if abs(taken[key] - wanted[key]) > 1e-6:
-                self._tell(key, "%s: %.1f was taken as %.1f", key, wanted[key], taken[key])
+                self._warn(key, "%s: %.1f was limited to %.1f", key, wanted[key], taken[key])
         if held_by := arm.session.held_by:
-            self._tell("held", "%s is held by %s", self, " and ".join(held_by))
+            self._warn("held", "%s is held back by %s", self, " and ".join(held_by))
         self._wanted = taken
         return dict(taken)
 
-    # Ending
+    # End
 
     def disconnect(self) -> None:
-        """Come to rest, park if asked, let go where the arm lies by itself, and close the port.
+        """Come to rest, move to the park pose, release a lying arm, and close the port.
 
-        Whatever of it fails, the arm holds, and the log says so.
+        If a step fails, the arm holds, and the log says so.
 
         Raises:
             DeviceNotConnectedError: It is not connected.
@@ -216,18 +216,19 @@ class SO101Motion(SO101Device, Robot):
                 return
             if not session.release_where_it_lies(self._lying()):
                 _log.warning(
-                    "%s goes on holding: it would drop where it is. Support it and switch it off,"
-                    " or let it go to a pose in which it lies at the end: --robot.park=rest",
+                    "%s goes on holding, because it would drop in this pose. Support it and switch"
+                    " it off, or let it move to a pose in which it lies at the end:"
+                    " --robot.park=rest",
                     self,
                 )
         except So101Error as error:
-            _log.warning("%s is left holding where it is: %s", self, error)
+            _log.warning("%s holds its position: %s", self, error)
 
     def _lying(self) -> tuple[Array, ...]:
         rest = SavedPoses().find("rest").q
         return (rest,) if self._park is None else (self._park, rest)
 
-    # How
+    # Helpers
 
     def _give_up(self) -> None:
         try:
@@ -238,22 +239,22 @@ class SO101Motion(SO101Device, Robot):
                     camera.disconnect()
 
     def _checked(self, action: Mapping[str, Any]) -> dict[str, float] | None:
-        """The values of the joints that are sent; None if one is no number."""
+        """The joint values in an action; None if one is not a number."""
         sent = {key: value for key, value in action.items() if key.endswith(".pos")}
         unknown = [key for key in sent if key not in KEYS]
         if unknown:
-            raise ValueError(f"{unknown[0]} is no joint of {self}; known: {', '.join(KEYS)}")
+            raise ValueError(f"{unknown[0]} is not a joint of {self}; known: {', '.join(KEYS)}")
         wrong = [key for key, value in sent.items() if not is_number(value)]
         if wrong:
-            self._tell("wrong", "a target is not taken: %s is %s", wrong[0], sent[wrong[0]])
+            self._warn("wrong", "a target is ignored: %s is %s", wrong[0], sent[wrong[0]])
             return None
         if len(sent) < len(KEYS):
             left = [key for key in KEYS if key not in sent]
-            self._tell("left out", "%s is left out; it keeps its target", ", ".join(left))
+            self._warn("left out", "%s is left out; it keeps its target", ", ".join(left))
         return {key: float(value) for key, value in sent.items()}
 
     def _near(self, wanted: Mapping[str, float], here: Mapping[str, float]) -> dict[str, float]:
-        """Targets no further from ``here`` than ``max_relative_target``."""
+        """Targets at most ``max_relative_target`` away from ``here``."""
         most = self.config.max_relative_target
         near = {}
         for key, value in wanted.items():
@@ -262,15 +263,15 @@ class SO101Motion(SO101Device, Robot):
             off = float(np.clip(value - here[key], -bound, bound))
             near[key] = here[key] + off
             if abs(near[key] - value) > 1e-4:
-                self._tell(key, "%s: %.1f was taken as %.1f, by max_relative_target", key, value,
+                self._warn(key, "%s: %.1f was limited to %.1f, by max_relative_target", key, value,
                            near[key])  # fmt: skip
         return near
 
-    def _tell(self, what: str, message: str, *values: object) -> None:
-        """Log a warning, but the same not again and again."""
+    def _warn(self, what: str, message: str, *values: object) -> None:
+        """Log a warning, at most every ``LOG_EVERY`` seconds for each ``what``."""
         now = time.monotonic()
-        if now - self._told_at.get(what, -math.inf) >= TELL_EVERY:
-            self._told_at[what] = now
+        if now - self._warned_at.get(what, -math.inf) >= LOG_EVERY:
+            self._warned_at[what] = now
             _log.warning(message, *values)
 
 

@@ -17,12 +17,12 @@ from so101_motion.rig.servo_driver import ServoSettings
 
 
 class SO101Device:
-    """One arm as a device of LeRobot's; goes before ``Robot`` or ``Teleoperator`` among the bases.
+    """One arm as a LeRobot device; inherit it before ``Robot`` or ``Teleoperator``.
 
     Args:
         config: Its settings.
         open_rig: Opens the arm on a port.
-        waiter: How to wait for a motion; by default on the wall clock.
+        waiter: Waits for a motion; by default on the wall clock.
 
     Attributes:
         stock_folder: LeRobot's folder for the calibrations of these arms; ours are the same files.
@@ -61,12 +61,12 @@ class SO101Device:
 
     @property
     def is_connected(self) -> bool:
-        """Whether the arm has been opened and not been given up."""
+        """Whether the arm is open."""
         return self._arm.is_open
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether there is a calibration file of this arm; the servos are made to agree with it."""
+        """Whether there is a calibration file of this arm; ``connect`` writes it to the servos."""
         return all(joint in self.calibration for joint in JOINTS)
 
     def calibrate(self) -> None:
@@ -79,5 +79,5 @@ class SO101Device:
         self._arm.set_up_motors()
 
     def disconnect(self) -> None:
-        """Leave the arm in order and close the port."""
+        """Bring the arm to rest and close the port."""
         raise NotImplementedError

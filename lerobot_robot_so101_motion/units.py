@@ -1,8 +1,8 @@
 """Convert between the joint values of LeRobot and ours.
 
-LeRobot counts an arm joint in degrees from the middle of its recorded travel, a turn being 4095
-ticks, or from -100 to 100 over that travel; the jaw from 0 to 100. Ours are radians with the zero
-of the model, and an aperture from 0 to 1. Both are made from the same ticks.
+LeRobot's value of an arm joint is in degrees from the middle of its recorded travel, with 4095
+ticks a turn, or -100 to 100 over that travel; the jaw is 0 to 100. Ours are radians from the
+model's zero, and an aperture from 0 to 1. Both are computed from the same ticks.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ KEYS = tuple(f"{joint}.pos" for joint in JOINTS)
 """The keys of an action and of an observation."""
 
 _LEROBOT_TURN = 4095
-"""How many ticks LeRobot takes for a turn; a servo counts 4096."""
+"""LeRobot's number of ticks a turn; a servo has 4096."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class JointUnits:
 
     Args:
         setups: Its joints, with their calibration.
-        use_degrees: Whether LeRobot counts in degrees, else from -100 to 100.
+        use_degrees: Whether LeRobot's values are degrees, else -100 to 100.
     """
 
     def __init__(self, setups: Mapping[str, JointSetup], *, use_degrees: bool = True) -> None:
@@ -62,13 +62,13 @@ def _scale(setup: JointSetup, use_degrees: bool) -> _Scale:
     joint, entry = setup.map, setup.calibration
     middle_ticks = (entry.range_min + entry.range_max) / 2.0
     middle = joint.direction * (middle_ticks - joint.zero_ticks) / TICKS_PER_RAD
-    if use_degrees:  # LeRobot minds no drive_mode here
+    if use_degrees:  # LeRobot ignores drive_mode here
         return _Scale(middle, joint.direction * TICKS_PER_RAD * 360.0 / _LEROBOT_TURN)
     return _Scale(middle, 200.0 * TICKS_PER_RAD / (entry.range_max - entry.range_min))
 
 
 def is_number(value: object) -> bool:
-    """Whether ``value`` is one finite number; a tensor of one element counts as such."""
+    """Whether ``value`` is a finite number, or a tensor of one."""
     try:
         return math.isfinite(float(value))  # type: ignore[arg-type]  # that is the question
     except (TypeError, ValueError):

@@ -1,6 +1,6 @@
 """Motion for the SO-101 arm: planned, timed to the limits, stoppable at any instant.
 
-The names a program needs are here; everything else is reached by its module. Importing this
+The names that programs need are here; import everything else from its module. Importing this
 package is cheap: Pinocchio and ruckig are loaded when they are first needed.
 """
 

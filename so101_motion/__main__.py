@@ -1,4 +1,4 @@
-"""The module's entry point: ``python -m so101_motion SOCKET [--log-level LEVEL] [--tcp-mode]``."""
+"""Start the Viam module: ``python -m so101_motion SOCKET [--log-level LEVEL] [--tcp-mode]``."""
 
 import asyncio
 import os
@@ -14,7 +14,7 @@ def main() -> None:
             "usage: python -m so101_motion SOCKET [--log-level LEVEL] [--tcp-mode]\n"
             "This is what viam-server starts. To see the arm move, run: so101 demo"
         )
-    # The matrices are 5x5: threads would only cost memory. Read when numpy is loaded, so first.
+    # The matrices are 5x5, so threads would only cost memory; numpy reads this when it is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from so101_motion.viam.models.module import run

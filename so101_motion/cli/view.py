@@ -1,4 +1,4 @@
-"""``so101 view``: serve the page for a simulated arm, a serial port or a machine."""
+"""``so101 view``: serve the page for a simulated arm, an arm on a port, a machine or a cell."""
 
 from __future__ import annotations
 
@@ -33,9 +33,11 @@ class Page:
     """The address and options of the page.
 
     Attributes:
+        host: Address to listen on.
         port: Port to listen on; None for 8080 or the next free one after it.
-        allow_remote: Whether ``host`` may be more than this machine alone.
-        new_link: Whether links of earlier starts shall not be valid any more.
+        allow_remote: Whether other computers may open the page.
+        browser: Whether to open the page in a browser.
+        new_link: Whether the links of earlier starts become invalid.
     """
 
     host: str
@@ -45,7 +47,7 @@ class Page:
     new_link: bool
 
     def server(self, what: str) -> dict[str, Any]:
-        """How to serve the page of ``what``: the arguments of ``start_guarded``."""
+        """The arguments of ``start_guarded`` for the page of ``what``."""
         return {
             "host": self.host,
             "port": self.port,
@@ -54,7 +56,7 @@ class Page:
         }
 
     def key_of(self, what: str) -> Callable[[int], str]:
-        """Makes the key of the page of ``what``: that of its last start on the same port."""
+        """A function that gives the page's key: that of its last start on the same port."""
         from so101_viewer.server import kept_key
 
         def key(port: int) -> str:
@@ -66,7 +68,7 @@ class Page:
 
 
 def page_options(verb: F) -> F:
-    """The options of the page; the verb gets ``page``."""
+    """Add the options of the page; the verb gets ``page``."""
 
     @click.option(
         "--host", default="127.0.0.1", show_default=True, help="Address the page listens on."
@@ -78,7 +80,7 @@ def page_options(verb: F) -> F:
         help="Port the page listens on.",
     )
     @click.option(
-        "--allow-remote", is_flag=True, help="Let --host be more than this machine alone."
+        "--allow-remote", is_flag=True, help="Allow a --host that other computers can reach."
     )
     @click.option("--no-browser", is_flag=True, help="Only print the link.")
     @click.option("--new-link", is_flag=True, help="Make the links of earlier starts invalid.")
@@ -111,23 +113,23 @@ def page_options(verb: F) -> F:
     "--scene",
     "scene_file",
     type=IN_FILE,
-    help="What stands around the arm: a scene file, as so101 plan takes it.",
+    help="A scene file: the obstacles around the arm, as for so101 plan.",
 )
 @click.option(
     "--leader",
     type=PORT,
-    help='An arm that this one can follow: its serial port, or "sim". Begun on the Teach tab.',
+    help='An arm that this one can follow: its serial port, or "sim". Start it on the Teach tab.',
 )
 @click.option(
     "--camera",
     metavar="CAMERA",
-    help="Shown over the scene: a device such as /dev/video0, the URL of a picture or of an MJPEG"
-    " stream, or a camera of the machine.",
+    help="Camera shown over the scene: a device such as /dev/video0, the URL of a picture or an"
+    " MJPEG stream, or a camera of the machine.",
 )
 @click.option(
     "--atlas",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="What the arm reaches, shown as cubes: the folder that so101 sweep reach made.",
+    help="Show the arm's reach as cubes: a folder that so101 sweep reach made.",
 )
 @click.option(
     "--leader-calibration", type=click.Path(path_type=Path), help="The leader's calibration file."
@@ -151,16 +153,18 @@ def view(
     so101 view --port /dev/ttyACM0 --leader /dev/ttyACM1
     so101 view --cell cell.json
 
-    The page opens even if the arm is not there yet, and finds it again when it was away.
+    The page opens even if the arm is not connected yet, and reconnects when it was lost.
     """  # noqa: D301
     if isinstance(source, CellSource):
         if any((scene_file, leader, camera, atlas)):
-            raise click.UsageError("--scene, --leader, --camera and --atlas go with a single arm")
+            raise click.UsageError(
+                "--scene, --leader, --camera and --atlas need a single arm; leave them out"
+            )
         return show_cell(source, page)
     leads = None
     if leader is not None:
         if not isinstance(source, Source):
-            raise click.UsageError("--leader goes with --port or --sim; a machine knows its leader")
+            raise click.UsageError("--leader works only with --port or --sim; leave it out")
         if leader == source.port:
             raise click.UsageError("--leader and --port must be two arms")
         port = None if leader == "sim" else leader
@@ -180,12 +184,12 @@ def show(
     """Serve the page until Ctrl-C.
 
     Args:
-        source: Where the arm comes from.
-        page: Where to serve it.
-        scene_file: What stands around the arm, and where the page saves it again.
+        source: The arm.
+        page: The address and options of the page.
+        scene_file: The obstacles around the arm; the page saves changes to this file.
         leader: The arm that this one may follow, if there is one.
-        camera: A camera's device or address, or the machine's name of it; or None.
-        atlas: The folder of an atlas to be shown, or None.
+        camera: A camera's device or address, or its name on the machine; or None.
+        atlas: The folder of an atlas to show, or None.
 
     Raises:
         ConfigError: The page cannot be served there, the camera is none of these, or the scene or
@@ -252,7 +256,7 @@ def keep_open(served: Any, page: Page) -> None:
 
 
 def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
-    """A function that opens the arm; it is called until it succeeds, and prints nothing twice."""
+    """A function that opens the arm; it is called until it succeeds, and prints each text once."""
     printed: set[str] = set()
 
     def say(text: str) -> None:
@@ -278,7 +282,7 @@ def _atlas_in(folder: Path) -> Atlas:
 
 
 def _free_pose(scene: Scene) -> Array | None:
-    """A pose for the simulated arm: the first named pose that is free in ``scene``."""
+    """The first named pose that is free of contact in ``scene``; None if none is."""
     from so101_motion.arm.gripper import JAW_CLOSED
     from so101_motion.common.named_poses import POSES
     from so101_motion.planning.collision.collision import CollisionModel
@@ -289,7 +293,7 @@ def _free_pose(scene: Scene) -> Array | None:
 
 
 def _has_screen() -> bool:
-    """Whether a browser here would open in a window."""
+    """Whether a browser started here would open in a window."""
     if not sys.stdout.isatty() or "SSH_CONNECTION" in os.environ:
         return False
     return sys.platform in ("darwin", "win32") or any(

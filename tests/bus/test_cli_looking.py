@@ -137,7 +137,7 @@ def test_a_port_without_an_arm_is_configured_for_nobody(tmp_path):
         result = run("viam", "config", "--port", emulator.port)
     assert result.exit_code == 3
     assert result.stdout == ""
-    assert "power supply" in result.stderr
+    assert "power is on" in result.stderr
 
 
 # The doctor
@@ -231,7 +231,7 @@ def test_a_file_is_compared_with_what_the_servos_hold(arm, file):
     result, _ = looked(*asked, until=lambda result, _: "elbow_flex: range_max" in result.stdout)
     assert result.exit_code == 6
     assert "elbow_flex: range_max is" in result.stdout
-    assert "gripper: not known in the servos" in result.stdout
+    assert "gripper: missing in the servos" in result.stdout
 
 
 # Looking at an arm, and at what would be done to it
@@ -298,6 +298,6 @@ def test_what_was_identified_is_undone_without_a_motion(arm, file):
         servo_file.save(file, found)
     result = run(*command)
     assert result.exit_code == 0, result.output
-    assert "holds what was found at 2026-03-01" in result.output
+    assert "has the figures of 2026-03-01" in result.output
     assert servo_file.read(file).servos["elbow_flex"].torque == 0.9
     assert not any(servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos), "limp"

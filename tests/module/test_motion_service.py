@@ -205,7 +205,7 @@ async def test_a_turn_of_nothing_is_refused_by_the_name_it_has_in_the_request(mo
 
 
 async def test_steps_for_another_arm_are_not_executed_by_this_one(motion):
-    with pytest.raises(GRPCError, match="is not the arm; that is arm"):
+    with pytest.raises(GRPCError, match="is not the arm of this service, arm"):
         await motion.do_command({"execute": [{"left": [0.0] * 5}]})
 
 

@@ -96,7 +96,7 @@ async def test_the_newest_plan_is_shown_with_its_goal(arm, store):
     shown = await everything(store)
     goal = shown["arm goal"].pose_in_observer_frame.pose
     np.testing.assert_allclose((goal.x, goal.y, goal.z), 1000 * plan.tool_path[-1], atol=1e-6)
-    assert sum("way" in name for name in shown) > 20
+    assert sum("arm path" in name for name in shown) > 20
 
 
 async def test_a_stream_reports_added_changed_and_removed_objects(arm, store):

@@ -93,7 +93,7 @@ def test_with_a_cell_two_arms_that_are_sent_at_each_other_stay_apart(robot, capl
         at = (np.append(each.q, each.q_jaw) for each in (left, right))
         nearest = min(nearest, distance(bodies, *at, T))
     assert 0.005 < nearest < 0.020
-    assert "is held by" in caplog.text
+    assert "is held back by" in caplog.text
 
 
 def test_a_cell_of_other_arms_is_refused(tmp_path):

@@ -101,7 +101,7 @@ def test_the_tool_stops_short_of_the_table_and_the_log_says_so(bench, pad, jog, 
     robot, say = bench.connected(), pad[1]
     say((BUTTON, 5, 1), (AXIS, 4, 32767))
     lead(bench, robot, jog, 5.0)
-    assert "is held by" in caplog.text
+    assert "is held back by" in caplog.text
     assert tool(bench)[2] > 0.0
 
 

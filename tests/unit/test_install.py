@@ -145,12 +145,12 @@ def test_too_little_disk_space_is_said_before_anything_is_done(installer, capsys
     ("said", "then"),
     [
         ("ERROR: ... [Errno 28] No space left on device", "The disk is full"),
-        ("WARNING: Retrying ... Failed to establish a new connection", "Is the network there?"),
-        ("ERROR: ResolutionImpossible", "What pip says above is the reason"),
+        ("WARNING: Retrying ... Failed to establish a new connection", "The package index was not reached"),
+        ("ERROR: ResolutionImpossible", "pip's messages above have the reason"),
     ],
 )
 def test_a_failure_is_reported_as_what_it_is(installer, said, then):
-    if then.startswith("What") and not installer.has_ready_wheels():
+    if then.startswith("pip") and not installer.has_ready_wheels():
         pytest.skip("this system compiles, and may lack what that takes")
     assert installer.what_to_try(said).startswith(then)
 
@@ -204,7 +204,7 @@ def test_a_step_that_hangs_is_ended_with_all_it_started(installer, capsys):
     with installer.the_lock(0.0) as lock:
         assert installer.run(("sh", "-c", f"sleep {mark} & wait"), 0.2, lock) == (1, "")
     assert time.monotonic() - begin < 20.0
-    assert "it is ended" in capsys.readouterr().err
+    assert "error: stopped" in capsys.readouterr().err
     deadline = time.monotonic() + 20.0
     while any(mark in command_of(pid) for pid in processes()):  # the kernel takes a moment
         assert time.monotonic() < deadline
