@@ -288,8 +288,8 @@ def _place(found: FoundFile) -> Path:
 def _about_no_arm(seen: ServosOnBus) -> str:
     if seen.is_empty:
         return (
-            "the adapter is connected, but no servo answers; check that the arm's power is on"
-            " and that the first cable is plugged in"
+            "the adapter is connected, but no servo answers; check that the arm's power supply is"
+            " on and that the first cable is plugged in"
         )
     others = [facts for facts in seen.servos.values() if not facts.is_sts3215]
     if others:

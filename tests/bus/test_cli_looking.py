@@ -137,7 +137,7 @@ def test_a_port_without_an_arm_is_configured_for_nobody(tmp_path):
         result = run("viam", "config", "--port", emulator.port)
     assert result.exit_code == 3
     assert result.stdout == ""
-    assert "power is on" in result.stderr
+    assert "power supply" in result.stderr
 
 
 # The doctor

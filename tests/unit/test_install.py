@@ -145,7 +145,10 @@ def test_too_little_disk_space_is_said_before_anything_is_done(installer, capsys
     ("said", "then"),
     [
         ("ERROR: ... [Errno 28] No space left on device", "The disk is full"),
-        ("WARNING: Retrying ... Failed to establish a new connection", "The package index was not reached"),
+        (
+            "WARNING: Retrying ... Failed to establish a new connection",
+            "The package index was not reached",
+        ),
         ("ERROR: ResolutionImpossible", "pip's messages above have the reason"),
     ],
 )
