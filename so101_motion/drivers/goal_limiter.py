@@ -186,11 +186,13 @@ class GoalLimiter:
         if self._begins:
             self._offset, self._lead, dt = self._at_rest, self._at_rest, math.inf
         self._offset = [
-            _bounded(_near(wanted, before, OFFSET_SPEED * dt), most)
+            limited(within_change(wanted, before, OFFSET_SPEED * dt), most)
             for wanted, before, most in zip(weight, self._offset, largest, strict=True)
         ]
         change = LEAD_SPEED * self._speed * dt
-        self._lead = [_near(w, before, change) for w, before in zip(lead, self._lead, strict=True)]
+        self._lead = [
+            within_change(w, before, change) for w, before in zip(lead, self._lead, strict=True)
+        ]
         self._t_goal, self._begins = now, False
         parts = zip(self._q, self._offset, self._lead, strict=True)
         self._goal = [q + offset + led for q, offset, led in parts]
@@ -206,7 +208,7 @@ class GoalLimiter:
         change, farthest = self._speed * time, 0.0
         for i, goal in enumerate(goals):
             before = self._goal[i]
-            self._goal[i] = _near(goal, before, change)
+            self._goal[i] = within_change(goal, before, change)
             farthest = max(farthest, abs(self._goal[i] - before))
         self._spare = min(SLACK, max(time - farthest / self._speed, 0.0))
         self._t_goal = now
@@ -228,8 +230,8 @@ class GoalLimiter:
 # Plain comparisons: a dozen of these run in every cycle.
 
 
-def _near(wanted: float, before: float, change: float) -> float:
-    """``wanted``, or what is nearest to it within ``change`` from ``before``."""
+def within_change(wanted: float, before: float, change: float) -> float:
+    """``wanted``, limited to at most ``change`` from ``before``."""
     if wanted > before + change:
         return before + change
     return before - change if wanted < before - change else wanted
@@ -240,8 +242,8 @@ def _between(value: float, end: float) -> float:
     return min(max(value, min(end, 0.0)), max(end, 0.0))
 
 
-def _bounded(value: float, most: float) -> float:
-    """``value``, or what is nearest to it and no larger than ``most``."""
+def limited(value: float, most: float) -> float:
+    """``value``, limited to ``-most`` to ``most``."""
     if value > most:
         return most
     return -most if value < -most else value

@@ -35,6 +35,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.drivers.feetech.servo_model import ServoModel
+from so101_motion.drivers.goal_limiter import limited
 
 Gravity = Callable[[Array], Array]
 """Torque [N m] that holds the arm still at joint angles ``q`` [rad], shapes (6,), jaw included."""
@@ -178,7 +179,7 @@ class Trim:
         """
         weights, _ = self._weights(q)
         return [
-            _within(
+            limited(
                 model.distance(weight + side * model.friction(weight, side), speed),
                 LARGEST_SAG * model.yielding,
             )
@@ -255,7 +256,7 @@ class Trim:
             step = goal[i] - before[i]
             foreseen = ways[i]
             if foreseen is None:
-                foreseen = _within(self._way[i] + step / ENGAGING, 1.0)
+                foreseen = limited(self._way[i] + step / ENGAGING, 1.0)
             self._way[i] = foreseen
             self._gives_way[i] = self._gives_way[i] and not step
         q = [at + v * ahead for at, v in zip(goal, qd, strict=False)]
@@ -299,9 +300,9 @@ class Trim:
             if off is None:
                 continue
             model, most = self.models[i], LARGEST_SAG * self.models[i].yielding
-            off = _within(off, most)
+            off = limited(off, most)
             friction = model.friction(self._weight[i], 0.0)
-            self._way[i] = _within(model.torque(off - self._known[i]) / friction, 1.0)
+            self._way[i] = limited(model.torque(off - self._known[i]) / friction, 1.0)
             for _ in range(3):  # friction grows with what is not known of the load
                 self._find(i)
                 self._rest[i] = off - self._known[i]
@@ -354,7 +355,7 @@ class Trim:
             return GAIN * dt * error
         load = self._weight[i] + model.torque(self._rest[i])
         turn = model.torque(TURNING * dt) / model.friction(load, side)
-        self._way[i] = _within(way + side * turn, 1.0)
+        self._way[i] = limited(way + side * turn, 1.0)
         self._find(i)
         return 0.0
 
@@ -366,7 +367,7 @@ class Trim:
         if heaviness > _FELT**2:
             torques = [m.torque(step) for m, step in zip(self.models, steps, strict=True)]
             more = sum(u * t for u, t in zip(self._per_kg, torques, strict=True)) / heaviness
-            before, self.carried = self.carried, _within(self.carried + more, HEAVIEST)
+            before, self.carried = self.carried, limited(self.carried + more, HEAVIEST)
             for i in range(_JAW):
                 change = (self.carried - before) * self._per_kg[i]
                 self._weight[i] += change
@@ -402,11 +403,4 @@ class Trim:
             load = weight + model.torque(self._rest[i])
             torque += way * model.friction(load, way, speed)
         self._torque[i] = torque
-        self._known[i] = _within(model.distance(torque), LARGEST_SAG * model.yielding)
-
-
-def _within(value: float, most: float) -> float:
-    """``value``, or what is nearest to it and no larger than ``most``."""
-    if value > most:
-        return most
-    return -most if value < -most else value
+        self._known[i] = limited(model.distance(torque), LARGEST_SAG * model.yielding)

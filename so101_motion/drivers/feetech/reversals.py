@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.feetech.gravity_compensation import Trim
 from so101_motion.drivers.feetech.lag_compensation import DELAY
+from so101_motion.drivers.goal_limiter import within_change
 
 EARLY = 0.045
 """How long before a joint turns round its friction begins to change sides [s]. Chosen by trial."""
@@ -73,16 +74,11 @@ class Reversals:
             weight, play = self._trim.weights[i], model.figures.play
             self.crossing[i] = 0.0
             if abs(ahead) > STANDS:
-                way = _near(math.copysign(1.0, ahead), self._trim.ways[i], 2.0 * dt / FLIP)
+                way = within_change(math.copysign(1.0, ahead), self._trim.ways[i], 2.0 * dt / FLIP)
             if play and (abs(ahead) > STANDS or abs(weight) > PRESSED):
                 before = self._side[i]
                 wanted = math.copysign(1.0, weight if abs(weight) > PRESSED else ahead)
-                self._side[i] = _near(wanted, before, 2.0 * dt / CROSSING)
+                self._side[i] = within_change(wanted, before, 2.0 * dt / CROSSING)
                 self.crossing[i] = 0.5 * play * (self._side[i] - before) / dt
             ways.append(way)
         return ways
-
-
-def _near(wanted: float, before: float, change: float) -> float:
-    """``wanted``, or what is nearest to it within ``change`` from ``before``."""
-    return min(max(wanted, before - change), before + change)

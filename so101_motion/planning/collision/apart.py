@@ -37,9 +37,9 @@ lag behind their commands, by nearly the same time."""
 GUARDED_EARLY = 0.01
 """The same for arms that follow targets [s]: one period of the control loop."""
 
-PARTING, TENTH = 5e-4, 1e-4
+PARTING = 5e-4
 """Arms that are too near already may come so much nearer [m], because parts that slide along each
-other do. The second is the precision of distances. Chosen."""
+other do. Chosen."""
 
 _PART, UNKNOWN = 0.25, 2  # as in apart.c and native.h
 
@@ -147,7 +147,7 @@ def nearness(
         room: Largest distance of interest [m].
 
     Returns:
-        A lower bound of the distance, at most ``TENTH`` too small; 0 or less if they touch, or
+        A lower bound of the distance, at most 0.1 mm too small; 0 or less if they touch, or
         nearly [m].
     """
     here, there = (course.at(np.array([at])) for _, course in (first, second))
@@ -202,7 +202,7 @@ def distances(
 ) -> Array:
     """Lower bounds of the distances between bodies of two arms, shape (n, k, m), [m].
 
-    Exact to ``TENTH`` below ``need``, else to a tenth of the excess; distances above ``enough`` may
+    Exact to 0.1 mm below ``need``, else to a tenth of the excess; distances above ``enough`` may
     be given as any value above it. The two bases are infinitely far from each other.
 
     Args:

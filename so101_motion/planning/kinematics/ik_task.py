@@ -126,7 +126,7 @@ def _check_rotation(rows: list[list[float]]) -> None:
 
 
 def check_seed(q_seed: ArrayLike) -> Joints:
-    """The seed, shape (5,), as plain numbers [rad]. It may be outside the limits.
+    """Check a seed, shape (5,), and return it as plain numbers [rad]. Limits do not matter.
 
     Raises:
         ConfigError: It is not five finite numbers.
