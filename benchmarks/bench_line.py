@@ -44,7 +44,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.verify import violations
+from so101_motion.planning.timing.verify import limit_report
 
 N = 500
 LINE = 0.1
@@ -161,7 +161,7 @@ def line_rows(bench: Bench) -> list[_common.Row]:
     told = [abs(_fraction(answers[k]) - share) for k, share in shares.items() if share < 1.0]
     plans = [answer for answer in answers if isinstance(answer, Plan)]
     off = [_off_line(bench, plan) for plan in plans]
-    load = max(violations(plan.trajectory, LIMITS).worst for plan in plans)
+    load = max(limit_report(plan.trajectory, LIMITS).worst for plan in plans)
     print(
         f"of {N} lines of {to_mm(LINE)} whose ends can be reached {len(plans)} are found and"
         f" {missed} more exist: {100.0 * len(plans) / (len(plans) + missed):.2f} %"

@@ -1,4 +1,4 @@
-"""Types that every other package uses: errors, geometry, units, clock, joint state, modes.
+"""What every other package may use: errors, geometry, units, clock, joint state, settings, modes.
 
-Everything here is small and free of I/O. It imports nothing of this project outside this folder.
+It imports nothing of this project outside this folder. It opens no port and no file of the user.
 """

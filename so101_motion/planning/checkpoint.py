@@ -17,5 +17,5 @@ class Abandoned(Exception):
     """The plan is no longer wanted. Not a ``So101Error``, because no user ever sees it."""
 
 
-def wanted() -> None:
+def never_abandoned() -> None:
     """A checkpoint that never gives up."""

@@ -26,7 +26,7 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import plan_among
 from so101_motion.planning.cartesian.cartesian import CartesianPlanner
 from so101_motion.planning.cartesian.tool_motion import ToolMotion
-from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Obstacle, Scene, Sphere
 from so101_motion.planning.goal_configurations import configurations_above, free_configurations
@@ -80,7 +80,7 @@ class Planner:
         checkpoint: Called every few milliseconds during planning; an exception of it ends that.
     """
 
-    def __init__(self, model: RobotModel, checkpoint: Checkpoint = wanted) -> None:
+    def __init__(self, model: RobotModel, checkpoint: Checkpoint = never_abandoned) -> None:
         self._model = model
         self._within = lru_cache(maxsize=4)(self._solvers)
         self._around = lru_cache(maxsize=8)(partial(CollisionModel, model, checkpoint=checkpoint))

@@ -12,7 +12,7 @@ from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.verify import violations
+from so101_motion.planning.timing.verify import limit_report
 
 MODEL = RobotModel.load()
 COLLISION = CollisionModel(MODEL)
@@ -47,7 +47,7 @@ def plan_or_refusal(request):
 
 def assert_verified(plan, limits, q_jaw):
     motion = plan.trajectory
-    report = violations(motion, limits, MODEL.lower, MODEL.upper)
+    report = limit_report(motion, limits, MODEL.lower, MODEL.upper)
     assert report.worst <= 1.002
     assert report.outside.max() <= 1e-6
     assert min(COLLISION.clearance(q, q_jaw).distance for q in motion.q) > 0.0

@@ -14,7 +14,7 @@ from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.verify import violations
+from so101_motion.planning.timing.verify import limit_report
 
 MODEL = RobotModel.load()
 COLLISION = CollisionModel(MODEL)
@@ -111,7 +111,7 @@ def test_a_path_is_followed_within_its_tolerances_or_refused_with_a_reason(
         assert f"of the {tool_path.length * 1e3:.0f} mm of the path" in str(refusal)
         return
     motion = plan.trajectory
-    assert violations(motion, limits_with(None), MODEL.lower, MODEL.upper).worst <= 1.002
+    assert limit_report(motion, limits_with(None), MODEL.lower, MODEL.upper).worst <= 1.002
     assert min(COLLISION.clearance(q).distance for q in motion.q[::5]) > 0.0
     off, spacing = path_deviation(tool_path, CHAINS[frame].positions(motion.q))
     assert off.max() <= np.hypot(goal.tolerance, spacing)

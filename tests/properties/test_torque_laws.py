@@ -11,7 +11,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
-from so101_motion.planning.timing.verify import violations
+from so101_motion.planning.timing.verify import limit_report
 
 MODEL = RobotModel.load()
 COLLISION = CollisionModel(MODEL)
@@ -63,7 +63,7 @@ def test_no_servo_has_to_exert_more_than_it_can_or_the_motion_is_refused(
     assert np.all(held[-1] <= 1.002 * holding)
     allowed = np.where(there > holding, np.maximum(more * holding, 1.25 * there), more * holding)
     assert np.all(moved <= 1.002 * np.maximum(allowed, held))
-    report = violations(motion, limits, MODEL.lower, MODEL.upper)
+    report = limit_report(motion, limits, MODEL.lower, MODEL.upper)
     assert report.worst <= 1.002
     assert np.array_equal(motion.q[-1], goal)
 

@@ -80,7 +80,7 @@ def assert_at_rest_at(trajectory: Trajectory, q: np.ndarray) -> None:
 
 
 def assert_within(trajectory: Trajectory, limits: MotionLimits) -> None:
-    report = verify.violations(trajectory, limits)
+    report = verify.limit_report(trajectory, limits)
     assert report.velocity.max() <= 1.0 + 1e-6
     assert report.worst <= 1.0 + verify.TOLERANCE
 
@@ -210,7 +210,7 @@ def test_a_stop_on_the_path_visits_only_what_the_motion_would_have(
     stopped = online.stop_on_path(motion, t, harder, 0.01)
     assert_at_rest_at(stopped, stopped.q[-1])
     assert np.allclose(stopped.q[0], motion.sample(t).q, rtol=0.0, atol=1e-9)
-    report = verify.violations(stopped, harder)
+    report = verify.limit_report(stopped, harder)
     assert report.velocity.max() <= 1.001
     assert report.acceleration.max() <= 1.01
     assert report.jerk.max() <= 1.02

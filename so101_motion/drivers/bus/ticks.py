@@ -1,4 +1,4 @@
-"""Convert servo positions in ticks to joint angles in radians and back.
+"""Convert servo ticks to joint angles and back, and speeds and accelerations to servo units.
 
 A turn has 4096 ticks. (Two known programs divide by 4095, which stretches half a turn by 0.04 deg;
 we do not.) A ``JointMap`` says for one joint which tick is zero, in which direction the servo

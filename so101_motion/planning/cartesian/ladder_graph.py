@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 
 JUMP = 0.5
 """Largest Euclidean distance between configurations of neighbouring columns, without the pan [rad].
@@ -60,7 +60,7 @@ class LadderGraph:
         q: Sequence[Array],
         price: Sequence[Array],
         in_front: Sequence[Flags],
-        checkpoint: Checkpoint = wanted,
+        checkpoint: Checkpoint = never_abandoned,
     ) -> None:
         """Lay out configurations.
 

@@ -30,7 +30,7 @@ import pinocchio as pin
 import so101_description
 
 from so101_motion.common.geometry import SE3, Array, frozen_array
-from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.coal_shapes import (
     convex_hull,
     full_cubes,
@@ -142,7 +142,7 @@ class _Mover(NamedTuple):
     points: Array
 
 
-def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = wanted) -> Bodies:
+def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = never_abandoned) -> Bodies:
     """The bodies of an arm (a Pinocchio model with six joints) and of a scene."""
     gathered = _Gathered(model, _carried(_Same(model), scene.attached))
     gathered.pair_movers(scene.attached)
@@ -200,7 +200,7 @@ def around_base(model: Any, scene: Scene) -> str | None:
 def _shape_of(obstacle: Obstacle) -> Any:
     form = read_shape(obstacle.shape)
     if isinstance(form, PointCloud):
-        return octree(full_cubes(form, wanted), form.resolution)
+        return octree(full_cubes(form), form.resolution)
     return standing_shape(form)
 
 

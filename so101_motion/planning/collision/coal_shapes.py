@@ -14,7 +14,7 @@ import coal
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.cubes import cube_middles, cube_numbers
 from so101_motion.planning.collision.scene import Box, Capsule, Mesh, PointCloud, Shape, Sphere
 
@@ -35,7 +35,7 @@ def octree(points: Array, resolution: float) -> Any:
     return coal.makeOctree(np.array(points), resolution)
 
 
-def full_cubes(cloud: PointCloud, checkpoint: Checkpoint = wanted) -> Array:
+def full_cubes(cloud: PointCloud, checkpoint: Checkpoint = never_abandoned) -> Array:
     """The middles of the cubes that hold a point, each once, shape (n, 3), [m].
 
     A camera sees thousands of points in each cube. coal takes a second for a million of them, and

@@ -22,7 +22,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.batch_check import (
     NEAR_ROW,
     BatchCheck,
@@ -122,7 +122,7 @@ class CollisionModel:
         self,
         model: RobotModel,
         scene: Scene | None = None,
-        checkpoint: Checkpoint = wanted,
+        checkpoint: Checkpoint = never_abandoned,
         *,
         compiled: bool = True,
     ) -> None:

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 
 WIDER = (0.012, 0.048)
 """Clearances beyond the margins that a proof asks for [m]. Chosen with the next: of nine sets, none
@@ -66,7 +66,7 @@ def first_blocked(
     reach: Array,
     points: Array,
     q_jaw: float,
-    checkpoint: Checkpoint = wanted,
+    checkpoint: Checkpoint = never_abandoned,
 ) -> Array | None:
     """A configuration (5,) on the straight lines through ``points`` that is too close, or None.
 
@@ -140,7 +140,7 @@ class SampledCheck:
         *,
         q_jaw: float,
         spacing: float,
-        checkpoint: Checkpoint = wanted,
+        checkpoint: Checkpoint = never_abandoned,
     ) -> None:
         self._touches, self._reach, self._spacing = touches, reach, spacing
         self._checkpoint = checkpoint

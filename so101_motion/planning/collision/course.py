@@ -1,4 +1,4 @@
-"""The course of an arm: its joint angles over time, and how it would stop."""
+"""The courses of arms: joint angles over time, how an arm would stop, and its neighbours."""
 
 from __future__ import annotations
 

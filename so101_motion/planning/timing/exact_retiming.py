@@ -92,7 +92,7 @@ def time_exactly(
     stretch = 1.0
     trajectory = motion.sampled(path, dt, stretch)
     for _ in range(CORRECTIONS):
-        slower = verify.violations(trajectory, limits).stretch
+        slower = verify.limit_report(trajectory, limits).stretch
         slower = max(slower, float(_of_cap(tool, limits, trajectory.q, trajectory.qd).max()))
         if slower <= 1.0:
             break

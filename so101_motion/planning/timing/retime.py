@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.timing import verify
 from so101_motion.planning.timing.jerk_filter import (
     CHECK_STEP,
@@ -65,7 +65,7 @@ def retime(
     tool_speed_fn: ToolSpeed | None = None,
     further: FurtherLimits | None = None,
     deviation: float = 0.02,
-    checkpoint: Checkpoint = wanted,
+    checkpoint: Checkpoint = never_abandoned,
 ) -> Trajectory:
     """The fastest motion along a path, from rest to rest, within the limits.
 
@@ -104,7 +104,7 @@ def retime(
     trajectory = sampled(curve, window, stretch, dt)
     for _ in range(CORRECTIONS):
         checkpoint()
-        report = verify.violations(trajectory, limits)
+        report = verify.limit_report(trajectory, limits)
         if report.velocity.max() <= 1.0 and report.worst <= 1.0 + verify.TOLERANCE:
             return trajectory
         stretch *= report.stretch * (1.0 + 0.5 * verify.TOLERANCE)

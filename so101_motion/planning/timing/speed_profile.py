@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
-from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.timing.interval_program import LimitRows, Solver, exact_solver
 from so101_motion.planning.timing.path_geometry import JointPath, PathPoints
 from so101_motion.planning.timing.toppra_solver import toppra_solver
@@ -137,7 +137,7 @@ def optimal_speed(
     cap: Array,
     acceleration: Array,
     further: FurtherLimits | None = None,
-    checkpoint: Checkpoint = wanted,
+    checkpoint: Checkpoint = never_abandoned,
 ) -> tuple[PathGrid, Array]:
     """The largest speed along the path, zero at both ends.
 

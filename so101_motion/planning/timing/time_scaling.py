@@ -226,7 +226,7 @@ def _played_out(trajectory: Trajectory, t: float, dt: float) -> Trajectory:
 
 def _keeps(stopped: Trajectory, limits: MotionLimits) -> bool:
     """Whether accelerations and jerks keep their limits; speeds do, because time only slows."""
-    report = verify.violations(stopped, limits)
+    report = verify.limit_report(stopped, limits)
     return bool(
         report.acceleration.max() <= 1.0 + verify.TOLERANCE
         and report.jerk.max() <= 1.0 + JERK_TOLERANCE

@@ -64,7 +64,7 @@ class LimitReport:
         return float(max(roots))
 
 
-def violations(
+def limit_report(
     trajectory: Trajectory,
     limits: MotionLimits,
     lower: ArrayLike | None = None,
@@ -119,13 +119,13 @@ def check(
     lower: ArrayLike | None = None,
     upper: ArrayLike | None = None,
 ) -> LimitReport:
-    """Measure like :func:`violations`, and refuse a trajectory that breaks a limit.
+    """Measure like :func:`limit_report`, and refuse a trajectory that breaks a limit.
 
     Raises:
         OutsideLimits: Names the joint that is furthest off, its value and its limit.
         ValueError: The numbers of joints differ.
     """
-    report = violations(trajectory, limits, lower, upper)
+    report = limit_report(trajectory, limits, lower, upper)
     if report.outside.max() > POSITION_TOLERANCE:
         raise _out_of_range(trajectory, report, lower, upper)
     for quantity, unit, shares, caps in (

@@ -14,7 +14,7 @@ from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PathGoa
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.verify import violations
+from so101_motion.planning.timing.verify import limit_report
 
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
 HOME = np.zeros(5)
@@ -56,7 +56,7 @@ def assert_sound(model, collision, made, limits=LIMITS):
     assert np.array_equal(motion.q[0], made.q_start)
     assert np.array_equal(motion.q[-1], made.q_goal)
     assert not np.any(motion.qd[[0, -1]])
-    report = violations(motion, limits, model.lower, model.upper)
+    report = limit_report(motion, limits, model.lower, model.upper)
     assert report.worst <= 1.002
     assert report.outside.max() <= 1e-6
     assert min(collision.clearance(q).distance for q in motion.q) > 0.0
@@ -241,7 +241,7 @@ def test_a_resting_arm_leaves_slowly_and_then_moves(model, collision, plan):
     last_outside = int(np.flatnonzero(outside)[-1])
     assert np.abs(made.trajectory.qd[: last_outside + 1]).max() <= 0.2501
     assert np.all(np.diff(outside.astype(int)) <= 0)
-    assert violations(made.trajectory, LIMITS).worst <= 1.002
+    assert limit_report(made.trajectory, LIMITS).worst <= 1.002
     assert np.array_equal(made.q_goal, HOME)
 
 

@@ -7,7 +7,7 @@ from so101_motion.planning.timing.exact_retiming import time_exactly
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import blended_path, spline_path
-from so101_motion.planning.timing.verify import check, violations
+from so101_motion.planning.timing.verify import check, limit_report
 
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
 LAZY = MotionLimits.uniform(velocity=0.7, acceleration=1.0, jerk=15.0)
@@ -34,7 +34,7 @@ def test_the_motion_keeps_every_limit_and_the_path(limits, seed):
     path = winding(seed)
     motion = time_exactly(path, limits, 0.01)
     check(motion, limits)
-    assert violations(motion, limits).worst > 0.9  # and uses them somewhere
+    assert limit_report(motion, limits).worst > 0.9  # and uses them somewhere
     assert motion.q[0] == pytest.approx(path.evaluate([0.0]).q[0], abs=1e-12)
     assert motion.q[-1] == pytest.approx(path.evaluate([path.length]).q[0], abs=1e-12)
     assert not np.any(motion.qd[[0, -1]])

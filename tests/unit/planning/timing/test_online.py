@@ -85,7 +85,7 @@ def test_a_tiny_path_is_short_and_within_limits(step: float) -> None:
     trajectory = online.point_to_point(GOAL, GOAL + step, LIMITS, 1e-3)
     assert np.array_equal(trajectory.q[-1], GOAL + step)
     assert 0.0 < trajectory.duration < 0.1
-    assert verify.violations(trajectory, LIMITS).worst <= 1.001
+    assert verify.limit_report(trajectory, LIMITS).worst <= 1.001
 
 
 def test_the_last_sample_is_at_most_one_step_after_the_end() -> None:
@@ -106,13 +106,13 @@ def test_retargeting_continues_from_the_state_it_is_given() -> None:
     assert np.allclose(trajectory.qdd[0], qdd, atol=1e-15)
     assert np.array_equal(trajectory.q[-1], GOAL)
     assert not trajectory.qd[-1].any()
-    assert verify.violations(trajectory, LIMITS).worst <= 1.001
+    assert verify.limit_report(trajectory, LIMITS).worst <= 1.001
 
 
 def test_too_fast_a_state_brakes_first() -> None:
     qd = np.array([3.0, -2.0, 0.0, 0.0, 1.6])
     trajectory = online.from_state(START, qd, np.zeros(5), GOAL, LIMITS, 1e-3)
-    report = verify.violations(trajectory, LIMITS)
+    report = verify.limit_report(trajectory, LIMITS)
     assert report.acceleration.max() <= 1.001
     assert report.jerk.max() <= 1.001
     late = np.abs(trajectory.qd[600:])
@@ -129,7 +129,7 @@ def test_a_stop_takes_as_long_as_its_slowest_joint() -> None:
     assert np.allclose(trajectory.q[:, 2], START[2])
     slow = trajectory.qd[int(2.0 * np.sqrt(0.02 / 100.0) * 1e3) + 2 :, 4]
     assert np.allclose(slow, 0.0, atol=1e-9)
-    assert verify.violations(trajectory, LIMITS).worst <= 1.001
+    assert verify.limit_report(trajectory, LIMITS).worst <= 1.001
 
 
 def test_a_stop_at_rest_is_over_at_once() -> None:
@@ -144,7 +144,7 @@ def test_a_stop_on_the_path_never_leaves_it(tour: Trajectory) -> None:
         assert np.allclose(stopped.q[0], tour.sample(t).q, atol=1e-9)
         assert nearest(tour, stopped.q) < 1e-3  # as far as 1.5 rad/s gets in a dense step
         assert not stopped.qd[-1].any()
-        report = verify.violations(stopped, HARD)
+        report = verify.limit_report(stopped, HARD)
         assert max(report.velocity.max(), report.acceleration.max()) <= 1.001
         assert report.jerk.max() <= 1.02
 

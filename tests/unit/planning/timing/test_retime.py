@@ -98,7 +98,7 @@ def test_the_smoothing_stays_within_the_stated_deviation(jerk: float) -> None:
     limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=jerk)
     trajectory = retime(path, limits, 0.01, deviation=0.005)
     assert away_from(path, trajectory.q) <= 0.005 + 1e-6
-    assert verify.violations(trajectory, limits).worst <= 1.001
+    assert verify.limit_report(trajectory, limits).worst <= 1.001
 
 
 def test_every_joint_keeps_its_own_limits() -> None:
@@ -135,7 +135,7 @@ def test_a_tiny_path_is_timed_like_any_other(scale: float) -> None:
     trajectory = retime(blended_path(scale * POINTS, 0.01 * scale), LIMITS, 0.01)
     assert np.allclose(trajectory.q[-1], scale * POINTS[-1], atol=1e-15)
     assert trajectory.duration < 0.5
-    assert verify.violations(trajectory, LIMITS).worst <= 1.001
+    assert verify.limit_report(trajectory, LIMITS).worst <= 1.001
 
 
 def test_turning_back_on_the_spot_does_not_stall() -> None:
@@ -221,11 +221,11 @@ print(sys.modules["matplotlib"] is mine)
 def test_a_joint_that_moves_by_next_to_nothing_is_no_trouble():
     path = spline_path(np.array([[1e-173, 0.0], [0.0, 1.0], [0.0, 0.0]]))
     limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, n=2)
-    assert verify.violations(retime(path, limits, 0.01), limits).worst <= 1.0 + verify.TOLERANCE
+    assert verify.limit_report(retime(path, limits, 0.01), limits).worst <= 1.0 + verify.TOLERANCE
 
 
 @pytest.mark.parametrize("tiny", [2.6e-308, 1e-173, 1e-20])
 def test_next_to_nothing_may_be_anywhere_along_a_path(tiny):
     path = spline_path(np.array([[tiny, 0.0], [0.0, 1.0], [0.0, 0.0]]))
     limits = MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=20.0, n=2)
-    assert verify.violations(retime(path, limits, 0.01), limits).worst <= 1.0 + verify.TOLERANCE
+    assert verify.limit_report(retime(path, limits, 0.01), limits).worst <= 1.0 + verify.TOLERANCE

@@ -70,7 +70,7 @@ def test_a_motion_goes_on_from_rest_as_gently_as_it_began(seed, share) -> None:
         assert not derivative[[0, -1]].any()
     np.testing.assert_allclose(resumed.q[0], moved.sample(t).q, atol=1e-12)
     np.testing.assert_allclose(resumed.q[-1], moved.q[-1], atol=1e-12)
-    report = verify.violations(resumed, limits)
+    report = verify.limit_report(resumed, limits)
     assert report.acceleration.max() < 1.03
     assert report.jerk.max() < 1.03
     assert report.velocity.max() < 1.001

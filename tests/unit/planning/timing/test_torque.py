@@ -190,7 +190,7 @@ def test_a_heavy_but_possible_motion_is_slowed_where_it_is_heavy() -> None:
     stretched = load(mass, TIGHT).stretch(quick) * quick.duration
     assert quick.duration < motion.duration < 0.98 * stretched
     assert plan.report.effort == pytest.approx(shares(motion, mass, TIGHT).max(), abs=1e-6)
-    assert verify.violations(motion, LIMITS).worst <= 1.001
+    assert verify.limit_report(motion, LIMITS).worst <= 1.001
     assert np.array_equal(motion.q[-1], goal)
 
 
@@ -232,7 +232,7 @@ def test_slowed_is_the_same_path_more_slowly(k: float) -> None:
     assert not slow.qd[-1].any()
     t = np.arange(len(slow) - 1) * 0.01
     assert np.allclose(slow.q[:-1], quick.at(t / k)[0])
-    assert verify.violations(slow, LIMITS).worst <= 1.001
+    assert verify.limit_report(slow, LIMITS).worst <= 1.001
 
 
 def test_stretch_is_what_makes_a_motion_bearable() -> None:

@@ -27,7 +27,7 @@ def swing(amplitude: np.ndarray, rate: float, dt: float = 1e-3) -> Trajectory:
 
 def test_shares_of_the_limits_are_those_of_the_known_motion() -> None:
     amplitude = np.array([0.1, 0.2, -0.3, 0.0, 0.05])
-    report = verify.violations(swing(amplitude, 6.0), LIMITS)
+    report = verify.limit_report(swing(amplitude, 6.0), LIMITS)
     size = np.abs(amplitude)
     assert np.allclose(report.velocity, size * 6.0 / LIMITS.velocity, rtol=1e-4)
     # It starts and ends with a jump of acceleration, so only those two are known.
@@ -40,22 +40,24 @@ def test_stated_velocities_and_those_of_the_positions_both_count() -> None:
     zero = np.zeros_like(q)
     limits = MotionLimits.uniform(velocity=0.05, acceleration=1e6, jerk=1e9, n=1)
     lying = Trajectory(dt=0.01, q=q, qd=zero, qdd=zero, duration=1.0)
-    assert verify.violations(lying, limits).velocity[0] == pytest.approx(2.0)
+    assert verify.limit_report(lying, limits).velocity[0] == pytest.approx(2.0)
     boasting = Trajectory(dt=0.01, q=zero, qd=zero + 0.2, qdd=zero, duration=1.0)
-    assert verify.violations(boasting, limits).velocity[0] == pytest.approx(4.0)
+    assert verify.limit_report(boasting, limits).velocity[0] == pytest.approx(4.0)
 
 
 def test_a_start_in_motion_is_not_taken_for_a_jump() -> None:
     t = np.arange(101)[:, None] * 0.01
     limits = MotionLimits.uniform(velocity=2.0, acceleration=1.0, jerk=1.0, n=1)
     q, qd, qdd = t - t**3 / 3.0, 1.0 - t**2, -2.0 * t
-    report = verify.violations(Trajectory(dt=0.01, q=q, qd=qd, qdd=qdd, duration=1.0), limits)
+    report = verify.limit_report(Trajectory(dt=0.01, q=q, qd=qd, qdd=qdd, duration=1.0), limits)
     assert report.velocity[0] == pytest.approx(0.5, rel=1e-2)
 
 
 def test_position_limits_are_measured_on_both_sides() -> None:
     trajectory = swing(np.array([0.1, -0.1, 0.0, 0.0, 0.0]), 6.0)
-    report = verify.violations(trajectory, LIMITS, lower=np.full(5, -0.15), upper=np.full(5, 0.15))
+    report = verify.limit_report(
+        trajectory, LIMITS, lower=np.full(5, -0.15), upper=np.full(5, 0.15)
+    )
     assert np.allclose(report.outside, [0.05, 0.05, 0.0, 0.0, 0.0], atol=1e-6)
 
 
@@ -105,11 +107,11 @@ def test_stretch_says_how_much_slower_the_same_motion_must_be(amplitude: float) 
         return Trajectory(dt=dt, q=q, qd=still, qdd=still, duration=duration)
 
     limits = MotionLimits.uniform(velocity=2.0, acceleration=10.0, jerk=200.0, n=1)
-    report = verify.violations(reach(0.3), limits)
-    slower = verify.violations(reach(0.3 * report.stretch), limits)
+    report = verify.limit_report(reach(0.3), limits)
+    slower = verify.limit_report(reach(0.3 * report.stretch), limits)
     assert slower.worst == pytest.approx(1.0, rel=1e-3)
 
 
 def test_limits_for_other_joints_are_a_mistake() -> None:
     with pytest.raises(ValueError, match="5 joints, a motion of 2"):
-        verify.violations(swing(np.array([0.0, 0.1]), 6.0), LIMITS)
+        verify.limit_report(swing(np.array([0.0, 0.1]), 6.0), LIMITS)
