@@ -1,4 +1,4 @@
-"""The LeRobot plugin on the emulated arm: latency of actions, and replay of a recording.
+"""The LeRobot plugin on emulated arms: latency of actions, replay of a recording, and two arms.
 
     python -m benchmarks.bench_lerobot
     python -m benchmarks.bench_lerobot --two-arms 10

@@ -1,4 +1,4 @@
-"""Several simulated arms in one page: planned for together, moved together, stopped together."""
+"""Several simulated arms in one page: common motions, jogging one arm, and programs."""
 
 from __future__ import annotations
 

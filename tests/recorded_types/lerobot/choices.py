@@ -1,4 +1,4 @@
-"""Not in LeRobot, which takes this from draccus: classes that are known by a name."""
+"""Classes registered by name; LeRobot takes this from draccus."""
 
 
 class Choices:

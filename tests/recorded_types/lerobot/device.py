@@ -1,4 +1,4 @@
-"""Not in LeRobot, whose robots and teleoperators each say this themselves."""
+"""The calibration file of a robot or teleoperator; LeRobot has this code in both classes."""
 
 import json
 

@@ -15,7 +15,7 @@ def away(x):
     return SE3(T_LEFT_RIGHT.R, np.array([x, 0.0, 0.0]))
 
 
-def some_way(facing):
+def some_path(facing):
     """From one place to another and back, and the jaw opened at the end, [rad]."""
     q, to = facing.near(), facing.near()
     return np.array([[*q, 0.0], [*to, 0.0], [*q, 0.0], [*q, 1.0]])
@@ -23,7 +23,7 @@ def some_way(facing):
 
 def test_paths_are_cut_evenly_and_keep_their_ends():
     facing = Facing(2)
-    q = some_way(facing)
+    q = some_path(facing)
     cut = evenly(facing.bodies, q)
     assert facing.bodies.travel(cut).max() <= SPACING + 1e-9
     assert cut[[0, -1]] == pytest.approx(q[[0, -1]])
@@ -33,7 +33,7 @@ def test_paths_are_cut_evenly_and_keep_their_ends():
 def test_what_is_proven_keeps_its_room_wherever_both_are():
     facing, verdicts = Facing(4), set()
     for x in (0.45, 0.75) * 2:
-        ways = [evenly(facing.bodies, some_way(facing)) for _ in range(2)]
+        ways = [evenly(facing.bodies, some_path(facing)) for _ in range(2)]
         proven = never_meet(facing.bodies, facing.bodies, away(x), *ways)
         looked = [np.ascontiguousarray(way[:: max(1, len(way) // 12)]) for way in ways]
         seen = all(
