@@ -151,7 +151,7 @@ class ArmSession:
 
     @property
     def state(self) -> JointState:
-        """The arm's state, measured in the last control cycle.
+        """The arm's newest state, at most ``SILENT_AFTER`` old.
 
         Raises:
             MotionError: It cannot be reached, or is in a fault; the message says why.

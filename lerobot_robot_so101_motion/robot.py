@@ -133,7 +133,7 @@ class SO101Motion(SO101Device, Robot):
     # Observations and actions
 
     def get_observation(self) -> dict[str, Any]:
-        """Read the joints, measured in the last control cycle, and the newest pictures.
+        """Read the joints' newest measurement and the newest pictures.
 
         Raises:
             DeviceNotConnectedError: It is not connected.

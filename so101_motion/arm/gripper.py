@@ -119,7 +119,7 @@ def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
 
 
 class Gripper:
-    """One jaw that opens and closes. A new motion takes over from the one under move.
+    """One jaw that opens and closes. A new motion takes over from the one under way.
 
     Args:
         executor: The I/O thread that moves it; owned by the rig.
@@ -152,7 +152,7 @@ class Gripper:
 
     @property
     def is_moving(self) -> bool:
-        """Whether a motion of the jaw is under move."""
+        """Whether a motion of the jaw is under way."""
         return self._executor.state.jaw_moving
 
     @property
@@ -221,7 +221,7 @@ class Gripper:
         stale_after: float | None = STALE_AFTER,
         each: Callable[[JawFollowing], None] | None = None,
     ) -> JawFollowing:
-        """Let the jaw follow apertures; takes over from what is under move. Never waits.
+        """Let the jaw follow apertures; takes over from what is under way. Never waits.
 
         An object that it closes on is gripped with a steady force, and released when the jaw is to
         open.

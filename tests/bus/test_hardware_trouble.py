@@ -147,7 +147,7 @@ def test_too_high_a_supply_is_reported(bench):
     motion = bench.go(rig, 60, 0, 0, 0, 0)
     bench.under_way(motion, rig, 0.5)
     bench.world.power(14.6)
-    with pytest.raises(ServoAlarm, match=r"supply outside the limits"):
+    with pytest.raises(ServoAlarm, match=r"supply outside its limits"):
         bench.finish(motion)
     bench.world.power(12.0)
     bench.advance(1.0)

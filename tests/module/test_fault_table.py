@@ -143,7 +143,7 @@ TABLE = (
         begins="brownout=14.8",
         ends="end brownout=14.8",
         status=Status.ABORTED,
-        says=("supply outside the limits", "check the power supply"),
+        says=("supply outside its limits", "check the power supply"),
     ),
 )
 

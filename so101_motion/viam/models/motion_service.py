@@ -64,7 +64,7 @@ _COMPONENT = "component"  # the planner's name for the frame of a component that
 
 
 class So101Motion(ServiceForAnArm, MotionService):
-    """Plans and moves one arm of this module.
+    """Plans and moves arms of this module.
 
     Args:
         name: The service's name.
