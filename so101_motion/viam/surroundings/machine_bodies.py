@@ -49,12 +49,10 @@ _LOST = (OSError, StreamTerminatedError)
 """The errors of a call without a connection."""
 
 _STARTING = 0.05
-"""Pause between two tries while a component is being configured or the connection is lost [s];
-chosen."""
+"""Pause between two tries while a component starts or the connection is lost [s]; chosen."""
 
 _REMOTE = "_world"
-"""The end of the name that viam-server gives the frame of a remote machine, which is no
-component."""
+"""The end of the frame's name of a remote machine, which is no component."""
 
 _HAS_NONE = ("unimplemented", "not implemented", "unsupported")
 """Words that modules in other languages send for UNIMPLEMENTED."""
