@@ -21,6 +21,7 @@ from harness.viam_machine import running_machine
 from so101_viewer import SetupApp, serve_setup
 from so101_viewer import serve as serve_preview
 
+from so101_motion.calib.motors.progress import SetupProgress
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.record import store
 from so101_motion.common.modes import Mode
@@ -122,6 +123,42 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.press("Back")
         hand.press("Back")
         hand.expect("What do you need?")
+
+
+def test_a_motor_that_was_swapped_too_early_gives_its_id_back(
+    kit: FreshKit, tmp_path: Path
+) -> None:
+    kit.connect_only("gripper")
+    with serve(kit, tmp_path) as app:
+        hand = hand_on(app)
+        hand.press("Motor Setup Only")
+        hand.expect("One motor with the id 1 answers, as a new one does")
+        hand.press("Next")
+        set_up(hand, kit, "gripper")
+        kit.set_id("gripper", 1)  # the other one was on the cable when the id was written
+        kit.set_id("wrist_roll", TARGETS["gripper"])
+        kit.connect_only("wrist_roll")
+        hand.expect("Unplug the motor of gripper and write its name on it")
+        swapped, sure = "No, this is already the next motor", "Press again: both get new ids"
+        hand.until(lambda: hand.can(swapped), swapped)
+        hand.press(swapped)
+        hand.press(sure)
+        set_up(hand, kit, "wrist_roll")
+        hand.expect("connect only the motor of gripper")
+        set_up(hand, kit, "gripper")
+        assert (kit.ids["gripper"], kit.ids["wrist_roll"]) == (6, 5)
+
+
+def test_a_second_kit_begins_with_its_gripper(kit: FreshKit, tmp_path: Path) -> None:
+    progress = SetupProgress(tmp_path / "setup.json", kit.port)
+    for joint in SETUP_ORDER:
+        progress.add(joint)
+    with serve(kit, tmp_path) as app:
+        hand = hand_on(app)
+        hand.press("Motor Setup Only")
+        hand.press("Next")
+        hand.expect("Connect only the motor of gripper")
+        assert not hand.can("Next")
 
 
 def test_the_chain_says_that_the_supply_is_wrong(kit: FreshKit, tmp_path: Path) -> None:
