@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks._common import single_thread, summary, write
-from benchmarks.solids import Facing
+from benchmarks.solids import Solids
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array, rot_z
 from so101_motion.planning.cell.together import TeamMember, plan_together
@@ -81,7 +81,7 @@ class Tasks:
 def plans(count: int, seed: int) -> list[dict[str, object]]:
     """Tasks planned together."""
     caps = MotionLimits.uniform(velocity=np.pi / 2, acceleration=6.0, jerk=60.0)
-    tasks, solids = Tasks(seed), Facing(T_LEFT_RIGHT)
+    tasks, solids = Tasks(seed), Solids(SE3.identity(), T_LEFT_RIGHT)
     planner = Planner(tasks.model)
     planner.warm_up()
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks._common import single_thread, summary, write
 from benchmarks.bench_cell import T_LEFT_RIGHT, Tasks
-from benchmarks.solids import Facing
+from benchmarks.solids import Solids
 from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3
@@ -71,7 +71,7 @@ class Led:
 
     def __init__(self, seed: int, *, guarded: bool) -> None:
         self._tasks, self._guarded = Tasks(seed), guarded
-        self.solids = Facing(T_LEFT_RIGHT)
+        self.solids = Solids(SE3.identity(), T_LEFT_RIGHT)
         self.spent: list[list[float]] = [[], []]
         self.touching = self.held = 0
 

@@ -1,4 +1,4 @@
-"""Shapes by which benchmarks judge how near two arms are: polytopes, hulls and triangles.
+"""Shapes by which benchmarks judge how near arms are to each other: polytopes, hulls, triangles.
 
 *Polytopes* around the official solids, from measured supports in 400 directions: on edges they
 stand out by some millimetres. *Hulls*, one a link, which contain the official parts and stand out
@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
-from itertools import product
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -71,56 +71,73 @@ def triangles() -> Shapes:
     return found
 
 
-class Facing:
-    """Two arms of five joints and a jaw, the left one's base at the origin.
+class Solids:
+    """Arms of five joints and a jaw that stand somewhere.
 
     Args:
-        T_left_right: Where the right one's base is.
+        bases: Where the base of each is.
     """
 
-    def __init__(self, T_left_right: SE3) -> None:
-        self._bases = SE3.identity(), T_left_right
+    def __init__(self, *bases: SE3) -> None:
+        self._bases = bases
         self._model = RobotModel.load().pin_model
         self._data = self._model.createData()
         self._polytopes, self._hulls, self._triangles = polytopes(), hulls(), triangles()
+        self._links = list(self._hulls)
+        self._balls = [_ball(self._polytopes[each], self._hulls[each]) for each in self._links]
         self.nearest_hulls = self.nearest_triangles = math.inf
 
-    def touch(self, q_left: Array, q_right: Array) -> bool:
-        """Whether the polytopes touch at configurations, shapes (6,), [rad]."""
+    def touch(self, *q: Array) -> bool:
+        """Whether polytopes of two arms touch at configurations of all, shapes (6,), [rad]."""
         shapes = self._polytopes
         return any(
             coal.collide(
                 shapes[a], T_a, shapes[b], T_b, coal.CollisionRequest(), coal.CollisionResult()
             )
-            for a, T_a, b, T_b in self._pairs(q_left, q_right)
+            for a, T_a, b, T_b in self._pairs(q, 0.0)
         )
 
-    def measure(self, q_left: Array, q_right: Array) -> None:
-        """Update how near hulls and triangles have come [m]; 0 for touching ones.
+    def measure(self, *q: Array) -> None:
+        """Update how near hulls and triangles of two arms have come [m]; 0 for touching ones.
 
         Triangles are inside their hulls, so those of hulls that are further apart are left out.
         """
-        for a, T_a, b, T_b in self._pairs(q_left, q_right):
+        for a, T_a, b, T_b in self._pairs(q, self.nearest_triangles):
             apart = _distance(self._hulls[a], T_a, self._hulls[b], T_b)
             self.nearest_hulls = min(self.nearest_hulls, apart)
             if apart < self.nearest_triangles:
                 apart = _distance(self._triangles[a], T_a, self._triangles[b], T_b)
                 self.nearest_triangles = min(self.nearest_triangles, apart)
 
-    def _pairs(self, q_left: Array, q_right: Array) -> Iterator[tuple[str, Any, str, Any]]:
-        """Links of either arm with their places; not both bases, which do not move."""
-        left, right = map(self._placed, (q_left, q_right), self._bases)
-        for (a, T_a), (b, T_b) in product(left.items(), right.items()):
-            if not a == b == BASE:
-                yield a, T_a, b, T_b
+    def _pairs(self, q: Sequence[Array], within: float) -> Iterator[tuple[str, Any, str, Any]]:
+        """Links of every two arms that may be within so much [m] of each other, with their places.
 
-    def _placed(self, q: Array, T: SE3) -> dict[str, Any]:
+        Not both bases, which do not move.
+        """
+        radii = np.array([radius for _, radius in self._balls])
+        for (one, at), (other, to) in combinations(map(self._placed, q, self._bases), 2):
+            far = np.linalg.norm(at[:, None] - to[None], axis=2) - radii[:, None] - radii[None]
+            for i, j in np.argwhere(far < within).tolist():
+                a, b = self._links[i], self._links[j]
+                if not a == b == BASE:
+                    yield a, one[i], b, other[j]
+
+    def _placed(self, q: Array, T: SE3) -> tuple[list[Any], Array]:
+        """Where the links are, and the middles of the balls around them."""
         pin.framesForwardKinematics(self._model, self._data, q)
-        base, found = pin.SE3(np.array(T.R), np.array(T.p)), {}
-        for link in self._hulls:
+        base, places, middles = pin.SE3(np.array(T.R), np.array(T.p)), [], []
+        for link, (middle, _) in zip(self._links, self._balls, strict=True):
             place = base * self._data.oMf[self._model.getFrameId(link)]
-            found[link] = coal.Transform3s(place.rotation, place.translation)
-        return found
+            places.append(coal.Transform3s(place.rotation, place.translation))
+            middles.append(place.act(middle))
+        return places, np.array(middles)
+
+
+def _ball(*shapes: Any) -> tuple[Array, float]:
+    """The middle and the radius of a ball around shapes."""
+    points = np.concatenate([np.array(each.points()) for each in shapes])
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return middle, float(np.linalg.norm(points - middle, axis=1).max())
 
 
 def _distance(a: Any, T_a: Any, b: Any, T_b: Any) -> float:
