@@ -1,4 +1,4 @@
-"""The joint names, and the immutable snapshot of the arm's state.
+"""The joint names, a driver's reading of the joints, and the immutable snapshot of the arm's state.
 
 The I/O thread replaces the snapshot whole; readers take the reference and never wait for the bus.
 """

@@ -52,7 +52,7 @@ CLOSE = SCATTER + 0.5 * PUSH * 0.01**2
 period of 10 ms, 1.3 deg. Chosen."""
 
 ENOUGH = 4
-"""So many readings in a row that agree are sure without the past. Wrong ones may agree by chance:
+"""Readings in a row that must agree to be sure without the past. Wrong ones may agree by chance:
 with half of all answers corrupted, joints were thrown by pairs of them, by three agreeing ones
 three times in two million answers, by four not once in 1.4 million."""
 

@@ -224,7 +224,7 @@ def _to_mcap(rows: _Rows, name: str) -> bytes:
 
 
 def _lerobot_groups(rows: _Rows, lerobot: LeRobot) -> dict[str, Array]:
-    """The columns in groups, by what stands before their names; each (m, 6)."""
+    """The columns in groups, by the prefix of their names; each (m, 6)."""
     if rows.q_measured is None:
         return {"": lerobot.rows(rows.q)}
     return {

@@ -1,4 +1,4 @@
-"""Plan a motion for a request: runs all stages, and verifies every sample.
+"""Plan a motion for a request: run all stages, and verify every sample.
 
 The stages, for every kind of goal:
 

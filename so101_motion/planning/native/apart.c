@@ -16,7 +16,7 @@
 
 #include "apart.h"
 
-#define PLACES 10      /* of a stop; as HARDEST, AT_LEAST in course.py, which says what they are */
+#define PLACES 10      /* samples of a stop; explained in course.py, like HARDEST and AT_LEAST */
 #define HARDEST 5.0
 #define AT_LEAST 0.1
 #define PART 0.25   /* of the margin: the least travel between two checks of a pair */

@@ -97,8 +97,8 @@ class PathFinder:
             time_budget: Time for the search [s]; a path found by then is not shortened any further.
 
         Raises:
-            NoPath: None was found in time; says which end is shut in, if one is, and by what,
-                unless there was less time than ``BRIEF``.
+            NoPath: None was found in time. The message names an end that is shut in and the bodies
+                around it, unless there was less time than ``BRIEF``.
         """
         blocked = []
         for index, goal in enumerate(goals):
