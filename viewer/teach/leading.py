@@ -22,7 +22,7 @@ from so101_motion.viam.client import MachineRig
 from ..page import texts
 from ..page.screen_state import Sentence, Tone
 
-OFF = Sentence(text="Keep a hand on the leader: it goes limp, and this arm comes to it slowly.")
+OFF = Sentence(text="Keep a hand on the leader: it goes limp, and this arm moves to it slowly.")
 STARTS = Sentence(text="Starting …", tone=Tone.WARM)
 
 LOOK_EVERY = 1.0
@@ -133,7 +133,7 @@ class MachineSession:
         if phase == "mirroring":
             return Sentence(text="The machine's arm follows its leader.", tone=Tone.GOOD)
         if phase == "approaching":
-            return Sentence(text="The machine's arm comes to its leader.", tone=Tone.WARM)
+            return Sentence(text="The machine's arm moves to its leader.", tone=Tone.WARM)
         why = self._status.get("reason") or "move the leader back to it"
         return Sentence(text=f"The machine's arm holds: {why}.", tone=Tone.WARM)
 
@@ -230,7 +230,7 @@ def status_words(status: Status) -> Sentence | None:
         return None
     joint, gap = status.gap
     if status.phase.value == "approaching":
-        text = f"Coming to the leader: {joint} is {to_deg(gap):.0f}° away."
+        text = f"Moving to the leader: {joint} is {to_deg(gap):.0f}° away."
         return Sentence(text=text, tone=Tone.WARM)
     if status.phase.value == "waiting":
         where = f" {joint} is {to_deg(gap):.0f}° from this arm's." if joint else ""
