@@ -70,6 +70,7 @@ def identify(
         if not yes:
             have_agreed(f"Is everything out of the way? Move the {source.what}?")
         _move(identification, outline)
+        click.echo("computing the figures; that takes about half a minute", err=True)
         report = identification.report(hand_is_empty=not carrying, keeps=not check)
         if record is not None:
             files = identification.write_recordings(record, hand_is_empty=not carrying)

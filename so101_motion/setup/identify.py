@@ -204,7 +204,7 @@ class Identification:
     def report(self, *, hand_is_empty: bool, keeps: bool) -> IdentifyReport:
         """Compute the figures from the records, and save them beside the calibration.
 
-        It takes some seconds of a processor, in a separate process, because an arm may be moving.
+        It takes half a minute of a processor, in a separate process, because an arm may be moving.
 
         Args:
             hand_is_empty: Whether the hand is known to be empty.
