@@ -1,7 +1,7 @@
 """Compute the figures of an identification from its records; numbers in, numbers out.
 
-It takes about half a minute of a processor, so it runs in a separate process. It imports neither arm
-nor port, which keeps the start of that process short.
+It takes about half a minute of a processor, so it runs in a separate process. It imports neither
+arm nor port, which keeps the start of that process short.
 """
 
 from __future__ import annotations
