@@ -1,22 +1,16 @@
 """Play the motion of one channel, the arm's five joints or the jaw, and check that joints follow.
 
-The executor calls a ``ChannelPlayer`` once a tick with the tick's number ``k``: first ``step``
-(where should the joints be now?), then, with what was measured, ``check`` (are they there?).
-``reference`` is what was commanded last. A stop or a new goal starts from exactly there, so nothing
-jumps.
-
-A motion goes through at most three stages::
+Once a tick the executor calls ``step`` of a ``ChannelPlayer``, which gives the setpoint, and then
+``check`` with the measured joints. ``reference`` is the last setpoint; a stop or a new goal starts
+from there, so nothing jumps. A motion goes through at most three stages::
 
     playing --last setpoint--> settling --error and velocity small--> over
        |                          |
        +--stop, or a joint left behind--> slowing down --velocity small--> over
 
-Before the first of them a motion waits for joints that are outside their limits: see
-``limit_recovery.py``.
-
-In the second row ``ending`` is set: it is the error that the motion's future will raise. Futures
-are not set here but handed to ``conclude``, because the executor completes them only after the
-snapshot that shows their effect has been published.
+Before the first, a motion waits for joints outside their limits: see ``limit_recovery.py``. In the
+second row ``ending`` is set, the error that the motion's future will raise. Futures are handed to
+``conclude``, because the executor completes them after the snapshot that shows their effect.
 """
 
 from __future__ import annotations
@@ -55,8 +49,7 @@ _JUMP = 1e-4
 [rad/s]. Chosen: a fifteenth of what the servo resolves, far above rounding."""
 
 _PUSHED = to_rad(3.0)
-"""A resting joint this far from its goal has been pushed [rad]; chosen, ten times as much as its
-weight causes."""
+"""A resting joint this far from its goal was pushed [rad]; chosen, ten times the droop."""
 
 _NO_ALARMS: Mapping[str, str] = {}
 

@@ -52,8 +52,7 @@ STALE_AFTER = 0.1
 """How long a target counts without a newer one [s]; chosen: three periods of a 30 Hz source."""
 
 LOOK_EVERY = 0.05
-"""Time between the points of a path to rest that are checked against joint limits [s]; chosen. A
-guard checks more of them."""
+"""Time between two checks of a path to rest against joint limits [s]; chosen; a guard has more."""
 
 SHORT_AFTER, NEARER = 0.5, to_rad(0.5)
 """Joints have stopped short when an obstacle has held them for so long [s] and they have come no

@@ -1,9 +1,7 @@
 """Each fault of an arm, through a real module process and over gRPC.
 
-The call under way ends with an error that names the cause, nothing else is lost, nothing jumps, and
-once the cause is gone the next call works. Then clients that leave or ask too much: they delay
-nobody and leave nothing behind. The servos are emulated, in another process; a hand holds the arm
-up all the time, for without power it falls.
+The call under way ends with an error that names the cause; once that is gone the next call works.
+Clients that leave or ask too much delay no other. Servos are emulated; a hand holds the arm.
 """
 
 import asyncio
