@@ -14,14 +14,12 @@ configuration has changed, or after ``_ASK_AGAIN`` seconds.
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Collection, Coroutine, Iterable, Mapping
 from typing import Any, Protocol, TypeVar
 
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
-from viam.errors import ResourceNotFoundError
-from viam.proto.common import Geometry, Pose, PoseInFrame, ResourceName
+from viam.proto.common import Geometry, Pose, PoseInFrame
 from viam.proto.robot import FrameSystemConfig
 
 from so101_motion.arm.place import ALL
@@ -32,6 +30,7 @@ from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.frames import machine_here
 from so101_motion.viam.conversion.geometries import from_geometry
 from so101_motion.viam.conversion.world_state import MOST_THINGS
+from so101_motion.viam.surroundings.component_geometries import REMOTE, ComponentGeometries, words
 from so101_motion.viam.surroundings.frame_tree import FrameTree, Part
 from so101_motion.viam.surroundings.machine_cell import MachineCell, held_by
 from so101_motion.viam.surroundings.machine_view import Body, MachineView, link_hulls, nearly
@@ -42,20 +41,11 @@ Answer = TypeVar("Answer")
 LONGEST_READ = 2.0
 """How long the machine may take to answer [s]. Chosen: a hundred times what it takes."""
 
-_ASK_AGAIN = 5.0
-"""How long until a component without geometries is asked again [s]; chosen."""
-
 _LOST = (OSError, StreamTerminatedError)
 """The errors of a call without a connection."""
 
 _STARTING = 0.05
 """Pause between two tries while a component starts or the connection is lost [s]; chosen."""
-
-_REMOTE = "_world"
-"""The end of the frame's name of a remote machine, which is no component."""
-
-_HAS_NONE = ("unimplemented", "not implemented", "unsupported")
-"""Words that modules in other languages send for UNIMPLEMENTED."""
 
 
 class NeighbourArm(Protocol):
@@ -103,7 +93,8 @@ class MachineBodies:
         self._arms, self._grippers = arms, grippers
         self._configs: list[FrameSystemConfig] | None = None
         self._tree = FrameTree(())
-        self._shapeless: dict[str, float] = {}  # components without geometries: when they were read
+        self._components = ComponentGeometries(patience)
+        self._counted: list[Part] = []  # the components that are not left out
         self._ends: dict[str, SE3] = {}
         self._links: dict[str, Mapping[str, SE3]] = {}
         self._shapes: dict[str, tuple[bytes, Shape | ShapeFile]] = {}
@@ -165,28 +156,42 @@ class MachineBodies:
         )  # fmt: skip
 
     async def _read(self) -> MachineView:
+        # Components are asked while the frame system is: mostly that has not changed.
+        early = asyncio.ensure_future(self._all_geometries(self._counted))
+        try:
+            return await self._read_frames(early)
+        finally:
+            early.cancel()
+            await asyncio.wait([early])
+            early.cancelled() or early.exception()  # looked at, so that nobody reports it
+
+    async def _read_frames(self, early: asyncio.Future[list[list[Geometry]]]) -> MachineView:
+        before = self._configs
         try:
             configs = await self._frame_system()
         except GRPCError as error:
             if error.status is Status.UNIMPLEMENTED:
                 self.without = "the machine has no frame system"
                 return self._nothing()
-            reason = f"the machine does not report its frame system: {_words(error)}"
+            reason = f"the machine does not report its frame system: {words(error)}"
             raise SurroundingsUnknown(reason) from error
         if configs != self._configs:
             tree = await asyncio.to_thread(FrameTree, configs, self._left_out)
             self._configs, self._tree = configs, tree
             self._changes += 1
-            self._shapeless.clear()
+            self._components.forget()
             self._ends.clear()
             self._shapes.clear()
+            self._counted = [
+                part for name, part in tree.parts.items() if name not in self._left_out
+            ]
         if self._arm not in self._tree.parts:
             self._refuse_renamed()
             self.without = f'"{self._arm}" has no frame in the machine\'s configuration'
             return self._nothing()
         self.without = ""
-        counted = [part for name, part in self._tree.parts.items() if name not in self._left_out]
-        answers = await _all(self._geometries(part) for part in counted)
+        counted = self._counted
+        answers = await (early if configs == before else self._all_geometries(counted))
         ends = await self._all_ends()
         given = sum(len(answer) for answer in answers)
         if given > MOST_THINGS:
@@ -236,7 +241,7 @@ class MachineBodies:
         configs = await machine.get_frame_system_config()
         there = {*self._left_out, *(each.frame.reference_frame for each in configs)}
         before = self._tree.parts
-        remote = {n: p.parent for n, p in before.items() if p.parent.endswith(_REMOTE)}
+        remote = {n: p.parent for n, p in before.items() if p.parent.endswith(REMOTE)}
         gone = [name for name, world in remote.items() if world in before.keys() - there]
         lost = await lost_part(machine, gone)
         if lost is not None:
@@ -287,7 +292,7 @@ class MachineBodies:
         try:
             seen = await machine.transform_pose(query, f"{name}_origin")
         except GRPCError as error:
-            reason = f'the machine does not report where "{name}" is: {_words(error)}'
+            reason = f'the machine does not report where "{name}" is: {words(error)}'
             raise SurroundingsUnknown(reason, component=name) from error
         T = convert.from_pose(seen.pose)
         if known is not None and nearly(T, known):
@@ -299,59 +304,30 @@ class MachineBodies:
         try:
             await self._arms[name].found()
         except GRPCError as error:
-            reason = f'the place of "{name}" is unknown: {_words(error)}'
+            reason = f'the place of "{name}" is unknown: {words(error)}'
             raise SurroundingsUnknown(reason, component=name) from error
 
     # Shapes of components
 
-    async def _geometries(self, part: Part) -> list[Geometry]:
-        """The geometries in a component's answer and in its frame's configuration."""
-        own = [part.geometry] if part.geometry is not None else []
-        if part.name in self._arms or part.name in self._grippers:
-            if part.name in self._arms and part.name != self._arm:
-                await self._found(part.name)
-            return own
-        since = self._shapeless.get(part.name)
-        if since is not None and time.monotonic() - since < _ASK_AGAIN:
-            return own
-        try:
-            answer = await self._ask(part.name)
-        except SurroundingsUnknown:
-            if own:
-                return own
-            raise
-        if answer:
-            self._shapeless.pop(part.name, None)
-        else:
-            self._shapeless[part.name] = time.monotonic()
-        # Of a component without a geometry in its configuration viam-server takes the first answer.
-        return [*(each for each in own if not _is_among(each, answer)), *answer]
+    async def _all_geometries(self, parts: list[Part]) -> list[list[Geometry]]:
+        """The geometries in each component's answer and in its frame's configuration."""
+        found = [[] if part.geometry is None else [part.geometry] for part in parts]
+        asked = [k for k, part in enumerate(parts) if self._has_to_be_asked(part.name)]
+        answers = await _all(self._geometries(parts[k].name, found[k]) for k in asked)
+        for k, answer in zip(asked, answers, strict=True):
+            found[k] = answer
+        return found
 
-    async def _ask(self, name: str) -> list[Geometry]:
-        machine = machine_here()
-        assert machine is not None
-        resource = _component(machine.resource_names, name)
-        if resource is None:
-            await machine.refresh()
-            resource = _component(machine.resource_names, name)
-        if resource is None and name.endswith(_REMOTE):
-            return []
-        if resource is None:
-            reason = f'"{name}" has a frame but does not run, so its shape is unknown'
-            raise SurroundingsUnknown(reason, component=name)
-        try:
-            client = machine.get_component(resource)
-        except ResourceNotFoundError:
-            return []  # of an API that this SDK does not know
-        try:
-            return list(await client.get_geometries(timeout=self._patience))
-        except NotImplementedError:
-            return []
-        except GRPCError as error:
-            if _has_none(error):
-                return []
-            reason = f'"{name}" does not report its geometries: {_words(error)}'
-            raise SurroundingsUnknown(reason, component=name) from error
+    def _has_to_be_asked(self, name: str) -> bool:
+        if name in self._arms:
+            return name != self._arm
+        return name not in self._grippers and self._components.has_to_be_asked(name)
+
+    async def _geometries(self, name: str, own: list[Geometry]) -> list[Geometry]:
+        if name not in self._arms:
+            return await self._components.geometries(name, own)
+        await self._found(name)
+        return own
 
     # Bodies
 
@@ -419,32 +395,7 @@ async def _all(asked: Iterable[Coroutine[Any, Any, Answer]]) -> list[Answer]:
             task.cancel()
 
 
-def _component(names: list[ResourceName], name: str) -> ResourceName | None:
-    wanted = [each for each in names if each.type == "component" and each.name == name]
-    return wanted[0] if wanted else None
-
-
-def _is_among(geometry: Geometry, answer: Iterable[Geometry]) -> bool:
-    """Whether an answer has the same geometry under any label."""
-    bare = Geometry()
-    for each in answer:
-        bare.CopyFrom(each)
-        bare.label = geometry.label
-        if bare == geometry:
-            return True
-    return False
-
-
 def _called(component: str, label: str, count: int) -> str:
     """The name of a geometry in messages: its component's, with its label if there are several."""
     label = clipped(label.removeprefix(f"{component}:"), 80)
     return component if count == 1 or label in ("", component) else f"{component}:{label}"
-
-
-def _has_none(error: GRPCError) -> bool:
-    message = (error.message or "").lower()
-    return error.status is Status.UNIMPLEMENTED or any(word in message for word in _HAS_NONE)
-
-
-def _words(error: GRPCError) -> str:
-    return error.message or ""
