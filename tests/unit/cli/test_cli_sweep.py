@@ -103,7 +103,7 @@ def test_two_tasks_place_two_arms_and_a_second_run_resumes(tmp_path):
     ("arguments", "why"),
     [
         (("--arm", "left"), "once for each TASK"),
-        (("--arm", "a", "--arm", "a"), "two arms called a"),
+        (("--arm", "a", "--arm", "a"), "both arms are called a"),
         (("--x-mm", "0", "--x-mm", "1", "--x-mm", "2"), "--x-mm is given 3 times for 2 arms"),
     ],
 )
