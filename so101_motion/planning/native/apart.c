@@ -21,6 +21,7 @@
 #define AT_LEAST 0.1
 #define PART 0.25   /* of the margin: the least travel between two checks of a pair */
 #define SOON 0.5    /* of the time until a pair is due: from then on it is checked with others */
+#define FORWARD 12    /* so many steps are cleared at once: another pair may meet before; chosen */
 #define CLOSE 0.01  /* distances this far above the needed one need not be exact [m]; chosen by trial */
 
 void so101_look(Arm *arm, const double *placement, int n, double t) {
@@ -116,10 +117,11 @@ static const Arm *at_step(Steps *s, int k) {
 static double clear_until(Steps *s, int i, int j, double t, double margin, double skew, double gap,
                           double along, const double *v) {
     const Arm *a = &s->arms[0], *b = &s->arms[1];
+    const double enough = t + FORWARD;
     for (;;) {
         const double clear = until(a, i, b, j, s->n, t, gap - margin, skew);
         const int k = (int)t, at_a = k * a->scene->bodies + i, at_b = k * b->scene->bodies + j;
-        if (clear == INFINITY) return clear;
+        if (clear > enough) return clear;
         double bound = -INFINITY, end = floor(clear);
         if (end == k) {
             end = k + 1;
