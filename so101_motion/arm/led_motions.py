@@ -50,7 +50,7 @@ class Situation(NamedTuple):
         return Load.of(model, self.strength, q, carried(self.payload, self.scene.attached))
 
     def is_same(self, other: Situation) -> bool:
-        """Whether both hold the same objects."""
+        """Whether all of both are the very same objects."""
         return all(mine is theirs for mine, theirs in zip(self, other, strict=True))
 
 
@@ -65,7 +65,7 @@ class LedMotions:
         executor: Moves it.
 
     Attributes:
-        neighbours: Other arms to keep off; None if there are none.
+        neighbours: Other arms to keep away from; None if there are none.
     """
 
     def __init__(self, model: RobotModel, executor: ArmExecutor) -> None:

@@ -1,4 +1,4 @@
-"""``so101 cell``: calibrate the bases of several arms, move them together, pass objects on."""
+"""``so101 cell``: calibrate the bases of several arms, move them, run programs, pass objects on."""
 
 from __future__ import annotations
 

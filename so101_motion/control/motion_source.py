@@ -1,4 +1,4 @@
-"""The interface of everything that can be played: one setpoint for each tick.
+"""The interface of everything that can be played, and a planned trajectory that fits it.
 
 The executor plays every source in the same manner. Four fit: a trajectory that is known beforehand
 (``PlannedMotion``), points that arrive while they are played (``Stream``), a jog

@@ -1,4 +1,4 @@
-"""Keep the last second of joint states, for errors and failure records."""
+"""Keep the last second of joint states, and pass it to a listener when something fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The user's files: saved poses, scenes, exported trajectories; and safe writing of files.
+"""The user's files: poses, scenes, cells, trajectories, failure records; and safe writing.
 
 It may import ``planning``, ``drivers`` and ``common``. The content of a calibration file is read in
 ``calib``; programs and guided paths are read in ``tasks``, where they are run.

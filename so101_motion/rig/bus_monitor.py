@@ -1,4 +1,4 @@
-"""Read servo positions without driving the servos.
+"""Read servo positions and run jobs on the bus, without driving the servos.
 
 A ``BusMonitor`` has the port while the bus is lent to a calibration or a motor setup, and when no
 component asks for a servo. It sets nothing up, and servos may be missing.
@@ -31,7 +31,7 @@ class BusMonitor:
     """Reads the servos of a port without driving them. Other threads may read its attributes.
 
     Args:
-        opener: Opens the port, even if its adapter has another name by now, at any rate.
+        opener: Opens the port, at any baud rate, even if its adapter has another name by now.
         clock: The rig's clock.
         ids: The servo of each joint that may be there.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
@@ -72,7 +72,7 @@ class BusMonitor:
             raise
 
     def at_baud(self, baud: int) -> None:
-        """Let the port talk at another rate; the servos are not looked at meanwhile."""
+        """Let the port talk at another baud rate; the servos are not looked at meanwhile."""
         if baud != self._baud:
             self._connection.close()
             self._baud = baud

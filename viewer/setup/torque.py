@@ -1,4 +1,4 @@
-"""Show at all times whether the joints are held."""
+"""The text that says at all times whether the joints are held."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 from ..scene import scene_edits
 from ..scene.scene_edits import Thing
-from .dropped_files import VOXEL, read_dropped, thinned
+from .loaded_files import VOXEL, read_loaded, thinned
 
 DRAG_PERIOD = 0.2
 """How often the scene for planning is updated during a drag [s]; chosen."""
@@ -233,7 +233,7 @@ class WorldModel:
         Raises:
             ConfigError: It is none of these.
         """
-        found = read_dropped(name, content, voxel=self.voxel)
+        found = read_loaded(name, content, voxel=self.voxel)
         if isinstance(found, Scene):
             self._change(found, f"Loaded {len(scene_edits.things(found))} things.")
             self.select(self.selected)

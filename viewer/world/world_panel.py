@@ -39,7 +39,7 @@ from ..page.screen_state import Tone
 from ..page.shared_fields import SharedField, grey, tenth, tenths
 from ..scene.scene_edits import NEW_SHAPES, Thing, pose_of
 from ..scene.scene_view import SceneView
-from .dropped_files import ENDINGS
+from .loaded_files import ENDINGS
 from .world_model import OverlapCheck, WorldModel, in_each_other
 
 _GIZMO = "/world-handles"

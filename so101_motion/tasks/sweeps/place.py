@@ -1,4 +1,4 @@
-"""Judge bases for a task: whether every pose is reachable from there, and how long the task takes.
+"""Judge where an arm may be mounted for a task: reach, cycle time, clearance and torque left.
 
 Bases are screened first, which gives bounds, then the promising ones are planned; see
 ``mounted_arm.py``. ``placement.py`` decides which are promising.

@@ -1,4 +1,4 @@
-"""Make the sides of a teleoperation from rigs: arm, jaw, and LeRobot's zeros."""
+"""Make the leader or follower of a teleoperation from rigs, and convert to LeRobot's units."""
 
 from __future__ import annotations
 

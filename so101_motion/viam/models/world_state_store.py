@@ -1,4 +1,4 @@
-"""``devrel:so101:world-state``: shows the scene that an arm plans with in Viam's 3D view.
+"""``devrel:so101:world-state``: shows an arm's scene and newest plan in Viam's 3D view.
 
 Obstacles, keep-out zones, held objects, the goal of the newest plan and the tool's path to it are
 shown as transforms. Nothing is stored: a few times a second, a stream compares the arm's scene and

@@ -28,7 +28,7 @@ VOXEL = 0.01
 """Edge of a cloud's cubes by default [m]; chosen, as for Viam's clouds."""
 
 
-def read_dropped(name: str, content: bytes, *, voxel: float = VOXEL) -> Scene | Mesh | PointCloud:
+def read_loaded(name: str, content: bytes, *, voxel: float = VOXEL) -> Scene | Mesh | PointCloud:
     """The content of a file.
 
     Meshes are in millimetres and are put around the middle of their bounding box. Point clouds are
