@@ -1,4 +1,4 @@
-"""Keep one arm of a cell off the others, in every control cycle and when it plans.
+"""Keep one arm of a cell away from the others, in every control cycle and when it plans.
 
 ``cell.py`` explains how arms keep apart.
 """

@@ -1,4 +1,4 @@
-"""Find joints that could not stop in time, and lower caps to what a stop can undo.
+"""Find joints that could not stop within their range, and lower caps to those of a stop.
 
 This runs several times in every control cycle, so it uses plain numbers: for five joints numpy
 takes five times as long.
@@ -23,7 +23,7 @@ _THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
 
 
 def stoppable(limits: MotionLimits, stop: MotionLimits, *, with_jerk: bool) -> MotionLimits:
-    """Lower ``limits`` to what a stop can undo.
+    """Lower the velocity and acceleration of ``limits`` to those of a stop.
 
     With more jerk than a stop has joints creep up on the end of their range. That only matters to a
     motion that is to end there, so jerk is lowered on request.

@@ -1,4 +1,4 @@
-"""Sentences and figures of the Move tab, in degrees and millimetres."""
+"""Sentences and figures that several tabs show, in degrees and millimetres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The panels and tabs around the scene: joints, moving, jogging, poses, plots, health, sharing.
+"""The panels and tabs around the scene: joints, Move, Jog, poses, plots, health, camera, Share.
 
 May import ``page``, ``scene``, ``server``, ``view_model`` and the package.
 """

@@ -1,4 +1,4 @@
-"""Calibrate the arm of a running machine through its calibration sensor.
+"""Calibrate a running machine's arm, and set up its motors, through its calibration sensor.
 
 A thread reads the sensor several times a second, so ``situation`` never waits. When the machine
 does not answer, the last situation stays, marked as not connected; the calibration itself goes on

@@ -1,4 +1,7 @@
-"""Bus jobs of a calibration before its recording; run on the port's thread."""
+"""Read, release and check the servos before a calibration records the travels of the joints.
+
+All of it runs on the port's thread.
+"""
 
 from __future__ import annotations
 

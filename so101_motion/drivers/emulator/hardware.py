@@ -1,7 +1,9 @@
-"""Figures of the emulated hardware: the joints of one SO-101 (its servos: ``servo_types.py``).
+"""Figures of the joints of an emulated SO-101: stops, inertia, acceleration, play and zeros.
 
-Each figure says whether it was fitted on recordings, measured on arms, printed in a datasheet or
-chosen. No emulated figure has been compared with an SO-101 of our own.
+Those of its servos are in ``servo_types.py``. Each figure says whether it was fitted on recordings,
+measured on arms, printed in a datasheet or chosen. No emulated figure has been compared with an
+SO-101 of our own.
+
 Angles are in the frame of the arm's model [rad]. ``zero_ticks`` and ``direction`` say what a
 servo's encoder reads at joint angle zero and in which direction it counts; a calibration has to
 find both.

@@ -1,4 +1,4 @@
-"""Upper bound on the distance of any moved point from each joint's axis.
+"""Upper bounds on the distance of moved points from the axis of each joint.
 
 They are computed from the gripper back to the base: the parts that the next joint carries stay in a
 ball around that joint, whatever its angle, and the link between offsets that ball from this joint's

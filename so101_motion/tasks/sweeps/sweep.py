@@ -1,4 +1,4 @@
-"""The interface of a sweep: plain data that describes work, cut into shards; computes one shard.
+"""The interface of a sweep, which is plain data; and a function that computes one shard of it.
 
 A sweep is a frozen dataclass of numbers, text and tuples, so that it can be sent to any process on
 any computer. Live objects (a model, a planner) are made from it where the work is done, once a

@@ -1,4 +1,4 @@
-"""Write the kinematics for viam-server: the five-joint chain, as SVA JSON or as URDF.
+"""Write kinematics for viam-server: the arm as SVA JSON or URDF, the gripper as SVA JSON.
 
 Everything is read from the robot description, so viam-server and our planner use the same arm; only
 the names are the published module's (links ``base`` .. ``wrist`` and ``tool``, joints ``1`` ..

@@ -1,4 +1,4 @@
-"""Turn a Viam WorldState into the planner's scene.
+"""Turn a request's WorldState, and the contacts it allows, into the planner's scene.
 
 Obstacles stay where they are when the request comes. If the frame of a transform is attached to the
 tool, its physical object is held: it moves along and may touch the hand. Otherwise the object is an
