@@ -1,4 +1,4 @@
-"""Keep requests from holding up the event loop: refuse large ones before they are read.
+"""Keep requests from holding up the event loop: refuse those that would take long to read.
 
 The event loop answers Stop, so no request may keep it busy for long. Every call passes through
 here:
