@@ -210,7 +210,7 @@ def troubles(found: Verification) -> list[tuple[str, str]]:
 
 
 def grid(found: Verification) -> str:
-    """The six motors of the finished chain, base to jaw, with their problems."""
+    """The problems in the finished chain, then its six motors, base to jaw."""
     cells = []
     for check in found.motors.values():
         is_ok = check.status == "ok"
@@ -228,6 +228,6 @@ def grid(found: Verification) -> str:
         )
     wrong = "".join(_marked("✗", BAD, *one) for one in troubles(found))
     return (
-        '<div style="display:grid;grid-template-columns:1fr 1fr;gap:.35em;'
-        f'padding:.3em .8em;font-size:.82em">{"".join(cells)}</div>{wrong}'
+        f'{wrong}<div style="display:grid;grid-template-columns:1fr 1fr;gap:.35em;'
+        f'padding:.3em .8em;font-size:.82em">{"".join(cells)}</div>'
     )
