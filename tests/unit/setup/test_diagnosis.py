@@ -46,7 +46,7 @@ def test_nothing_is_wrong_with_a_healthy_arm():
             ["servo 3 (elbow_flex)", "12.1 V", "8.0 V", "switch the power off"],
         ),
         (seen(elbow_flex={"present_voltage": 50}), ["only 5.0 V", "power supply"]),
-        (seen(elbow_flex={"status": 1}), ["sags"]),
+        (seen(elbow_flex={"status": 1}), ["supply", "drops under load"]),
         (seen(gripper={"status": 32, "present_load": 900}), ["gripper", "overloaded (90 %"]),
         (seen(gripper={"present_temperature": 61}), ["61 degC", "switches off at 70"]),
         (seen(elbow_flex={"status": 2}), ["broken encoder"]),

@@ -80,7 +80,7 @@ def test_a_waypoint_in_something_new_is_named_with_what_it_is(tmp_path):
 
 def test_a_path_too_heavy_for_the_servos_is_reported_though_its_ends_are_free(tmp_path):
     _, failed = checked(tmp_path / "out", PROGRAM, payload=1.5)
-    assert list(failed) == ["the path to waypoint 1 (left)", "the way to waypoint 3 (right)"]
+    assert list(failed) == ["the path to waypoint 1 (left)", "the path to waypoint 3 (right)"]
     assert "waypoint 1 (left): " in failed["the path to waypoint 1 (left)"]
 
 
