@@ -65,7 +65,7 @@ class Reversals:
         Args:
             qd: Commanded velocities [rad/s].
             qdd: Their change from now on [rad/s^2].
-            dt: Time since the last call [s].
+            dt: Time since the last call [s]; 0 if the clock has not gone on.
         """
         ways: list[float | None] = []
         for i, (speed, change) in enumerate(zip(qd, qdd, strict=True)):
@@ -75,7 +75,7 @@ class Reversals:
             self.crossing[i] = 0.0
             if abs(ahead) > STANDS:
                 way = within_change(math.copysign(1.0, ahead), self._trim.ways[i], 2.0 * dt / FLIP)
-            if play and (abs(ahead) > STANDS or abs(weight) > PRESSED):
+            if play and dt > 0.0 and (abs(ahead) > STANDS or abs(weight) > PRESSED):
                 before = self._side[i]
                 wanted = math.copysign(1.0, weight if abs(weight) > PRESSED else ahead)
                 self._side[i] = within_change(wanted, before, 2.0 * dt / CROSSING)

@@ -78,3 +78,13 @@ def test_of_a_joint_that_creeps_nothing_is_foreseen():
     trim = SimpleNamespace(models=[ServoModel()] * 5, ways=[1.0] * 5, weights=[0.0] * 5)
     slow = [-math.radians(0.5)] * 5
     assert Reversals(trim).foresee(slow, [0.0] * 5, DT) == [None] * 5
+
+
+def test_a_second_command_at_the_same_time_drives_no_motor_through_its_play():
+    trim = SimpleNamespace(
+        models=[ServoModel(figures=ServoFigures(play=PLAY))] * 5, ways=[0.0] * 5, weights=[0.0] * 5
+    )
+    reversals = Reversals(trim)
+    reversals.foresee([0.5] * 5, [0.0] * 5, DT)
+    reversals.foresee([0.5] * 5, [0.0] * 5, 0.0)
+    assert reversals.crossing == [0.0] * 5
