@@ -41,9 +41,9 @@ class Tolerances:
         contact_distance: How much less than its setpoints it may move in such a time [rad];
             without a bound by default.
         contact_share: The same as a share of what they move; the larger of the two counts.
-    pressed_stray: How much farther from its setpoints than just before a joint may be if it
-        followed slowly and evenly and now stands, and its gears stay on one side of their play
-        [rad]. By default no joint is checked for this, nor are those in their play.
+        pressed_stray: How much farther from its setpoints than just before a joint may be if it
+            followed slowly and evenly and now stands, and its gears stay on one side of their
+            play [rad]. By default no joint is checked for this, nor are those in their play.
         following_lag: How far behind its setpoints a healthy servo may be [s].
     """
 

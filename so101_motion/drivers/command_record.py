@@ -1,4 +1,4 @@
-"""Report every command that a driver sends, for tests and recordings.
+"""The record that a driver makes of each command it sends, for tests and recordings.
 
 A driver calls ``on_command`` on its own thread each time goals go out. The record holds the command
 ``q_cmd`` before gravity and lag compensation, and the goals in ticks after it. The caps on speed

@@ -1,4 +1,4 @@
-"""Limit the speed of every command and servo goal; the last step before the bus.
+"""Refuse commands that are too fast, and limit servo goals; the last step before the bus.
 
 Every goal for a running arm passes through here, in every mode. The limiter knows the last command
 and its time, and keeps these promises for each joint:

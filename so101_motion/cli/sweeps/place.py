@@ -1,4 +1,4 @@
-"""``so101 sweep place``: find the best place for an arm's base, for a task."""
+"""``so101 sweep place``: find the best places for the base of an arm, or of two, for tasks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Switch the torque of joints on, where they are, and off.
+"""Switch the torque of joints on, so that they stay where they are, and off.
 
 A joint is switched on only at a position that two readings agree on. A joint outside its limits,
 where no goal can keep it, is left as it is.

@@ -1,6 +1,7 @@
-"""Differential kinematics for jogging and following: joint velocities from a quadratic program.
+"""Steps of a jog or of a following: joint velocities that keep limits, clearance and load.
 
-``servo.py`` computes one step, ``servo_qp.py`` solves its program with OSQP, ``task_velocity.py``
-turns the user's wish into joint velocities. Limits, collision distances and loads are constraints
-of every step. ``guard.py`` proves short paths free; following of targets uses it, too.
+``servo.py`` computes a step of a jog: ``task_velocity.py`` converts a twist, a pose or a point into
+joint velocities, and ``servo_qp.py`` finds the nearest ones that keep the bounds, with OSQP.
+``guard.py`` proves short paths free, for jogs and for followings; ``nearest_within.py`` finds the
+nearest step of a following that keeps its bounds.
 """
