@@ -12,7 +12,7 @@ from so101_motion.setup.port_selection import REPLY_TIMEOUT, own_folder
 from so101_motion.viam.client import MachineSensor
 
 from .app import serve
-from .scene.lighting import Sight, set_up_view
+from .scene.camera_and_lights import Sight, set_up_view
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key

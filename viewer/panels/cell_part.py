@@ -22,7 +22,7 @@ from ..page.part import Part
 from ..page.screen_state import Screen, Tone
 from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
-from ..scene.lighting import Sight, Views, set_up_view
+from ..scene.camera_and_lights import Sight, Views, set_up_view
 from ..scene.scene_view import SceneView
 from ..scene.stage import Stage
 from ..view_model import ViewModel

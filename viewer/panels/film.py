@@ -26,7 +26,7 @@ from so101_motion.planning.request import Plan
 from ..page import texts
 from ..page.screen_state import PlanView
 from ..page.target_ik import Surroundings, TargetSolver
-from ..scene.lighting import set_up_recording
+from ..scene.camera_and_lights import set_up_recording
 from ..scene.plan_view import plan_view
 from ..scene.robot_view import RobotView, looks_different, segments
 from ..scene.scene_view import SceneView

@@ -18,8 +18,8 @@ from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
+from ..scene.camera_and_lights import Views, set_up_view
 from ..scene.click import hit
-from ..scene.lighting import Views, set_up_view
 from ..scene.measuring import Measuring
 from ..scene.reach_view import ReachView
 from ..scene.stage import Stage

@@ -15,7 +15,7 @@ from ..page.front_tab import Drawn
 from ..page.page_context import PageContext
 from ..page.screen_state import PathLine, Screen, Tone
 from ..page.target_editor import ANY
-from .lighting import Views
+from .camera_and_lights import Views
 from .robot_view import MOVED_LINK, RobotView, looks_different, segments
 from .sweep_view import SweepView
 

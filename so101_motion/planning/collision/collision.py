@@ -286,7 +286,7 @@ class CollisionModel:
         return self._rows(found) if found else np.zeros((0, NEAR_ROW))
 
     def _rows(self, found: list[tuple[int, float, Any]]) -> Array:
-        """The rows of ``near_rows`` from pair indices, distances and coal's results."""
+        """The rows of ``near_bounds`` from pair indices, distances and coal's results."""
         pairs = [k for k, _, _ in found]
         sides = [
             (each.getNearestPoint2(), each.getNearestPoint1(), -each.normal)
@@ -325,8 +325,7 @@ class CollisionModel:
             points: Joint angles, shape (n, 5), n >= 1, [rad].
             tolerance: Share of its margin by which a pair may be closer.
             bend: How far any point of the arm may be off those lines [m]; the margins are widened
-            by
-                as much, and the proof holds for all such motions. Not with ``tolerance``.
+                by as much, and the proof holds for all such motions. Not with ``tolerance``.
             extra: Further widening of the margins [m]; with ``bend`` only.
         """
         proof = self._plain

@@ -1,4 +1,4 @@
-"""Set up camera and lights, for the page and for a recording."""
+"""Set up camera and lights, and the buttons over the picture that turn the camera."""
 
 from __future__ import annotations
 
