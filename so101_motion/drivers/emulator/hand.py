@@ -1,4 +1,4 @@
-"""Model a person's hand: it moves joints by a script and puts objects between the jaws.
+"""Model a person's hand that moves joints by a script, and an object between the jaws.
 
 A hand script is text, one waypoint a line: time [s], joint, angle [deg in the arm's frame] or
 ``release``. The hand takes a joint where it is at the joint's first waypoint, leads it in straight
