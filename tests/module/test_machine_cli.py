@@ -74,7 +74,11 @@ def test_the_delay_to_a_machine_is_measured(machine):
         (("status", "--machine", "127.0.0.1:9"), 3, "no program listens"),
         (("move", "--machine", "127.0.0.1:9", "--pose", "home"), 3, "try: check that"),
         (("stop",), 2, "give --machine"),
-        (("plan", "--machine", "m", "--from", "0,0,0,0,0", "--pose", "home"), 2, "works only with --sim"),
+        (
+            ("plan", "--machine", "m", "--from", "0,0,0,0,0", "--pose", "home"),
+            2,
+            "works only with --sim",
+        ),
         (("status", "--machine", "m", "--api-key", "k"), 2, "belong together"),
     ],
 )
