@@ -18,7 +18,7 @@ import pytest
 from conftest import Visit
 from harness.browser_user import Guest
 from harness.emulated_kit import NEW, Kit  # it lives with the tests of the module
-from playwright.sync_api import TimeoutError, ViewportSize
+from playwright.sync_api import Locator, TimeoutError, ViewportSize
 from so101_viewer.setup_app import SetupApp, serve_setup
 
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
@@ -154,21 +154,25 @@ class Newcomer:
                 self.guest.page.wait_for_timeout(50)
         self.sees(until)
 
-    def can_hit(self, name: str) -> bool:
-        """Whether a finger can hit the middle of a button without scrolling."""
-        hit: bool = self.guest.button(name).evaluate(
-            "button => { const box = button.getBoundingClientRect();"
+    @staticmethod
+    def is_in_view(part: Locator) -> bool:
+        """Whether the middle of a part of the page is there without scrolling, free of others."""
+        seen: bool = part.evaluate(
+            "part => { const box = part.getBoundingClientRect();"
             " const there = document.elementFromPoint("
             "box.left + box.width / 2, box.top + box.height / 2);"
-            " return button.contains(there); }"
+            " return part.contains(there); }"
         )
-        return hit
+        return seen
 
-    def hits_on_a_phone(self, *names: str) -> None:
-        """Look at the page on a phone for a moment: these buttons are there without scrolling."""
+    def hits_on_a_phone(self, *names: str, text: str = "") -> None:
+        """Look at the page on a phone for a moment: buttons, and a text, are in view there."""
+        parts = [self.guest.button(name) for name in names]
+        if text:
+            parts.append(self.guest.page.get_by_text(text).first)
         width, height = SMALL
         self.guest.page.set_viewport_size(PHONE)
-        self.guest.until(lambda: all(map(self.can_hit, names)), seconds=20.0)
+        self.guest.until(lambda: all(map(self.is_in_view, parts)), seconds=20.0)
         self.guest.page.set_viewport_size({"width": width, "height": height})
 
     def ticks_the_box(self) -> None:
@@ -229,6 +233,7 @@ def test_a_motor_that_is_silent_in_the_chain_is_named(person: Newcomer, kit: Kit
     cable = "Check the cable between servos 5 and 6"
     person.insists("Verify all six", "Verify again", until=lambda: person.guest.says(cable))
     person.sees("Servo 6 (gripper) does not answer")
+    person.hits_on_a_phone("Verify again", *WAYS, text=cable)
     person.sees_lit("moving_jaw_so101_v1_link", ORANGE)
     assert not person.can("Next")
     plug_in(kit, *SETUP_ORDER)
