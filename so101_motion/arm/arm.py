@@ -54,10 +54,12 @@ class Arm(PlannedArm):
 
     Attributes:
         compliance: How it yields to a hand in manual mode.
+        stops: How many stops were asked for, also while the arm was at rest.
     """
 
     def __init__(self, **parts: Unpack[ArmParts]) -> None:
         super().__init__(**parts)
+        self.stops = 0
         self.compliance = Compliance()
         self._led = LedMotions(self.model, self._executor)
         self._motions = MotionQueue(self._come_to_rest)
@@ -235,6 +237,7 @@ class Arm(PlannedArm):
 
     def start_stop(self, *, by: str = "stop") -> Future[None]:
         """Like ``stop``, but does not wait; motions that it ends raise ``Interrupted(by)``."""
+        self.stops += 1
         self._motions.current.give_up(by)  # the executor's stop ends what moves
         return self._executor.stop(Channel.ARM, by=by)
 

@@ -266,6 +266,24 @@ def test_a_stop_of_the_follower_is_meant(bench):
     assert bench.follower.rig.arm.state.mode is Mode.HOLDING
 
 
+def test_a_stop_ends_a_session_that_waits_for_its_leader(bench):
+    bench.start()
+    bench.advance(0.3)
+    shaft = bench.follower.world.servos[0].drive.shaft  # between two things that do not yield
+    shaft.lower, shaft.upper = shaft.output - 3.0, shaft.output + 3.0
+    bench.advance(0.5)
+    bench.leader.lead_to([60.0, 0.0, 0.0, 0.0, 0.0, 20.0], 1.0)
+    bench.until(lambda: waiting(bench))
+    bench.run(bench.follower.rig.arm.stop)  # nothing moves
+    bench.until(lambda: not bench.teleop.status.is_running)
+    assert "stop" in bench.teleop.status.reason
+    stands, setpoint = bench.follower.q_deg[:5], bench.follower.rig.arm.state.q_ref
+    bench.leader.lead_to([*stands - zeros(bench), 20.0], 1.0)
+    bench.leader.lead_to([*stands - zeros(bench) + 5.0, 20.0], 1.0)
+    bench.advance(3.0)
+    np.testing.assert_array_equal(bench.follower.rig.arm.state.q_ref, setpoint)
+
+
 def test_a_follower_that_cannot_be_moved_is_reported_at_once(bench):
     bench.follower.emulator.unplug()
     bench.clock.advance(0.2)

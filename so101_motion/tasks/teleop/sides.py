@@ -23,7 +23,7 @@ from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.common.clock import Clock
-from so101_motion.common.errors import NotHolding, So101Error
+from so101_motion.common.errors import Interrupted, NotHolding, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.control.executor import Channel, Executor
@@ -254,11 +254,12 @@ class LocalFollower(Follower):
         self._following: Following | None = None
         self._jaw: JawFollowing | None = None
         self._end: Callable[[], None] | None = None
+        self._stops = 0
 
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
         """See ``Follower.attach``."""
         pilot.fit(*self._arm.station.arm.range)
-        self._pilot = pilot
+        self._pilot, self._stops = pilot, self._arm.station.arm.stops
 
         def each(_: JointState) -> None:
             self._lead_jaw(pilot)
@@ -292,8 +293,10 @@ class LocalFollower(Follower):
                 each.close().exception()
 
     def ending(self) -> BaseException | None:
-        """See ``Follower.ending``."""
+        """See ``Follower.ending``; a stop also counts while the follower waits at rest."""
         following = self._following
+        if self._arm.station.arm.stops != self._stops:
+            return Interrupted("stop")
         if following is None or not following.future.done():
             return None
         self._following = None
