@@ -297,7 +297,7 @@ def test_the_jaw_goes_where_its_slider_is_and_force_is_chosen(guest: Guest, rig:
 
 def test_letting_go_asks_first_and_hold_holds_again(guest: Guest, rig: Rig) -> None:
     guest.press("Let go")
-    asks = guest.page.locator("#so101-ways .asks")
+    asks = guest.page.locator("#so101-buttons .asks")
     guest.until(lambda: asks.count() == 1)
     assert rig.arm.state.mode is Mode.HOLDING
     guest.page.wait_for_timeout(800)  # a double click is no answer

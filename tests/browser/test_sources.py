@@ -107,9 +107,9 @@ def in_background(visit: Visit, cable: Cable) -> Guest:
 
 
 def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
-    beside: Guest, cable: Cable
+    in_background: Guest, cable: Cable
 ) -> None:
-    guest = beside
+    guest = in_background
     guest.until(lambda: guest.says("Still looking"))
     guest.until(lambda: guest.says(f"Arm on {cable.port}"))
     assert guest.button("Plan").count() == 0
@@ -142,21 +142,23 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
     assert guest.problems == []
 
 
-def test_the_servos_tab_says_what_will_move_and_stop_ends_it(beside: Guest, cable: Cable) -> None:
-    arm, before = cable.rigs[-1].arm, cable.q
-    beside.page.get_by_role("tab", name="Servos").click()
-    beside.until(lambda: beside.says("Measures how each servo differs from its type."))
-    beside.press("Plan the motions")
-    beside.until(lambda: beside.says("The arm is raised; then move, one after the other"))
+def test_the_servos_tab_says_what_will_move_and_stop_ends_it(
+    in_background: Guest, cable: Cable
+) -> None:
+    guest, arm, before = in_background, cable.rigs[-1].arm, cable.q
+    guest.page.get_by_role("tab", name="Servos").click()
+    guest.until(lambda: guest.says("Measures how each servo differs from its type."))
+    guest.press("Plan the motions")
+    guest.until(lambda: guest.says("The arm is raised; then move, one after the other"))
     np.testing.assert_allclose(cable.q, before, atol=0.06)
-    beside.press("The hand is empty")
-    beside.until(lambda: arm.is_moving and beside.says("Raising the arm … Stop ends it."))
-    beside.press("STOP")
-    beside.until(lambda: beside.says("Stopped. The arm holds where it is."))
+    guest.press("The hand is empty")
+    guest.until(lambda: arm.is_moving and guest.says("Raising the arm … Stop ends it."))
+    guest.press("STOP")
+    guest.until(lambda: guest.says("Stopped. The arm holds where it is."))
     assert arm.state.mode is Mode.HOLDING
-    beside.until(lambda: beside.button("Plan the motions").is_enabled())
-    assert beside.button("The hand is empty").count() == 0
-    assert beside.problems == []
+    guest.until(lambda: guest.button("Plan the motions").is_enabled())
+    assert guest.button("The hand is empty").count() == 0
+    assert guest.problems == []
 
 
 def test_an_arm_of_a_machine_goes_and_comes_back(visit: Visit) -> None:

@@ -56,7 +56,7 @@ async def test_waiting_for_a_jaw_that_moves_on_gives_up(bench, client):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"servo_id": 3, "percent": 10}, "s own"),
+        ({"servo_id": 3, "percent": 10}, "moves the arm, not the jaw"),
         ({"servo_id": 7, "percent": 10}, "6"),
         ({"percent": 10}, "servo_id"),
         ({"servo_id": 6}, "percent"),

@@ -125,7 +125,7 @@ def test_a_first_run_that_cannot_install_does_not_hold_up_the_machine(archive, t
     folder = unpacked(archive, tmp_path)
     cut_off = {**OFFLINE, "PIP_NO_DEPS": "0", "PYTHONPATH": ""}
     said = run(folder / "first_run.sh", cwd="/", **cut_off)
-    assert "error: the installation failed. What pip says above is the reason." in said
+    assert "error: the installation failed. pip's messages above have the reason." in said
 
     failed = subprocess.run(
         [folder / "run.sh", "m.sock"], env={**os.environ, **cut_off}, capture_output=True, text=True
