@@ -113,11 +113,10 @@ def choose(guest: Guest, *names: str) -> None:
 
 
 def test_the_tool_is_led_along_the_axes_of_the_base_and_its_own(jogging: Guest, rig: Rig) -> None:
-    assert is_chosen(jogging, "joints")
-    assert is_chosen(jogging, "slow")
+    jogging.until(lambda: is_chosen(jogging, "joints") and is_chosen(jogging, "slow"))
     view = jogging.page.evaluate(VIEW)
     choose(jogging, "fast", "base")
-    assert not is_chosen(jogging, "joints")
+    jogging.until(lambda: not is_chosen(jogging, "joints"))
     np.testing.assert_allclose(led(jogging, rig, "r"), [0.0, 0.0, 1.0], atol=0.05)
     np.testing.assert_allclose(led(jogging, rig, "s"), [-1.0, 0.0, 0.0], atol=0.05)
     choose(jogging, "tool")
@@ -240,7 +239,7 @@ def test_a_click_on_the_floor_sets_the_target_and_undo_takes_it_back(
 
 
 def test_the_nearest_place_is_taken_and_a_direction_is_kept(guest: Guest) -> None:
-    assert guest.button("take the nearest").is_disabled()
+    guest.until(lambda: guest.button("take the nearest").is_disabled())
     guest.type_target(600.0, 0.0, 200.0)
     guest.until(lambda: guest.button("take the nearest").is_enabled())
     guest.press("take the nearest")
@@ -253,7 +252,7 @@ def test_the_nearest_place_is_taken_and_a_direction_is_kept(guest: Guest) -> Non
 
     guest.type_target(230.0, 0.0, 120.0)
     guest.page.get_by_text("Direction", exact=True).click()
-    assert not rings()
+    guest.until(lambda: not rings())
     guest.fields("Keeps").filter(visible=True).first.click()
     guest.page.get_by_role("option", name="tilt and roll").click()
     guest.until(rings)
@@ -324,7 +323,7 @@ def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(
     guest.until(lambda: "so101-later" not in (end.get_attribute("class") or ""))
     end.click()  # at once: what shines can be pressed
     guest.until(lambda: guest.says("Press Plan replay to check it for collisions"))
-    assert "/teach/path" in guest.nodes()
+    guest.until(lambda: "/teach/path" in guest.nodes())
     guest.until(lambda: guest.button("Plan replay").is_enabled())
     guest.press("Plan replay")
     guest.until(lambda: guest.says("Press Replay."))
