@@ -46,6 +46,17 @@ def at(bench, *degrees):
     bench.clock.advance(2.5)
 
 
+def block(bench):
+    """Lead the follower against something that does not yield, until it waits for its leader."""
+    bench.start()
+    bench.advance(0.3)
+    shaft = bench.follower.world.servos[0].drive.shaft  # between two things that do not yield
+    shaft.lower, shaft.upper = shaft.output - 3.0, shaft.output + 3.0
+    bench.advance(0.5)
+    bench.leader.lead_to([60.0, 0.0, 0.0, 0.0, 0.0, 20.0], 1.0)
+    bench.until(lambda: waiting(bench))
+
+
 # Setting off
 
 
@@ -242,13 +253,7 @@ def test_the_guard_stops_short_of_the_table_and_lets_go_when_the_leader_comes_ba
 
 
 def test_a_blocked_follower_gives_way_and_goes_on_when_the_leader_comes_back(bench):
-    bench.start()
-    bench.advance(0.3)
-    shaft = bench.follower.world.servos[0].drive.shaft  # between two things that do not yield
-    shaft.lower, shaft.upper = shaft.output - 3.0, shaft.output + 3.0
-    bench.advance(0.5)
-    bench.leader.lead_to([60.0, 0.0, 0.0, 0.0, 0.0, 20.0], 1.0)
-    bench.until(lambda: waiting(bench))
+    block(bench)
     assert "shoulder_pan" in bench.teleop.status.reason
     bench.leader.lead_to([*bench.follower.q_deg[:5] - zeros(bench), 20.0], 1.0)
     bench.until(lambda: mirroring(bench))
@@ -267,13 +272,7 @@ def test_a_stop_of_the_follower_is_meant(bench):
 
 
 def test_a_stop_ends_a_session_that_waits_for_its_leader(bench):
-    bench.start()
-    bench.advance(0.3)
-    shaft = bench.follower.world.servos[0].drive.shaft  # between two things that do not yield
-    shaft.lower, shaft.upper = shaft.output - 3.0, shaft.output + 3.0
-    bench.advance(0.5)
-    bench.leader.lead_to([60.0, 0.0, 0.0, 0.0, 0.0, 20.0], 1.0)
-    bench.until(lambda: waiting(bench))
+    block(bench)
     bench.run(bench.follower.rig.arm.stop)  # nothing moves
     bench.until(lambda: not bench.teleop.status.is_running)
     assert "stop" in bench.teleop.status.reason
