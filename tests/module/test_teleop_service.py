@@ -218,6 +218,50 @@ async def test_a_side_elsewhere_that_does_not_answer_makes_the_follower_hold(her
         await until(lambda: is_in(client, "mirroring"))
 
 
+@pytest.mark.parametrize("here", [("leader", "follower"), ("leader",)])
+@pytest.mark.parametrize(("away", "state"), [(0.0, "mirroring"), (60.0, "approaching")])
+async def test_stop_of_the_follower_ends_the_session_wherever_the_follower_is(here, away, state):
+    async with pair(here, manage_leader_torque=False) as (client, leader, follower, *_):
+        await leader.move_to_joint_positions(JointPositions(values=[away, 0.0, 0.0, 0.0, 0.0]))
+        await client.do_command({"command": "start"})
+        await until(lambda: is_in(client, state))
+        await until(lambda: follower.is_moving() if away else True)
+        await follower.stop()
+        await ends_without_moving(client, leader, follower)
+
+
+async def test_stop_counts_while_a_follower_elsewhere_waits_for_its_leader():
+    async with pair(("leader",), manage_leader_torque=False) as (client, leader, follower, *_):
+        await client.do_command({"command": "start"})
+        await until(lambda: is_in(client, "mirroring"))
+        follower.is_deaf = True
+        await until(lambda: is_in(client, "waiting"))
+        follower.is_deaf = False
+        await follower.stop()
+        await ends_without_moving(client, leader, follower)
+
+
+async def ends_without_moving(client, leader, follower):
+    stood = joints(await follower.get_joint_positions())
+    await leader.move_to_joint_positions(JointPositions(values=[*stood[:4], stood[4] + 9.0]))
+    await until(lambda: is_in(client, "stopped"))
+    assert "stop" in (await told(client))["last_error"]
+    assert np.abs(joints(await follower.get_joint_positions()) - stood).max() < 0.3
+
+
+async def test_a_goal_that_misses_a_stop_is_refused():
+    async with pair() as (_, _, follower, *_):
+        known = {"interpolate": False, "stops": (await follower.get_status())["stops"]}
+        goal = [JointPositions(values=[3.0, 0.0, 0.0, 0.0, 0.0])]
+        await follower.move_through_joint_positions(goal, extra=known)
+        await follower.stop()
+        with pytest.raises(GRPCError) as caught:
+            await follower.move_through_joint_positions(goal, extra=known)
+        assert caught.value.status is Status.CANCELLED
+        with pytest.raises(GRPCError, match="stops"):
+            await follower.move_through_joint_positions(goal, extra={"stops": "none"})
+
+
 async def test_validation_names_what_it_needs():
     async with running_module() as (module, models, _):
         assert models["generic"] == [TELEOP]
