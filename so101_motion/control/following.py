@@ -43,6 +43,7 @@ from so101_motion.control.motion_source import MotionSource, PlannedMotion
 from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.stop_paths import PathToRest, StopPaths
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 if TYPE_CHECKING:  # it brings Pinocchio along, which an unguarded following has no use for
@@ -154,7 +155,8 @@ class Following(LedMotion):
         self._guard, self._each, self._ends_there = guard, each, ends_there
         self._neighbours = neighbours
         looks = LOOK_EVERY if neighbours is None else STEP
-        self._look_every = looks if guard is None else min(guard.look_every, looks)
+        looks = looks if guard is None else min(guard.look_every, looks)
+        self._stops = StopPaths(stop_limits, dt, looks)
         self.foreseen = Foreseen(dt)
         self._aimed: _Aim | None = None
         self._seen: _Aim | None = None
@@ -319,7 +321,7 @@ class Following(LedMotion):
         self._bounds = JointBounds(
             self._least, self._most, self.limits.acceleration, self._stop_limits
         )
-        self._braked = self._to_rest(now).after
+        self._braked = self._stops.to_rest(now).after
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
         try:
@@ -359,8 +361,7 @@ class Following(LedMotion):
         """Take the next step of the path to rest that the last setpoint has left free."""
         self.now = self._braked
         self.foreseen.braking(self.now)
-        rest = online.path_to_rest(self.now, self._stop_limits, self._dt, math.inf)
-        self._braked = rest.after
+        self._braked = self._stops.to_rest(self.now).after
 
     def _lead(self, aim: _Aim) -> None:
         """Take a step towards a target, or brake if that step is refused."""
@@ -393,7 +394,7 @@ class Following(LedMotion):
             led, rest = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
-        path = np.array([self.now.q.tolist(), *rest.path])
+        path = np.concatenate((self.now.q[None], rest.path))
         ahead = qdd is not None or self.foreseen.may_be_ahead
         if self._guard is not None and not self._guard.admits(path, ahead=ahead):
             self._held = self._held or ("too little room to brake",)
@@ -408,10 +409,10 @@ class Following(LedMotion):
         else:
             self.foreseen.beside(led, led.qdd if qdd is None else qdd)
 
-    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, online.PathToRest]:
+    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
         """``led``, with joints braking that could not stop in time, and the path to rest."""
-        rest = self._to_rest(led)
-        outside = self._bounds.outside(led, limits, rest.path)
+        rest = self._stops.to_rest(led)
+        outside = self._bounds.outside(led, limits, rest.least, rest.largest)
         if not any(outside):
             return led, rest
         braked = self._braked
@@ -420,10 +421,7 @@ class Following(LedMotion):
             qd=np.where(outside, braked.qd, led.qd),
             qdd=np.where(outside, braked.qdd, led.qdd),
         )
-        return led, self._to_rest(led)
-
-    def _to_rest(self, now: Setpoint) -> online.PathToRest:
-        return online.path_to_rest(now, self._stop_limits, self._dt, self._look_every)
+        return led, self._stops.to_rest(led)
 
     def _refuse_short(self, aim: _Aim) -> None:
         if not self._ends_there:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import ruckig
@@ -244,28 +244,20 @@ def _soft_gains(dt: float) -> tuple[float, float, float]:
     return tuple(gains.tolist())
 
 
-class PathToRest(NamedTuple):
-    """The path of a stop, coarsely sampled.
-
-    Attributes:
-        after: The state one period later.
-        path: Joint angles from now to rest, m >= 2 rows of n [rad].
-        step: Time between them [s].
-    """
-
-    after: Setpoint
-    path: list[list[float]]
-    step: float
-
-
-def path_to_rest(now: Setpoint, limits: MotionLimits, dt: float, every: float) -> PathToRest:
-    """The shortest stop (see :func:`stop`), coarsely sampled: cheap enough for every tick.
+def path_to_rest(
+    now: Setpoint, limits: MotionLimits, dt: float, every: float
+) -> tuple[Setpoint, list[list[float]], float]:
+    """The shortest stop (see :func:`stop`), coarsely sampled; ``stop_paths.py`` is quicker.
 
     Args:
         now: The present state, shapes (n,).
         limits: Acceleration and jerk caps of the n joints.
         dt: The period [s].
         every: Largest time between samples [s].
+
+    Returns:
+        The state one period later; joint angles from now to rest, m >= 2 rows of n [rad]; and the
+        time between them [s].
 
     Raises:
         PlanningError: ruckig finds no motion.
@@ -277,10 +269,10 @@ def path_to_rest(now: Setpoint, limits: MotionLimits, dt: float, every: float) -
     step = duration / count
     path = [found.at_time(k * step)[0] for k in range(count + 1)]
     if duration <= dt:
-        return PathToRest(Setpoint.at_rest(np.array(path[-1])), path, step)
+        return Setpoint.at_rest(np.array(path[-1])), path, step
     q, qd, qdd = found.at_time(dt)
     after = Setpoint(q=np.array(q), qd=np.array(qd), qdd=np.array(qdd))
-    return PathToRest(after, path, step)
+    return after, path, step
 
 
 def stop(
