@@ -167,7 +167,8 @@ class Following(LedMotion):
         self._t_gentle = self._t_held = -math.inf
         self._slowing: PlannedMotion | None = None
         self._k = 0  # of the next setpoint of what is slowing
-        self._begin_at(Setpoint(q=frozen_array(q_start, (n,)), qd=np.zeros(n), qdd=np.zeros(n)))
+        self._still = frozen_array(np.zeros(n))
+        self._begin_at(Setpoint(q=frozen_array(q_start, (n,)), qd=self._still, qdd=self._still))
 
     # Any thread
 
@@ -370,7 +371,7 @@ class Following(LedMotion):
         if is_gentle := self._t < self._t_gentle:
             limits = gentle(limits, self._stop_limits)
         q, qd, qdd = aim.q, aim.qd, None if self.is_approaching else aim.qdd
-        if qd.any():
+        if is_moving := any(qd.tolist()):
             qd = np.clip(qd, -_SLOWER * limits.velocity, _SLOWER * limits.velocity)
         if qdd is not None:
             qdd = np.clip(qdd, -limits.acceleration, limits.acceleration)
@@ -379,10 +380,11 @@ class Following(LedMotion):
             others = () if self._neighbours is None else self._neighbours.near()
             allowed = self._guard.within_reach(self.now.q, q, others)
             if allowed is not q:
-                q, qd, qdd = allowed.clip(self._least, self._most), np.zeros_like(qd), None
+                q = np.minimum(np.maximum(allowed, self._least), self._most)
+                qd, qdd, is_moving = self._still, None, False
             self._held = tuple(map(self._guard.words, self._guard.against))
         arrival: online.Arrival = "each"
-        if not qd.any() and (is_gentle or self._ends_there or self.is_approaching):
+        if not is_moving and (is_gentle or self._ends_there or self.is_approaching):
             # From rest close to things, joints that do not set off together come closer first.
             arrival = "straight" if is_gentle else "together"
         try:

@@ -164,8 +164,8 @@ def _overtaking(
     limits: MotionLimits,
     dt: float,
     arrival: Arrival,
-) -> tuple[Setpoint, Array]:
-    """The setpoint of ``towards``, and the joints' velocities ``FORESIGHT`` later [rad/s]."""
+) -> tuple[Setpoint, ruckig.Trajectory]:
+    """The setpoint of ``towards``, and the motion relative to the target."""
     q, qd, qdd, to, rate = _numbers(
         limits, dt, q=now.q, qd=now.qd, qdd=now.qdd, q_target=q_target, qd_target=qd_target
     )
@@ -177,13 +177,13 @@ def _overtaking(
     request.min_velocity = [-cap - v for cap, v in zip(fastest, rate, strict=True)]
     request.synchronization = _SYNCHRONIZATION[arrival]
     found = _found(request)
-    seen, later = found.at_time(dt), found.at_time(dt + FORESIGHT)
+    seen = found.at_time(dt)
     setpoint = Setpoint(
         q=np.array([a + b for a, b in zip(to, seen[0], strict=True)]),
         qd=np.array([a + b for a, b in zip(rate, seen[1], strict=True)]),
         qdd=np.array(seen[2]),
     )
-    return setpoint, np.array([a + b for a, b in zip(rate, later[1], strict=True)])
+    return setpoint, found
 
 
 def alongside(
@@ -221,7 +221,8 @@ def alongside(
     soft &= (np.abs(qd) <= limits.velocity) & (fastest <= limits.velocity)
     if soft.all():
         return Setpoint(q=q, qd=qd, qdd=qdd), target.qdd
-    fast, later = _overtaking(now, target.q, target.qd, limits, dt, "each")
+    fast, motion = _overtaking(now, target.q, target.qd, limits, dt, "each")
+    later = target.qd + motion.at_time(dt + FORESIGHT)[1]
     setpoint = Setpoint(
         q=np.where(soft, q, fast.q),
         qd=np.where(soft, qd, fast.qd),
