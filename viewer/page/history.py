@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from math import inf
 from typing import Generic, TypeVar
 
@@ -12,7 +12,8 @@ KEPT = 100
 """How many values are remembered; chosen."""
 
 ONE_DRAG = 0.7
-"""Values that follow each other faster than this are one change [s]; chosen: a drag, a slider."""
+"""Values of one kind that follow each other faster than this are one change [s]; chosen: a drag, a
+slider, somebody who types."""
 
 
 class History(Generic[T]):
@@ -20,12 +21,13 @@ class History(Generic[T]):
 
     Args:
         value: The first one.
-        now: The time [s]; the values of one drag then count as one. Without it each counts.
+        now: The time [s]; without it each value counts.
     """
 
     def __init__(self, value: T, now: Callable[[], float] | None = None) -> None:
         self._values, self._at = [value], 0
         self._now, self._changed = now, -inf
+        self._kind: Hashable = None
 
     @property
     def can_undo(self) -> bool:
@@ -37,10 +39,18 @@ class History(Generic[T]):
         """Whether there is a later value."""
         return self._at < len(self._values) - 1
 
-    def add(self, value: T) -> None:
-        """Take a new value; what was undone is forgotten."""
+    def add(self, value: T, kind: Hashable = None) -> None:
+        """Take a new value; what was undone is forgotten.
+
+        Args:
+            value: The value.
+            kind: What was changed, if it is changed by dragging or typing; the values of one drag
+                count as one.
+        """
         before, self._changed = self._changed, inf if self._now is None else self._now()
-        is_same_drag = self._now is not None and self._changed - before < ONE_DRAG
+        is_same = kind is not None and kind == self._kind
+        is_same_drag = is_same and self._now is not None and self._changed - before < ONE_DRAG
+        self._kind = kind
         kept = self._values[: self._at + (0 if is_same_drag else 1)]
         self._values = [*kept, value][-KEPT:]
         self._at = len(self._values) - 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 
 import numpy as np
@@ -50,7 +50,7 @@ class TargetEditor(ABC):
     def set_target_point(self, p_base: Array) -> None:
         """Set a new target point, shape (3,), [m]."""
         wanted = None if self._kind == ANY else self._kept(self.direction)
-        self._take(self._at_point(p_base, self._target.frame, wanted))
+        self._take(self._at_point(p_base, self._target.frame, wanted), "point")
 
     def set_target_joints(self, q: Array) -> None:
         """Set joint angles as the target, shape (5,), [rad]."""
@@ -60,7 +60,7 @@ class TargetEditor(ABC):
         """Turn one joint of the ghost to ``angle`` [rad]; the others stay."""
         q = np.array(self._target.q)
         q[i] = angle
-        self.set_target_joints(q)
+        self._take(self._at_joints(q, self._target.frame), ("joint", i))
 
     def set_target_above(self, p_base: Array) -> None:
         """Set a target point above a surface, for a gripper that comes from above and stops short.
@@ -175,7 +175,7 @@ class TargetEditor(ABC):
     def _turn(self, direction: Direction) -> None:
         if self._kind != ANY:
             target, wanted = self._target, self._kept(direction)
-            self._take(self._at_point(target.p_base, target.frame, wanted))
+            self._take(self._at_point(target.p_base, target.frame, wanted), "turn")
 
     def _at_point(self, p_base: Array, frame: str, direction: Direction | None) -> Target:
         state = self._state
@@ -192,6 +192,6 @@ class TargetEditor(ABC):
             return self._at_point(target.p_base, target.frame, target.direction)
         return self._at_joints(target.q, target.frame)
 
-    def _take(self, target: Target) -> None:
-        self._targets.add(target)
+    def _take(self, target: Target, kind: Hashable = None) -> None:
+        self._targets.add(target, kind)
         self._aim(target)

@@ -8,7 +8,7 @@ thread owns a ``CellProgramModel``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
@@ -76,7 +76,7 @@ class CellProgramModel:
         self._cell, self._arms, self._submit = cell, dict(arms), submit
         self._now = next(iter(cell.places.values())).clock.now
         self._edited = _Edited()
-        self._history = History(self._edited)
+        self._history = History(self._edited, self._now)
         self.chosen: int | None = None
         self.name, self.saved_files = "", SavedFiles(_file_of, _listed, self._tell)
         self.timeline: CellRehearsalTime | None = None
@@ -128,9 +128,10 @@ class CellProgramModel:
 
     def change(self, name: str, **to: Any) -> None:
         """Change what an arm does in the selected step, in terms of ``Waypoint``."""
-        waypoint = self.steps[self._chosen_index()].get(name)
+        index = self._chosen_index()
+        waypoint = self.steps[index].get(name)
         if waypoint is not None:
-            self._put(name, replace(waypoint, **to))
+            self._put(name, replace(waypoint, **to), (index, name, *to))
 
     def leave_out(self, name: str) -> None:
         """Let an arm stand still in the selected step."""
@@ -168,7 +169,7 @@ class CellProgramModel:
 
     def set_rounds(self, rounds: int | None) -> None:
         """Set the number of rounds; None for endless."""
-        self._edit(self.steps, rounds=rounds)
+        self._edit(self.steps, "rounds", rounds=rounds)
 
     # Files
 
@@ -351,18 +352,18 @@ class CellProgramModel:
     def _program(self) -> CellProgram:
         return CellProgram(steps=self.steps, rounds=self.rounds)
 
-    def _put(self, name: str, waypoint: Waypoint) -> None:
+    def _put(self, name: str, waypoint: Waypoint, kind: Hashable = None) -> None:
         index = self._chosen_index()
         step = {**self.steps[index], name: waypoint}
-        self._edit((*self.steps[:index], step, *self.steps[index + 1 :]))
+        self._edit((*self.steps[:index], step, *self.steps[index + 1 :]), kind)
 
-    def _edit(self, steps: Steps, **to: Any) -> None:
+    def _edit(self, steps: Steps, kind: Hashable = None, **to: Any) -> None:
         if self._run is not None:
             raise ConfigError("program", None, "stop the program before you change it")
         edited = replace(self._edited, steps=steps, **to)
         if steps:
             CellProgram(steps=edited.steps, rounds=edited.rounds)  # refuses what is too long
-        self._history.add(edited)
+        self._history.add(edited, kind)
         self._set(edited)
 
     def _set(self, edited: _Edited) -> None:

@@ -7,7 +7,7 @@ are futures that ``refresh`` collects. One thread owns a ``ProgramModel``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from concurrent.futures import Future
 from dataclasses import replace
 from itertools import count
@@ -72,7 +72,7 @@ class ProgramModel:
         self._arm, self._gripper, self._clock, self._submit = arm, gripper, clock, submit
         self._q_arm, self._q_target, self._aim_at = q_arm, q_target, set_target
         self._program = Program()
-        self._history = History(self._program)
+        self._history = History(self._program, clock.now)
         self._first = 0
         self._playback = Playback()
         self._chosen: int | None = None
@@ -185,7 +185,7 @@ class ProgramModel:
 
     def set_rounds(self, rounds: int | None) -> None:
         """Set the number of rounds; None for endless."""
-        self._edit(self._program.with_rounds(rounds))
+        self._edit(self._program.with_rounds(rounds), "rounds")
 
     def set_loop(self, first: int, last: int, times: int) -> None:
         """Repeat the waypoints from ``first`` to ``last`` (indices) so many times in a row."""
@@ -352,12 +352,12 @@ class ProgramModel:
     def _change(self, **to: Any) -> None:
         index = self._chosen_index()
         changed = replace(self._program.waypoints[index], **to)
-        self._edit(self._program.with_changed(index, changed))
+        self._edit(self._program.with_changed(index, changed), (index, *to))
 
-    def _edit(self, program: Program) -> None:
+    def _edit(self, program: Program, kind: Hashable = None) -> None:
         if self._run is not None:
             raise ConfigError("program", None, "stop the program before you change it")
-        self._history.add(program)
+        self._history.add(program, kind)
         self._set(program)
 
     def _set(self, program: Program) -> None:

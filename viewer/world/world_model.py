@@ -9,6 +9,7 @@ moves no arm.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from pathlib import Path, PurePath
 
@@ -49,6 +50,7 @@ class WorldModel:
 
     Args:
         file: Where ``save`` writes.
+        now: The time [s]; without it each edit is undone by itself, also while somebody types.
 
     Attributes:
         scene: The scene as edited.
@@ -58,13 +60,13 @@ class WorldModel:
         voxel: Edge of the cubes of a cloud that is loaded [m].
     """
 
-    def __init__(self, scene: Scene, *, file: Path) -> None:
+    def __init__(self, scene: Scene, *, file: Path, now: Callable[[], float] | None = None) -> None:
         self.scene, self.file = scene, file
         self.selected: str | None = None
         self.sentence = INVITATION
         self.dragging = False
         self.voxel = VOXEL
-        self._history = History(scene)
+        self._history = History(scene, now)
         self._given, self._given_at = scene, float("-inf")
 
     # Looking
@@ -121,7 +123,7 @@ class WorldModel:
         """Rename the selected thing; ``ConfigError`` if the name cannot be used."""
         new = scene_edits.without_blanks(new)
         if new != self._name():
-            self._change(scene_edits.renamed(self.scene, self._name(), new), "Renamed.")
+            self._change(scene_edits.renamed(self.scene, self._name(), new), "Renamed.", "name")
             self.selected = new
 
     def resize(
@@ -179,7 +181,7 @@ class WorldModel:
     def set_floor(self, floor_z: float | None) -> None:
         """Set the floor's height [m], or remove the floor with None."""
         text = "No floor: the arm may go below its base." if floor_z is None else "Floor set."
-        self._change(replace(self.scene, floor_z=floor_z), text)
+        self._change(replace(self.scene, floor_z=floor_z), text, "floor")
 
     def hold(self, T_base_tool: SE3) -> None:
         """Attach the selected obstacle to the gripper, where it is now."""
@@ -275,15 +277,18 @@ class WorldModel:
 
     def _put(self, changed: Thing, text: str) -> None:
         """Replace the selected thing by ``changed``."""
-        self._change(scene_edits.with_thing(self.scene, changed), text)
+        self._change(scene_edits.with_thing(self.scene, changed), text, (changed.name, text))
 
     def _return_to(self, scene: Scene, text: str) -> None:
         self.scene = scene
         self.select(self.selected)
         self.sentence = Sentence(text=text)
 
-    def _change(self, scene: Scene, text: str) -> None:
-        (self._history.amend if self.dragging else self._history.add)(scene)
+    def _change(self, scene: Scene, text: str, kind: Hashable = None) -> None:
+        if self.dragging:
+            self._history.amend(scene)
+        else:
+            self._history.add(scene, kind)
         self.scene = scene
         self.sentence = Sentence(text=text)
 

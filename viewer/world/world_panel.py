@@ -80,7 +80,8 @@ class WorldPart(Part):
     ) -> None:
         self._context, self._arm = context.reporting(self._report), context.rig.arm
         self._known: Scene = self._arm.scene
-        self.world = WorldModel(self._known, file=file or user_storage.folder() / "scene.json")
+        file = file or user_storage.folder() / "scene.json"
+        self.world = WorldModel(self._known, file=file, now=context.rig.clock.now)
         self._contacts = OverlapCheck(RobotModel.load())
         self._inside: tuple[str, str] | None = None
         self._checked: tuple[Scene, Array] | None = None

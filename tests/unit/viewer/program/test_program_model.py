@@ -182,6 +182,33 @@ def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab: Tab) -> None:
     assert (tab.names, tab.model.screen().chosen, tab.model.can_undo) == ("", None, False)
 
 
+def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(
+    tab: Tab, clock: ManualClock
+) -> None:
+    def change_all() -> None:
+        for text in ("p", "pi", "pick"):
+            tab.model.rename(text)
+            clock.advance(0.2)
+        for percent in range(99, 49, -1):
+            tab.model.set_speed(0.01 * percent)
+            clock.advance(0.05)
+
+    tab.record(A, B)
+    change_all()
+    tab.model.undo()
+    assert tab.model.screen().program.waypoints[1].speed == 1.0
+    assert tab.names == "Apick"
+    tab.model.undo()
+    assert tab.names == "AB"
+    tab.model.redo()
+    tab.model.redo()
+    assert (tab.names, tab.model.screen().program.waypoints[1].speed) == ("Apick", 0.5)
+    tab.model.duplicate()
+    tab.model.duplicate()  # pressed twice, so both are undone by themselves
+    tab.model.undo()
+    assert len(tab.model.screen().program) == 3
+
+
 def test_a_part_of_a_program_is_rehearsed_and_run_from_the_chosen_waypoint(tab: Tab) -> None:
     tab.record(A, B, A)
     tab.model.choose(1)

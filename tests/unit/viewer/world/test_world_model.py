@@ -7,6 +7,7 @@ from so101_viewer.page.screen_state import Tone
 from so101_viewer.scene import scene_edits
 from so101_viewer.world.world_model import DRAG_PERIOD, OverlapCheck, WorldModel, in_each_other
 
+from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.files.scene_file import read_scene, scene_to
@@ -81,6 +82,25 @@ def test_a_figure_that_cannot_be_leaves_everything_as_it_was(world):
     with pytest.raises(ConfigError):
         world.move_to(np.array([0.1, np.nan, 0.3]))
     assert world.scene is before
+
+
+def test_a_number_that_is_typed_is_undone_in_one_go(tmp_path):
+    clock = ManualClock()
+    world = WorldModel(Scene(), file=tmp_path / "scene.json", now=clock.now)
+    world.add("box")
+    before = world.scene
+    for edge_mm in (1.0, 12.0, 120.0):
+        world.resize(size=np.array([edge_mm / 1000.0, 0.05, 0.05]))
+        clock.advance(0.2)
+    world.move_to(np.array([0.2, 0.0, 0.1]))
+    world.undo()
+    world.undo()
+    assert world.scene is before
+    world.set_floor(-0.1)
+    clock.advance(1.0)
+    world.set_floor(-0.2)
+    world.undo()
+    assert world.scene.floor_z == -0.1
 
 
 def test_a_drag_is_one_entry_for_undo_and_is_handed_on_now_and_then(world):
