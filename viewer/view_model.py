@@ -250,7 +250,7 @@ class ViewModel(TargetEditor):
             plan_is_current=self._plan_is_current,
             can_plan=self._can_plan(),
             can_execute=self._can_execute(),
-            can_take_nearest=self._nearest() is not None,
+            can_take_nearest=self._target.problem is not None,
             kind=self.kind,
             direction=self.direction,
             R_base_target=self.R_base_target,

@@ -92,7 +92,7 @@ class Screen:
         plan_is_current: Whether that plan can still be looked at and executed.
         can_plan: Whether Plan may be pressed.
         can_execute: Whether Execute may be pressed.
-        can_take_nearest: Whether the target is out of reach and the ghost's place is not.
+        can_take_nearest: Whether the target cannot be had, so that one near it may be looked for.
         can_undo: Whether there was a target before.
         can_redo: Whether one was undone.
         holds: Whether the gripper holds something.

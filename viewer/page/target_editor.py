@@ -5,13 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
-from so101_motion.common.units import to_rad
+from so101_motion.common.units import to_mm, to_rad
 from so101_motion.planning.goals import PoseGoal
 
 from .history import History
@@ -22,6 +23,14 @@ ABOVE = 0.02
 
 FROM_ABOVE = (to_rad(-90.0), to_rad(-70.0), to_rad(-50.0))
 """How the gripper may come from above [rad], the best first; chosen: further out it must lean."""
+
+AROUND = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.10, 0.12)
+"""How far from a target in contact a free one is looked for [m]; chosen: half a second at most."""
+
+_CUBE = np.array(sorted(product((-1.0, 0.0, 1.0), repeat=3), key=lambda p: -p[2]))
+_WAYS = _CUBE[np.any(_CUBE != 0.0, axis=1)]
+_WAYS /= np.linalg.norm(_WAYS, axis=1, keepdims=True)
+"""Directions in which it is looked for, shape (26, 3); up comes first."""
 
 ANY, TILT, TURN = "any", "tilt", "tilt and roll"
 DIRECTIONS = (ANY, TILT, TURN)
@@ -79,9 +88,18 @@ class TargetEditor(ABC):
         self._take(self._at_point(p_above, frame, None) if down is None else down)
 
     def take_nearest(self) -> None:
-        """Set the target to the nearest place that can be reached, if there is one."""
-        if self._nearest() is not None:
-            self.set_target_joints(self._target.q)
+        """Set the target to the nearest place that can be reached without contact.
+
+        Raises:
+            ConfigError: There is none near it.
+        """
+        if self._target.problem is None:
+            return
+        near = self._nearest() or self._beside()
+        if near is None:
+            far = f"within {to_mm(AROUND[-1]):.0f} mm of it"
+            raise ConfigError("target", None, f"no place {far} can be reached; choose another one")
+        self._take(near)
 
     def undo(self) -> None:
         """Go back to the target before."""
@@ -164,10 +182,15 @@ class TargetEditor(ABC):
 
     def _nearest(self) -> Target | None:
         """The target where the ghost stands, if only the point asked for is out of reach."""
-        if self._target.problem is None:
-            return None
         near = self._at_joints(self._target.q, self._target.frame)
         return near if near.problem is None else None
+
+    def _beside(self) -> Target | None:
+        """The nearest target around this one that can be had; it keeps the direction."""
+        target = self._target
+        points = (target.p_base + away * way for away in AROUND for way in _WAYS)
+        found = (self._at_point(p, target.frame, target.direction) for p in points)
+        return next((each for each in found if each.problem is None), None)
 
     def _kept(self, direction: Direction) -> Direction:
         return direction if self._kind == TURN else replace(direction, roll=None)

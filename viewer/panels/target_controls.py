@@ -55,9 +55,9 @@ class TargetControls:
             shown=tenths,
         )
         self._nearest = gui.add_button_group(
-            "Out of reach",
+            "Unreachable",
             (_NEAREST,),
-            hint="Sets the target to where the ghost stands, the nearest place within reach",
+            hint="Sets the target to the nearest place that can be reached without contact",
         )
         self._context.on_choice(self._nearest, lambda _name: self._page.take_nearest())
         poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))

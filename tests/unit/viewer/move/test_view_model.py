@@ -13,7 +13,7 @@ from harness.pretended_page import (
 from so101_viewer.page.screen_state import Tone
 from so101_viewer.view_model import ViewModel
 
-from so101_motion.common.errors import Interrupted, NoPath
+from so101_motion.common.errors import ConfigError, Interrupted, NoPath
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 
@@ -57,6 +57,22 @@ def test_targets_are_undone_and_redone_and_a_drag_is_one_change(
     planned(page)
     page.undo()
     assert not page.plan_is_current
+
+
+def test_the_nearest_place_is_taken_also_when_the_target_is_in_contact(page: ViewModel) -> None:
+    page.set_target_point(np.array([0.1, 0.1, -0.235]))
+    assert page.screen().can_take_nearest
+    assert "would hit" in str(page.target.problem)
+    page.take_nearest()
+    np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, -0.195])
+    assert page.target.problem is None
+    assert not page.screen().can_take_nearest
+    page.undo()
+    np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, -0.235])
+    page.set_target_point(np.array([0.1, 0.1, -0.4]))
+    with pytest.raises(ConfigError, match="no place within 120 mm of it can be reached"):
+        page.take_nearest()
+    np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, -0.4])
 
 
 def test_two_buttons_show_the_product(page: ViewModel, arm: PretendedArm) -> None:
