@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -68,8 +69,10 @@ def test_its_picture_is_that_of_the_arm_and_changes(film: Guest) -> None:
 
 
 def test_it_shows_its_figures_asks_for_nothing_and_runs_no_name(film: Guest) -> None:
-    for words in ("Duration", "Peak speed", "Clearance", HOSTILE):
+    for words in ("Duration", "Peak speed", "Clearance", "Limits", "Gripper", HOSTILE):
         assert film.page.get_by_text(words, exact=True).count() == 1
+    for words in ("path of the tool", "the goal", "% open", f"{datetime.now():%Y-%m-%d}"):
+        assert film.says(words)
     own = ("file:", "blob:", "data:")
     assert [url for url in film.asked if not url.startswith(own)] == []
     assert film.page.evaluate("window.PWNED") is None

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,6 +21,8 @@ STALLED = "No setpoint could be sent"
 """What the page says when a busy machine kept the arm from moving on."""
 
 ATTEMPTS = 4
+
+LINE = "50 % speed, open, 1.5 s"
 
 
 @pytest.fixture
@@ -168,6 +170,63 @@ def test_a_waypoint_is_dragged_to_another_place(program: Guest) -> None:
     program.until(lambda: names() == ["B", "A"])
     program.press("undo")
     program.until(lambda: names() == ["A", "B"])
+
+
+def test_every_edit_is_shown_and_is_undone_and_redone(program: Guest, rig: Rig) -> None:
+    page = program.page
+
+    def click_sphere(k: int) -> bool:
+        page.mouse.click(*program.place_of(f"/program/dots/{k}"))
+        page.wait_for_timeout(300)
+        return "chosen" in (rows.nth(k).get_attribute("class") or "")
+
+    def seen() -> tuple[object, ...]:
+        names = page.locator(".so101-steps span").all_inner_texts()
+        lines = page.locator(".so101-steps small").all_inner_texts()
+        return (names, lines, program.fields("Rounds").first.input_value())
+
+    def pick_jaw() -> None:
+        program.fields("Gripper").filter(visible=True).first.click()
+        page.get_by_role("option", name="open", exact=True).click()
+
+    def fill(label: str, value: str) -> None:
+        program.fields(label).filter(visible=True).first.fill(value)
+
+    rows = page.locator(".so101-steps button")
+    program.until(lambda: click_sphere(0))
+    edits: tuple[tuple[Callable[[], None], tuple[object, ...]], ...] = (
+        (lambda: program.press("copy"), (["A", "C", "B"], ["", "", ""], "1")),
+        (lambda: fill("Name", "lift"), (["A", "lift", "B"], ["", "", ""], "1")),
+        (lambda: fill("Speed (%)", "50"), (["A", "lift", "B"], ["", "50 % speed", ""], "1")),
+        (pick_jaw, (["A", "lift", "B"], ["", "50 % speed, open", ""], "1")),
+        (lambda: fill("Pause (s)", "1.5"), (["A", "lift", "B"], ["", LINE, ""], "1")),
+        (lambda: fill("Rounds", "3"), (["A", "lift", "B"], ["", LINE, ""], "3")),
+        (lambda: program.press("down"), (["A", "B", "lift"], ["", "", LINE], "3")),
+        (lambda: program.press("delete"), (["A", "B"], ["", ""], "3")),
+    )
+    before = [seen()]
+    for edit, after in edits:
+        edit()
+        program.until(lambda after=after: seen() == after)
+        before.append(after)
+    for state in reversed(before[:-1]):
+        program.press("undo")
+        program.until(lambda state=state: seen() == state)
+    for state in before[1:]:
+        program.press("redo")
+        program.until(lambda state=state: seen() == state)
+
+    def place() -> list[float]:
+        return program.pose_of("/program/dots/0")["position"]
+
+    program.until(lambda: click_sphere(0))
+    at_ready = place()
+    program.press("re-record")  # to where the arm is
+    p_home = rig.arm.model.frame(HOME, "tool").p
+    program.until(lambda: np.allclose(place(), p_home, atol=1e-4))
+    program.press("undo")
+    program.until(lambda: np.allclose(place(), at_ready, atol=1e-4))
+    assert at(HOME, rig)
 
 
 def test_stop_ends_a_program_that_would_go_on_for_ever(program: Guest, rig: Rig) -> None:

@@ -163,6 +163,23 @@ class Guest:
         )
         return pose
 
+    def place_of(
+        self, node: str, p: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> tuple[float, float]:
+        """Where a point ``p`` [m] of a node is in the window [px]."""
+        x, y = self.page.evaluate(
+            """([node, p]) => {
+                const there = window.__viserMutable.nodeRefFromName[node];
+                const canvas = window.__viserMutable.canvas.getBoundingClientRect();
+                const at = there.position.clone().set(...p);
+                there.localToWorld(at).project(window.__viserMutable.camera);
+                return [canvas.left + (at.x + 1) / 2 * canvas.width,
+                        canvas.top + (1 - at.y) / 2 * canvas.height];
+            }""",
+            [node, list(p)],
+        )
+        return x, y
+
     def end_of_path(self) -> list[float]:
         """The last point of the line to the target, as the browser has it [m]."""
         point: list[float] = self.page.evaluate(

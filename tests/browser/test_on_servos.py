@@ -1,0 +1,259 @@
+"""Gripper and programs on emulated servos: what they really do, and what the page says of it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import count
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+import numpy as np
+import pytest
+from conftest import Visit
+from harness.browser_user import Guest
+from harness.video_driver import VideoDriver
+from harness.web_camera import jpeg
+from so101_viewer import Preview, Source, serve_source
+from so101_viewer.page import video_device
+
+from so101_motion.common.errors import NoReply
+from so101_motion.common.state import JointState
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus.defaults import SERVO_IDS
+from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.tasks.program import Loop, Program, Waypoint
+from so101_motion.tasks.program.files import file_of, write
+
+pytestmark = pytest.mark.browser
+
+SPEED, ACCELERATION = to_rad(90.0), to_rad(300.0)
+WIDTH_MM = 30.0
+PLACES = {
+    letter: np.radians(q)
+    for letter, q in (
+        ("A", (24.0, -10.0, 10.0, 10.0, 0.0)),
+        ("B", (-24.0, -10.0, 10.0, 10.0, 0.0)),
+        ("C", (0.0, -20.0, 10.0, 10.0, 0.0)),
+    )
+}
+NEAR = to_rad(2.0)
+PROGRAM = Program(
+    waypoints=(
+        Waypoint(name="A", q=PLACES["A"], aperture=1.0),
+        Waypoint(name="B", q=PLACES["B"], aperture=0.0, pause=0.6, speed=0.4),
+        Waypoint(name="C", q=PLACES["C"]),
+    ),
+    loops=(Loop(first=1, last=2, times=2),),
+)
+
+
+class Servos:
+    """``so101 emulate`` in a process of its own: its servos lag, brake, and press on things."""
+
+    def __init__(self, port: str) -> None:
+        command = (sys.executable, "-m", "so101_motion.cli", "emulate", "--realtime", "--link")
+        self._process = subprocess.Popen(
+            [*command, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self._process.stdout is not None
+        self._process.stdout.readline()
+
+    def type(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+
+    def close(self) -> None:
+        self._process.terminate()
+        self._process.wait(10.0)
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            pipe.close()
+
+
+@pytest.fixture(scope="module")
+def port(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(tmp_path_factory.mktemp("port") / "arm")
+
+
+@pytest.fixture(scope="module")
+def servos(port: str) -> Iterator[Servos]:
+    servos = Servos(port)
+    servos.type("pose")  # somebody holds it up until it holds itself
+    yield servos
+    servos.close()
+
+
+@pytest.fixture(scope="module")
+def arm_on_port(servos: Servos, port: str) -> Iterator[HardwareRig]:
+    patience = 0.3  # this computer has a browser to run as well
+    with open_hardware(ServoSettings(port=port).with_arm(SERVO_IDS), reply_timeout=patience) as rig:
+        for _ in range(10):  # a busy machine may lose an answer
+            with suppress(NoReply):
+                rig.arm.set_torque(True)
+                break
+        servos.type("end pose")
+        rig.arm.set_speed(SPEED)
+        rig.arm.set_acceleration(ACCELERATION)
+        yield rig
+
+
+@pytest.fixture(scope="module")
+def page_of_it(arm_on_port: HardwareRig) -> Iterator[Preview]:
+    write(PROGRAM, file_of("pick"))
+    with camera() as device:
+        source = Source(title="Arm", open=lambda: arm_on_port, lasts=True, camera=device)
+        with serve_source(source, port=0) as preview:
+            yield preview
+
+
+@contextmanager
+def camera() -> Iterator[str]:
+    """A camera device that sends one picture after the other."""
+    with NamedTemporaryFile(prefix="so101-video", dir="/dev/shm") as file:
+        driver = VideoDriver(Path(file.name), map(jpeg, count()), period=0.1)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(video_device.pictures, "__defaults__", (driver.ioctl,))
+            yield file.name
+
+
+@pytest.fixture(scope="module")
+def window(visit: Visit, page_of_it: Preview) -> Guest:
+    guest = visit()
+    guest.open(page_of_it.url)
+    return guest
+
+
+@pytest.fixture
+def guest(window: Guest, arm_on_port: HardwareRig, servos: Servos) -> Iterator[Guest]:
+    """A window on an arm whose jaw is empty."""
+    window.page.get_by_role("tab", name="Move", exact=True).click()
+    yield window
+    servos.type("end object")
+
+
+@contextmanager
+def watched(rig: HardwareRig) -> Iterator[list[JointState]]:
+    """What the servos say meanwhile, every 20 ms."""
+    seen = [rig.arm.state]
+    over = threading.Event()
+
+    def look() -> None:
+        while not over.wait(0.02):
+            if rig.arm.state.t > seen[-1].t:
+                seen.append(rig.arm.state)
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    try:
+        yield seen
+    finally:
+        over.set()
+        thread.join()
+
+
+def steps_of(seen: list[JointState]) -> list[tuple[str, float]]:
+    """Where the arm stood, in order, and the highest speed of a joint on the way there [rad/s]."""
+    steps: list[tuple[str, float]] = []
+    fastest = 0.0
+    for k, state in enumerate(seen[5:], start=5):
+        before = seen[k - 5]
+        speed = float(np.abs(state.q - before.q).max()) / (state.t - before.t)
+        if speed > to_rad(2.0):
+            fastest = max(fastest, speed)
+            continue
+        here = [name for name, q in PLACES.items() if np.abs(state.q - q).max() < NEAR]
+        if here and here != [name for name, _ in steps[-1:]]:
+            steps.append((here[0], fastest))
+            fastest = 0.0
+    return steps
+
+
+def test_what_the_jaw_holds_is_said_with_its_width_and_its_slider_sets_the_force(
+    guest: Guest, arm_on_port: HardwareRig, servos: Servos
+) -> None:
+    opening = guest.page.get_by_role("slider", name="Opening (%)")
+    force = guest.page.get_by_role("slider", name="Grip force (%)")
+    loads = []
+    for end in ("End", "Home"):
+        force.press(end)
+        opening.press("End")
+        guest.until(lambda: arm_on_port.gripper.aperture > 0.97)
+        guest.until(lambda: guest.says("Holding nothing, "))
+        servos.type(f"object={WIDTH_MM / 1000.0}")
+        opening.press("Home")
+        guest.until(lambda: guest.says("Holding something: the tips are "))
+        words = guest.page.get_by_text("Holding something: the tips are ").inner_text()
+        width_mm = float(words.split(" mm")[0].split()[-1])
+        assert abs(width_mm - WIDTH_MM) < 3.0
+        guest.page.wait_for_timeout(1000)
+        loads.append(abs(arm_on_port.servos.health[-1].load))
+    assert loads[1] < 0.9 * loads[0]  # the gentlest is 60 % of the firmest, of a stiff thing
+    force.press("End")
+    servos.type("end object")  # it slips out
+    guest.until(lambda: guest.says("Holding nothing, "))
+
+
+def test_the_pictures_of_a_camera_device_change_over_the_scene(guest: Guest) -> None:
+    picture = guest.page.get_by_alt_text("The camera's picture")
+    guest.until(lambda: picture.count() == 1 and picture.is_visible())
+    seen = {picture.get_attribute("src")}
+    guest.until(lambda: seen.add(picture.get_attribute("src")) or len(seen) > 3)
+    assert picture.evaluate("image => image.naturalWidth") == 32
+
+
+def test_a_program_is_carried_out_step_by_step_as_its_list_says(
+    guest: Guest, arm_on_port: HardwareRig, servos: Servos
+) -> None:
+    rig, page = arm_on_port, guest.page
+    rig.gripper.start_move(0.4).result(30.0)
+    page.get_by_role("tab", name="Program").click()
+    page.get_by_text("Save and load").click()
+    guest.until(lambda: guest.button("load").is_enabled())
+    guest.press("load")
+
+    def lines() -> list[str]:
+        return page.locator(".so101-steps small").all_inner_texts()
+
+    def choose(k: int) -> None:
+        row = page.locator(".so101-steps button").nth(k)
+        row.click()
+        guest.until(lambda: "chosen" in (row.get_attribute("class") or ""))
+
+    guest.until(lambda: lines() == ["open", "40 % speed, close, 0.6 s", "steps 2 to 3 2×"])
+
+    def run(part: str) -> list[tuple[str, float]]:
+        guest.press(part)
+        page.wait_for_timeout(300)
+        guest.until(lambda: guest.button("Run program").is_enabled())
+        near = [line for line in lines() if "mm clear" in line]
+        assert len(near) == {"Plan program": 3, "this step": 1, "from here": 2}[part], lines()
+        with watched(rig) as seen:
+            guest.press("Run program")
+            if part == "Plan program":
+                guest.until(lambda: rig.gripper.aperture > 0.9)
+                servos.type(f"object={WIDTH_MM / 1000.0}")
+                guest.until(lambda: guest.says("waypoint 3 (C). Time 2 of 2."))
+            guest.until(lambda: guest.says("Done."))
+            page.wait_for_timeout(200)
+        jaws.extend(state.q_jaw for state in seen if np.abs(state.q - PLACES["C"]).max() < NEAR)
+        return steps_of(seen)
+
+    jaws: list[float] = []
+    steps = run("Plan program")
+    assert "".join(name for name, _ in steps) == "ABCBC"
+    fast, slow = (max(speed for name, speed in steps if name == to) for to in "AB")
+    assert slow < 1.15 * 0.4 * SPEED < 0.7 * SPEED < fast < 1.15 * SPEED, (slow, fast)
+
+    jaws.clear()
+    choose(1)
+    assert "".join(name for name, _ in run("this step")) == "CB"
+    assert "".join(name for name, _ in run("from here")) == "BCBC"
+    assert rig.gripper.is_holding  # C says nothing of the jaw, so it kept what it held
+    assert max(jaws) - min(jaws) < to_rad(5.0)
+    assert guest.problems == []
