@@ -2,7 +2,7 @@
 
 The caller sets targets with ``aim``, as often as it likes, from any thread. In every control cycle
 the I/O thread asks for the next setpoint, one period of the fastest motion to the newest target
-(:func:`~so101_motion.planning.timing.online.towards`), so velocity, acceleration and jerk are
+(:func:`~so101_motion.planning.timing.pursuit.towards`), so velocity, acceleration and jerk are
 bounded whatever the targets do.
 
 *Room to stop.* A setpoint is taken only if the joints can still stop from it, as hard as a stop
@@ -41,7 +41,7 @@ from so101_motion.control.joint_bounds import JointBounds, gentle, landed, stopp
 from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
 from so101_motion.planning.collision.course import STEP, Neighbours
-from so101_motion.planning.timing import online
+from so101_motion.planning.timing import online, pursuit
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.stop_paths import PathToRest, StopPaths
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
@@ -383,16 +383,16 @@ class Following(LedMotion):
                 q = np.minimum(np.maximum(allowed, self._least), self._most)
                 qd, qdd, is_moving = self._still, None, False
             self._held = tuple(map(self._guard.words, self._guard.against))
-        arrival: online.Arrival = "each"
+        arrival: pursuit.Arrival = "each"
         if not is_moving and (is_gentle or self._ends_there or self.is_approaching):
             # From rest close to things, joints that do not set off together come closer first.
             arrival = "straight" if is_gentle else "together"
         try:
             if qdd is None:
-                led = online.towards(self.now, q, qd, limits, self._dt, arrival=arrival)
+                led = pursuit.towards(self.now, q, qd, limits, self._dt, arrival=arrival)
             else:
                 aimed = Setpoint(q=q, qd=qd, qdd=qdd)
-                led, qdd = online.alongside(self.now, aimed, limits, self._dt)
+                led, qdd = pursuit.alongside(self.now, aimed, limits, self._dt)
             led, rest = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()

@@ -9,7 +9,7 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.control.approach import EASE, GATE
 from so101_motion.control.following import Following
-from so101_motion.planning.timing import online
+from so101_motion.planning.timing import pursuit
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint
 from so101_motion.tasks.teleop.gate import Phase
@@ -120,7 +120,7 @@ def test_a_steady_target_is_caught_and_kept_exactly(q, qd, target, rate):
     limits = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=300.0)
     now, rate = Setpoint(q=q, qd=qd, qdd=np.zeros(5)), np.array(rate)
     for k in range(1, 700):
-        now = online.towards(now, target + k * DT * rate, rate, limits, DT)
+        now = pursuit.towards(now, target + k * DT * rate, rate, limits, DT)
     assert np.abs(now.q - target - 699 * DT * rate).max() < 1e-6
     assert np.abs(now.qd - rate).max() < 1e-6
 
