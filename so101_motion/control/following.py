@@ -417,11 +417,11 @@ class Following(LedMotion):
         outside = self._bounds.outside(led, limits, rest.least, rest.largest)
         if not any(outside):
             return led, rest
-        braked = self._braked
+        braked, which = self._braked, np.array(outside)
         led = Setpoint(
-            q=np.where(outside, braked.q, led.q),
-            qd=np.where(outside, braked.qd, led.qd),
-            qdd=np.where(outside, braked.qdd, led.qdd),
+            q=np.where(which, braked.q, led.q),
+            qd=np.where(which, braked.qd, led.qd),
+            qdd=np.where(which, braked.qdd, led.qdd),
         )
         return led, self._stops.to_rest(led)
 
