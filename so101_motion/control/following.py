@@ -2,8 +2,7 @@
 
 The caller sets targets with ``aim``, as often as it likes, from any thread. In every control cycle
 the I/O thread asks for the next setpoint, one period of the fastest motion to the newest target
-(:func:`~so101_motion.planning.timing.pursuit.towards`), so velocity, acceleration and jerk are
-bounded whatever the targets do.
+(``pursuit.py``), so velocity, acceleration and jerk are bounded whatever the targets do.
 
 *Room to stop.* A setpoint is taken only if the joints can still stop from it, as hard as a stop
 brakes, inside their limits, below the speed cap and, with a guard, without touching anything.
@@ -41,8 +40,9 @@ from so101_motion.control.joint_bounds import JointBounds, gentle, landed, stopp
 from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
 from so101_motion.planning.collision.course import STEP, Neighbours
-from so101_motion.planning.timing import online, pursuit
+from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.pursuit import Arrival, Pursuit
 from so101_motion.planning.timing.stop_paths import PathToRest, StopPaths
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
@@ -156,7 +156,7 @@ class Following(LedMotion):
         self._neighbours = neighbours
         looks = LOOK_EVERY if neighbours is None else STEP
         looks = looks if guard is None else min(guard.look_every, looks)
-        self._stops = StopPaths(stop_limits, dt, looks)
+        self._stops, self._pursuit = StopPaths(stop_limits, dt, looks), Pursuit(n, dt)
         self.foreseen = Foreseen(dt)
         self._aimed: _Aim | None = None
         self._seen: _Aim | None = None
@@ -383,16 +383,16 @@ class Following(LedMotion):
                 q = np.minimum(np.maximum(allowed, self._least), self._most)
                 qd, qdd, is_moving = self._still, None, False
             self._held = tuple(map(self._guard.words, self._guard.against))
-        arrival: pursuit.Arrival = "each"
+        arrival: Arrival = "each"
         if not is_moving and (is_gentle or self._ends_there or self.is_approaching):
             # From rest close to things, joints that do not set off together come closer first.
             arrival = "straight" if is_gentle else "together"
         try:
             if qdd is None:
-                led = pursuit.towards(self.now, q, qd, limits, self._dt, arrival=arrival)
+                led = self._pursuit.towards(self.now, q, qd, limits, arrival=arrival)
             else:
                 aimed = Setpoint(q=q, qd=qd, qdd=qdd)
-                led, qdd = pursuit.alongside(self.now, aimed, limits, self._dt)
+                led, qdd = self._pursuit.alongside(self.now, aimed, limits)
             led, rest = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()

@@ -9,8 +9,8 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.control.approach import EASE, GATE
 from so101_motion.control.following import Following
-from so101_motion.planning.timing import pursuit
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.pursuit import Pursuit
 from so101_motion.planning.timing.trajectory import Setpoint
 from so101_motion.tasks.teleop.gate import Phase
 from so101_motion.tasks.teleop.mirror import Mirror
@@ -119,8 +119,9 @@ def test_guarded_distances_are_kept(q_start, goals, fence):
 def test_a_steady_target_is_caught_and_kept_exactly(q, qd, target, rate):
     limits = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=300.0)
     now, rate = Setpoint(q=q, qd=qd, qdd=np.zeros(5)), np.array(rate)
+    pursuit = Pursuit(5, DT)
     for k in range(1, 700):
-        now = pursuit.towards(now, target + k * DT * rate, rate, limits, DT)
+        now = pursuit.towards(now, target + k * DT * rate, rate, limits)
     assert np.abs(now.q - target - 699 * DT * rate).max() < 1e-6
     assert np.abs(now.qd - rate).max() < 1e-6
 

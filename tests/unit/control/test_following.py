@@ -12,9 +12,9 @@ from so101_motion.control.approach import CATCH_UP, EASE, GATE, Approach
 from so101_motion.control.following import STALE_AFTER, Following
 from so101_motion.control.foreseen import KNOWN_JERK
 from so101_motion.control.joint_group import Channel
-from so101_motion.planning.timing import online, pursuit
+from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.pursuit import FORESIGHT
+from so101_motion.planning.timing.pursuit import FORESIGHT, Pursuit
 
 CAPS = MotionLimits.uniform(velocity=2.0, acceleration=6.0, jerk=150.0)
 SLOW = MotionLimits.uniform(velocity=0.3, acceleration=1.0, jerk=30.0)
@@ -168,7 +168,7 @@ def test_an_arm_with_little_room_to_brake_sets_out_gently_and_is_not_held_for_go
         guard=narrow, stale_after=None,
     )  # fmt: skip
     following.aim([0.5, 0.0, 0.0, 0.0, 0.0])
-    at_once = pursuit.towards(following.now, [0.5, 0, 0, 0, 0], np.zeros(5), caps, 0.01)
+    at_once = Pursuit(5, 0.01).towards(following.now, [0.5, 0, 0, 0, 0], np.zeros(5), caps)
     _, stopping, _ = online.path_to_rest(at_once, stop, 0.01, 0.01)
     assert np.ptp(stopping, axis=0).max() > narrow.at, "at full jerk there is no room"
     for k in range(100):

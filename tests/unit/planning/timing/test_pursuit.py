@@ -1,36 +1,34 @@
 """Joints that follow targets that move."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 
-from so101_motion.planning.timing import pursuit
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.pursuit import Pursuit
 from so101_motion.planning.timing.trajectory import Setpoint
 
 CAPS = [
     MotionLimits.uniform(velocity=2.0, acceleration=8.0, jerk=150.0),
     MotionLimits.uniform(velocity=1.0, acceleration=3.0, jerk=40.0),
-    MotionLimits.uniform(velocity=2.0, acceleration=8.0, jerk=150.0, n=1),
 ]
 
 
-def test_what_a_thread_was_asked_before_changes_nothing():
-    rng, asked = np.random.default_rng(3), []
-    for _ in range(200):
-        caps = CAPS[rng.integers(len(CAPS))]
-        n = len(caps.velocity)
-        now = Setpoint(**dict(zip(("q", "qd", "qdd"), rng.normal(0.0, 0.5, (3, n)), strict=True)))
-        rate = rng.choice([0.0, 0.3], n) if rng.random() < 0.5 else np.zeros(n)
+def test_what_was_asked_before_changes_nothing():
+    rng, kept = np.random.default_rng(3), Pursuit(5, 0.01)
+    for _ in range(300):
+        q, qd, qdd, target = rng.normal(0.0, 0.5, (4, 5))
+        rate = rng.choice([0.0, 0.3], 5) if rng.random() < 0.5 else np.zeros(5)
         arrival = str(rng.choice(["each", "together", "straight"]))
-        asked.append(((now, rng.normal(0.0, 0.5, n), rate, caps, 0.01), arrival))
-    for args, arrival in asked:
-        here = pursuit.towards(*args, arrival=arrival)
-        with ThreadPoolExecutor(1) as fresh:
-            there = fresh.submit(pursuit.towards, *args, arrival=arrival).result()
+        args = Setpoint(q=q, qd=qd, qdd=qdd), target, rate, CAPS[rng.integers(len(CAPS))]
+        here = kept.towards(*args, arrival=arrival)
+        there = Pursuit(5, 0.01).towards(*args, arrival=arrival)
         for name in ("q", "qd", "qdd"):
             assert np.array_equal(getattr(here, name), getattr(there, name)), name
+
+
+def test_limits_of_another_number_of_joints_are_refused():
+    with pytest.raises(ValueError, match="expected 3 joints"):
+        Pursuit(3, 0.01).towards(Setpoint.at_rest(np.zeros(5)), np.ones(5), np.zeros(5), CAPS[0])
 
 
 # Beside a target whose acceleration is known
@@ -45,11 +43,11 @@ def swaying(t):
 
 def led_beside(now, caps, seconds, noise=0.0):
     """The setpoints of joints that are led beside ``swaying``."""
-    rng, led = np.random.default_rng(1), [now]
+    rng, led, pursuit = np.random.default_rng(1), [now], Pursuit(3, 0.01)
     for k in range(1, round(seconds / 0.01)):
         there = swaying(0.01 * k)
         there = Setpoint(q=there.q + noise * rng.standard_normal(3), qd=there.qd, qdd=there.qdd)
-        led.append(pursuit.alongside(led[-1], there, caps, 0.01)[0])
+        led.append(pursuit.alongside(led[-1], there, caps)[0])
     return led
 
 
@@ -65,8 +63,9 @@ def test_that_a_joint_will_brake_is_known_before_it_does():
     caps = MotionLimits.uniform(velocity=5.0, acceleration=25.0, jerk=500.0, n=1)
     now, told, true = Setpoint.at_rest(np.zeros(1)), [], []
     there = Setpoint.at_rest(np.array([1.0]))
+    pursuit = Pursuit(1, 0.01)
     for _ in range(25):
-        now, soon = pursuit.alongside(now, there, caps, 0.01)
+        now, soon = pursuit.alongside(now, there, caps)
         told.append(soon[0])
         true.append(now.qdd[0])
     mean = np.convolve(true, np.full(5, 0.2), "valid")[1:]
