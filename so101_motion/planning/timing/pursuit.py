@@ -66,16 +66,16 @@ class Pursuit:
         """One period of the fastest motion to a moving target.
 
         Called in every period, it catches up with a target that moves steadily and stays with it
-        without lag. The motion is computed relative to the target, as if that stood still. If it were
-        computed to a position and a velocity instead, a joint slightly ahead would have to turn back to
-        get behind that position, in every period.
+        without lag. The motion is computed relative to the target, as if that stood still. If it
+        were computed to a position and a velocity instead, a joint slightly ahead would have to
+        turn back to get behind that position, in every period.
 
         Args:
             now: The present state, shapes (n,).
             q_target: Position of the target at the end of the period, shape (n,), [rad].
             qd_target: Its velocity, shape (n,), slower than the velocity caps, [rad/s].
-            arrival: Whether each joint shall arrive as soon as it can, or all together; ``"straight"``
-                on a straight line, if they start from rest.
+            arrival: Whether each joint shall arrive as soon as it can, or all together;
+                ``"straight"`` on a straight line, if they start from rest.
 
         Raises:
             PlanningError: ruckig finds no motion, for example because the target is too fast.
@@ -89,8 +89,8 @@ class Pursuit:
         """The next setpoint that keeps up with a target whose acceleration is known.
 
         A joint near its target approaches it softly: its error decays with the time constant
-        ``SOFTNESS``, and otherwise it accelerates like the target. A joint that would exceed a cap goes
-        as fast as it may instead (``towards``).
+        ``SOFTNESS``, and otherwise it accelerates like the target. A joint that would exceed a cap
+        goes as fast as it may instead (``towards``).
 
         Args:
             now: The present state, shapes (n,).
@@ -98,8 +98,8 @@ class Pursuit:
             limits: Caps of the n joints.
 
         Returns:
-            The setpoint, and the joints' average acceleration during ``FORESIGHT`` from there on, shape
-            (n,), [rad/s^2].
+            The setpoint, and the joints' average acceleration during ``FORESIGHT`` from there on,
+            shape (n,), [rad/s^2].
 
         Raises:
             PlanningError: ruckig finds no motion.
@@ -113,9 +113,8 @@ class Pursuit:
         qdd = now.qdd + dt * jerk
         qd = now.qd + dt * (now.qdd + 0.5 * dt * jerk)
         q = now.q + dt * (now.qd + dt * (0.5 * now.qdd + dt * jerk / 6.0))
-        fastest = np.abs(
-            qd + qdd * np.abs(qdd) / (2.0 * limits.jerk)
-        )  # until it accelerates no more
+        # The speed that a joint has when its acceleration has been taken back.
+        fastest = np.abs(qd + qdd * np.abs(qdd) / (2.0 * limits.jerk))
         soft = (np.abs(jerk) <= limits.jerk) & (np.abs(qdd) <= limits.acceleration)
         soft &= (np.abs(qd) <= limits.velocity) & (fastest <= limits.velocity)
         if soft.all():
