@@ -133,8 +133,8 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run:
 def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None:
     """Import a calibration of LeRobot (old or new) or of the published module.
 
-    The previous content of FILE is kept as a version. The servos get the new one when an arm is
-    opened with FILE.
+    If there is such a file already, its content is kept as a version. The servos get the new
+    numbers when an arm is opened with the file.
 
     \b
     so101 calibration import ~/.cache/huggingface/lerobot/calibration/robots/so_follower/me.json

@@ -26,7 +26,7 @@ from so101_motion.common.errors import (
 _VERBS = (
     "add|ask|attach|calibrate|check|choose|clear|close|configure|connect|do|end|finish|free|give|"
     "hold|install|keep|leave|let|list|look|loosen|lower|make|mend|move|name|open|plan|plug|press|"
-    "put|raise|read|remove|replace|run|see|send|set|start|stop|support|switch|take|try|turn|use|"
+    "put|raise|read|remove|replace|run|save|see|send|set|start|stop|support|switch|take|try|turn|use|"
     "wait|widen"
 )
 _ADVICE = re.compile(rf"(?:; |\. |, so )(?=(?:{_VERBS}) )", re.IGNORECASE)

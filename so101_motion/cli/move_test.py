@@ -51,8 +51,9 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
     with quietly(), source.open() as rig:
         test = MoveTest(arm=rig.arm, gripper=rig.gripper, clock=rig.clock, name=source.what)
         outline = test.outline()
-        for joint, reason in outline.obstacles:
-            click.echo(f"{joint} cannot be tested here: {reason}", err=True)
+        for reason in dict.fromkeys(reason for _, reason in outline.obstacles):
+            joints = ", ".join(joint for joint, each in outline.obstacles if each == reason)
+            click.echo(f"cannot be tested here: {joints}: {reason}", err=True)
         click.echo(outline.sentence, err=True)
         if not yes:
             have_agreed(f"Is everything out of the way? Move the {source.what}?")

@@ -45,7 +45,8 @@ def run(
     """Run PROGRAM: the name of one saved in the preview, or a .json file.
 
     Everything is planned and checked for collisions before anything moves. Where "Pass through"
-    is ticked the arm does not stop, and each joint comes within 3 degrees. Ctrl-C stops the arm.
+    is ticked the arm does not stop, and each joint comes within 3 degrees of the waypoint. Ctrl-C
+    stops the arm.
 
     \b
     so101 run "stack cubes" --port /dev/ttyACM0

@@ -62,7 +62,7 @@ class StepResult:
     def put_back(self) -> str:
         """Text that says how the arm is left after an abort."""
         trouble = f". But: {self.trouble}" if self.trouble else ""
-        return f"the motors hold what they held before; {about_torque(self.holds)}{trouble}"
+        return f"the motors have their previous settings again; {about_torque(self.holds)}{trouble}"
 
 
 def about_torque(holds: bool | None) -> str:

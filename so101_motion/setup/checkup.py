@@ -240,8 +240,7 @@ def _calibration(seen: Findings) -> Iterator[Check]:
         yield warn(
             "calibration",
             "there is no file, so the values in the servos are used",
-            "so101 calibrate, or so101 calibration import, and name the file where the arm is"
-            " configured",
+            "so101 calibrate, or so101 calibration import if there is a file of this arm",
         )
 
 
@@ -255,12 +254,15 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
         )
     there = {joint: held(facts) for joint, facts in seen.facts.items()}
     differing = [row for row in compare.diff(stored.calibration, there) if row.differs]
-    for row in differing:
+    if differing:
+        first, *more = differing
+        count = "1 more number differs" if len(more) == 1 else f"{len(more)} more numbers differ"
+        others = f"; {count}" if more else ""
         yield warn(
             "calibration",
-            row.sentence,
-            "the file is used: the servos get its values when the arm is opened; if it is another"
-            " arm's, so101 calibrate",
+            f"{first.sentence}{others}",
+            "if this is the file of another arm, so101 calibrate; else leave it: the servos get the"
+            " file's numbers when the arm is opened",
         )
     if not differing and not missing:
         text = f"{stored.path}" + (", as the servos have it" if there else "")

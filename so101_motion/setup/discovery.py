@@ -116,8 +116,8 @@ def discover(
         )
     if not ports and not notes:
         notes.append(
-            "no USB serial adapter is plugged in; check the cable (some only carry power). A port"
-            " that is no USB adapter has to be named, with --port or in the attribute ports"
+            "no USB serial adapter is plugged in; check the cable, some only carry power. To use a"
+            " port that is no USB adapter, name it"
         )
     return Discovery(reports=tuple(reports), notes=tuple(notes))
 

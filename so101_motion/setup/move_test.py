@@ -150,7 +150,8 @@ class MoveTest:
             try:
                 swings.append(self._swing(i, q))
             except PlanningError as error:
-                obstacles.append((joint, f"{error}. Move the arm to a more open pose"))
+                why = str(error).partition("; ")[0]  # how to go on is the same for all joints
+                obstacles.append((joint, f"{why}. Move the arm to a more open pose"))
         if self._gripper is not None:
             if self._gripper.is_holding:
                 obstacles.append((GRIPPER_JOINT, "it holds something; take it out of the jaws"))

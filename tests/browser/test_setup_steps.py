@@ -269,7 +269,7 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
         assert not hand.can("Verify again")
         hand.press("Abort the setup")
         hand.press("Press again to abort")
-        hand.expect("the motors hold what they held before")
+        hand.expect("the motors have their previous settings again")
         assert kit.offsets == held
         hand.until(lambda: hand.can("Full Setup"), "Full Setup")
 

@@ -128,9 +128,9 @@ def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> ZeroReport:
     if all(zero.by == "middle" for zero in zeros.values()):
         off, _ = jaws.moved_mm(_STOPS_MIDDLE)
         sentence = (
-            "all joints have their zero in the middle of their travel; if they were moved from stop"
-            f" to stop, the jaws are about {off:.0f} mm from where they are reported: calibrate"
-            " with this package, or set joint_zero_offsets_deg"
+            "each joint's zero is the middle of its travel, so the jaws are about"
+            f" {off:.0f} mm from where they are reported, if the travels were recorded from stop to"
+            " stop; calibrate the arm with this package, or set joint_zero_offsets_deg"
         )
     else:
         sentence = (

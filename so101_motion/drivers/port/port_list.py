@@ -88,6 +88,9 @@ def find_ports(extra: Collection[str] = (), *, links: Path = _LINKS) -> tuple[Fo
     )
 
 
+_NO_PORT = "is not a serial port; list the ports with: so101 ports"
+
+
 def port_problem(name: str) -> str | None:
     """The reason why a port cannot be opened and what to do, found without opening it; or None."""
     if sys.platform == "win32":
@@ -95,7 +98,7 @@ def port_problem(name: str) -> str | None:
     if not os.path.exists(name):
         return open_error_text(name, FileNotFoundError(errno.ENOENT, "no such port"))
     if os.path.isdir(name):
-        return "is not a serial port; list the ports with: so101 ports"
+        return _NO_PORT
     if not os.access(name, os.R_OK | os.W_OK):
         return open_error_text(name, PermissionError(errno.EACCES, "permission denied"))
     # A pseudo-terminal is also open in the program behind it, say an emulator; opening will tell.
@@ -121,6 +124,8 @@ def programs_using(name: str) -> list[str]:
 def open_error_text(name: str, error: Exception) -> str:
     """The reason and what to do, as text, for an error of opening a port."""
     number = error.errno if isinstance(error, OSError) else None
+    if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):  # pyserial hides the number
+        return _NO_PORT
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         lost = adapters_without_port()
         return "there is no such port; " + (lost[0] if lost else "check the USB cable and the name")

@@ -37,6 +37,7 @@ from so101_motion.planning.kinematics.ik_closed import ClosedForms
 from so101_motion.planning.kinematics.ik_cloud import Cloud, CloudSolver
 from so101_motion.planning.kinematics.ik_numeric import minimise, polish
 from so101_motion.planning.kinematics.ik_task import (
+    FULL_STRETCH,
     IkSolution,
     Task,
     binding_limit,
@@ -219,6 +220,10 @@ def _miss(task: Task, solution: IkSolution) -> tuple[float, float]:
     return max(solution.error_position - task.position_tolerance, 0.0), solution.error_angle
 
 
+def _held_back(limit: str) -> str:
+    return "fully stretched" if limit == FULL_STRETCH else f"stopped by {limit}"
+
+
 def _unreachable(model: RobotModel, task: Task, best: IkSolution) -> Unreachable:
     """The error with the nearest pose, its distance, and the limit in the way."""
     p_base = model.frame(best.q, task.frame).p
@@ -226,9 +231,9 @@ def _unreachable(model: RobotModel, task: Task, best: IkSolution) -> Unreachable
     off, turned = to_mm(best.error_position), to_deg(best.error_angle)
     if best.error_position > task.position_tolerance:
         message = (
-            f"{task.frame} cannot reach {_millimetres(task.p_base)}, which is {_digits(off)} mm "
-            f"out of reach; the nearest reachable point is {_millimetres(p_base)}"
-            + (f", where the arm is stopped by {limit}" if limit else "")
+            f"{task.frame} cannot reach {_millimetres(task.p_base)}: it is {_digits(off)} mm out "
+            f"of reach; the nearest reachable point is {_millimetres(p_base)}"
+            + (f", where the arm is {_held_back(limit)}" if limit else "")
             + "; move the target there"
         )
     else:

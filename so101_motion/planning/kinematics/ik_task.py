@@ -18,6 +18,9 @@ from so101_motion.planning.goals import GoalMetric, PoseGoal
 from so101_motion.planning.kinematics.arm_geometry import Joints, to_joints
 from so101_motion.planning.kinematics.model import RobotModel
 
+FULL_STRETCH = "full stretch"
+"""What limits an arm that would have to be longer."""
+
 AT_LIMIT = 1e-6
 """A joint this close to a limit is at it [rad]. Chosen."""
 
@@ -210,4 +213,4 @@ def binding_limit(model: RobotModel, task: Task, q: Array) -> str | None:
         return " and ".join(names)
     outwards = model.frame(q, task.frame).p - model.frame(q, "upper_arm_link").p
     along = error @ outwards / (np.linalg.norm(error) * np.linalg.norm(outwards))
-    return "full stretch" if along > _ALONG else "the pan axis"
+    return FULL_STRETCH if along > _ALONG else "the pan axis"

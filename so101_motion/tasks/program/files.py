@@ -87,9 +87,13 @@ def find(name: str) -> Path:
     known = names()
     if name not in known:
         raise ConfigError(
-            "program", name, f"is neither a saved program nor a file; {suggest(name, known)}"
+            "program", name, f"is neither a saved program nor a .json file; {_offer(name, known)}"
         )
     return file_of(name)
+
+
+def _offer(name: str, known: tuple[str, ...]) -> str:
+    return suggest(name, known) if known else "save one on the Program tab of so101 view"
 
 
 def read(path: Path) -> Program:

@@ -72,6 +72,8 @@ def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint() -> 
 
 
 def test_an_unknown_program_is_refused_with_the_nearest() -> None:
+    result = so101("run", "nodd", "--sim", "--yes")
+    assert "try: save one on the Program tab" in result.stderr
     save(Waypoint(name="aside", q=A))
     result = so101("run", "nodd", "--sim", "--yes")
     assert result.exit_code == 2

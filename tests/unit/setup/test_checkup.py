@@ -175,6 +175,10 @@ def test_a_servo_that_holds_something_else_than_the_file_says_is_a_warning(arm):
     found = of(check_up(seen_on(arm, stored=stored)), "calibration")
     assert found.verdict == "warn"
     assert "elbow_flex: range_min is 700" in found.sentence
+    stored = stored_of(arm, elbow_flex={"range_min": 700}, gripper={"range_min": 700})
+    (found,) = [c for c in check_up(seen_on(arm, stored=stored)) if c.name == "calibration"]
+    assert found.sentence.endswith("; 1 more number differs")
+    assert "if this is the file of another arm" in found.fix
 
 
 def test_a_file_that_lacks_joints_or_makes_no_sense_is_a_failure(arm):

@@ -106,7 +106,7 @@ def test_a_missing_port_is_reported_with_what_to_check(tmp_path):
 def test_something_that_is_no_port_is_reported(tmp_path):
     file = tmp_path / "file"
     file.write_text("")
-    with pytest.raises(PortUnavailable, match="cannot be opened"):
+    with pytest.raises(PortUnavailable, match="is not a serial port; list the ports with"):
         SerialPort(str(file))
 
 
