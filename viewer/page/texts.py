@@ -64,7 +64,8 @@ def mode(state: JointState, *, lost: bool = False) -> str:
 
 def fault(state: JointState) -> str:
     """Why the arm is in a fault, without the file that was kept, which the Health tab names."""
-    return (state.fault or "no reason given").partition(". The second before is in ")[0].rstrip(".")
+    text = (state.fault or "no reason given").partition(". The second before is in ")[0]
+    return text.rstrip(".").removesuffix(", then let the arm hold again")
 
 
 def blocked(state: JointState) -> Sentence | None:

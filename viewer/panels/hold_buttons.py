@@ -38,14 +38,26 @@ def waiting(bar: Bar, title: str, error: Exception | None = None) -> None:
     bar.alert(_SOURCE, [said])
 
 
-def notice(connection: ArmConnection, state: JointState, since: datetime) -> Sentence | None:
-    """What is wrong with the connection or the arm's mode; None when all is well."""
+def notice(
+    connection: ArmConnection, state: JointState, since: datetime, *, is_back: bool = False
+) -> Sentence | None:
+    """What is wrong with the connection or the arm's mode; None when all is well.
+
+    Args:
+        connection: The connection.
+        state: The arm.
+        since: When it was lost.
+        is_back: Whether its fault is that it was lost, and it is back.
+    """
     if connection.problem is not None:
         text = (
             f"Lost the {connection.to} at {since:%H:%M:%S}. {capital(connection.problem)} Showing"
             " its last position. It reconnects by itself; nothing will move."
         )
         return Sentence(text=text, tone=Tone.BAD)
+    if state.mode is Mode.FAULT and is_back:
+        text = f"The {connection.to} was lost and is back. Nothing moves. Press Hold to go on."
+        return Sentence(text=text, tone=Tone.WARM)
     if state.mode is Mode.FAULT:
         text = f"Fault: {texts.fault(state)}. Fix this, then press Hold."
         return Sentence(text=text, tone=Tone.BAD)
@@ -78,6 +90,7 @@ class HoldButtons(Part):
     ) -> None:
         self._context, self._rigs, self._fade = context, dict(rigs), fade
         self._lost_at: dict[str, datetime] = {}
+        self._old_faults: dict[str, str | None] = {}  # of arms that are back after they were lost
         bar = self._bar = context.bar
         bar.title = title
         self._hold = self._button("Hold", lambda: self._each("hold", hold))
@@ -105,9 +118,14 @@ class HoldButtons(Part):
                     self._lost_at[name] = datetime.now()
                 else:
                     del self._lost_at[name]
+                    self._old_faults[name] = state.fault
+            if state.mode is not Mode.FAULT:
+                self._old_faults.pop(name, None)
             modes[name] = None if lost else state.mode
             states[name] = texts.mode(state, lost=lost)
-            said = notice(connection, state, self._lost_at.get(name, datetime.now()))
+            is_back = name in self._old_faults and self._old_faults[name] == state.fault
+            lost_at = self._lost_at.get(name, datetime.now())
+            said = notice(connection, state, lost_at, is_back=is_back)
             if said is not None:
                 alerts.append(texts.named(self._called(name), said))
         one = len(set(states.values())) == 1

@@ -128,6 +128,22 @@ def test_a_fault_is_said_without_the_file_that_was_kept() -> None:
     assert said.text == f"Fault: no reply from servo 4; check its cable. {end}"
 
 
+def test_an_arm_that_is_back_is_not_said_to_be_missing() -> None:
+    back, then = ArmConnection(to="arm on /dev/ttyACM0"), state(Mode.FAULT, "no such port")
+    said = notice(back, then, AT, is_back=True)
+    assert said is not None
+    assert said.text == (
+        "The arm on /dev/ttyACM0 was lost and is back. Nothing moves. Press Hold to go on."
+    )
+
+
+def test_what_to_do_after_a_restart_is_said_once() -> None:
+    cause = "servo 4 restarted: check its cable, then let the arm hold again"
+    said = notice(ArmConnection(to="arm"), state(Mode.FAULT, cause), AT)
+    assert said is not None
+    assert said.text == "Fault: servo 4 restarted: check its cable. Fix this, then press Hold."
+
+
 @pytest.mark.parametrize("mode", [Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING])
 def test_of_an_arm_that_is_well_nothing_is_said(mode: Mode) -> None:
     assert notice(ArmConnection(to="arm"), state(mode), AT) is None
