@@ -1,0 +1,159 @@
+"""What holds on all tabs and in windows of any size: Stop on top, targets for fingers, the Tab key,
+words for what is drawn, and nothing shown as new that is old."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from conftest import PHONE
+from harness.browser_user import READY, Guest
+
+from so101_motion.common.units import to_rad
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.hardware_rig import Rig
+
+pytestmark = pytest.mark.browser
+
+TABS = ("Move", "Jog", "Program", "World", "Share", "Teach")
+
+AT_STOP = """() => {
+    const { x, y, width, height } = document.querySelector('#so101-stop').getBoundingClientRect();
+    const spots = [[.5, .5], [.05, .1], [.95, .9]];
+    return spots.every(([right, down]) =>
+        document.elementFromPoint(x + right * width, y + down * height)?.id === 'so101-stop');
+}"""
+
+FOR_DEVELOPERS = ("Dev Settings", "Orbit Origin Tool", "Return to GUI", "Scene tree")
+
+SMALL_TARGETS = """() => {
+    const targets = document.querySelectorAll(
+        'button, input:not([type=hidden]), [role=tab], [role=slider], [role=button], textarea, a');
+    const seen = [...targets].filter((each) => each.checkVisibility({ visibilityProperty: true }));
+    const size = (each) => {
+        const around = each.closest('.mantine-Slider-root') ?? each;
+        const { width, height } = around.getBoundingClientRect();
+        return Math.min(width, height);
+    };
+    return seen.filter((each) => size(each) > 0 && size(each) < 43.5)
+        .map((each) => `${each.tagName} ${each.getAttribute('aria-label') ?? each.innerText}: `
+            + `${size(each).toFixed(0)} px`);
+}"""
+
+CONTROLS = """(all) => {
+    const root = document;
+    const found = all
+        ? [...root.querySelectorAll('button, input:not([type=hidden]), [role=slider], textarea')]
+            .filter((each) => each.checkVisibility({ visibilityProperty: true }) && !each.disabled
+                && !each.closest('.mantine-Notification-root') && each.tabIndex !== -1)
+        : [root.activeElement];
+    window.known ??= new Map();
+    return found.map((each) => {
+        if (!window.known.has(each)) window.known.set(each, window.known.size);
+        const name = each.getAttribute('aria-label') || each.innerText || each.tagName;
+        return `${window.known.get(each)} ${name}`.trim();
+    });
+}"""
+
+UNREACHABLE = """() => [...document.querySelectorAll(
+        '#root button, #root [role=tab], #so101-bar button, #so101-views button')]
+    .filter((each) => each.checkVisibility({ visibilityProperty: true }) && !each.disabled
+        && each.tabIndex < 0 && each.getAttribute('role') !== 'tab'
+        && !each.matches('.mantine-NumberInput-control'))  // the arrow keys do the same
+    .map((each) => each.getAttribute('aria-label') || each.outerHTML.slice(0, 120))"""
+
+
+@pytest.fixture
+def crawl(guest: Guest, rig: Rig) -> Callable[[], None]:
+    """Makes the arm move slowly for half a minute."""
+
+    def begin() -> None:
+        rig.arm.set_speed(to_rad(3.0))
+        rig.arm.start_move(JointGoal(q=READY))
+        guest.until(lambda: rig.arm.is_moving)
+
+    return begin
+
+
+def test_nothing_covers_stop_and_a_click_on_it_stops_whatever_is_open(
+    guest: Guest, rig: Rig, crawl: Callable[[], None]
+) -> None:
+    page = guest.page
+    for size in ((1440, 900), (1024, 700), PHONE):
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        crawl()
+        page.keyboard.press("Control+k")  # where viser has a list of commands
+        guest.fields("Target for").first.click()
+        guest.until(lambda: page.get_by_role("option", name="jaw tip").is_visible())
+        assert page.evaluate(AT_STOP)
+        page.locator("#so101-stop").click()
+        guest.until(lambda: not rig.arm.is_moving)
+        page.keyboard.press("Escape")
+        for words in FOR_DEVELOPERS:
+            assert page.get_by_text(words).filter(visible=True).count() == 0
+            assert page.get_by_label(words).filter(visible=True).count() == 0
+
+
+def test_plots_tracking_and_share_name_their_plan_and_are_grey_when_it_is_old(
+    guest: Guest, rig: Rig
+) -> None:
+    page = guest.page
+
+    def caption() -> str:
+        return page.locator("div:visible", has_text=" s; peak ").last.inner_text()
+
+    def opacity() -> float:
+        plot = page.locator(".uplot").filter(visible=True).first
+        return float(plot.evaluate("plot => getComputedStyle(plot).opacity"))
+
+    guest.press("Plan")
+    guest.until(lambda: guest.button("Execute").is_enabled())
+    page.get_by_role("tab", name="Velocity").click()
+    name = caption().split(",")[0]
+    assert name.startswith("Plan ")
+    assert opacity() == 1.0
+    drawn = page.get_by_role("img", name="Plot of velocity (°/s), over time")
+    assert drawn.filter(visible=True).count() == 1  # what is drawn, for who cannot see it
+    page.get_by_role("tab", name="Share").click()
+    guest.until(lambda: guest.says(f"{name}. Choose a file type."))
+    page.get_by_role("tab", name="Move").click()
+
+    guest.press("Execute")
+    guest.until(lambda: guest.says("Arrived"))
+    guest.until(lambda: caption().startswith(f"Old: {name}") and opacity() == 0.5)
+    page.get_by_role("tab", name="Tracking").click()
+    guest.until(lambda: guest.says(f"{name}: RMS"))
+    page.get_by_role("tab", name="Share").click()
+    guest.until(lambda: guest.says(f"{name}, which is old. Choose a file type."))
+    rig.arm.start_move(JointGoal(q=0.5 * READY)).result(60.0)  # somebody else moves it
+    guest.until(lambda: guest.says("Another motion: RMS"))
+    page.get_by_role("tab", name="Velocity").click()
+    page.get_by_role("tab", name="Move").click()
+
+
+def test_every_target_is_large_enough_for_a_finger(guest: Guest) -> None:
+    for width, height in (PHONE, (820, 1180), (1024, 700)):
+        guest.page.set_viewport_size({"width": width, "height": height})
+        guest.until(lambda: guest.page.locator("[data-dock-tab]").count() == 0)
+        for name in TABS:
+            guest.page.get_by_role("tab", name=name, exact=True).click()
+            guest.page.wait_for_timeout(150)
+            assert guest.page.evaluate(SMALL_TARGETS) == [], (name, width)
+
+
+def test_the_tab_key_reaches_every_control(guest: Guest) -> None:
+    page = guest.page
+    for name in TABS:
+        page.get_by_role("tab", name=name, exact=True).click()
+        page.wait_for_timeout(300)
+        assert page.evaluate(UNREACHABLE) == [], name
+        wanted = set(page.evaluate(CONTROLS, True))
+        assert len(wanted) > 8
+        reached: set[str] = set()
+        for _ in range(2 * len(wanted) + 40):
+            page.keyboard.press("Tab")
+            reached.update(page.evaluate(CONTROLS, False))
+            if wanted <= reached:
+                break
+        assert wanted - reached == set(), name
+    page.get_by_role("tab", name="Move").click()
