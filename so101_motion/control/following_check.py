@@ -16,7 +16,6 @@ half of that is enough.
 from __future__ import annotations
 
 import math
-from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +44,46 @@ STANDS = to_rad(0.3)
 that leans on a wall trembles by two. Chosen."""
 
 
+NEAREST = 0.75
+"""From which share of ``contact_distance`` on a joint is behind its setpoint; chosen."""
+
+
+class LatestRows:
+    """The latest rows of a table, in one array: looking back at them copies nothing.
+
+    Args:
+        kept: How many rows are kept.
+    """
+
+    def __init__(self, kept: int) -> None:
+        self._kept = kept
+        self._rows: Array = np.empty((0, 0))
+        self._end = self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, row: Array) -> None:
+        """Add a row, shape (n,); the oldest is dropped if as many as are kept are there."""
+        if self._rows.shape[1:] != row.shape:
+            self._rows = np.empty((4 * self._kept, len(row)))
+            self._end = self._count = 0
+        if self._end == len(self._rows):
+            self._rows[: self._kept] = self._rows[-self._kept :].copy()
+            self._end = self._kept
+        self._rows[self._end] = row
+        self._end += 1
+        self._count = min(self._count + 1, self._kept)
+
+    def last(self, n: int) -> Array:
+        """The last ``n`` rows that are there, oldest first; until the next ``append``."""
+        return self._rows[self._end - min(n, self._count) : self._end]
+
+    def clear(self) -> None:
+        """Drop all rows."""
+        self._end = self._count = 0
+
+
 class FollowingCheck:
     """Compares measured joints with the latest setpoints, tick by tick.
 
@@ -56,19 +95,22 @@ class FollowingCheck:
     def __init__(self, tolerances: Tolerances, dt: float) -> None:
         self._tolerances, self._dt = tolerances, dt
         self._lag = round(tolerances.following_lag / dt)
+        self._sees_contact = math.isfinite(
+            min(tolerances.contact_distance, tolerances.pressed_stray)
+        )
         self._windows = tuple(round(span / dt) for span in tolerances.contact_windows)
         self._before = round(FOLLOWED / dt)
         self._stops = tuple(round(span / dt) for span in STOPPED)
         self._one_side = round(ONE_SIDE / dt)
         self._kept = 1 + max(self._lag + max(self._windows), self._before + max(self._stops))
-        self._wanted: deque[Array] = deque(maxlen=self._kept)
-        self._seen: deque[Array] = deque(maxlen=self._kept)
+        self._wanted, self._seen = LatestRows(self._kept), LatestRows(self._kept)
         self._pressed: Array | int = 0  # for how many ticks
         self._in_play: Array | float = math.inf
 
     def begin(self, q_ref: Array) -> None:
         """Forget everything; the joints have stood at ``q_ref``, shape (n,), [rad]."""
-        self._wanted.extend([q_ref] * self._kept)
+        for _ in range(self._kept):
+            self._wanted.append(q_ref)
         self._seen.clear()
         self._pressed, self._in_play = 0, math.inf
 
@@ -78,8 +120,8 @@ class FollowingCheck:
 
     def off(self, q: Array) -> Array:
         """How far the joints at ``q`` are from all the latest setpoints, shapes (n,), [rad]."""
-        wanted = np.array(self._wanted)[-1 - self._lag :]
-        off: Array = np.maximum(np.min(wanted, axis=0) - q, q - np.max(wanted, axis=0))
+        wanted = self._wanted.last(1 + self._lag)
+        off: Array = np.maximum(wanted.min(axis=0) - q, q - wanted.max(axis=0))
         return off
 
     def held_up(self, q: Array, in_play: Array) -> NDArray[np.bool_]:
@@ -90,20 +132,22 @@ class FollowingCheck:
             in_play: How far they stray while their motors go through the play, shape (n,), [rad];
                 0 for gears that are kept on one side of it.
         """
+        held = np.zeros(len(q), dtype=np.bool_)
+        if not self._sees_contact:
+            return held
         self._seen.append(q)
         self._pressed = np.where(in_play == 0.0, self._pressed + 1, 0)
         self._in_play = np.where(in_play == 0.0, self._in_play, in_play)  # as it was at last
-        held = np.zeros(len(q), dtype=np.bool_)
         if len(self._wanted) < self._kept:
             return held
-        wanted = np.array(self._wanted)
-        for window in self._windows:
-            if len(self._seen) > window:
-                before = self._seen[len(self._seen) - 1 - window]
-                held |= self._stands(wanted[-1 - self._lag - window :], window, q - before, q)
-        if math.isfinite(self._tolerances.pressed_stray) and len(self._seen) == self._kept:
+        wanted, seen = self._wanted.last(self._kept), self._seen.last(self._kept)
+        for window in self._windows if self._may_stand(wanted[-1], q) else ():
+            if len(seen) > window:
+                moved = q - seen[-1 - window]
+                held |= self._stands(wanted[-1 - self._lag - window :], window, moved, q)
+        if math.isfinite(self._tolerances.pressed_stray) and len(seen) == self._kept:
             side = np.sign(wanted[-1] - wanted[-2])
-            wanted, seen = side * wanted, side * np.array(self._seen)
+            wanted, seen = side * wanted, side * seen
             shortest = seen[-1 - self._stops[0] :]
             if np.any(shortest.max(axis=0) - shortest[0] <= STANDS):
                 for stop in self._stops:
@@ -133,10 +177,14 @@ class FollowingCheck:
         held &= wanted[-1] - farthest - stray[: then + 1].max(axis=0) > most
         return held
 
+    def _may_stand(self, wanted: Array, q: Array) -> bool:
+        """Whether a joint is as far behind its setpoint as ``_stands`` asks for at least."""
+        return bool(np.abs(wanted - q).max() > NEAREST * self._tolerances.contact_distance)
+
     def _stands(self, wanted: Array, window: int, moved: Array, q: Array) -> NDArray[np.bool_]:
         led = wanted[window:] - wanted[:-window]
         # By whatever lag it is explained best: only then is it no lag.
-        low, high = np.min(led, axis=0), np.max(led, axis=0)
+        low, high = led.min(axis=0), led.max(axis=0)
         way = np.where(low > 0.0, low, np.where(high < 0.0, high, 0.0))
         # One that goes backwards has not met anything, it sags or turns round.
         missing = np.abs(way) - np.maximum(np.sign(way) * moved, 0.0)
@@ -144,6 +192,6 @@ class FollowingCheck:
         less = np.maximum(least, self._tolerances.contact_share * np.abs(way))
         # One that ran ahead may wait for its setpoints.
         behind = np.sign(way) * (wanted[-1] - q)
-        far = behind > np.maximum(0.5 * less, 0.75 * least)
+        far = behind > np.maximum(0.5 * less, NEAREST * least)
         held: NDArray[np.bool_] = (missing > less) & far
         return held

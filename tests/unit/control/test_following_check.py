@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from so101_motion.control.following_check import FollowingCheck
+from so101_motion.control.following_check import FollowingCheck, LatestRows
 from so101_motion.control.joint_group import Tolerances
 
 DT = 0.01
@@ -123,3 +123,17 @@ def test_a_joint_that_shall_be_stopped_by_what_it_meets_is_left_to_press():
     way = 90.0 * DT * np.arange(100.0)
     soft = Tolerances(following_lag=0.15)
     assert seen(way, np.minimum(way, 40.0), soft) is None
+
+
+def test_the_latest_rows_are_those_of_a_list_however_many_came():
+    rows, kept = LatestRows(7), []
+    for k in range(100):
+        rows.append(np.array([k, -k], dtype=float))
+        kept = [*kept, [k, -k]][-7:]
+        assert rows.last(7).tolist() == kept
+        assert rows.last(3).tolist() == kept[-3:]
+        assert len(rows) == len(kept)
+    rows.clear()
+    assert len(rows) == len(rows.last(7)) == 0
+    rows.append(np.array([1.0, 2.0]))
+    assert rows.last(7).tolist() == [[1.0, 2.0]]
