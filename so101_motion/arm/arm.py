@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import nullcontext, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, TypeVar, Unpack
 
 import numpy as np
 
@@ -38,6 +38,8 @@ from so101_motion.planning.timing.limits import MotionLimits
 
 if TYPE_CHECKING:
     from so101_motion.arm.place import Place
+
+T = TypeVar("T")
 
 PLANS = 3
 """How often a motion is planned at most while other arms keep getting in its way; chosen."""
@@ -95,10 +97,18 @@ class Arm(PlannedArm):
             Interrupted: The motion whose step called this was interrupted.
         """
         request, planning = self._start_plan(goal, limits, search, q_start, q_jaw)
-        motion = self._motions.here
-        plan = planning.result() if motion is None else motion.wait_for(planning)
+        plan = self.wait_for(planning)
         self.newest = (request, plan)
         return plan
+
+    def wait_for(self, awaited: Future[T]) -> T:
+        """The result of ``awaited``; the motion that the calling thread carries out waits for it.
+
+        Raises:
+            Interrupted: That motion was interrupted; ``awaited`` is cancelled then.
+        """
+        motion = self._motions.here
+        return awaited.result() if motion is None else motion.wait_for(awaited)
 
     def start_move(
         self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None

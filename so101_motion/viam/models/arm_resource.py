@@ -169,17 +169,14 @@ class ArmResource(Configured, Arm):
         if self.surroundings.is_asked():
             loop = asyncio.get_running_loop()
 
+            def plan(scene: Scene) -> Future[Plan]:
+                return self._arm.start_plan(goal, search=replace(search, scene=scene))
+
             def planning() -> Future[Plan]:
-                return asyncio.run_coroutine_threadsafe(self._planned(goal, search), loop)
+                scene = search.scene or self._arm.scene
+                return self.surroundings.start_planning(scene, plan, self._arm.wait_for, loop)
 
         return self._arm.start_planned(planning)
-
-    async def _planned(self, goal: Goal, search: Search) -> Plan:
-        async def plan(scene: Scene) -> Plan:
-            around = replace(search, scene=scene)
-            return await asyncio.wrap_future(self._arm.start_plan(goal, search=around))
-
-        return await self.surroundings.planned(search.scene or self._arm.scene, plan)
 
     async def _move_by_service(
         self, service: MotionService, pose: Pose, extra: dict[str, Any], **kwargs: Any

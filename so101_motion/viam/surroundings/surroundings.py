@@ -2,7 +2,8 @@
 
 They are the arm's configured scene, the machine's components, and the things that stores and
 cameras report. Reading them takes some milliseconds, as long as a plan. So planning begins with the
-last known surroundings, and the plan is used only if they are unchanged.
+last known surroundings, and the plan is used only if they are unchanged. A motion of the arm begins
+it on its own thread, because the event loop is busy with the reading.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ import asyncio
 import logging
 import time
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Protocol, TypeVar
+from concurrent.futures import Future
+from typing import NamedTuple, Protocol, TypeVar
 
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
@@ -43,8 +45,15 @@ class Source(Protocol):
         """Stop using it; may be called twice."""
 
 
+class _Guess(NamedTuple):
+    """A scene that is probably still right."""
+
+    scene: Scene
+    company: tuple[object, ...]
+
+
 class Surroundings:
-    """The surroundings of one arm. Lives in the event loop.
+    """The surroundings of one arm. Lives in the event loop, except ``start_planning``.
 
     Args:
         machine: Reads the machine's components.
@@ -134,21 +143,58 @@ class Surroundings:
         """
         if not self.is_asked(also):
             return await plan(scene)
-        guess, last, company = None, self._last.get(also), self._machine.company
-        is_steady = all(source.is_steady for source in (*self._sources, *also))
-        if last is not None and last[0] == scene and is_steady:
-            guess = asyncio.ensure_future(plan(last[1]))
+        guess = self._guess(scene, also)
+        early = None if guess is None else asyncio.ensure_future(plan(guess.scene))
         try:
             now = await self.around(scene, also)
-            is_as_before = last is not None and now == last[1]
-            if guess is not None and is_as_before and company == self._machine.company:
-                return await guess
+            if early is not None and guess == (now, self._machine.company):
+                return await early
         finally:
-            if guess is not None:
-                guess.cancel()
-                await asyncio.wait([guess])
-                guess.cancelled() or guess.exception()  # retrieved, so that asyncio does not warn
+            if early is not None:
+                early.cancel()
+                await asyncio.wait([early])
+                early.cancelled() or early.exception()  # retrieved, so that asyncio does not warn
         return await plan(now)
+
+    def start_planning(
+        self,
+        scene: Scene,
+        plan: Callable[[Scene], Future[T]],
+        wait_for: Callable[[Future[Scene]], Scene],
+        loop: asyncio.AbstractEventLoop,
+    ) -> Future[T]:
+        """Like ``planned``, from the thread of the motion; waits only for the reading.
+
+        Args:
+            scene: The arm's own scene.
+            plan: Starts to plan in a scene; called perhaps twice.
+            wait_for: Waits for the surroundings; may raise to end that.
+            loop: The event loop that this lives in.
+
+        Returns:
+            What ``plan`` returned.
+
+        Raises:
+            SurroundingsUnknown: The surroundings cannot be read.
+        """
+        guess = self._guess(scene, ())
+        early = None if guess is None else plan(guess.scene)
+        is_right = False
+        try:
+            now = wait_for(asyncio.run_coroutine_threadsafe(self.around(scene), loop))
+            is_right = guess == (now, self._machine.company)
+        finally:
+            if early is not None and not is_right:
+                early.cancel()
+        return early if early is not None and is_right else plan(now)
+
+    def _guess(self, scene: Scene, also: tuple[Source, ...]) -> _Guess | None:
+        """The scene as last read; None if it is not known or changes all the time."""
+        company, last = self._machine.company, self._last.get(also)
+        is_steady = all(source.is_steady for source in (*self._sources, *also))
+        if last is None or last[0] != scene or not is_steady:
+            return None
+        return _Guess(last[1], company)
 
     async def close(self) -> None:
         """Close the sources; may be called twice."""
