@@ -27,7 +27,8 @@ from benchmarks._common import single_thread, summary, write
 from benchmarks.solids import Solids
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array, rot_z
-from so101_motion.planning.cell.together import TeamMember, plan_together
+from so101_motion.planning.cell.team_requests import TeamMember
+from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision.apart import first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel

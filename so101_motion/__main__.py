@@ -1,6 +1,7 @@
 """Start the Viam module: ``python -m so101_motion SOCKET [--log-level LEVEL] [--tcp-mode]``."""
 
 import asyncio
+import gc
 import os
 import sys
 
@@ -16,12 +17,14 @@ def main() -> None:
         )
     # The matrices are 5x5, so threads would only cost memory; numpy reads this when it is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.disable()  # nothing that is imported is garbage, and looking takes a twentieth of the start
     try:
         from so101_motion.viam.models.module import run
     except ImportError as error:
         if explain(error) is None:
             raise
         sys.exit(f"error: {sentence(error)}")
+    gc.enable()
     asyncio.run(run())
 
 

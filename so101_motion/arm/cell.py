@@ -30,8 +30,12 @@ from so101_motion.arm.team_motion import TeamPlanning, TeamSeries, TeamStep, end
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.among import crosses, crossing
-from so101_motion.planning.cell.handover import Handover, HandoverRequest
-from so101_motion.planning.cell.together import TeamMember, TeamRequest
+from so101_motion.planning.cell.team_requests import (
+    Handover,
+    HandoverRequest,
+    TeamMember,
+    TeamRequest,
+)
 from so101_motion.planning.goals import Goal, JointGoal
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from so101_motion.arm.gripper import Gripper
     from so101_motion.arm.motion_handle import Motion
     from so101_motion.arm.place import Place
-    from so101_motion.planning.cell.handover import Handover
+    from so101_motion.planning.cell.team_requests import Handover
     from so101_motion.planning.collision.scene import Attached
     from so101_motion.planning.request import Plan
 

@@ -24,7 +24,7 @@ from so101_motion.common.realtime import restore_normal_priority
 from so101_motion.planning.checkpoint import Abandoned
 
 if TYPE_CHECKING:
-    from so101_motion.planning.cell.together import TeamTask
+    from so101_motion.planning.cell.team_requests import TeamTask
     from so101_motion.planning.planner import Planner
     from so101_motion.planning.request import PlanRequest
 

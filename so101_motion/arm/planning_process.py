@@ -21,7 +21,7 @@ from so101_motion.common.child_process import spawn
 from so101_motion.common.errors import So101Error, WorkerError
 
 if TYPE_CHECKING:
-    from so101_motion.planning.cell.together import TeamTask
+    from so101_motion.planning.cell.team_requests import TeamTask
     from so101_motion.planning.request import PlanRequest
 
 HANG_TIMEOUT = 3.0

@@ -28,7 +28,7 @@ from so101_motion.arm.planning_process import HANG_TIMEOUT, ChildDied, PlanningP
 from so101_motion.common.errors import ConfigError, So101Error, WorkerError
 
 if TYPE_CHECKING:
-    from so101_motion.planning.cell.together import TeamTask
+    from so101_motion.planning.cell.team_requests import TeamTask
     from so101_motion.planning.request import Plan, PlanRequest
 
 _log = logging.getLogger(__name__)

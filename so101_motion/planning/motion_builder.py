@@ -20,6 +20,7 @@ import numpy as np
 from so101_motion.common.errors import InCollision, OutsideLimits, PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.paths.start_recovery import is_harmless
@@ -59,10 +60,6 @@ Chosen."""
 
 _ROUNDER = 0.25
 """Factor of the roundings in the second attempt."""
-
-MARGIN_TOLERANCE = 0.2
-"""Share of its margin by which a pair may be closer during a motion. A path is proven at other
-configurations than its motion; between them it may come a little nearer. Chosen."""
 
 LOOK = 0.02
 """Travel between the samples of a quick check before a motion is timed [m]."""

@@ -14,8 +14,8 @@ then by the taker.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import islice
 
@@ -26,7 +26,8 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_rad
 from so101_motion.planning.cell.grasps import Grasp, grasps_of
 from so101_motion.planning.cell.meetings import Meeting, Meetings
-from so101_motion.planning.cell.together import TeamMember, plan_together
+from so101_motion.planning.cell.team_requests import Handover, HandoverRequest, TeamMember
+from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
@@ -57,64 +58,6 @@ AT_A_TIME = 5
 
 SEEDS = 6
 """How often meetings are searched, among other random configurations each time; chosen."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HandoverRequest:
-    """Request to pass an object from one arm to another.
-
-    Attributes:
-        team: All arms of the cell from where they are; their goals are ignored.
-        giver: The name of the arm that holds the object.
-        taker: The name of the arm that shall take it.
-        thing: The object's name among those the giver holds.
-        grasps: How it may be taken; empty to use the box around it.
-    """
-
-    team: tuple[TeamMember, ...]
-    giver: str
-    taker: str
-    thing: str
-    grasps: tuple[Grasp, ...] = ()
-
-    def made_by(self, planner: Planner) -> Handover:
-        """The plan; see ``plan_handover``."""
-        return plan_handover(planner, self)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Handover:
-    """A plan to pass an object on.
-
-    Attributes:
-        giver: The name of the arm that holds it.
-        taker: The name of the arm that takes it.
-        thing: The object in the giver's gripper.
-        taken: The object in the taker's gripper.
-        approach: The motion of each arm by its name, begun and ended together.
-        take: The straight motion of the taker to the object.
-        leave: The straight motion of the giver away from it.
-        q_jaw_open: Angle of the taker's open jaw before it takes the object [rad].
-        q_jaw_closed: Angle of the taker's jaw closed on the object [rad].
-        q_jaw_free: Angle of the giver's open jaw while it leaves [rad].
-    """
-
-    giver: str
-    taker: str
-    thing: Attached
-    taken: Attached
-    approach: Mapping[str, Plan]
-    take: Plan
-    leave: Plan
-    q_jaw_open: float
-    q_jaw_closed: float
-    q_jaw_free: float
-
-    @property
-    def duration(self) -> float:
-        """How long the arms move [s], without the time for the jaws."""
-        approach = max(each.duration for each in self.approach.values())
-        return approach + self.take.duration + self.leave.duration
 
 
 def plan_handover(planner: Planner, request: HandoverRequest) -> Handover:

@@ -15,9 +15,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, pairwise, permutations
-from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -28,13 +27,13 @@ from so101_motion.common.errors import (
     Overloaded,
     PlanningError,
 )
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import Array
 from so101_motion.planning.among import crossing, plan_among
 from so101_motion.planning.cell.pace import PacedArm, pace_on
+from so101_motion.planning.cell.team_requests import TeamMember
 from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
-from so101_motion.planning.collision.course import Course, OtherArm
-from so101_motion.planning.collision.scene import as_seen_by
+from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.team_check import TeamArm, TeamCheck
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.motion_builder import joined
@@ -44,7 +43,7 @@ from so101_motion.planning.paths.rrt_connect import Deadline, Space, TreeSearch
 from so101_motion.planning.paths.shorten import shortened
 from so101_motion.planning.planner import CORNER, Planner
 from so101_motion.planning.planning_context import PlanningContext
-from so101_motion.planning.request import Plan, PlanRequest
+from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import blended_path
@@ -60,59 +59,6 @@ SPARE = 0.005
 
 MOST_ORDERS = 6
 """Number of orders in which arms are planned one after the other; chosen, all orders of three."""
-
-
-T_co = TypeVar("T_co", covariant=True)
-
-
-class TeamTask(Protocol[T_co]):
-    """A planning request for several arms."""
-
-    def made_by(self, planner: Planner) -> T_co:
-        """Plan it; raises the planner's errors."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TeamMember:
-    """One of several arms that are planned together.
-
-    Attributes:
-        name: Its name in messages.
-        T_cell_base: Pose of its base in the cell.
-        request: Its start and goal; its ``others`` are ignored.
-    """
-
-    name: str
-    T_cell_base: SE3
-    request: PlanRequest
-
-    def resting(self, q: Array) -> Course:
-        """The arm at rest at ``q``, shape (5,), [rad]."""
-        return Course.resting(q, self.request.q_jaw)
-
-    def seen_from(self, other: TeamMember, course: Course) -> OtherArm:
-        """This arm as another arm's request needs it."""
-        return OtherArm(
-            name=self.name,
-            T_base_other=other.T_cell_base.inverse @ self.T_cell_base,
-            course=course,
-            attached=as_seen_by(other.name, self.request.scene.attached),
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TeamRequest:
-    """Request for a common motion of several arms.
-
-    Attributes:
-        team: The arms.
-    """
-
-    team: tuple[TeamMember, ...]
-
-    def made_by(self, planner: Planner) -> dict[str, Plan]:
-        """The plan of each arm; see ``plan_together``."""
-        return plan_together(planner, self.team)
 
 
 def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:

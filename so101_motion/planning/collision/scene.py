@@ -39,6 +39,10 @@ MARGIN = 0.003
 """Distance that bodies must keep at every checked configuration [m]. Chosen: the error of printed
 parts, backlash (about 1 deg) and cables near the body, and small enough for tight poses."""
 
+MARGIN_TOLERANCE = 0.2
+"""Share of its margin by which a pair may be closer during a motion. A path is proven at other
+configurations than its motion; between them it may come a little nearer. Chosen."""
+
 LARGEST = 100.0
 """Largest size and distance [m]; a larger number was probably meant as millimetres."""
 

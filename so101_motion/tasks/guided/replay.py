@@ -29,8 +29,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
 from so101_motion.planning.goals import JointGoal, PathGoal
-from so101_motion.planning.motion_builder import MARGIN_TOLERANCE
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import slowed

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from viam.components.sensor import Sensor
 from viam.resource.types import Model
@@ -14,16 +14,16 @@ from viam.resource.types import Model
 from so101_motion.calib.record import store
 from so101_motion.rig.hardware_rig import open_without_waiting
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.setup.calibrator import Calibrator
-from so101_motion.setup.situation_json import readings
 from so101_motion.viam.attribute_table import CALIBRATION_FILE
 from so101_motion.viam.component_config import CalibrationConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.requests.await_motion import carried_out
-from so101_motion.viam.requests.calibration_commands import CalibrationCommands
 from so101_motion.viam.requests.commands import answer
+
+if TYPE_CHECKING:
+    from so101_motion.setup.calibrator import Calibrator
 
 
 class So101Calibration(Configured, Sensor):
@@ -42,6 +42,8 @@ class So101Calibration(Configured, Sensor):
     READ = staticmethod(CalibrationConfig.from_attributes)
 
     def __init__(self, name: str, calibrator: Calibrator, first_try: Future[None]) -> None:
+        from so101_motion.viam.requests.calibration_commands import CalibrationCommands
+
         super().__init__(name)
         self._first_try = first_try
         self._calibrator = calibrator
@@ -52,6 +54,8 @@ class So101Calibration(Configured, Sensor):
         cls, name: str, wanted: CalibrationConfig, dependencies: Dependencies
     ) -> So101Calibration:
         """Make the sensor of a port; needs no servo."""
+        from so101_motion.setup.calibrator import Calibrator
+
         rig = open_without_waiting(_port_settings(wanted))
         try:
             return cls(name, Calibrator(rig, wanted.joints), rig.first_try)
@@ -61,6 +65,8 @@ class So101Calibration(Configured, Sensor):
 
     async def get_readings(self, **kwargs: Any) -> Mapping[str, Any]:
         """The state of calibration and motor setup, and the joint angles."""
+        from so101_motion.setup.situation_json import readings
+
         await asyncio.shield(asyncio.wrap_future(self._first_try))  # a moment, once
         now = readings(self._calibrator.situation)
         return convert.to_result({**now, "last_save_error": self._requests.last_save_error})

@@ -14,13 +14,17 @@ import asyncio
 import os
 import signal
 import sys
+import threading
 from contextlib import suppress
 from functools import partial
+from importlib import import_module
 
 from grpclib import GRPCError
 from viam.logging import getLogger
 from viam.module.module import Module
 from viam.proto.module import (
+    ReadyRequest,
+    ReadyResponse,
     RemoveResourceRequest,
     ValidateConfigRequest,
     ValidateConfigResponse,
@@ -60,6 +64,14 @@ MODELS = (
 )
 """Every model of this module."""
 
+LATER = (
+    "so101_motion.setup.identify",
+    "so101_motion.tasks.program",
+    "so101_motion.viam.requests.calibration_commands",
+)
+"""Imported once the module is ready: a tenth of all imports, which the first requests need not wait
+for. They are imported where they are used, too, should that be earlier."""
+
 for _model in MODELS:
     Registry.register_resource_creator(
         _model.API,
@@ -75,6 +87,12 @@ _PATIENCE = 8.0  # [s] for cleaning up once the parent is gone; chosen, viam-ser
 
 class So101Module(Module):
     """The SDK's module with plain error messages, and arms that end their motion when removed."""
+
+    async def ready(self, request: ReadyRequest) -> ReadyResponse:
+        """List the models, and import the rest in the background."""
+        answer = await super().ready(request)
+        threading.Thread(target=_import_later, name="so101-imports", daemon=True).start()
+        return answer
 
     async def validate_config(self, request: ValidateConfigRequest) -> ValidateConfigResponse:
         """Check a configuration.
@@ -127,6 +145,11 @@ async def run() -> None:
         await module.start()  # type: ignore[no-untyped-call]  # the SDK left it unannotated
     finally:
         watch.cancel()
+
+
+def _import_later() -> None:
+    for name in LATER:
+        import_module(name)
 
 
 def _end_before_clients(server: Server) -> None:

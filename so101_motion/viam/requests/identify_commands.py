@@ -6,7 +6,7 @@ import asyncio
 import logging
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from so101_motion.calib.record import servo_file
 from so101_motion.common.attributes import Attributes
@@ -14,11 +14,13 @@ from so101_motion.common.errors import CalibrationError, ConfigError, MotionErro
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.request import Search
 from so101_motion.rig.hardware_rig import HardwareRig
-from so101_motion.setup.identify import Identification, IdentificationOutline
 from so101_motion.viam.requests.await_motion import carried_out, in_own_thread, rest
 from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.servo_commands import out_of_fault
 from so101_motion.viam.surroundings.surroundings import Surroundings
+
+if TYPE_CHECKING:
+    from so101_motion.setup.identify import Identification, IdentificationOutline
 
 _FLAGS = ("carrying", "check", "outline", "undo")
 
@@ -45,6 +47,8 @@ class IdentifyCommands:
         }
 
     async def _identify(self, given: Attributes) -> dict[str, Any]:
+        from so101_motion.setup.identify import Identification
+
         carrying, check, outline, undo = (given.flag(name, False) for name in _FLAGS)
         joints = given.names("joints") or ARM_JOINTS
         for joint in joints:

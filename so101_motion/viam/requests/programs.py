@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes
-from so101_motion.tasks.program import Program, Rehearsal, rehearse, run_once_planned
-from so101_motion.tasks.program.files import program_from, rounds_to
 from so101_motion.tasks.teleop.local_arms import jaw_of
 from so101_motion.viam.requests.commands import Command, Taking
 
 if TYPE_CHECKING:
+    from so101_motion.tasks.program import Program, Rehearsal
     from so101_motion.viam.models.arm_resource import ArmResource
 
 _ENTRIES = ("schema", "waypoints", "loops", "rounds")
@@ -40,6 +39,9 @@ class ProgramCommands:
         self.commands: Mapping[str, Command] = {"run_program": Taking(self._run, _ENTRIES)}
 
     async def _run(self, given: Attributes) -> dict[str, Any]:
+        from so101_motion.tasks.program import run_once_planned
+        from so101_motion.tasks.program.files import program_from, rounds_to
+
         content = {key: given.raw(key) for key in _ENTRIES if given.given(key)}
         program = await asyncio.to_thread(program_from, content)
         await self._arm.set_manual_mode(False)  # holds again after a fault, too
@@ -58,6 +60,8 @@ class ProgramCommands:
         self, loop: asyncio.AbstractEventLoop, program: Program, motion: Motion
     ) -> Rehearsal:
         """Read the surroundings and plan; called on the arm's planning thread once it rests."""
+        from so101_motion.tasks.program import rehearse
+
         rig, scene, around = self._arm.rig, None, self._arm.surroundings
         if around.is_asked():
             reading = asyncio.run_coroutine_threadsafe(around.around(rig.arm.scene), loop)

@@ -8,7 +8,8 @@ from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.common.errors import InCollision, Unreachable
 from so101_motion.common.geometry import SE3, rot_z
-from so101_motion.planning.cell.together import TeamMember, plan_together
+from so101_motion.planning.cell.team_requests import TeamMember
+from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course

@@ -1,0 +1,134 @@
+"""The requests to plan for several arms at once, and the plan of a handover.
+
+The planning process gets these values and sends them back. The planners are imported only where
+they plan (``together.py``, ``handover.py``), so that other processes need not load them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.course import Course, OtherArm
+from so101_motion.planning.collision.scene import Attached, as_seen_by
+from so101_motion.planning.request import Plan, PlanRequest
+
+if TYPE_CHECKING:
+    from so101_motion.planning.cell.grasps import Grasp
+    from so101_motion.planning.planner import Planner
+
+T_co = TypeVar("T_co", covariant=True)
+
+
+class TeamTask(Protocol[T_co]):
+    """A planning request for several arms."""
+
+    def made_by(self, planner: Planner) -> T_co:
+        """Plan it; raises the planner's errors."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TeamMember:
+    """One of several arms that are planned together.
+
+    Attributes:
+        name: Its name in messages.
+        T_cell_base: Pose of its base in the cell.
+        request: Its start and goal; its ``others`` are ignored.
+    """
+
+    name: str
+    T_cell_base: SE3
+    request: PlanRequest
+
+    def resting(self, q: Array) -> Course:
+        """The arm at rest at ``q``, shape (5,), [rad]."""
+        return Course.resting(q, self.request.q_jaw)
+
+    def seen_from(self, other: TeamMember, course: Course) -> OtherArm:
+        """This arm as another arm's request needs it."""
+        return OtherArm(
+            name=self.name,
+            T_base_other=other.T_cell_base.inverse @ self.T_cell_base,
+            course=course,
+            attached=as_seen_by(other.name, self.request.scene.attached),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TeamRequest:
+    """Request for a common motion of several arms.
+
+    Attributes:
+        team: The arms.
+    """
+
+    team: tuple[TeamMember, ...]
+
+    def made_by(self, planner: Planner) -> dict[str, Plan]:
+        """The plan of each arm; see ``plan_together``."""
+        from so101_motion.planning.cell.together import plan_together
+
+        return plan_together(planner, self.team)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HandoverRequest:
+    """Request to pass an object from one arm to another.
+
+    Attributes:
+        team: All arms of the cell from where they are; their goals are ignored.
+        giver: The name of the arm that holds the object.
+        taker: The name of the arm that shall take it.
+        thing: The object's name among those the giver holds.
+        grasps: How it may be taken; empty to use the box around it.
+    """
+
+    team: tuple[TeamMember, ...]
+    giver: str
+    taker: str
+    thing: str
+    grasps: tuple[Grasp, ...] = ()
+
+    def made_by(self, planner: Planner) -> Handover:
+        """The plan; see ``plan_handover``."""
+        from so101_motion.planning.cell.handover import plan_handover
+
+        return plan_handover(planner, self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Handover:
+    """A plan to pass an object on.
+
+    Attributes:
+        giver: The name of the arm that holds it.
+        taker: The name of the arm that takes it.
+        thing: The object in the giver's gripper.
+        taken: The object in the taker's gripper.
+        approach: The motion of each arm by its name, begun and ended together.
+        take: The straight motion of the taker to the object.
+        leave: The straight motion of the giver away from it.
+        q_jaw_open: Angle of the taker's open jaw before it takes the object [rad].
+        q_jaw_closed: Angle of the taker's jaw closed on the object [rad].
+        q_jaw_free: Angle of the giver's open jaw while it leaves [rad].
+    """
+
+    giver: str
+    taker: str
+    thing: Attached
+    taken: Attached
+    approach: Mapping[str, Plan]
+    take: Plan
+    leave: Plan
+    q_jaw_open: float
+    q_jaw_closed: float
+    q_jaw_free: float
+
+    @property
+    def duration(self) -> float:
+        """How long the arms move [s], without the time for the jaws."""
+        approach = max(each.duration for each in self.approach.values())
+        return approach + self.take.duration + self.leave.duration
