@@ -10,7 +10,7 @@ import pytest
 from google.protobuf.struct_pb2 import Struct
 from viam.proto.app.robot import ComponentConfig
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.viam.conversion.convert import to_result
 from so101_motion.viam.models.module import MODELS
 

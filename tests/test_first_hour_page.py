@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import pytest
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.drivers.emulator.faults import parse_fault
 
 ROOT = Path(__file__).parents[1]

@@ -2,4 +2,4 @@
 
 from so101_motion.cli import main
 
-main(prog_name="so101")
+main()

@@ -1,11 +1,4 @@
-"""The command line ``so101 …``: parse, call, print; in degrees and millimetres.
-
-Each verb is a function in a module of its own. ``shared.py`` has the options and output that verbs
-share, ``sources.py`` the options that choose the arm (``--sim``, ``--port`` or ``--machine``), and
-``error_exit.py`` turns errors into messages and exit codes. Results go to stdout, everything else
-to stderr. Verbs import heavy libraries themselves, so that ``--help`` and the shell's completion
-answer at once.
-"""
+"""All verbs of the command line, under the headings of ``so101 --help``."""
 
 from __future__ import annotations
 

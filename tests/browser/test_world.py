@@ -16,7 +16,7 @@ from PIL import Image
 from playwright.sync_api import Locator
 from so101_viewer import Preview, Source, serve_source
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.files.scene_file import read_scene, scene_to
 from so101_motion.planning.collision.scene import Mesh, Scene
 from so101_motion.rig.hardware_rig import Rig

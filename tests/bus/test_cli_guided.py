@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from harness.terminal_user import Typist
 
 from so101_motion.calib.record import store
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import parse_fault

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from so101_motion.calib.record import servo_file, store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.zero import Zero
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.drivers.bus import registers
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as reg

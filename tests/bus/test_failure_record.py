@@ -9,7 +9,7 @@ from harness.emulated_rig import hardware_bench
 from so101_viewer.page.health import read_health
 from so101_viewer.page.markup import health
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.common.errors import FollowingError
 from so101_motion.files import failure_record
 

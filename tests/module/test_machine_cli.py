@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from harness.viam_machine import running_machine
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.common.errors import So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS

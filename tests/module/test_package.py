@@ -171,7 +171,7 @@ def test_importing_the_package_loads_next_to_nothing(environment, tmp_path):
         "import sys; before = set(sys.modules); import so101_motion\n"
         "print(*(name for name in set(sys.modules) - before\n"
         "    if name.partition('.')[0] not in sys.stdlib_module_names))\n"
-        f"import so101_motion.cli; print([name for name in {HEAVY} if name in sys.modules])"
+        f"import so101_motion.cli.verbs; print([name for name in {HEAVY} if name in sys.modules])"
     )
     said = run(environment, "-c", code, cwd=tmp_path, PYTHONPATH=HERE).split("\n")
     assert said[:2] == ["so101_motion", "[]"]
@@ -180,7 +180,7 @@ def test_importing_the_package_loads_next_to_nothing(environment, tmp_path):
 def test_without_the_viewer_the_preview_says_what_to_install(environment, tmp_path):
     code = (
         "import sys; sys.modules['viser'] = None\n"
-        "from so101_motion.cli import main; main(['demo'], standalone_mode=False)"
+        "from so101_motion.cli.verbs import main; main(['demo'], standalone_mode=False)"
     )
     done = subprocess.run(
         [environment, "-c", code],

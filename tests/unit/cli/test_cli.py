@@ -7,7 +7,7 @@ import sys
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 
 
 @pytest.fixture
@@ -54,6 +54,24 @@ def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead(tmp_path
         port = int(re.search(r":(\d+)/", link)[1])
         assert 8080 < port < 8100
         assert f"port 8080 is taken, so the page is on port {port}" in said
+
+
+def test_ctrl_c_ends_it_without_a_traceback_while_it_is_being_imported():
+    program = (
+        "import os, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's jobs ignore it
+        "class Finder:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'so101_motion.cli.view':\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        "from so101_motion.cli import main\n"
+        "main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, "--version"], capture_output=True, timeout=60.0
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
 
 
 def test_wrong_usage_is_exit_code_2(run):

@@ -4,7 +4,7 @@ import json
 
 from click.testing import CliRunner
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 
 
 def test_one_arm_alone_has_nothing_to_find_out(tmp_path):

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 from serial.tools import list_ports
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.program import Program, Waypoint, files
 
@@ -75,7 +75,7 @@ def test_nothing_heavy_is_imported_for_it() -> None:
         "import sys, atexit\n"
         "heavy = {'pinocchio', 'coal', 'scipy', 'viser', 'viam', 'toppra', 'ruckig', 'rich'}\n"
         "atexit.register(lambda: print(sorted(heavy & set(sys.modules))))\n"
-        "from so101_motion.cli import main; main(prog_name='so101')"
+        "from so101_motion.cli import main; main()"
     )
     environment = {**os.environ, **asked, "COMP_CWORD": "3"}
     done = subprocess.run(

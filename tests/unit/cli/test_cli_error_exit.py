@@ -14,9 +14,9 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from so101_motion.cli import main
 from so101_motion.cli.error_exit import KINDS, ends_like_ctrl_c, reports_errors
 from so101_motion.cli.shared import DEBUG, in_lines, print_json
+from so101_motion.cli.verbs import main
 from so101_motion.common.errors import ConfigError
 
 

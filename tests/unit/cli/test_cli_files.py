@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from so101_motion.calib.record import lerobot, store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.zero import Zero
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 
 
 @pytest.fixture(autouse=True)

@@ -7,8 +7,8 @@ import sys
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli import main
 from so101_motion.cli.shared import write_report
+from so101_motion.cli.verbs import main
 from so101_motion.common.errors import ConfigError
 from so101_motion.setup.accuracy import MoveReport
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 
 
 @pytest.fixture(autouse=True)

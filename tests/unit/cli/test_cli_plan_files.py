@@ -4,7 +4,7 @@ from pathlib import Path
 
 from click.testing import CliRunner, Result
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 
 
 def plan(*options: str) -> Result:

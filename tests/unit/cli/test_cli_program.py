@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from so101_motion.cli import main
 from so101_motion.cli.program import await_end
+from so101_motion.cli.verbs import main
 from so101_motion.common.errors import NoReply
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.program import Loop, Program, Waypoint, files

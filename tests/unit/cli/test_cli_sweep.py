@@ -5,7 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.common.units import to_m, to_rad
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.sweeps import (

@@ -5,8 +5,8 @@ import subprocess
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli import main
 from so101_motion.cli.udev import write_rule
+from so101_motion.cli.verbs import main
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.port import host_checks
 from so101_motion.drivers.port.port_list import ADAPTERS

@@ -5,7 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 
 MACHINE = {
     "cloud": {"secret": "TOPSECRET"},

@@ -4,7 +4,7 @@ import numpy as np
 from click.testing import CliRunner
 from harness.lerobot_data import late, swing, write_data_set
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 
 
 def run(*arguments):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.zero import by_stops, expected_travel, zero_ticks
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.tasks.datasets import check_data_set, convert_data_set, open_data_set, units_of

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 from harness.lerobot_data import NAMES, late, swing, write_data_set
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, Interrupted, PlanningError
 from so101_motion.planning.goals import JointGoal

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli import main
+from so101_motion.cli.verbs import main
 from so101_motion.tasks.guided import GuidedPath, files
 
 WAVE = GuidedPath(

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli import main
 from so101_motion.cli.teleop import print_end
+from so101_motion.cli.verbs import main
 
 
 def run(*arguments, **options):
