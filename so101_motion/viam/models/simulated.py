@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar
 
 from viam.resource.types import Model
@@ -17,7 +18,6 @@ from so101_motion.viam.component_config import SimulatedArmConfig
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
-from so101_motion.viam.requests.await_motion import in_own_thread
 from so101_motion.viam.requests.commands import Taking, in_deg
 
 LONGEST_STEP = 3600.0
@@ -42,6 +42,9 @@ class SimulatedArm(ArmResource):
 
     def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
         super().__init__(name, rig, settings)
+        # One thread for all requests: it takes turns with the arm's, and a new one would begin on
+        # another processor, which makes each turn three times as long.
+        self._time = ThreadPoolExecutor(1, thread_name_prefix="so101-time")
         self._commands |= {
             "get_motion_params": self._get_motion_params,
             "advance_time": Taking(self._advance_time, ("seconds",)),
@@ -68,6 +71,7 @@ class SimulatedArm(ArmResource):
     async def close(self) -> None:
         """Stop and release everything; the next arm of this name starts at these angles."""
         await super().close()
+        self._time.shutdown(wait=False)
         self.left_at[self.short_name] = self._arm.state.q_ref
 
     async def _get_motion_params(self) -> dict[str, Any]:
@@ -82,7 +86,7 @@ class SimulatedArm(ArmResource):
                 "advance_time",
                 'needs "simulate_time": false in the configuration; now time passes by itself',
             )
-        await in_own_thread(lambda: clock.advance(seconds))
+        await self._pass_time(clock, seconds)
         return {"time": clock.now()}
 
     async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
@@ -101,5 +105,8 @@ class SimulatedArm(ArmResource):
         clock = self.rig.clock
         while isinstance(clock, ManualClock) and not over.done():
             if self._arm.is_moving:
-                await in_own_thread(lambda: clock.advance(TICK))
+                await self._pass_time(clock, TICK)
             await asyncio.sleep(0.001)
+
+    async def _pass_time(self, clock: ManualClock, seconds: float) -> None:
+        await asyncio.get_running_loop().run_in_executor(self._time, clock.advance, seconds)
