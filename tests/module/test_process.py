@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -43,7 +44,7 @@ from viam.services.motion import Motion
 from viam.services.motion.service import MotionRPCService
 
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.viam.models.module import MODELS
+from so101_motion.viam.models.module import LATER, MODELS
 
 SWEEP = [90.0, 0.0, 0.0, 0.0, 0.0]
 
@@ -89,6 +90,21 @@ async def process():
 
 
 shared = pytest.mark.asyncio(loop_scope="module")
+
+
+def test_what_only_the_planning_process_or_a_later_request_needs_is_not_imported_before_ready():
+    later = (*LATER, "so101_motion.planning.planner", "so101_motion.planning.cell.together")
+    program = (
+        "import importlib, sys\n"
+        "from so101_motion.viam.models.module import LATER\n"
+        f"print([name for name in {later} if name in sys.modules])\n"
+        "for name in LATER:\n"
+        "    importlib.import_module(name)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "[]\n"
 
 
 async def test_a_session_from_the_handshake_to_the_end():
