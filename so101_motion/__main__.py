@@ -5,8 +5,6 @@ import gc
 import os
 import sys
 
-from so101_motion.common.import_check import explain, sentence
-
 
 def main() -> None:
     """Serve on the socket that viam-server names on the command line."""
@@ -21,6 +19,8 @@ def main() -> None:
     try:
         from so101_motion.viam.models.module import run
     except ImportError as error:
+        from so101_motion.common.import_check import explain, sentence
+
         if explain(error) is None:
             raise
         sys.exit(f"error: {sentence(error)}")
