@@ -181,13 +181,15 @@ class Place:
         course = self._stop(q, dt, now)
         with self.cell.lock:
             for other in self._neighbours():
-                attached = self.attached_to(other)
+                attached, beside = self.attached_to(other), self._beside.get(other.name)
+                if beside is None:
+                    beside = self._beside[other.name] = Beside()
                 meeting = led_apart(
                     (bodies_of(self.attached_to(self), other.name), course),
                     (bodies_of(as_seen_by(self.name, attached)), other.course_at(now)),
                     _T_from_to(self.T_cell_base, other.T_cell_base),
                     since=now,
-                    beside=self._beside.setdefault(other.name, Beside()),
+                    beside=beside,
                 )
                 if meeting is not None:
                     self.against = close(meeting.first, other.name, meeting.second)

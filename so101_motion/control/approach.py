@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.planning.timing.limits import MotionLimits
@@ -57,7 +55,7 @@ class Approach:
         """
         if self._slow is None:
             return self._full
-        if float(np.max(np.abs(off))) > self._gate:
+        if max(map(abs, off.tolist())) > self._gate:
             if is_held and (not self.is_under_way or self._t_held < math.inf):
                 self.is_under_way, self._t_held = True, t
         elif self.is_under_way:

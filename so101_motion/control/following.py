@@ -2,8 +2,7 @@
 
 The caller sets targets with ``aim``, as often as it likes, from any thread. In every control cycle
 the I/O thread asks for the next setpoint, one period of the fastest motion to the newest target
-(:func:`~so101_motion.planning.timing.online.towards`), so velocity, acceleration and jerk are
-bounded whatever the targets do.
+(``pursuit.py``), so velocity, acceleration and jerk are bounded whatever the targets do.
 
 *Room to stop.* A setpoint is taken only if the joints can still stop from it, as hard as a stop
 brakes, inside their limits, below the speed cap and, with a guard, without touching anything.
@@ -43,6 +42,8 @@ from so101_motion.control.motion_source import MotionSource, PlannedMotion
 from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.pursuit import Arrival, Pursuit
+from so101_motion.planning.timing.stop_paths import PathToRest, StopPaths
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 if TYPE_CHECKING:  # it brings Pinocchio along, which an unguarded following has no use for
@@ -154,7 +155,8 @@ class Following(LedMotion):
         self._guard, self._each, self._ends_there = guard, each, ends_there
         self._neighbours = neighbours
         looks = LOOK_EVERY if neighbours is None else STEP
-        self._look_every = looks if guard is None else min(guard.look_every, looks)
+        looks = looks if guard is None else min(guard.look_every, looks)
+        self._stops, self._pursuit = StopPaths(stop_limits, dt, looks), Pursuit(n, dt)
         self.foreseen = Foreseen(dt)
         self._aimed: _Aim | None = None
         self._seen: _Aim | None = None
@@ -165,7 +167,8 @@ class Following(LedMotion):
         self._t_gentle = self._t_held = -math.inf
         self._slowing: PlannedMotion | None = None
         self._k = 0  # of the next setpoint of what is slowing
-        self._begin_at(Setpoint(q=frozen_array(q_start, (n,)), qd=np.zeros(n), qdd=np.zeros(n)))
+        self._still = frozen_array(np.zeros(n))
+        self._begin_at(Setpoint(q=frozen_array(q_start, (n,)), qd=self._still, qdd=self._still))
 
     # Any thread
 
@@ -319,7 +322,7 @@ class Following(LedMotion):
         self._bounds = JointBounds(
             self._least, self._most, self.limits.acceleration, self._stop_limits
         )
-        self._braked = self._to_rest(now).after
+        self._braked = self._stops.to_rest(now).after
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
         try:
@@ -359,8 +362,7 @@ class Following(LedMotion):
         """Take the next step of the path to rest that the last setpoint has left free."""
         self.now = self._braked
         self.foreseen.braking(self.now)
-        rest = online.path_to_rest(self.now, self._stop_limits, self._dt, math.inf)
-        self._braked = rest.after
+        self._braked = self._stops.to_rest(self.now).after
 
     def _lead(self, aim: _Aim) -> None:
         """Take a step towards a target, or brake if that step is refused."""
@@ -369,7 +371,7 @@ class Following(LedMotion):
         if is_gentle := self._t < self._t_gentle:
             limits = gentle(limits, self._stop_limits)
         q, qd, qdd = aim.q, aim.qd, None if self.is_approaching else aim.qdd
-        if qd.any():
+        if is_moving := any(qd.tolist()):
             qd = np.clip(qd, -_SLOWER * limits.velocity, _SLOWER * limits.velocity)
         if qdd is not None:
             qdd = np.clip(qdd, -limits.acceleration, limits.acceleration)
@@ -378,22 +380,23 @@ class Following(LedMotion):
             others = () if self._neighbours is None else self._neighbours.near()
             allowed = self._guard.within_reach(self.now.q, q, others)
             if allowed is not q:
-                q, qd, qdd = allowed.clip(self._least, self._most), np.zeros_like(qd), None
+                q = np.minimum(np.maximum(allowed, self._least), self._most)
+                qd, qdd, is_moving = self._still, None, False
             self._held = tuple(map(self._guard.words, self._guard.against))
-        arrival: online.Arrival = "each"
-        if not qd.any() and (is_gentle or self._ends_there or self.is_approaching):
+        arrival: Arrival = "each"
+        if not is_moving and (is_gentle or self._ends_there or self.is_approaching):
             # From rest close to things, joints that do not set off together come closer first.
             arrival = "straight" if is_gentle else "together"
         try:
             if qdd is None:
-                led = online.towards(self.now, q, qd, limits, self._dt, arrival=arrival)
+                led = self._pursuit.towards(self.now, q, qd, limits, arrival=arrival)
             else:
                 aimed = Setpoint(q=q, qd=qd, qdd=qdd)
-                led, qdd = online.alongside(self.now, aimed, limits, self._dt)
+                led, qdd = self._pursuit.alongside(self.now, aimed, limits)
             led, rest = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
-        path = np.array([self.now.q.tolist(), *rest.path])
+        path = np.concatenate((self.now.q[None], rest.path))
         ahead = qdd is not None or self.foreseen.may_be_ahead
         if self._guard is not None and not self._guard.admits(path, ahead=ahead):
             self._held = self._held or ("too little room to brake",)
@@ -408,22 +411,19 @@ class Following(LedMotion):
         else:
             self.foreseen.beside(led, led.qdd if qdd is None else qdd)
 
-    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, online.PathToRest]:
+    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
         """``led``, with joints braking that could not stop in time, and the path to rest."""
-        rest = self._to_rest(led)
-        outside = self._bounds.outside(led, limits, rest.path)
+        rest = self._stops.to_rest(led)
+        outside = self._bounds.outside(led, limits, rest.least, rest.largest)
         if not any(outside):
             return led, rest
-        braked = self._braked
+        braked, which = self._braked, np.array(outside)
         led = Setpoint(
-            q=np.where(outside, braked.q, led.q),
-            qd=np.where(outside, braked.qd, led.qd),
-            qdd=np.where(outside, braked.qdd, led.qdd),
+            q=np.where(which, braked.q, led.q),
+            qd=np.where(which, braked.qd, led.qd),
+            qdd=np.where(which, braked.qdd, led.qdd),
         )
-        return led, self._to_rest(led)
-
-    def _to_rest(self, now: Setpoint) -> online.PathToRest:
-        return online.path_to_rest(now, self._stop_limits, self._dt, self._look_every)
+        return led, self._stops.to_rest(led)
 
     def _refuse_short(self, aim: _Aim) -> None:
         if not self._ends_there:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.timing.online import FORESIGHT
+from so101_motion.planning.timing.pursuit import FORESIGHT
 from so101_motion.planning.timing.trajectory import Setpoint
 
 KNOWN_JERK = 200.0

@@ -15,9 +15,6 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint
 
-Places = list[list[float]]
-"""Joint angles along a path, one list a point [rad]."""
-
 _ROUNDING = 1e-9
 _THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
 
@@ -76,17 +73,20 @@ class JointBounds:
         rows = least - _ROUNDING, most + _ROUNDING, hardest, stop.jerk, stop.velocity
         self._rows = np.column_stack(rows).tolist()
 
-    def outside(self, led: Setpoint, limits: MotionLimits, path: Places) -> list[bool]:
+    def outside(
+        self, led: Setpoint, limits: MotionLimits, lowest: list[float], highest: list[float]
+    ) -> list[bool]:
         """Which joints could not stop in time, or would turn round too hard.
 
         Args:
             led: Where they are to be next.
             limits: How they are led now.
-            path: Their path to rest from there.
+            lowest: Their lowest angles on the path to rest from there [rad].
+            highest: Their highest [rad].
         """
         found = list[bool]()
-        for places, qd, qdd, jerk, row in zip(
-            zip(*path, strict=True), led.qd.tolist(), led.qdd.tolist(), limits.jerk.tolist(),
+        for low, high, qd, qdd, jerk, row in zip(
+            lowest, highest, led.qd.tolist(), led.qdd.tolist(), limits.jerk.tolist(),
             self._rows, strict=True,
         ):  # fmt: skip
             least, most, hardest, stop_jerk, fastest = row
@@ -95,8 +95,8 @@ class JointBounds:
             turns = abs(qdd) > hardest and ((qd + more / jerk) * qd <= 0.0 or qdd * qd > 0.0)
             found.append(
                 turns
-                or min(places) < least
-                or max(places) > most
+                or low < least
+                or high > most
                 # While its acceleration is taken back, a joint still gets faster.
                 or abs(qd + more / stop_jerk) > fastest
             )

@@ -32,8 +32,9 @@ from so101_motion.drivers.servo_types import (
     ServoType,
 )
 
-PLAY, PLAY_MARGIN = to_rad(1.0), 1.1
-"""Largest play of gears that were not measured [rad]; safety factor for a measured play."""
+PLAY, PLAY_MARGIN = to_rad(1.0), 1.2
+"""Largest play of gears that were not measured [rad]; safety factor for a measured play. Chosen:
+an identification may find a tenth too little."""
 
 FREED = 0.04
 """Friction that a motor must overcome alone once its load no longer helps [N m]. Chosen together

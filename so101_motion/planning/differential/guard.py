@@ -161,7 +161,7 @@ class Guard:
             path: Its samples, with straight lines between, shape (m, 5), m >= 2, [rad].
             ahead: Whether the servos are driven ahead of the command.
         """
-        low, high = path.min(axis=0).tolist(), path.max(axis=0).tolist()
+        low, high = np.minimum.reduce(path).tolist(), np.maximum.reduce(path).tolist()
         load = self._load
         if load is not None and not (load.surely_admits(low, high) or load.admits(path)):
             return False

@@ -61,7 +61,7 @@ class BoundedStep:
         found = library.so101_nearest_within(self._address, n)
         if found == 0:
             return step, ()
-        active = [int(each) for each in self._active[: abs(found)]]
+        active = list(map(int, self._active[: abs(found)].tolist()))
         return (self._step.copy() if found > 0 else None), active
 
     def _make_room(self, bounds: int) -> None:

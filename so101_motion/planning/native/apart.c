@@ -21,8 +21,13 @@
 #define AT_LEAST 0.1
 #define PART 0.25   /* of the margin: the least travel between two checks of a pair */
 #define SOON 0.5    /* of the time until a pair is due: from then on it is checked with others */
-#define FORWARD 12    /* so many steps are cleared at once: another pair may meet before; chosen */
+#define LEVELS 4    /* stretches of 1, 2, 4 and 8 steps are cleared at once */
+#define FORWARD 24    /* so many steps are cleared at once: another pair may meet before; chosen */
 #define CLOSE 0.01  /* distances this far above the needed one need not be exact [m]; chosen by trial */
+
+/* fmin and fmax, which ask about NaN, are calls. */
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+static inline double larger(double a, double b) { return a > b ? a : b; }
 
 void so101_look(Arm *arm, const double *placement, int n, double t) {
     const Scene *s = arm->scene;
@@ -66,41 +71,33 @@ static double until(const Arm *a, int i, const Arm *b, int j, int n, double t, d
     const int bodies_a = a->scene->bodies, bodies_b = b->scene->bodies;
     for (int k = (int)t; k < n - 1; k++, t = k) {
         const double va = a->travel[k * bodies_a + i], vb = b->travel[k * bodies_b + j];
-        const double left = (k + 1 - t) * (va + vb), late = skew * fmin(va, vb);
+        const double left = (k + 1 - t) * (va + vb), late = skew * smaller(va, vb);
         if (!(left + late <= room)) return room > late ? t + (room - late) / (va + vb) : t;
         room -= left;
     }
     return INFINITY;
 }
 
-/* Upper bounds on the travel of each body in each step, by the distances of its points from each axis.
- * With `bend`, also on how far its points leave the straight line between: an eighth of the change of
- * velocity; the second derivative of a point by two joints is at most its distance from the axis of
- * the later one. */
-void so101_travelled(const Scene *s, const double *levers, int n, const double *q, double *travel,
-                      double *bend) {
+/* Upper bounds on the travel of each body in each step, by the distances of its points from each axis. */
+void so101_travelled(const Scene *s, const double *levers, int n, const double *q, double *travel) {
     for (int k = 0; k < n - 1; k++)
         for (int i = 0; i < s->bodies; i++) {
-            double sum = 0.0, turned = 0.0, change = 0.0;
-            for (int j = 0; j < JOINTS; j++) {
-                const double by = fabs(q[JOINTS * (k + 1) + j] - q[JOINTS * k + j]);
-                const double way = by * levers[JOINTS * i + j];
-                sum += way;
-                change += way * (by + 2.0 * turned);
-                turned += by;
-            }
+            double sum = 0.0;
+            for (int j = 0; j < JOINTS; j++)
+                sum += fabs(q[JOINTS * (k + 1) + j] - q[JOINTS * k + j]) * levers[JOINTS * i + j];
             travel[k * s->bodies + i] = sum;
-            if (bend) bend[k * s->bodies + i] = change / 8.0;
         }
 }
 
-/* The poses of both arms at each step, computed when first needed. */
+/* What is computed when first needed: the poses of both arms at each step, and for each arm, each level
+ * and each step how far its bodies leave the straight way to their places 1 << level steps later. */
 typedef struct {
     const Arm *arms;
-    const double *placement;
+    const double *placement, *levers[2];
     int n;
     Arm (*at)[2];
-    char *seen;
+    double *bend[2];
+    char *seen, *bent[2];
 } Steps;
 
 static const Arm *at_step(Steps *s, int k) {
@@ -112,27 +109,80 @@ static const Arm *at_step(Steps *s, int k) {
     return s->at[k];
 }
 
+/* Upper bounds on how far the points of each body leave, between two steps, the straight way in even time
+ * between their places there. If the joints went straight it would be an eighth of the change of velocity:
+ * the second derivative of a point by two joints is at most its distance from the axis of the later one. To
+ * that comes how far the joints are from going straight. */
+static const double *bends(Steps *s, int which, int k, int level) {
+    const Arm *arm = &s->arms[which];
+    const int bodies = arm->scene->bodies, steps = 1 << level;
+    double *bend = s->bend[which] + (level * s->n + k) * bodies, by[JOINTS], off[JOINTS];
+    char *bent = s->bent[which] + level * s->n + k;
+    if (*bent) return bend;
+    *bent = 1;
+    for (int j = 0; j < JOINTS; j++) {
+        const double *q = arm->q + JOINTS * k + j, all = q[JOINTS * steps] - q[0];
+        by[j] = fabs(all), off[j] = 0.0;
+        for (int m = 1; m < steps; m++)
+            off[j] = larger(off[j], fabs(q[JOINTS * m] - q[0] - all * m / steps));
+    }
+    for (int i = 0; i < bodies; i++) {
+        const double *levers = s->levers[which] + JOINTS * i;
+        double turned = 0.0;
+        bend[i] = 0.0;
+        for (int j = 0; j < JOINTS; j++) {
+            bend[i] += levers[j] * (off[j] + by[j] * (by[j] + 2.0 * turned) / 8.0);
+            turned += by[j];
+        }
+    }
+    return bend;
+}
+
+/* The distance along a direction at which two bodies must be at both ends of a stretch of 1 << level steps,
+ * of which `share` is still to come, so that they keep apart in between. */
+static double both_ends(Steps *s, int i, int j, int k, int level, double share, double margin, double skew) {
+    const int bodies_a = s->arms[0].scene->bodies, bodies_b = s->arms[1].scene->bodies;
+    double fastest = 0.0; /* of the slower body in each step */
+    for (int m = k; m < k + (1 << level); m++) {
+        const double va = s->arms[0].travel[m * bodies_a + i], vb = s->arms[1].travel[m * bodies_b + j];
+        fastest = larger(fastest, smaller(va, vb));
+    }
+    return margin + skew * fastest +
+           share * share * (bends(s, 0, k, level)[i] + bends(s, 1, k, level)[j]);
+}
+
 /* The step until which two bodies surely stay apart, from their `gap` at `t` and their distance `along` v:
- * they have to travel the gap first, or the same plane separates them at both ends of a step. */
+ * they have to travel the gap first, or the same plane separates them at both ends of a stretch. */
 static double clear_until(Steps *s, int i, int j, double t, double margin, double skew, double gap,
                           double along, const double *v) {
     const Arm *a = &s->arms[0], *b = &s->arms[1];
     const double enough = t + FORWARD;
-    for (;;) {
+    for (int level = LEVELS - 1;;) {
         const double clear = until(a, i, b, j, s->n, t, gap - margin, skew);
-        const int k = (int)t, at_a = k * a->scene->bodies + i, at_b = k * b->scene->bodies + j;
+        const int k = (int)t;
         if (clear > enough) return clear;
-        double bound = -INFINITY, end = floor(clear);
-        if (end == k) {
-            end = k + 1;
-            bound = margin + skew * fmin(a->travel[at_a], b->travel[at_b]) +
-                    (end - t) * (end - t) * (a->bend[at_a] + b->bend[at_b]);
-            if (!(along >= bound)) return clear;
+        double bound = -INFINITY;
+        int end = (int)clear, l = t > k ? 0 : level;
+        for (; l >= 0 && k + (1 << l) > end; l--) {
+            if (k + (1 << l) >= s->n) continue;
+            bound = both_ends(s, i, j, k, l, k + (1 << l) - t < 1.0 ? k + 1 - t : 1.0, margin, skew);
+            if (along >= bound) break;
         }
-        const Arm *then = at_step(s, (int)end);
-        gap = along = so101_gap_along(a->scene, then[0].pose, i, b->scene, then[1].pose, j, v);
-        if (!(along >= bound)) return clear;
-        t = end;
+        if (l >= 0 && k + (1 << l) > end)
+            end = k + (1 << l);
+        else
+            bound = -INFINITY;
+        if (!(end > t)) return clear;
+        const Arm *then = at_step(s, end);
+        const double next = so101_gap_along(a->scene, then[0].pose, i, b->scene, then[1].pose, j, v);
+        if (next >= bound) {
+            gap = along = next, t = end;
+            level = l < LEVELS - 1 ? l + 1 : l;
+        } else if (l > 0) {
+            level = l - 1;
+        } else {
+            return clear;
+        }
     }
 }
 
@@ -148,12 +198,12 @@ static void begin(Known *known, const Arm *a, const Arm *b, int n, double margin
             for (int i = 0; i < bodies; i++) {
                 const double step = arms[which]->travel[k * bodies + i];
                 way[which][i] += step;
-                fastest[which][i] = fmax(fastest[which][i], step);
+                fastest[which][i] = larger(fastest[which][i], step);
             }
     }
     for (int i = 0; i < a->scene->bodies; i++)
         for (int j = 0; j < b->scene->bodies; j++) {
-            const double need = margin + skew * fmin(fastest[0][i], fastest[1][j]);
+            const double need = margin + skew * smaller(fastest[0][i], fastest[1][j]);
             const int far = known->low[i][j] - way[0][i] - way[1][j] > need;
             known->due[i][j] = known->soon[i][j] = far ? INFINITY : 0.0;
         }
@@ -185,7 +235,7 @@ static int apart(Steps *s, double margin, double skew, Known *known, double *out
                     }
                     double need = margin, along;
                     if (n > 1)
-                        need += skew * fmin(now[0].travel[k * a->bodies + i],
+                        need += skew * smaller(now[0].travel[k * a->bodies + i],
                                             now[1].travel[k * b->bodies + j]);
                     const double enough = need + (n > 1 ? CLOSE : 0.0);
                     const double gap = so101_between(&now[0], i, &now[1], j, need, enough, lie, &along);
@@ -194,11 +244,11 @@ static int apart(Steps *s, double margin, double skew, Known *known, double *out
                         return TOUCHING;
                     }
                     if (t == 0.0) known->low[i][j] = gap;
-                    *due = fmax(clear_until(s, i, j, t, margin, skew, gap, along, lie),
+                    *due = larger(clear_until(s, i, j, t, margin, skew, gap, along, lie),
                                 until(&now[0], i, &now[1], j, n, t, PART * margin, 0.0));
-                    *soon = fmin(t + SOON * (*due - t), *due);
+                    *soon = smaller(t + SOON * (*due - t), *due);
                 }
-                next = fmin(next, *due);
+                next = smaller(next, *due);
             }
         if (t < n - 1 && next > n - 1 && next < INFINITY) next = n - 1;
         t = next;
@@ -209,16 +259,17 @@ static int apart(Steps *s, double margin, double skew, Known *known, double *out
 int so101_known_apart(const Scene *a, const Scene *b, const double *placement,
                        const double *levers_a, const double *levers_b, int n, const double *qa,
                        const double *qb, double margin, double skew, Known *known, double *out) {
-    const size_t each = (size_t)n * (a->bodies + b->bodies), step = sizeof(Arm[2]) + 1;
-    double *travel = malloc(sizeof(double) * 2 * each + step * n), *bend = travel + each;
+    const size_t of_a = (size_t)n * a->bodies, of_b = (size_t)n * b->bodies;
+    double *travel = malloc(sizeof(double) * (1 + LEVELS) * (of_a + of_b) +
+                            (sizeof(Arm[2]) + 1 + 2 * LEVELS) * n);
     if (!travel) return UNKNOWN;
-    so101_travelled(a, levers_a, n, qa, travel, bend);
-    so101_travelled(b, levers_b, n, qb, travel + n * a->bodies, bend + n * a->bodies);
-    const Arm arms[2] = {
-        {.scene = a, .q = qa, .travel = travel, .bend = bend},
-        {.scene = b, .q = qb, .travel = travel + n * a->bodies, .bend = bend + n * a->bodies}};
-    Steps steps = {arms, placement, n, (Arm(*)[2])(bend + each)};
-    steps.seen = memset(steps.at + n, 0, n);
+    double *bend = travel + of_a + of_b, *end = bend + LEVELS * (of_a + of_b);
+    so101_travelled(a, levers_a, n, qa, travel);
+    so101_travelled(b, levers_b, n, qb, travel + of_a);
+    const Arm arms[2] = {{.scene = a, .q = qa, .travel = travel}, {.scene = b, .q = qb, .travel = travel + of_a}};
+    Steps steps = {arms, placement, {levers_a, levers_b}, n, (Arm(*)[2])end, {bend, bend + LEVELS * of_a}};
+    steps.seen = memset(steps.at + n, 0, (1 + 2 * LEVELS) * n);
+    steps.bent[0] = steps.seen + n, steps.bent[1] = steps.bent[0] + LEVELS * n;
     const int found = apart(&steps, margin, skew, known, out);
     free(travel);
     return found;
@@ -328,7 +379,7 @@ int so101_stops_apart(const Scene *a, const Scene *b, const double *placement,
             memcpy(before[which][1], stop[which][0], sizeof stop[which][0]);
             if (k)
                 so101_travelled(which ? b : a, which ? levers_b : levers_a, 2, before[which][0],
-                          moved[which], 0);
+                          moved[which]);
             memcpy(before[which][0], stop[which][0], sizeof stop[which][0]);
         }
         for (int i = 0; k && i < a->bodies; i++)

@@ -6,8 +6,7 @@
 
 typedef struct {
     const Scene *scene;
-    const double *q, *travel; /* configurations; bounds on each body's travel in each step [m], */
-    const double *bend;       /* and on how far it leaves the straight line between */
+    const double *q, *travel; /* configurations; bounds on each body's travel in each step [m] */
     Pose pose[JOINTS + 1];
     double centre[MOST_BODIES][3];
 } Arm;
@@ -46,8 +45,7 @@ void so101_look(Arm *arm, const double *placement, int n, double t);
 /* Like so101_gap, for bodies of two arms. */
 double so101_between(const Arm *a, int i, const Arm *b, int j, double need, double enough, double *v,
                       double *along);
-void so101_travelled(const Scene *s, const double *levers, int n, const double *q, double *travel,
-                     double *bend);
+void so101_travelled(const Scene *s, const double *levers, int n, const double *q, double *travel);
 int so101_known_apart(const Scene *a, const Scene *b, const double *placement,
                       const double *levers_a, const double *levers_b, int n, const double *qa,
                       const double *qb, double margin, double skew, Known *known, double *out);

@@ -25,21 +25,39 @@ static inline V pick(I m, V a, V b) {
 #endif
 }
 
+typedef struct {
+    V value;
+    I at, next; /* where the best values and the next ones are */
+} Best;
+
+static inline void look(Best *b, const float *columns, int padded, int i, const float *along, int step) {
+    V x, y, z;
+    memcpy(&x, columns + i, sizeof x);
+    memcpy(&y, columns + padded + i, sizeof y);
+    memcpy(&z, columns + 2 * padded + i, sizeof z);
+    const V value = x * along[0] + y * along[1] + z * along[2];
+    const I better = value > b->value;
+    b->value = pick(better, value, b->value);
+    b->at = (I)pick(better, (V)b->next, (V)b->at);
+    b->next += step;
+}
+
+/* Two blocks of points take turns, because each comparison has to wait for the one before. */
 int NAME(const float *columns, int padded, const float *along) {
-    V best;
-    I at, index;
-    for (int k = 0; k < LANES; k++) best[k] = -INFINITY, at[k] = 0, index[k] = k;
-    for (int i = 0; i < padded; i += LANES) {
-        V x, y, z;
-        memcpy(&x, columns + i, sizeof x);
-        memcpy(&y, columns + padded + i, sizeof y);
-        memcpy(&z, columns + 2 * padded + i, sizeof z);
-        const V value = x * along[0] + y * along[1] + z * along[2];
-        const I better = value > best;
-        best = pick(better, value, best);
-        at = (I)pick(better, (V)index, (V)at);
-        index += LANES;
+    Best even, odd;
+    for (int k = 0; k < LANES; k++) {
+        even.value[k] = odd.value[k] = -INFINITY;
+        even.at[k] = odd.at[k] = 0, even.next[k] = k, odd.next[k] = LANES + k;
     }
+    int i = 0;
+    for (; i < padded - LANES; i += 2 * LANES) {
+        look(&even, columns, padded, i, along, 2 * LANES);
+        look(&odd, columns, padded, i + LANES, along, 2 * LANES);
+    }
+    if (i < padded) look(&even, columns, padded, i, along, 0);
+    const I better = odd.value > even.value;
+    const V best = pick(better, odd.value, even.value);
+    const I at = (I)pick(better, (V)odd.at, (V)even.at);
     int found = 0;
     for (int k = 1; k < LANES; k++)
         if (best[k] > best[found]) found = k;

@@ -89,7 +89,7 @@ int so101_led_apart(Beside *beside) {
         memcpy(from[0], beside->q[which], size);
         memcpy(from[1], q + JOINTS * n * which, size);
         memcpy(beside->q[which], from[1], size);
-        so101_travelled(beside->scene[which], beside->levers[which], 2, from[0], moved[which], 0);
+        so101_travelled(beside->scene[which], beside->levers[which], 2, from[0], moved[which]);
     }
     for (int i = 0; i < a->bodies; i++)
         for (int j = 0; j < b->bodies; j++) known->low[i][j] -= moved[0][i] + moved[1][j];

@@ -1,5 +1,7 @@
 """Compute motions within a control tick: straight to a goal, to a new goal while moving, to a stop.
 
+``pursuit.py`` follows goals that move.
+
 Each takes tens of microseconds to a millisecond; collisions and position limits are not checked
 here but by the caller. There are two kinds of stop:
 
@@ -9,16 +11,14 @@ here but by the caller. There are two kinds of stop:
   path as far as the joints' braking times differ.
 
 ruckig (L. Berscheid and T. Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary
-Target States, 2021) is imported here and nowhere else. Its community edition ignores position
+Target States, 2021) is imported here and in ``pursuit.py``. Its community edition ignores position
 limits, silently accepts lists of the wrong length, and sends intermediate waypoints to a server:
 lengths are checked here, and waypoints are never set.
 """
 
 from __future__ import annotations
 
-import functools
 import math
-from typing import Literal, NamedTuple
 
 import numpy as np
 import ruckig
@@ -32,13 +32,6 @@ from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 SAME_POSITION = 1e-9
 """For goals closer than this [rad] no motion is needed. Chosen: far below a servo tick."""
-
-SOFTNESS = 0.035
-"""Time constant with which a joint approaches its target [s]; chosen by trial."""
-
-FORESIGHT = 0.05
-"""Time over which future accelerations are averaged for the caller [s]: a servo reacts that late to
-its goals."""
 
 LESS_JERK = 1.0 - 1e-9
 """Share of the jerk caps with which a motion is searched again. Chosen: far above rounding, and not
@@ -65,7 +58,7 @@ def point_to_point(
         PlanningError: ruckig finds no motion.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
-    q_start, q_goal = map(np.array, _numbers(limits, dt, q_start=q_start, q_goal=q_goal))
+    q_start, q_goal = map(np.array, numbers(limits, dt, q_start=q_start, q_goal=q_goal))
     path = q_goal - q_start
     length = float(np.abs(path).max())
     if length < SAME_POSITION:
@@ -109,7 +102,7 @@ def from_state(
         PlanningError: ruckig finds no motion.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
-    *state, goal = _numbers(limits, dt, q=q, qd=qd, qdd=qdd, q_goal=q_goal)
+    *state, goal = numbers(limits, dt, q=q, qd=qd, qdd=qdd, q_goal=q_goal)
     request = _request(state, limits)
     request.target_position = goal
     positions, velocities, accelerations, duration = _calculated(request, dt)
@@ -117,149 +110,10 @@ def from_state(
     return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
 
 
-Arrival = Literal["each", "together", "straight"]
-
-_SYNCHRONIZATION: dict[Arrival, ruckig.Synchronization] = {
-    "each": ruckig.Synchronization.No,
-    "together": ruckig.Synchronization.Time,
-    "straight": ruckig.Synchronization.Phase,
-}
-
-
-def towards(
-    now: Setpoint,
-    q_target: ArrayLike,
-    qd_target: ArrayLike,
-    limits: MotionLimits,
-    dt: float,
-    *,
-    arrival: Arrival = "each",
-) -> Setpoint:
-    """One period of the fastest motion to a moving target.
-
-    Called in every period, it catches up with a target that moves steadily and stays with it
-    without lag. The motion is computed relative to the target, as if that stood still. If it were
-    computed to a position and a velocity instead, a joint slightly ahead would have to turn back to
-    get behind that position, in every period.
-
-    Args:
-        now: The present state, shapes (n,).
-        q_target: Position of the target at the end of the period, shape (n,), [rad].
-        qd_target: Its velocity, shape (n,), slower than the velocity caps, [rad/s].
-        dt: The period [s].
-        arrival: Whether each joint shall arrive as soon as it can, or all together; ``"straight"``
-            on a straight line, if they start from rest.
-
-    Raises:
-        PlanningError: ruckig finds no motion, for example because the target is too fast.
-        ValueError: Shapes that do not fit, or values that are not finite.
-    """
-    return _overtaking(now, q_target, qd_target, limits, dt, arrival)[0]
-
-
-def _overtaking(
-    now: Setpoint,
-    q_target: ArrayLike,
-    qd_target: ArrayLike,
-    limits: MotionLimits,
-    dt: float,
-    arrival: Arrival,
-) -> tuple[Setpoint, Array]:
-    """The setpoint of ``towards``, and the joints' velocities ``FORESIGHT`` later [rad/s]."""
-    q, qd, qdd, to, rate = _numbers(
-        limits, dt, q=now.q, qd=now.qd, qdd=now.qdd, q_target=q_target, qd_target=qd_target
-    )
-    off = [at - (goal - dt * v) for at, goal, v in zip(q, to, rate, strict=True)]
-    request = _request([off, [v - w for v, w in zip(qd, rate, strict=True)], qdd], limits)
-    request.target_position = [0.0] * len(q)
-    fastest = limits.velocity.tolist()
-    request.max_velocity = [cap - v for cap, v in zip(fastest, rate, strict=True)]
-    request.min_velocity = [-cap - v for cap, v in zip(fastest, rate, strict=True)]
-    request.synchronization = _SYNCHRONIZATION[arrival]
-    found = _found(request)
-    seen, later = found.at_time(dt), found.at_time(dt + FORESIGHT)
-    setpoint = Setpoint(
-        q=np.array([a + b for a, b in zip(to, seen[0], strict=True)]),
-        qd=np.array([a + b for a, b in zip(rate, seen[1], strict=True)]),
-        qdd=np.array(seen[2]),
-    )
-    return setpoint, np.array([a + b for a, b in zip(rate, later[1], strict=True)])
-
-
-def alongside(
-    now: Setpoint, target: Setpoint, limits: MotionLimits, dt: float
-) -> tuple[Setpoint, Array]:
-    """The next setpoint that keeps up with a target whose acceleration is known.
-
-    A joint near its target approaches it softly: its error decays with the time constant
-    ``SOFTNESS``, and otherwise it accelerates like the target. A joint that would exceed a cap goes
-    as fast as it may instead (:func:`towards`).
-
-    Args:
-        now: The present state, shapes (n,).
-        target: The target at the end of the period, shapes (n,), slower than the velocity caps.
-        limits: Caps of the n joints.
-        dt: The period [s].
-
-    Returns:
-        The setpoint, and the joints' average acceleration during ``FORESIGHT`` from there on, shape
-        (n,), [rad/s^2].
-
-    Raises:
-        PlanningError: ruckig finds no motion.
-        ValueError: Shapes that do not fit, or values that are not finite.
-    """
-    before = target.qd - dt * target.qdd
-    off = target.q - dt * (before + 0.5 * dt * target.qdd) - now.q
-    gain, gain_d, gain_dd = _soft_gains(dt)
-    jerk = gain * off + gain_d * (before - now.qd) + gain_dd * (target.qdd - now.qdd)
-    qdd = now.qdd + dt * jerk
-    qd = now.qd + dt * (now.qdd + 0.5 * dt * jerk)
-    q = now.q + dt * (now.qd + dt * (0.5 * now.qdd + dt * jerk / 6.0))
-    fastest = np.abs(qd + qdd * np.abs(qdd) / (2.0 * limits.jerk))  # until it accelerates no more
-    soft = (np.abs(jerk) <= limits.jerk) & (np.abs(qdd) <= limits.acceleration)
-    soft &= (np.abs(qd) <= limits.velocity) & (fastest <= limits.velocity)
-    if soft.all():
-        return Setpoint(q=q, qd=qd, qdd=qdd), target.qdd
-    fast, later = _overtaking(now, target.q, target.qd, limits, dt, "each")
-    setpoint = Setpoint(
-        q=np.where(soft, q, fast.q),
-        qd=np.where(soft, qd, fast.qd),
-        qdd=np.where(soft, qdd, fast.qdd),
-    )
-    return setpoint, np.where(soft, target.qdd, (later - fast.qd) / FORESIGHT)
-
-
-@functools.cache
-def _soft_gains(dt: float) -> tuple[float, float, float]:
-    """Gains from the errors of angle, speed and acceleration to the jerk.
-
-    Ackermann's formula for three equal poles of a joint whose jerk is constant for ``dt`` [s].
-    """
-    step = np.array([[1.0, dt, dt**2 / 2.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
-    push = np.array([dt**3 / 6.0, dt**2 / 2.0, dt])
-    poles = step - math.exp(-dt / SOFTNESS) * np.eye(3)
-    reached = np.column_stack([push, step @ push, step @ step @ push])
-    gains = np.linalg.solve(reached.T, [0.0, 0.0, 1.0]) @ poles @ poles @ poles
-    return tuple(gains.tolist())
-
-
-class PathToRest(NamedTuple):
-    """The path of a stop, coarsely sampled.
-
-    Attributes:
-        after: The state one period later.
-        path: Joint angles from now to rest, m >= 2 rows of n [rad].
-        step: Time between them [s].
-    """
-
-    after: Setpoint
-    path: list[list[float]]
-    step: float
-
-
-def path_to_rest(now: Setpoint, limits: MotionLimits, dt: float, every: float) -> PathToRest:
-    """The shortest stop (see :func:`stop`), coarsely sampled: cheap enough for every tick.
+def path_to_rest(
+    now: Setpoint, limits: MotionLimits, dt: float, every: float
+) -> tuple[Setpoint, list[list[float]], float]:
+    """The shortest stop (see :func:`stop`), coarsely sampled; ``stop_paths.py`` is quicker.
 
     Args:
         now: The present state, shapes (n,).
@@ -267,20 +121,24 @@ def path_to_rest(now: Setpoint, limits: MotionLimits, dt: float, every: float) -
         dt: The period [s].
         every: Largest time between samples [s].
 
+    Returns:
+        The state one period later; joint angles from now to rest, m >= 2 rows of n [rad]; and the
+        time between them [s].
+
     Raises:
         PlanningError: ruckig finds no motion.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
-    found = _found(_stopping(_numbers(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd), limits))
+    found = found_motion(_stopping(numbers(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd), limits))
     duration = found.duration
     count = max(1, math.ceil(duration / every))
     step = duration / count
     path = [found.at_time(k * step)[0] for k in range(count + 1)]
     if duration <= dt:
-        return PathToRest(Setpoint.at_rest(np.array(path[-1])), path, step)
+        return Setpoint.at_rest(np.array(path[-1])), path, step
     q, qd, qdd = found.at_time(dt)
     after = Setpoint(q=np.array(q), qd=np.array(qd), qdd=np.array(qdd))
-    return PathToRest(after, path, step)
+    return after, path, step
 
 
 def stop(
@@ -299,7 +157,7 @@ def stop(
         PlanningError: ruckig finds no motion.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
-    request = _stopping(_numbers(limits, dt, q=q, qd=qd, qdd=qdd), limits)
+    request = _stopping(numbers(limits, dt, q=q, qd=qd, qdd=qdd), limits)
     positions, velocities, accelerations, duration = _calculated(request, dt)
     return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
 
@@ -326,7 +184,7 @@ def stop_on_path(trajectory: Trajectory, t: float, limits: MotionLimits, dt: flo
         PlanningError: ruckig finds no stop where one is needed.
         ValueError: Limits for another number of joints, or times that are not finite.
     """
-    _numbers(limits, dt, q=trajectory.q[0])
+    numbers(limits, dt, q=trajectory.q[0])
     if not math.isfinite(t):
         raise ValueError(f"t must be finite, got {t}")
     stopped = shortest_slowdown(trajectory, max(0.0, t), limits, dt)
@@ -351,7 +209,7 @@ def resume_on_path(trajectory: Trajectory, t: float) -> Trajectory | None:
     return shortest_speedup(trajectory, t)
 
 
-def _numbers(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[list[float]]:
+def numbers(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[list[float]]:
     """The given values as plain numbers, one for each joint of the limits.
 
     This runs in every control cycle: for so few numbers numpy takes several times as long.
@@ -385,24 +243,30 @@ def _stopping(state: list[list[float]], limits: MotionLimits) -> ruckig.InputPar
     return request
 
 
-def _found(request: ruckig.InputParameter) -> ruckig.Trajectory:
+def found_motion(request: ruckig.InputParameter) -> ruckig.Trajectory:
     """Let ruckig compute a motion; if it fails, again with slightly less jerk.
 
     It fails where a joint has its largest acceleration only for an instant and rounding hides that:
     with the arm's own caps, in many moves by exactly 2 degrees.
     """
+    n = request.degrees_of_freedom
     try:
-        return _searched(request)
+        return searched(request, ruckig.Ruckig(n), ruckig.Trajectory(n))
     except PlanningError:
         request.max_jerk = [LESS_JERK * jerk for jerk in request.max_jerk]
-        return _searched(request)
+        return searched(request, ruckig.Ruckig(n), ruckig.Trajectory(n))
 
 
-def _searched(request: ruckig.InputParameter) -> ruckig.Trajectory:
-    n = request.degrees_of_freedom
-    found = ruckig.Trajectory(n)
+def searched(
+    request: ruckig.InputParameter, by: ruckig.Ruckig, found: ruckig.Trajectory
+) -> ruckig.Trajectory:
+    """Let ruckig write the motion to ``found``, which is returned.
+
+    Raises:
+        PlanningError: It finds none.
+    """
     try:
-        result = ruckig.Ruckig(n).calculate(request, found)
+        result = by.calculate(request, found)
     except (ruckig.RuckigError, ValueError) as error:  # some of its results it cannot name itself
         raise PlanningError(f"no motion from this state under these limits: {error}") from error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
@@ -412,7 +276,7 @@ def _searched(request: ruckig.InputParameter) -> ruckig.Trajectory:
 
 def _calculated(request: ruckig.InputParameter, dt: float) -> tuple[Array, Array, Array, float]:
     """Position, velocity and acceleration every ``dt``, each (N, n), and the duration [s]."""
-    found = _found(request)
+    found = found_motion(request)
     duration = float(found.duration)
     count = math.ceil(duration / dt - 1e-9) + 1
     states = np.array([found.at_time(k * dt) for k in range(count)])

@@ -198,9 +198,9 @@ class Load:
         self._may_hold, self._may_move = strength.limits()
         self._bearable: list[float] = self._may_hold.tolist()
         there = np.abs(model.holding_torques(q_start[None]))[0]
-        self._known = q_start.tolist(), there.tolist()
         # Bounds on how much each angle changes the torque of each joint.
         self._rates: list[list[float]] = model.holding_torque_rates().T.tolist()
+        self._know(q_start, there)
         self._holding = np.maximum(self._may_hold, there)
         too_much = np.where(there > self._may_hold, there, 0.0)
         self._moving = np.maximum(self._may_move, MOVING / HOLDING * too_much)
@@ -263,15 +263,33 @@ class Load:
         if self.surely_admits(*corners):
             return True
         borne = np.abs(self._model.holding_torques(path))
-        self._known = path[0].tolist(), borne[0].tolist()
+        self._know(path[0], borne[0])
         allowed = np.maximum((1.0 + _TOLERANCE) * self._may_hold, borne[0])
         return bool((borne <= allowed).all())
 
     def _learn(self, q: Array) -> Array:
         """Compute and remember the holding torques at ``q``, shapes (5,), [rad], [N m]."""
         torques: Array = self._model.holding_torques(q[None])[0]
-        self._known = q.tolist(), np.abs(torques).tolist()
+        self._know(q, np.abs(torques))
         return torques
+
+    def _know(self, q: Array, borne: Array) -> None:
+        """Remember the holding torques without signs at ``q``, shapes (5,), [rad], [N m]."""
+        self._known: tuple[list[float], list[float]] = q.tolist(), borne.tolist()
+        self._shares = {share: self._shares_of(share) for share in (NEARLY, 1.0)}
+
+    def _shares_of(self, share: float) -> list[float]:
+        """How much of the reserve a change of each angle takes at most [1/rad].
+
+        Of each joint the reserve is what it bears less than ``share`` of its limit.
+        """
+        reserve = [share * a - b for a, b in zip(self._bearable, self._known[1], strict=True)]
+        if min(reserve) <= 0.0:
+            return [math.inf] * len(reserve)
+        rows = [
+            [each / left for each in row] for row, left in zip(self._rates, reserve, strict=True)
+        ]
+        return [max(column) for column in zip(*rows, strict=True)]
 
     def surely_admits(self, low: Sequence[float], high: Sequence[float]) -> bool:
         """Quick proof, from known torques nearby, that all between two corners is bearable."""
@@ -281,6 +299,9 @@ class Load:
         """Whether all torques stay below ``share`` of their limits; runs in every control cycle."""
         there, borne = self._known  # [rad], [N m] without signs
         a, b, c, d, e = [max(y - at, at - x) for x, y, at in zip(low, high, there, strict=True)]
+        p, q, r, s, t = self._shares[share]
+        if a * p + b * q + c * r + d * s + e * t < 1.0:
+            return True
         return all(
             a * p + b * q + c * r + d * s + e * t < share * most - now
             for (p, q, r, s, t), most, now in zip(self._rates, self._bearable, borne, strict=True)

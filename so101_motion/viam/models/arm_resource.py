@@ -23,8 +23,8 @@ from viam.proto.common import Geometry, PoseInFrame
 from viam.services.motion import Motion as MotionService
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.attributes import Attributes
-from so101_motion.common.errors import SUPERSEDED, MotionError, So101Error
+from so101_motion.common.attributes import Attributes, checked_number
+from so101_motion.common.errors import SUPERSEDED, Interrupted, MotionError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
@@ -232,11 +232,14 @@ class ArmResource(Configured, Arm):
 
         The ``extra`` of Viam's teleoperation is supported: with ``interpolate`` false the arm turns
         from its present motion straight towards the last waypoint, with ``waitAtEnd`` false the
-        call returns at once.
+        call returns at once. With ``stops``, the number that ``get_status`` reports, the request is
+        refused if the arm was stopped since: a stream of requests would start it again.
         """
         await self.ready()
         extra = extra or {}
         with grpc_statuses():
+            if checked_number("stops", extra.get("stops", self._arm.stops)) != self._arm.stops:
+                raise Interrupted("stop")
             interpolate = convert.flag(extra, "interpolate", True)
             waits = convert.flag(extra, "waitAtEnd", True)
             limits = convert.from_move_options(options, self._arm.limits)
@@ -386,6 +389,7 @@ class ArmResource(Configured, Arm):
             "is_moving": await self.is_moving(),
             "joint_positions_deg": dict(zip(ARM_JOINTS, to_deg(state.q), strict=True)),
             "late_ticks": state.late_ticks,
+            "stops": self._arm.stops,
             "fault": state.fault,
         }
         return convert.to_result(status)

@@ -4,6 +4,10 @@ In every period the leader's joints are read and the follower is sent a goal, wi
 Viam's own teleoperation uses (no interpolation, return at once) and the present caps as move
 options; the arm itself makes the motion smooth.
 
+A remote arm of this package counts its stops, and every goal says how many were known when it was
+sent; the arm refuses one that misses a stop. So Stop ends the session wherever it is pressed. An
+arm of another module stops only until the next goal comes.
+
 The calls run on the event loop, started from the session's own thread. A request without an answer
 within ``PATIENCE`` is given up and sent again; the gate decides what a silence means.
 """
@@ -18,12 +22,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from grpclib import GRPCError
+from grpclib import GRPCError, Status
 from viam.components.arm import Arm, JointPositions
 from viam.components.gripper import Gripper
 
 from so101_motion.common.clock import Clock
-from so101_motion.common.errors import MotionError, So101Error
+from so101_motion.common.errors import Interrupted, MotionError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg
 from so101_motion.control.approach import Approach
@@ -103,6 +107,14 @@ class RemoteArm:
             due = max(due + 1.0 / self.rate, self.loop.time())
             await asyncio.sleep(due - self.loop.time())
 
+    async def stops(self) -> float | None:
+        """How often it has been stopped; None if its module does not count that."""
+        try:
+            count = (await self.arm.get_status(timeout=SETTING_UP)).get("stops")
+        except _TROUBLE:  # many modules report no status
+            return None
+        return count if isinstance(count, (int, float)) else None
+
     async def set_torque(self, on: bool) -> bool:
         """Hold or release its joints; return whether the request succeeded."""
         try:
@@ -178,9 +190,11 @@ class RemoteFollower(Follower):
         self._problem: MotionError | None = None
         self._jaw: asyncio.Task[None] | None = None
         self._percent = 0.0
+        self._stops: float | None = None
 
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
         """See ``Follower.attach``."""
+        self._stops = self._arm.run(self._arm.stops())
         self._approach = Approach(pilot.pace.full, pilot.pace.approach)
 
         async def go() -> None:
@@ -237,16 +251,19 @@ class RemoteFollower(Follower):
             self._approach.begin()
             if self._moves:
                 self._moves = False
+                if self._stops is not None:
+                    self._stops += 1.0  # also if the answer comes too late
                 await self._arm.arm.stop(timeout=PATIENCE)
             return
         self._moves = True
         q = aim.q
         caps = self._approach.caps(self._arm.clock.now(), q - self._x[:5])
         self._x_goal = np.append(q, self._x[5])
+        count = {} if self._stops is None else {"stops": self._stops}
         await self._arm.arm.move_through_joint_positions(
             [JointPositions(values=to_deg(q).tolist())],
             convert.to_move_options(caps.velocity, caps.acceleration),
-            extra={"interpolate": False, "waitAtEnd": False},
+            extra={"interpolate": False, "waitAtEnd": False, **count},
             timeout=PATIENCE,
         )
         self._go_on_with_jaw(pilot)
@@ -269,8 +286,12 @@ class RemoteFollower(Follower):
             _log.warning("the follower's jaw did not move: %s", error)
 
     def _lose(self, error: Exception) -> None:
-        if self._engaged:
-            self._engaged = False
+        if not self._engaged:
+            return
+        self._engaged = False
+        if isinstance(error, GRPCError) and error.status is Status.CANCELLED:
+            self._problem = Interrupted("stop")
+        else:
             self._problem = MotionError(f"the follower refused a request, so it holds: {error}")
 
 

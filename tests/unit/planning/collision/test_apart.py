@@ -214,6 +214,30 @@ def test_what_is_proven_keeps_its_room_at_every_instant():
     assert 5 < proven < 60
 
 
+@pytest.mark.parametrize("periods", [1.0, 2.0, 4.0, 8.0])
+def test_arms_that_swing_to_and_fro_meet_although_they_are_apart_at_the_ends(periods):
+    facing = Facing(6)
+    met, times = 0, np.linspace(0.0, 16.0 * STEP, 17)
+    for _ in range(150):
+        courses = []
+        for _ in range(2):
+            swing = np.append(facing.random.normal(0.0, 0.2, 5), 0.0)
+            share = 0.5 - 0.5 * np.cos(2.0 * np.pi * times / (periods * 2.0 * STEP))
+            q = np.append(facing.near(), 0.2) + share[:, None] * swing
+            courses.append(Course(t=0.0, dt=STEP, q=q))
+        pair = (facing.bodies, courses[0]), (facing.bodies, courses[1])
+        if apart.first_meeting(*pair, T_LEFT_RIGHT, since=0.0, room=0.01, early=0.0) is not None:
+            met += 1
+            continue
+        between = np.linspace(0.0, courses[0].end, 129)
+        q_left, q_right = (np.ascontiguousarray(course.at(between)) for course in courses)
+        found = apart.distances(
+            facing.bodies, facing.bodies, T_LEFT_RIGHT, q_left, q_right, need=0.01, enough=0.02
+        )
+        assert found.min() > 0.875 * 0.01 - 2e-4
+    assert 20 < met < 130
+
+
 def test_without_the_library_the_verdict_is_the_same():
     facing = Facing(3)
     verdicts = set()

@@ -9,7 +9,7 @@ from so101_motion.planning.timing import online, verify
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.path_geometry import blended_path
 from so101_motion.planning.timing.retime import retime
-from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+from so101_motion.planning.timing.trajectory import Trajectory
 
 LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=5.0, jerk=100.0)
 HARD = MotionLimits.uniform(velocity=1.5, acceleration=7.5, jerk=200.0)
@@ -251,62 +251,3 @@ print([name for name in ("toppra", "scipy", "matplotlib", "pinocchio") if name i
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
-
-
-# Beside a target whose acceleration is known
-
-
-def swaying(t):
-    """A joint that sways by 0.25 rad at 1 Hz, and others that stay; at ``t`` [s]."""
-    w, way = 2.0 * np.pi, np.array([0.25, 0.0, 0.0])
-    s, c = np.sin(w * t), np.cos(w * t)
-    return Setpoint(q=way * s, qd=w * way * c, qdd=-w * w * way * s)
-
-
-def led_beside(now, caps, seconds, noise=0.0):
-    """The setpoints of joints that are led beside ``swaying``."""
-    rng, led = np.random.default_rng(1), [now]
-    for k in range(1, round(seconds / 0.01)):
-        there = swaying(0.01 * k)
-        there = Setpoint(q=there.q + noise * rng.standard_normal(3), qd=there.qd, qdd=there.qdd)
-        led.append(online.alongside(led[-1], there, caps, 0.01)[0])
-    return led
-
-
-def test_a_joint_beside_its_target_accelerates_as_it_does():
-    caps = MotionLimits.uniform(velocity=4.0, acceleration=25.0, jerk=500.0, n=3)
-    led = led_beside(swaying(0.0), caps, 2.0)
-    for k, now in enumerate(led):
-        assert now.q == pytest.approx(swaying(0.01 * k).q, abs=2e-3)
-        assert now.qdd == pytest.approx(swaying(0.01 * k).qdd, abs=2.0)
-
-
-def test_that_a_joint_will_brake_is_known_before_it_does():
-    caps = MotionLimits.uniform(velocity=5.0, acceleration=25.0, jerk=500.0, n=1)
-    now, told, true = Setpoint.at_rest(np.zeros(1)), [], []
-    there = Setpoint.at_rest(np.array([1.0]))
-    for _ in range(25):
-        now, soon = online.alongside(now, there, caps, 0.01)
-        told.append(soon[0])
-        true.append(now.qdd[0])
-    mean = np.convolve(true, np.full(5, 0.2), "valid")[1:]
-    assert told[: len(mean)] == pytest.approx(mean, abs=4.0)
-    assert np.argmax(np.array(told) < 0.0) <= np.argmax(np.array(true) < 0.0) - 2
-
-
-def test_what_is_off_dies_down_without_the_jerk_of_the_fastest_motion():
-    caps = MotionLimits.uniform(velocity=4.0, acceleration=25.0, jerk=500.0, n=3)
-    led = led_beside(swaying(0.0), caps, 2.0, noise=5e-4)
-    jerk = np.diff([now.qdd for now in led], axis=0) / 0.01
-    assert np.sqrt(np.mean(np.square(jerk))) < 150.0
-
-
-def test_a_joint_that_is_far_keeps_its_caps_and_comes_beside_its_target():
-    caps = MotionLimits.uniform(velocity=5.0, acceleration=25.0, jerk=500.0, n=3)
-    led = led_beside(Setpoint.at_rest(np.array([-1.0, 0.6, 0.01])), caps, 2.0)
-    q = np.array([now.q for now in led])
-    qd, qdd = np.diff(q, axis=0) / 0.01, np.diff(q, 2, axis=0) / 0.01**2
-    assert np.abs(qd).max() <= 5.0 + 1e-9
-    assert np.abs(qdd).max() <= 25.0 + 1e-6
-    assert np.abs(np.diff(qdd, axis=0)).max() / 0.01 <= 500.0 + 1e-3
-    assert led[-1].q == pytest.approx(swaying(1.99).q, abs=2e-3)

@@ -1,0 +1,191 @@
+"""Follow targets that move: the next setpoint of joints, in every control cycle.
+
+Velocity, acceleration and jerk stay within their caps whatever the targets do. Otherwise as
+``online.py``, whose words about ruckig hold here, too.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Literal
+
+import numpy as np
+import ruckig
+from numpy.typing import ArrayLike
+
+from so101_motion.common.errors import PlanningError
+from so101_motion.common.geometry import Array
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.online import found_motion, numbers, searched
+from so101_motion.planning.timing.trajectory import Setpoint
+
+SOFTNESS = 0.035
+"""Time constant with which a joint approaches its target [s]; chosen by trial."""
+
+FORESIGHT = 0.05
+"""Time over which future accelerations are averaged for the caller [s]: a servo reacts that late to
+its goals."""
+
+Arrival = Literal["each", "together", "straight"]
+
+_SYNCHRONIZATION: dict[Arrival, ruckig.Synchronization] = {
+    "each": ruckig.Synchronization.No,
+    "together": ruckig.Synchronization.Time,
+    "straight": ruckig.Synchronization.Phase,
+}
+
+
+class Pursuit:
+    """Leads joints to moving targets, one period at a time. Belongs to one thread.
+
+    It keeps its request to ruckig, because making one takes as long as the answer.
+
+    Args:
+        n: How many joints.
+        dt: The period [s].
+    """
+
+    def __init__(self, n: int, dt: float) -> None:
+        self._n, self._dt = n, dt
+        self._request, self._ruckig = ruckig.InputParameter(n), ruckig.Ruckig(n)
+        self._request.target_position = [0.0] * n
+        self._motion = ruckig.Trajectory(n)
+        self._limits: MotionLimits | None = None
+        self._rate = list[float]()
+
+    def towards(
+        self,
+        now: Setpoint,
+        q_target: ArrayLike,
+        qd_target: ArrayLike,
+        limits: MotionLimits,
+        *,
+        arrival: Arrival = "each",
+    ) -> Setpoint:
+        """One period of the fastest motion to a moving target.
+
+        Called in every period, it catches up with a target that moves steadily and stays with it
+        without lag. The motion is computed relative to the target, as if that stood still. If it
+        were computed to a position and a velocity instead, a joint slightly ahead would have to
+        turn back to get behind that position, in every period.
+
+        Args:
+            now: The present state, shapes (n,).
+            q_target: Position of the target at the end of the period, shape (n,), [rad].
+            qd_target: Its velocity, shape (n,), slower than the velocity caps, [rad/s].
+            arrival: Whether each joint shall arrive as soon as it can, or all together;
+                ``"straight"`` on a straight line, if they start from rest.
+
+        Raises:
+            PlanningError: ruckig finds no motion, for example because the target is too fast.
+            ValueError: Shapes that do not fit, or values that are not finite.
+        """
+        return self._overtaking(now, q_target, qd_target, limits, arrival)[0]
+
+    def alongside(
+        self, now: Setpoint, target: Setpoint, limits: MotionLimits
+    ) -> tuple[Setpoint, Array]:
+        """The next setpoint that keeps up with a target whose acceleration is known.
+
+        A joint near its target approaches it softly: its error decays with the time constant
+        ``SOFTNESS``, and otherwise it accelerates like the target. A joint that would exceed a cap
+        goes as fast as it may instead (``towards``).
+
+        Args:
+            now: The present state, shapes (n,).
+            target: The target at the end of the period, shapes (n,), slower than the velocity caps.
+            limits: Caps of the n joints.
+
+        Returns:
+            The setpoint, and the joints' average acceleration during ``FORESIGHT`` from there on,
+            shape (n,), [rad/s^2].
+
+        Raises:
+            PlanningError: ruckig finds no motion.
+            ValueError: Shapes that do not fit, or values that are not finite.
+        """
+        dt = self._dt
+        before = target.qd - dt * target.qdd
+        off = target.q - dt * (before + 0.5 * dt * target.qdd) - now.q
+        gain, gain_d, gain_dd = _soft_gains(dt)
+        jerk = gain * off + gain_d * (before - now.qd) + gain_dd * (target.qdd - now.qdd)
+        qdd = now.qdd + dt * jerk
+        qd = now.qd + dt * (now.qdd + 0.5 * dt * jerk)
+        q = now.q + dt * (now.qd + dt * (0.5 * now.qdd + dt * jerk / 6.0))
+        # The speed that a joint has when its acceleration has been taken back.
+        fastest = np.abs(qd + qdd * np.abs(qdd) / (2.0 * limits.jerk))
+        soft = (np.abs(jerk) <= limits.jerk) & (np.abs(qdd) <= limits.acceleration)
+        soft &= (np.abs(qd) <= limits.velocity) & (fastest <= limits.velocity)
+        if soft.all():
+            return Setpoint(q=q, qd=qd, qdd=qdd), target.qdd
+        fast, motion = self._overtaking(now, target.q, target.qd, limits, "each")
+        later = target.qd + motion.at_time(dt + FORESIGHT)[1]
+        setpoint = Setpoint(
+            q=np.where(soft, q, fast.q),
+            qd=np.where(soft, qd, fast.qd),
+            qdd=np.where(soft, qdd, fast.qdd),
+        )
+        return setpoint, np.where(soft, target.qdd, (later - fast.qd) / FORESIGHT)
+
+    def _overtaking(
+        self,
+        now: Setpoint,
+        q_target: ArrayLike,
+        qd_target: ArrayLike,
+        limits: MotionLimits,
+        arrival: Arrival,
+    ) -> tuple[Setpoint, ruckig.Trajectory]:
+        """The setpoint of ``towards``, and the motion relative to the target."""
+        dt = self._dt
+        q, qd, qdd, to, rate = numbers(
+            limits, dt, q=now.q, qd=now.qd, qdd=now.qdd, q_target=q_target, qd_target=qd_target
+        )
+        off = [at - (goal - dt * v) for at, goal, v in zip(q, to, rate, strict=True)]
+        slip = [v - w for v, w in zip(qd, rate, strict=True)]
+        found = self._found([off, slip, qdd], rate, limits, _SYNCHRONIZATION[arrival])
+        seen = found.at_time(dt)
+        moved = np.array(seen)
+        moved[0] += to
+        moved[1] += rate
+        return Setpoint(q=moved[0], qd=moved[1], qdd=moved[2]), found
+
+    def _found(
+        self,
+        state: list[list[float]],
+        rate: list[float],
+        limits: MotionLimits,
+        arrival: ruckig.Synchronization,
+    ) -> ruckig.Trajectory:
+        """The motion from a state relative to the target, which moves at ``rate`` [rad/s]."""
+        request = self._request
+        if limits is not self._limits or rate != self._rate:
+            if len(rate) != self._n:  # ruckig would accept it
+                raise ValueError(f"expected {self._n} joints, got {len(rate)}")
+            fastest = limits.velocity.tolist()
+            request.max_velocity = [cap - v for cap, v in zip(fastest, rate, strict=True)]
+            request.min_velocity = [-cap - v for cap, v in zip(fastest, rate, strict=True)]
+            request.max_acceleration = limits.acceleration.tolist()
+            request.max_jerk = limits.jerk.tolist()
+            self._limits, self._rate = limits, rate
+        request.current_position, request.current_velocity, request.current_acceleration = state
+        request.synchronization = arrival
+        try:
+            return searched(request, self._ruckig, self._motion)
+        except PlanningError:
+            self._limits = None  # the request gets less jerk
+            return found_motion(request)
+
+
+@functools.cache
+def _soft_gains(dt: float) -> tuple[float, float, float]:
+    """Gains from the errors of angle, speed and acceleration to the jerk.
+
+    Ackermann's formula for three equal poles of a joint whose jerk is constant for ``dt`` [s].
+    """
+    step = np.array([[1.0, dt, dt**2 / 2.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
+    push = np.array([dt**3 / 6.0, dt**2 / 2.0, dt])
+    poles = step - math.exp(-dt / SOFTNESS) * np.eye(3)
+    reached = np.column_stack([push, step @ push, step @ step @ push])
+    gains = np.linalg.solve(reached.T, [0.0, 0.0, 1.0]) @ poles @ poles @ poles
+    return tuple(gains.tolist())
