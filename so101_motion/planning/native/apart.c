@@ -102,8 +102,10 @@ typedef struct {
 
 static const Arm *at_step(Steps *s, int k) {
     for (int which = 0; !s->seen[k] && which < 2; which++) {
-        s->at[k][which] = s->arms[which];
-        so101_look(&s->at[k][which], which ? s->placement : 0, s->n, k);
+        Arm *arm = &s->at[k][which];
+        arm->scene = s->arms[which].scene, arm->q = s->arms[which].q;
+        arm->travel = s->arms[which].travel;
+        so101_look(arm, which ? s->placement : 0, s->n, k);
     }
     s->seen[k] = 1;
     return s->at[k];
@@ -152,11 +154,13 @@ static double both_ends(Steps *s, int i, int j, int k, int level, double share, 
 }
 
 /* The step until which two bodies surely stay apart, from their `gap` at `t` and their distance `along` v:
- * they have to travel the gap first, or the same plane separates them at both ends of a stretch. */
+ * they have to travel the gap first, or the same plane separates them at both ends of a stretch. Stretches
+ * at whose end they are expected too near for that are not tried. */
 static double clear_until(Steps *s, int i, int j, double t, double margin, double skew, double gap,
                           double along, const double *v) {
     const Arm *a = &s->arms[0], *b = &s->arms[1];
     const double enough = t + FORWARD;
+    double slope = 0.0; /* of the distance along v, as it was last */
     for (int level = LEVELS - 1;;) {
         const double clear = until(a, i, b, j, s->n, t, gap - margin, skew);
         const int k = (int)t;
@@ -166,7 +170,7 @@ static double clear_until(Steps *s, int i, int j, double t, double margin, doubl
         for (; l >= 0 && k + (1 << l) > end; l--) {
             if (k + (1 << l) >= s->n) continue;
             bound = both_ends(s, i, j, k, l, k + (1 << l) - t < 1.0 ? k + 1 - t : 1.0, margin, skew);
-            if (along >= bound) break;
+            if (along >= bound && along + slope * (k + (1 << l) - t) >= bound) break;
         }
         if (l >= 0 && k + (1 << l) > end)
             end = k + (1 << l);
@@ -175,6 +179,7 @@ static double clear_until(Steps *s, int i, int j, double t, double margin, doubl
         if (!(end > t)) return clear;
         const Arm *then = at_step(s, end);
         const double next = so101_gap_along(a->scene, then[0].pose, i, b->scene, then[1].pose, j, v);
+        slope = (next - along) / (end - t);
         if (next >= bound) {
             gap = along = next, t = end;
             level = l < LEVELS - 1 ? l + 1 : l;
