@@ -210,8 +210,12 @@ _CARD_STYLE = """<style>
   #so101-card { background: rgba(36, 36, 36, .88); color: #dee2e6 }
 }
 @media (max-width: 600px) { #so101-card { font-size: 12px } }
+@media (max-aspect-ratio: 1) { #so101-card { top: auto; bottom: 62px } }
 .mantine-Notifications-root {
   top: auto !important; left: auto !important; bottom: 60px; right: 12px;
+}
+@media (max-aspect-ratio: 1) {
+  .mantine-Notifications-root { top: 12px !important; bottom: auto !important }
 }
 </style>"""
 
