@@ -225,7 +225,7 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
         row.click()
         guest.until(lambda: "chosen" in (row.get_attribute("class") or ""))
 
-    guest.until(lambda: lines() == ["open", "40 % speed, close, 0.6 s", "steps 2 to 3 2×"])
+    guest.until(lambda: lines() == ["open", "40 % speed, close, 0.6 s", "steps 2 to 3 run 2×"])
 
     def run(part: str) -> list[tuple[str, float]]:
         guest.press(part)

@@ -55,7 +55,7 @@ class TargetControls:
             shown=tenths,
         )
         self._nearest = gui.add_button_group(
-            "Unreachable",
+            "If unreachable",
             (_NEAREST,),
             hint="Sets the target to the nearest place that can be reached without contact",
         )

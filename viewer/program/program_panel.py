@@ -138,7 +138,8 @@ class ProgramPart(Part):
         self._rehearsal = RehearsalFields(
             self._context,
             self.model,
-            hint="Only the ghost moves; pauses last 2 s, loops are shown twice; again: pause",
+            hint="Only the ghost moves. Pauses are cut to 2 s, and loops are shown twice. Press"
+            " again to pause.",
         )
         self._facts = gui.add_html(markup.facts(words.NO_FACTS, lines=_LINES))
 

@@ -216,7 +216,7 @@ def line(program: Program, index: int, clearance: float | None = None) -> str:
     if clearance is not None:
         parts.append(f"{to_mm(clearance):.0f} mm clear")
     ending = (loop for loop in reversed(program.loops) if loop.last == index)
-    parts += [f"steps {loop.called} {loop.times}×" for loop in ending]
+    parts += [f"steps {loop.called} run {loop.times}×" for loop in ending]
     return ", ".join(parts)
 
 

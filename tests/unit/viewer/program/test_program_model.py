@@ -257,7 +257,7 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: T
     assert ends == pytest.approx(line.parts[3].ends)
     assert line.parts[-1].ends == pytest.approx(1.0)
     program = tab.model.screen().program
-    assert [words.line(program, k) for k in range(3)] == ["", "steps 1 to 2 3×", ""]
+    assert [words.line(program, k) for k in range(3)] == ["", "steps 1 to 2 run 3×", ""]
     html = markup.timeline(line._replace(parts=(markup.Span("<i>", 0.0, 1.0),)), "uuid")
     assert "<i>" not in html.replace('<i class="span deep0"', "")
     tab.model.run()
