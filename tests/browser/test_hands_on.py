@@ -1,4 +1,4 @@
-"""What hands do on the page: lead the arm, choose a target by a click, show it a path."""
+"""What hands do on the page: lead the arm, move its jaw, let it go, show it a path."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from playwright.sync_api import Locator
 from so101_viewer import Preview, Source, serve_source
 
 from so101_motion.common.modes import Mode
-from so101_motion.common.units import to_mm, to_rad
+from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.hardware_rig import Rig, open_simulated
 
@@ -207,62 +207,6 @@ def test_the_arm_follows_the_arrows_as_long_as_they_are_dragged(jogging: Guest, 
     jogging.until(lambda: tip(rig)[2] - before[2] > 0.003)
     mouse.up()
     jogging.until(lambda: not moves(rig))
-
-
-def test_a_click_on_the_floor_sets_the_target_and_undo_takes_it_back(
-    guest: Guest, rig: Rig
-) -> None:
-    before = guest.target_mm()
-    guest.fields("A click").first.click()
-    guest.page.get_by_role("option", name="sets the target").click()
-    guest.page.wait_for_timeout(300)
-    canvas = guest.page.locator("#root canvas").first.bounding_box()
-    assert canvas is not None
-    x, y = canvas["x"] + 0.62 * canvas["width"], canvas["y"] + 0.55 * canvas["height"]
-    for _ in range(10):  # a busy browser may not know yet what a click is for
-        guest.page.mouse.click(x, y)
-        guest.page.wait_for_timeout(400)
-        if guest.target_mm() != before:
-            break
-    floor_mm = to_mm(rig.arm.scene.floor_z or 0.0)
-    guest.until(lambda: abs(guest.target_mm()[2] - floor_mm - 20.0) < 0.2)
-    there = guest.target_mm()
-    undo = guest.button("undo").filter(visible=True).first
-    undo.click()
-    guest.until(lambda: guest.target_mm() != there)
-    guest.page.wait_for_timeout(700)
-    guest.button("redo").filter(visible=True).first.click()
-    guest.until(lambda: guest.target_mm() == there)
-    guest.fields("A click").first.click()
-    guest.page.get_by_role("option", name="selects").click()
-    assert not moves(rig)
-
-
-def test_the_nearest_place_is_taken_and_a_direction_is_kept(guest: Guest) -> None:
-    guest.until(lambda: guest.button("take the nearest").is_disabled())
-    guest.type_target(600.0, 0.0, 200.0)
-    guest.until(lambda: guest.button("take the nearest").is_enabled())
-    guest.press("take the nearest")
-    guest.until(lambda: guest.says("Reachable. Press Plan."))
-    assert 300.0 < guest.target_mm()[0] < 599.0
-
-    def rings() -> bool:
-        node = "window.__viserSceneTree.getState()['/target'].message.props"
-        return not guest.page.evaluate(f"{node}.disable_rotations")
-
-    guest.type_target(230.0, 0.0, 120.0)
-    guest.page.get_by_text("Direction", exact=True).click()
-    guest.until(lambda: not rings())
-    guest.fields("Keeps").filter(visible=True).first.click()
-    guest.page.get_by_role("option", name="tilt and roll").click()
-    guest.until(rings)
-    before = guest.pose_of("/target")["wxyz"]
-    guest.page.get_by_role("slider", name="Roll (°)").press("ArrowRight")
-    guest.until(lambda: guest.pose_of("/target")["wxyz"] != before)
-    guest.fields("Keeps").filter(visible=True).first.click()
-    guest.page.get_by_role("option").first.click()
-    guest.until(lambda: not rings())
-    guest.page.get_by_text("Direction", exact=True).click()
 
 
 def test_the_views_turn_the_picture(guest: Guest) -> None:

@@ -340,10 +340,23 @@ def test_a_plan_is_played_and_shows_what_it_sweeps_and_its_curves(guest: Guest, 
     guest.until(lambda: abs(float(handle.get_attribute("aria-valuenow") or 0) - 0.5 * end) < 0.1)
     guest.press("keep this plan")
     guest.until(lambda: "/kept-path" in guest.nodes())
+    first = duration(guest)
+    guest.press("rest")
+    guest.until(lambda: guest.button("Execute").is_disabled())
+    plan(guest)
+    guest.until(lambda: len(duration(guest)) == 2 and guest.says("Plan 2"))
+    assert duration(guest)[0] != duration(guest)[1] == first[0]
     guest.press("forget it")
     guest.until(lambda: "/kept-path" not in guest.nodes())
     assert at_rest(rig)
     assert not far_from(HOME, rig)
+
+
+def duration(guest: Guest) -> list[str]:
+    """How long the newest plan takes, and the kept one beside it."""
+    name = guest.page.get_by_text("Duration", exact=True)
+    cells = name.locator("xpath=following-sibling::*").all_inner_texts()
+    return cells[: cells.index("Peak speed")]
 
 
 def test_after_a_motion_there_is_a_curve_of_how_well_it_was_followed(
