@@ -382,7 +382,7 @@ class Following(LedMotion):
             if allowed is not q:
                 q = np.minimum(np.maximum(allowed, self._least), self._most)
                 qd, qdd, is_moving = self._still, None, False
-            self._held = tuple(map(self._guard.words, self._guard.against))
+            self._held = self._guard.against
         arrival: Arrival = "each"
         if not is_moving and (is_gentle or self._ends_there or self.is_approaching):
             # From rest close to things, joints that do not set off together come closer first.

@@ -73,7 +73,8 @@ class Guard:
     Attributes:
         look_every: Largest time between samples of a path for ``admits`` [s]: between them it bends
             no more than ``admits`` allows for.
-        against: The obstacles and loads that kept the last ``within_reach`` from its target.
+        against: Words for the obstacles and loads that kept the last ``within_reach`` from its
+            target.
     """
 
     def __init__(
@@ -100,7 +101,8 @@ class Guard:
         self._looked: Array | None = None
         self._rows, self._bounds, self._free = np.zeros((0, NEAR_ROW)), np.zeros((0, BOUND)), 0.0
         self._step = BoundedStep()
-        self.against: tuple[ClosePair | TorqueReserve | str, ...] = ()
+        self._words = dict[int, str]()  # by pair of bodies
+        self.against: tuple[str, ...] = ()
 
     @property
     def margin(self) -> float:
@@ -141,18 +143,19 @@ class Guard:
             return q
         return q + nearest if active else q_target
 
-    def _named(
-        self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]
-    ) -> ClosePair | TorqueReserve | str:
-        """The obstacle or load of bound ``k``, counted as in ``within_reach``."""
+    def _named(self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]) -> str:
+        """Words for the obstacle or load of bound ``k``, counted as in ``within_reach``."""
         if k < len(self._rows):
-            return self._collision.described(self._rows[k])
+            pair = int(self._rows[k, 0])
+            if pair not in self._words:
+                self._words[pair] = self.words(self._collision.described(self._rows[k]))
+            return self._words[pair]
         k -= len(self._rows)
         for each in others:
             if k < len(each.bounds):
                 return each.words(k)
             k -= len(each.bounds)
-        return heavy[k]
+        return self.words(heavy[k])
 
     def admits(self, path: Array, *, ahead: bool = False) -> bool:
         """Whether a path is proven free and bearable.

@@ -43,9 +43,6 @@ class Fence:
     def __init__(self, at):
         self.at, self.against = at, ()
 
-    def words(self, each):
-        return str(each)
-
     def within_reach(self, q, q_target, others):
         return q_target
 

@@ -39,7 +39,7 @@ def test_a_target_in_the_table_is_drawn_back_to_above_it_and_the_rest_is_kept(gu
     q = LOW - 3.0 * DOWN
     wanted = q + np.radians([20.0, 30.0, 0.0, 0.0, 10.0])
     drawn = guard.within_reach(q, wanted)
-    assert [guard.words(each) for each in guard.against] == ["the gripper close to the floor"]
+    assert guard.against == ("the gripper close to the floor",)
     assert drawn[0] == pytest.approx(wanted[0], abs=0.02), "it slides"
     assert drawn[4] == pytest.approx(wanted[4], abs=0.02)
     step = 0.02 * (drawn - q) / np.abs(drawn - q).max()
