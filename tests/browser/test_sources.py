@@ -1,4 +1,4 @@
-"""How the page connects to its arm, and what it shows when the arm is not there."""
+"""How the page connects to its arm, and what it shows when the arm is not there or not well."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ import numpy as np
 import pytest
 from conftest import Visit
 from harness.browser_user import Guest
+from harness.fake_parent import ARM, SIMULATED
 from harness.viam_machine import running_machine  # it lives with the tests of the machine
 from so101_viewer import Preview, Source, serve_source
+from so101_viewer.scene.robot_view import MOVED_LINK
 
 from so101_motion.calib.record import store
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus.defaults import SERVO_IDS
+from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.servo_driver import ServoSettings
@@ -60,6 +63,7 @@ class Cable:
         self.preview: Preview = serve_source(source, port=0)
 
     def type(self, line: str) -> None:
+        """Let something happen to the servos."""
         assert self._servos.stdin is not None
         self._servos.stdin.write(f"{line}\n")
         self._servos.stdin.flush()
@@ -130,7 +134,8 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
     guest.until(lambda: guest.button("Plan").is_disabled())
 
     cable.type("end unplug")
-    guest.until(lambda: guest.says("Fix this, then press Hold."))
+    guest.until(lambda: guest.says("was lost and is back. Nothing moves. Press Hold to go on."))
+    assert not any("no such port" in text for _, text in alerts(guest))
     guest.until(lambda: guest.color_of(BASE) == in_color)
     guest.until(lambda: guest.button("Plan").is_disabled())
     guest.press("Hold")
@@ -161,19 +166,105 @@ def test_the_servos_tab_says_what_will_move_and_stop_ends_it(
     assert guest.problems == []
 
 
-def test_an_arm_of_a_machine_goes_and_comes_back(visit: Visit) -> None:
+def alerts(guest: Guest) -> list[tuple[str, str]]:
+    """What the bar says is wrong: each sentence and how bad it is."""
+    found: list[tuple[str, str]] = guest.page.evaluate(
+        "[...document.querySelectorAll('#so101-alerts p')].map((p) => [p.className, p.innerText])"
+    )
+    return [(tone, text) for tone, text in found]
+
+
+def events(guest: Guest) -> list[str]:
+    return guest.page.get_by_role("region", name="Events").locator("span").all_inner_texts()
+
+
+def has_badge(guest: Guest) -> bool:
+    """Whether the Health tab carries the sign of an alarm."""
+    tab = guest.page.get_by_role("tab", name="Health")
+    return tab.locator(".icon-tabler-alert-triangle").count() == 1
+
+
+@pytest.fixture
+def well(in_background: Guest, cable: Cable) -> Guest:
+    """A window on the Events tab; the arm holds and nothing is wrong with it."""
+    guest, arm = in_background, cable.rigs[-1].arm
+    if arm.state.reading.out_of_range:
+        arm.start_move(JointGoal(q=np.zeros(5))).result(60.0)
+    guest.page.get_by_role("tab", name="Events").click()
+    guest.until(lambda: alerts(guest) == [] and not has_badge(guest))
+    return guest
+
+
+@pytest.mark.parametrize(
+    ("fault", "joint", "tone", "words", "to_do"),
+    [
+        ("hot:elbow_flex=68", "elbow_flex", "bad", "is too hot (68 °C", "let it cool below"),
+        ("brownout=5.2", "shoulder_pan", "bad", "it gets only 5.2 V", "switch the arm's power"),
+        ("brownout=5.8", "shoulder_pan", "warm", "it gets only 5.8 V", "use a stronger supply"),
+    ],
+)
+def test_an_alarm_is_a_headline_a_badge_a_coloured_joint_and_one_event(
+    well: Guest, cable: Cable, fault: str, joint: str, tone: str, words: str, to_do: str
+) -> None:
+    part = f"/live/{MOVED_LINK[joint]}/"
+    in_color, before = well.color_of(part), len(events(well))
+
+    cable.type(fault)
+    well.until(lambda: any(words in text for _, text in alerts(well)))
+    ((found, text),) = [each for each in alerts(well) if words in each[1]]
+    assert found == tone
+    assert text.startswith(f"{joint}: ")
+    assert to_do in text
+    well.until(lambda: has_badge(well))
+    well.until(lambda: well.color_of(part) != in_color)
+    well.page.wait_for_timeout(1200)  # its figures are read again and again
+    assert sum(words in text for text in events(well)[: len(events(well)) - before]) == 1
+
+    cable.type("hot:elbow_flex=30" if "hot" in fault else f"end {fault}")
+    well.until(lambda: alerts(well) == [] and not has_badge(well))
+    well.until(lambda: well.color_of(part) == in_color)
+    assert well.problems == []
+
+
+FAST = {"speed_degs_per_sec": 90.0, "acceleration_degs_per_sec_per_sec": 400.0}
+PAIR = (
+    (ARM, SIMULATED, "leader", FAST),
+    (ARM, SIMULATED, "arm", FAST),
+    ("rdk:service:generic", "devrel:so101:teleop", "teleop",
+     {"leader_arm": "leader", "follower_arm": "arm", "manage_leader_torque": False}),
+)  # fmt: skip
+
+
+def test_an_arm_of_a_machine_follows_its_leader_goes_and_comes_back(visit: Visit) -> None:
     from so101_motion.viam.client import MachineRig
 
-    with running_machine() as machine:
+    with running_machine(resources=PAIR) as machine:
         source = Source(
             title=f"Arm of machine {machine.address}",
-            open=lambda: MachineRig.connect(machine.address),
+            open=lambda: MachineRig.connect(machine.address, arm="arm"),
         )
         with serve_source(source, port=0) as preview:
             guest = visit(SMALL)
             guest.open(preview.url)
             guest.until(lambda: guest.says("reports no servo health"))
             in_color = guest.color_of(BASE)
+            guest.page.get_by_role("tab", name="Teach").click()
+            guest.until(lambda: guest.says("Keep a hand on the leader"))
+            guest.press("Follow the leader")
+            guest.until(lambda: guest.says("The machine's arm follows its leader."))
+            before = guest.pose_of("/live/gripper_link")["position"]
+            with MachineRig.connect(machine.address, arm="leader") as leader:
+                goal = JointGoal(q=np.radians([20.0, -10.0, 5.0, 5.0, 0.0]))
+                leader.arm.start_move(goal).result(60.0)
+                led = leader.arm.model.frame(leader.arm.state.q, "gripper_link").p
+            guest.until(
+                lambda: np.allclose(
+                    guest.pose_of("/live/gripper_link")["position"], led, atol=0.005
+                )
+            )
+            assert not np.allclose(before, led, atol=0.02)
+            guest.press("STOP")
+            guest.until(lambda: guest.button("Follow the leader").count() == 1)
             machine.cut()
             guest.until(lambda: guest.says("Lost the machine"))
             guest.until(lambda: guest.color_of(BASE) != in_color)

@@ -18,7 +18,7 @@ from so101_viewer import Preview, Source, serve_source
 
 from so101_motion.cli.verbs import main
 from so101_motion.files.scene_file import read_scene, scene_to
-from so101_motion.planning.collision.scene import Mesh, Scene
+from so101_motion.planning.collision.scene import Mesh, PointCloud, Scene
 from so101_motion.rig.hardware_rig import Rig
 
 pytestmark = pytest.mark.browser
@@ -278,15 +278,56 @@ def test_a_mesh_can_be_loaded_and_what_is_none_is_refused(
     load(world, tmp_path / "cone.stl")
     world.until(lambda: len(rig.arm.scene.obstacles) == 1)
     assert isinstance(rig.arm.scene.obstacles[0].shape, Mesh)
-    (tmp_path / "seen.xyz").write_text("0.3 0.1 0.02\n0.3 0.1 0.05\n")
-    load(world, tmp_path / "seen.xyz")
-    world.until(lambda: world.says("2 voxels of 10 mm, where it was seen."))
-    world.press("delete")
-    world.until(lambda: len(rig.arm.scene.obstacles) == 1)
     (tmp_path / "bad.json").write_text("{")
     load(world, tmp_path / "bad.json")
     world.until(lambda: world.says("is not JSON"))
+    (tmp_path / "none.stl").write_text("solid nothing")  # what is wrong is said in one sentence
+    load(world, tmp_path / "none.stl")
+    world.until(lambda: world.says("'none.stl' holds no triangles; is it a mesh?"))
     assert len(rig.arm.scene.obstacles) == 1
+    assert world.problems == []
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+end_header
+"""
+PCD = """VERSION .7
+FIELDS x y z
+SIZE 4 4 4
+TYPE F F F
+COUNT 1 1 1
+WIDTH 3
+HEIGHT 1
+POINTS 3
+DATA ascii
+"""
+
+
+def test_points_of_three_kinds_of_files_become_voxels_of_the_size_that_is_set(
+    world: Guest, rig: Rig, tmp_path: Path
+) -> None:
+    points = "0.301 0.101 0.021\n0.301 0.101 0.051\n0.301 0.101 0.054\n"
+    for head, ending in ((PLY, "ply"), (PCD, "pcd"), ("", "xyz")):
+        (tmp_path / f"seen.{ending}").write_text(head + points)
+        load(world, tmp_path / f"seen.{ending}")
+        world.until(lambda: world.says("2 voxels of 10 mm, where it was seen."))
+        world.until(lambda: len(rig.arm.scene.obstacles) == 1)
+        shape = rig.arm.scene.obstacles[0].shape
+        assert isinstance(shape, PointCloud)
+        assert (shape.resolution, len(shape.points)) == (0.01, 2)
+        if ending == "xyz":
+            fill(world, "Voxel (mm)", "5")
+            world.until(lambda: world.says("Resized."))
+            shape = rig.arm.scene.obstacles[0].shape
+            assert isinstance(shape, PointCloud)
+            assert shape.resolution == 0.005
+        world.press("delete")
+        world.until(lambda: len(rig.arm.scene.obstacles) == 0)
     assert world.problems == []
 
 

@@ -269,6 +269,7 @@ def test_plans_use_the_obstacles_floor_and_caps_of_the_module():
         assert not rig.has_gripper
         with pytest.raises(ConfigError, match="the machine has none"):
             rig.gripper.start_move(0.5).result(60.0)
+        rig.gripper.stop()  # as the page's Stop does: nothing to stop is no error
 
 
 def test_nobody_at_the_address_is_a_sentence():

@@ -11,6 +11,7 @@ from viam.components.gripper import Gripper
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import checked_number
+from so101_motion.common.errors import ConfigError
 from so101_motion.viam.client.executor import STOPPING
 from so101_motion.viam.client.link import Link
 from so101_motion.viam.client.reports import GripperReport
@@ -104,8 +105,12 @@ class MachineGripper(MotionRunner):
         return motion
 
     async def _brake(self) -> None:
+        try:
+            gripper = self._find()
+        except ConfigError:
+            return  # there is none, or none was chosen of several
         with self._link.asking("stop"):
-            await self._find().stop(timeout=STOPPING)
+            await gripper.stop(timeout=STOPPING)
 
 
 async def _rest(gripper: Gripper) -> None:
