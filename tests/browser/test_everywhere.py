@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from conftest import PHONE
+from conftest import LAPTOP, PHONE
 from harness.browser_user import READY, Guest
 
 from so101_motion.common.units import to_rad
@@ -39,6 +39,23 @@ SMALL_TARGETS = """() => {
         .map((each) => `${each.tagName} ${each.getAttribute('aria-label') ?? each.innerText}: `
             + `${size(each).toFixed(0)} px`);
 }"""
+
+ROOM_BETWEEN = """() => {
+    const pen = document.createElement('canvas').getContext('2d');
+    const wide = (text, { fontStyle, fontWeight, fontSize, fontFamily }) => {
+        pen.font = `${fontStyle} ${fontWeight} ${fontSize} ${fontFamily}`;
+        return pen.measureText(text).width;
+    };
+    return [...document.querySelectorAll('input[aria-label^="Target (mm) "]')].map((field) => {
+        const its = getComputedStyle(field);
+        const letter = getComputedStyle(field.parentElement, '::before');
+        const [text] = letter.content.match(/[XYZ]/);
+        const inside = field.getBoundingClientRect().width - parseFloat(its.borderRightWidth);
+        const number = inside - parseFloat(its.paddingRight) - wide(field.value, its);
+        return number - parseFloat(letter.left) - wide(text, letter);
+    });
+}"""
+"""How far a field's number, which ends at the right, is from its letter [px]."""
 
 CONTROLS = """(all) => {
     const root = document;
@@ -139,6 +156,23 @@ def test_every_target_is_large_enough_for_a_finger(guest: Guest) -> None:
             guest.page.get_by_role("tab", name=name, exact=True).click()
             guest.page.wait_for_timeout(150)
             assert guest.page.evaluate(SMALL_TARGETS) == [], (name, width)
+
+
+def test_a_fields_letter_keeps_clear_of_its_number_also_when_the_window_is_wide_again(
+    guest: Guest,
+) -> None:
+    page = guest.page
+    docked = page.locator("[data-dock-tab]")
+    guest.type_target(-234.5, -160.5, 126.5)
+    for width, height in (LAPTOP, PHONE, (1024, 700), LAPTOP):
+        page.set_viewport_size({"width": width, "height": height})
+        wanted = 1 if (width, height) == LAPTOP else 0
+        guest.until(lambda wanted=wanted: min(docked.count(), 1) == wanted)
+        guest.until(lambda: page.locator('input[aria-label="Target (mm) Z"]').count() == 1)
+        page.wait_for_timeout(300)
+        rooms = page.evaluate(ROOM_BETWEEN)
+        assert len(rooms) == 3
+        assert min(rooms) >= 2.0, (width, rooms)
 
 
 def test_the_tab_key_reaches_every_control(guest: Guest) -> None:

@@ -66,7 +66,12 @@ class Host:
         self.bar = Bar()
         self.front = FrontTab()
         self.gui = server.viser.gui
-        self.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_AMBER)
+        self.gui.configure_theme(
+            show_logo=False,
+            show_share_button=False,
+            brand_color=_AMBER,
+            control_width="large",  # of the panel that a window gets when it is widened again
+        )
         self.gui.main_panel.dock_right()
         self.gui.main_panel.set_width(_RIGHT_WIDTH)
         self._bar_html = self.gui.add_html("", visible=False)
