@@ -67,6 +67,7 @@ class ViewModel(TargetEditor):
         self._arm, self._gripper, self._submit, self._now = arm, gripper, submit, now
         self._load_solver = load_solver
         self._around = Surroundings(arm.scene, arm.range)
+        self._caps = (arm.speed, arm.acceleration)  # of the plan that is shown or being made
         super().__init__(load_solver(self._around), arm.state, now)
         self._loading: Future[TargetSolver] | None = None
         self._shown = arm.state
@@ -88,12 +89,12 @@ class ViewModel(TargetEditor):
     def set_speed(self, speed: float) -> None:
         """Set the speed cap of the next plan [rad/s]."""
         self._arm.set_speed(speed)
-        self._caps_changed()
+        self._follow_caps()
 
     def set_acceleration(self, acceleration: float) -> None:
         """Set the acceleration cap of the next plan [rad/s^2]."""
         self._arm.set_acceleration(acceleration)
-        self._caps_changed()
+        self._follow_caps()
 
     def plan(self) -> None:
         """Plan to the target; the arm stays where it is."""
@@ -218,6 +219,7 @@ class ViewModel(TargetEditor):
         own = None if self._motion is None else self._plan
         events = (
             self._follow_surroundings(),
+            self._follow_caps(),
             self._track("another motion" if own is None else own.name),
             self._collect_plan(),
             self._collect_motion(),
@@ -275,8 +277,15 @@ class ViewModel(TargetEditor):
         there = _apart(target.q, self._state.q_ref) <= START_TOLERANCE
         self.drop_plan(texts.ALREADY_THERE if there else texts.PRESS_PLAN)
 
-    def _caps_changed(self) -> None:
-        self.drop_plan(texts.CAPS_CHANGED if self._plan_is_current else texts.PRESS_PLAN)
+    def _follow_caps(self) -> bool:
+        """Drop a plan that was made with other caps, whoever has set the new ones."""
+        caps = (self._arm.speed, self._arm.acceleration)
+        if caps == self._caps:
+            return False
+        self._caps = caps
+        if self._plan_is_current or self._planning is not None:
+            self.drop_plan(texts.CAPS_CHANGED)
+        return True
 
     def _hint(self) -> PathLine | None:
         start, goal = self._state.q_ref, self._target.q
@@ -367,6 +376,7 @@ class ViewModel(TargetEditor):
             and self._motion is None
             and self._state.mode is Mode.HOLDING
             and Surroundings(self._arm.scene, self._arm.range).same_as(self._around)
+            and (self._arm.speed, self._arm.acceleration) == self._caps
         )
 
     def _progress(self) -> float:

@@ -146,6 +146,32 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(
     assert arm.executed == []
 
 
+@pytest.mark.parametrize("cap", ["speed", "acceleration"])
+def test_a_limit_that_another_program_has_set_drops_the_plan(
+    page: ViewModel, arm: PretendedArm, cap: str
+) -> None:
+    assert planned(page).can_execute
+    setattr(arm, cap, 0.5)
+    assert not page.screen().can_execute
+    assert page.refresh()
+    screen = page.screen()
+    assert not screen.plan_is_current
+    assert screen.sentence.text == "The speed limits have changed. Press Plan again."
+    assert not page.refresh()
+    assert planned(page).can_execute
+
+
+def test_a_plan_being_made_is_dropped_when_another_program_sets_a_limit(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    page.plan()
+    arm.speed = 0.5
+    assert page.refresh()
+    assert page.screen().plan is None
+    assert page.screen().sentence.text == "The speed limits have changed. Press Plan again."
+    assert planned(page).can_execute
+
+
 def test_an_arm_moved_by_somebody_else_drops_the_plan(page: ViewModel, arm: PretendedArm) -> None:
     assert planned(page).can_execute
     arm.be(np.full(5, to_rad(1.0)))
