@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 from so101_motion.common.errors import ConfigError, So101Error
@@ -14,6 +15,9 @@ from .screen_state import Sentence
 
 _KEPT = 20
 """How many changes are remembered; chosen, a long path is a file of megabytes."""
+
+_LOOKS_EVERY = 1.0
+"""How often the folder is read for files of other programs [s]; chosen, nobody waits for it."""
 
 UNDONE = Sentence(text="Undone: the saved files are as before.")
 REDONE = Sentence(text="Redone.")
@@ -50,6 +54,7 @@ class SavedFiles:
         self._changes: list[_Change] = []
         self._done = 0  # how many of them are not undone
         self.names: tuple[str, ...] = ()
+        self._looked_at = -inf
         self._look()
 
     @property
@@ -61,6 +66,16 @@ class SavedFiles:
     def can_redo(self) -> bool:
         """Whether one was undone."""
         return self._done < len(self._changes)
+
+    def look_again(self, now: float) -> None:
+        """Read the names again, at most once a second: other programs write files as well.
+
+        Args:
+            now: The time [s].
+        """
+        if now - self._looked_at >= _LOOKS_EVERY:
+            self._looked_at = now
+            self._look()
 
     @contextmanager
     def changing(self, name: str) -> Iterator[Path]:

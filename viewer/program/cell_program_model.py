@@ -292,6 +292,7 @@ class CellProgramModel:
         self._watch_plan()
         self._collect_run()
         self._playback.advance(self._now())
+        self.saved_files.look_again(self._now())
         before = self._shown
         self._shown = (
             self._edited, self.chosen, self.saved_files.names, self.sentence, self.active,

@@ -289,6 +289,7 @@ class ProgramModel:
         self._watch_plan()
         self._collect_run()
         self._playback.advance(self._clock.now())
+        self.saved_files.look_again(self._clock.now())
         run = self._run
         seen = (
             self._playback.t,

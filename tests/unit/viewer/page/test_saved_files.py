@@ -75,3 +75,17 @@ def test_what_another_program_has_written_since_is_left_alone(
         files.undo()
     assert held(tmp_path) == {"a.txt": "theirs"}
     assert not files.can_undo
+
+
+def test_files_of_other_programs_are_seen_a_second_later_and_the_folder_is_read_no_oftener(
+    files: SavedFiles, tmp_path: Path
+) -> None:
+    files.look_again(10.0)
+    (tmp_path / "theirs.txt").write_text("made elsewhere")
+    files.look_again(10.9)
+    assert files.names == ()
+    files.look_again(11.0)
+    assert files.names == ("theirs.txt",)
+    (tmp_path / "theirs.txt").unlink()
+    files.look_again(12.0)
+    assert files.names == ()

@@ -14,6 +14,8 @@ from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
 from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.tasks.program import files
+from so101_motion.tasks.program.cell_program import cell_folder
 
 FIRST, SECOND = "arm 1", "arm 2"
 
@@ -181,6 +183,9 @@ def test_a_saved_program_comes_back_and_is_gone_when_deleted(bench):
     model.saved_files.undo()
     assert model.saved_files.names == ("wave",)
     model.saved_files.redo()
+    files.file_of("fold", cell_folder()).write_text("{}")  # by another program
+    assert model.refresh()
+    assert model.saved_files.names == ("fold",)
     model.clear()
     model.call("nothing")
     with pytest.raises(ConfigError, match="steps"):

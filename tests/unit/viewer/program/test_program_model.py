@@ -26,6 +26,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.tasks.program import files
 
 A = np.radians([20.0, -20.0, 20.0, 20.0, 0.0])
 B = np.radians([-20.0, -20.0, 20.0, 20.0, 30.0])
@@ -423,6 +424,9 @@ def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
     assert tab.model.saved_files.names == ("stack cubes",)
     tab.model.load("stack cubes")
     assert tab.names == "AB"
+    copied = files.file_of("stack cubes").read_bytes()
+    files.file_of("another").write_bytes(copied)  # by another program
+    tab.until(lambda: tab.model.saved_files.names == ("another", "stack cubes"))
 
 
 def test_an_arm_at_rest_gives_nothing_new_to_show(tab: Tab) -> None:
