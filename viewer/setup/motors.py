@@ -249,7 +249,8 @@ class MotorsPage(StepPage):
         if self._is_writing:
             return capital(self._setup.doing)
         if view.next_joint is None and self.model.picked is None:
-            return "All six motors are set up. Press Next."
+            is_skipped = any(motor.state == "skipped" for motor in view.motors.values())
+            return f"All six motors are set up{' or skipped' if is_skipped else ''}. Press Next."
         if is_found:
             return "Nothing is written until you press the button. The motor does not move."
         return self.model.hint or _LOOKING
