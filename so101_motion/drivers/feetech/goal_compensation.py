@@ -218,9 +218,16 @@ class GoalCompensation:
         return self._in_ticks(self._limiter.yielded([*q_goal, self.q[5]], now), absent)
 
     def in_play(self) -> dict[int, float]:
-        """The joints that may stand in their play now, with how far they fall behind then [rad]."""
+        """The joints that may stand in their play now, with how far they fall behind then [rad].
+
+        A joint whose motor is being driven through the play is one of them: if the load is not what
+        the driver takes it for, its gears were on the other side already.
+        """
         speeds, models = self._qd or (0.0,) * 5, self.trim.models
-        return {i: models[i].stray_in_play(abs(speeds[i])) for i in self.trim.in_play()}
+        crossing = (i for i, speed in enumerate(self._reversals.crossing) if speed)
+        return {
+            i: models[i].stray_in_play(abs(speeds[i])) for i in {*self.trim.in_play(), *crossing}
+        }
 
     def _changes(self, qd: Sequence[float] | None, now: float) -> Sequence[float]:
         """Accelerations between the last commanded velocities and ``qd`` [rad/s^2]."""

@@ -7,7 +7,9 @@ from harness.emulated_joints import MAPS
 
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
+from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.goal_limiter import GoalLimiter
+from so101_motion.drivers.servo_types import ServoFigures
 
 NAMES = tuple(MAPS)
 LIFT = NAMES.index("shoulder_lift")
@@ -109,3 +111,31 @@ def test_what_the_firmware_drops_of_its_set_point_is_added_towards_higher_ticks(
                 beyond += (servos[LIFT].to_rad(goal) - q[LIFT]) * (k > 30) / 140.0
         # Ahead by the same both ways, but for what is dropped.
         assert direction * beyond == pytest.approx(0.5 * RAD_PER_TICK, rel=0.2)
+
+
+def test_a_joint_whose_motor_is_driven_through_the_play_may_stand():
+    """Its weight changes sides so fast that no unknown load is needed to take it through."""
+    limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
+    compensation = GoalCompensation(
+        dict(enumerate(MAPS.values())),
+        lambda q: math.copysign(0.5, q[LIFT] - 0.1) * np.eye(6)[LIFT],
+        limiter,
+        None,
+        {},
+    )
+    compensation.trim.models[LIFT] = ServoModel(figures=ServoFigures(play=math.radians(0.8)))
+    q, qd = [0.0] * 6, 0.0
+    compensation.begin(q, q, 0.0, ())
+    may_stand, kept = [], []
+    for k in range(1, 100):
+        qdd = 2.0 if qd < 0.3 else 0.0
+        qd, q = qd + 0.01 * qdd, [*q]
+        q[LIFT] += 0.01 * qd
+        rates, changes = [0.0] * 5, [0.0] * 5
+        rates[LIFT], changes[LIFT] = qd, qdd
+        compensation.point(q, rates, 0.01 * k, lambda i: math.nan, (), changes)
+        compensation.goals(0.01 * k)
+        may_stand.append(LIFT in compensation.in_play())
+        kept.append(LIFT not in compensation.trim.in_play())
+    assert all(kept)
+    assert 5 <= sum(may_stand[20:]) <= 8, "while its motor crosses the play, and not after"
