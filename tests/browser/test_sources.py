@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import threading
@@ -235,9 +236,12 @@ PAIR = (
 )  # fmt: skip
 
 
-def test_an_arm_of_a_machine_follows_its_leader_goes_and_comes_back(visit: Visit) -> None:
+def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
+    visit: Visit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from so101_motion.viam.client import MachineRig
 
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
     with running_machine(resources=PAIR) as machine:
         source = Source(
             title=f"Arm of machine {machine.address}",
@@ -250,6 +254,17 @@ def test_an_arm_of_a_machine_follows_its_leader_goes_and_comes_back(visit: Visit
             in_color = guest.color_of(BASE)
             guest.page.get_by_role("tab", name="Teach").click()
             guest.until(lambda: guest.says("Keep a hand on the leader"))
+            taught = guest.pose_of("/live/gripper_link")["position"]
+            guest.until(lambda: guest.button("Record a path").is_enabled())
+            guest.press("Record a path")
+            recording = guest.page.get_by_text(re.compile(r'Recording "path", [1-9]'))
+            guest.until(lambda: recording.count() == 1)  # a press at once would be a double click
+            guest.until(lambda: guest.says("Guided by hand"))
+            guest.press("End the recording")
+            guest.until(lambda: guest.says('"path" is saved: '))
+            assert (tmp_path / "paths" / "path.json").exists()
+            guest.until(lambda: guest.says("Idle, holding"))
+
             guest.press("Follow the leader")
             guest.until(lambda: guest.says("The machine's arm follows its leader."))
             before = guest.pose_of("/live/gripper_link")["position"]
@@ -265,6 +280,23 @@ def test_an_arm_of_a_machine_follows_its_leader_goes_and_comes_back(visit: Visit
             assert not np.allclose(before, led, atol=0.02)
             guest.press("STOP")
             guest.until(lambda: guest.button("Follow the leader").count() == 1)
+            guest.until(lambda: guest.says("Idle, holding"))
+
+            for speed, ends in ((3.0, "Stopped. The arm holds where it is."), (90.0, "Done.")):
+                with MachineRig.connect(machine.address, arm="arm") as other:
+                    other.do_command("arm", {"set_speed": speed})
+                before = guest.pose_of("/live/gripper_link")["position"]
+                guest.press("Plan replay")
+                guest.until(lambda: guest.says("s to its start, then 0.0 s along it"))
+                planned = guest.pose_of("/live/gripper_link")["position"]
+                np.testing.assert_allclose(planned, before, atol=1e-3)  # nothing moves yet
+                guest.press("Replay")
+                if speed < 90.0:
+                    guest.until(lambda: guest.page.get_by_text("Moving", exact=True).count() > 0)
+                    guest.press("STOP")
+                guest.until(lambda ends=ends: guest.says(ends))
+                there = guest.pose_of("/live/gripper_link")["position"]
+                assert np.allclose(there, taught, atol=0.005) == (speed == 90.0)
             machine.cut()
             guest.until(lambda: guest.says("Lost the machine"))
             guest.until(lambda: guest.color_of(BASE) != in_color)

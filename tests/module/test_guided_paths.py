@@ -47,8 +47,11 @@ async def test_a_path_is_taught_saved_listed_replayed_and_deleted(arm, client, t
     assert content["schema"] == "so101/guided-path/1"
     assert told["file"] == str(tmp_path / "paths" / "wave.json")
 
+    outline = await ask(client, "replay_path", name="wave", tolerance_deg=1.0, outline=True)
+    assert 0.2 < outline["approach_s"] < outline["replay_s"]
+    assert await client.get_manual_mode(), "it was only planned"
     told = await in_time(client, ask(client, "replay_path", name="wave", tolerance_deg=1.0))
-    assert told["replay_s"] > 1.0
+    assert told == outline
     assert not await client.get_manual_mode()
     assert (await client.get_joint_positions()).values == pytest.approx(CORNERS[-1], abs=0.1)
 
@@ -125,6 +128,7 @@ async def test_a_stop_a_cancelled_call_and_a_newer_move_end_a_replay(arm, client
         ({"command": "record_path", "name": "a", "seconds": 1}, "seconds"),
         ({"command": "replay_path", "name": "nobody"}, "no such path"),
         ({"command": "replay_path", "name": "a", "tolerance_deg": 90}, "tolerance_deg"),
+        ({"command": "replay_path", "name": "a", "outline": "yes"}, "outline"),
         ({"command": "replay_path", "name": "a", "speed_degs_per_sec": 900}, "speed_degs_per_sec"),
         ({"command": "delete_path", "name": "nobody"}, "no such path"),
         ({"command": "play_path", "name": "a"}, "replay_path"),

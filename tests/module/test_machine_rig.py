@@ -131,6 +131,23 @@ def test_a_stop_ends_the_motion_at_once(rig):
     np.testing.assert_allclose(rig.arm.state.q, rests, atol=1e-3)
 
 
+def test_a_request_that_moves_the_arm_is_a_motion_as_any_other(rig):
+    move_to(rig, RIGHT)
+    rig.arm.set_speed(np.radians(15.0))
+    program = [{"name": "far", "q_deg": np.degrees(FAR).tolist()}]
+    command = {"command": "run_program", "waypoints": program}
+    for ends, by in ((rig.arm.stop, "stop"), (lambda: move_to(rig, RIGHT), "newer")):
+        motion = rig.start_request(command)
+        until(lambda: rig.arm.state.arm_moving and rig.arm.state.q[0] > RIGHT[0] + 0.05)
+        assert rig.arm.is_moving
+        ends()
+        with pytest.raises(Interrupted, match=by):
+            motion.result(60.0)
+    np.testing.assert_allclose(rig.arm.state.q, RIGHT, atol=np.radians(0.05))
+    with pytest.raises(MachineRefused, match="no_such"):
+        rig.start_request({"command": "no_such"}).result(60.0)
+
+
 def test_a_newer_motion_takes_over(rig):
     move_to(rig, RIGHT)
     first = under_way(rig)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
-from enum import Enum
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -28,23 +27,7 @@ from ..page import texts
 from ..page.guiding import Guiding
 from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence, Tone
-
-WELCOME = Sentence(text="Press Record a path: the arm goes soft, and you guide it by hand.")
-BEGINS = Sentence(text="The arm goes soft …", tone=Tone.WARM)
-PLANNING = Sentence(text="Planning the replay …")
-PLAN = Sentence(text="Press Plan replay to check it for collisions; nothing moves.")
-ARM_MOVED = Sentence(text="The arm has moved. Press Plan replay again.")
-DONE = Sentence(text="Done. Press Plan replay to run it again.", tone=Tone.GOOD)
-
-
-class Doing(Enum):
-    """What the teaching is doing."""
-
-    NOTHING = "nothing"
-    BEGINNING = "beginning"
-    RECORDING = "recording"
-    PLANNING = "planning"
-    REPLAYING = "replaying"
+from .teaching import ARM_MOVED, BEGINS, DONE, PLAN, PLANNING, WELCOME, Doing, holds_again, planned
 
 
 class PathTeaching:
@@ -186,9 +169,9 @@ class PathTeaching:
                 self.replay, self.sentence = None, ARM_MOVED
 
     @property
-    def recorded(self) -> int:
-        """How many points have been recorded."""
-        return 0 if self._recorder is None else self._recorder.points
+    def names(self) -> tuple[str, ...]:
+        """The names of the saved paths."""
+        return self.saved_files.names
 
     # Helpers
 
@@ -234,7 +217,8 @@ class PathTeaching:
             self.report(error)
             return
         self.replay = planning.result()
-        self.sentence = _planned(self.replay)
+        approach = self.replay.approach.duration
+        self.sentence = planned(approach, self.replay.duration - approach)
 
     def _collect_run(self) -> None:
         if self._motion is None or not self._motion.future.done():
@@ -273,14 +257,6 @@ def _listed() -> tuple[str, ...]:
 
 
 def _recording(recorder: PathRecorder, left: float | None) -> Sentence:
-    end = "" if left is None else f" It holds again in {max(left, 0.0):.0f} s."
     points = f"{recorder.points} point{'' if recorder.points == 1 else 's'}"
-    text = f"Recording, {points}. Guide the arm by hand.{end}"
+    text = f"Recording, {points}. Guide the arm by hand.{holds_again(left)}"
     return Sentence(text=text, tone=Tone.WARM)
-
-
-def _planned(replay: Replay) -> Sentence:
-    approach = replay.approach.duration
-    along = replay.duration - approach
-    text = f"Planned: {approach:.1f} s to its start, then {along:.1f} s along it. Press Replay."
-    return Sentence(text=text, tone=Tone.GOOD)

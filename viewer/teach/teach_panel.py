@@ -6,8 +6,10 @@ import numpy as np
 import viser
 
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 from so101_motion.tasks.guided import GuidedPath
+from so101_motion.viam.client import MachineRig
 
 from ..page import markup
 from ..page.page_context import ArmContext
@@ -15,7 +17,9 @@ from ..page.part import Part
 from ..page.shared_fields import SharedField, UndoButtons, grey
 from ..scene.robot_view import segments
 from .leading import Leading, OpenLeader, session_for
-from .path_teaching import Doing, PathTeaching
+from .machine_teaching import MachineTeaching
+from .path_teaching import PathTeaching
+from .teaching import Doing, Teaching
 
 _NONE = "none"
 _COLOR = (12, 133, 153)
@@ -32,7 +36,7 @@ class TeachPart(Part):
     def __init__(self, context: ArmContext, open_leader: OpenLeader | None) -> None:
         rig = context.rig
         self._scene = context.server.scene
-        self.teaching = PathTeaching(rig, context.in_background) if isinstance(rig, Rig) else None
+        self.teaching = _teaching_for(rig, context)
         session = session_for(rig, open_leader)
         self.leading = None if session is None else Leading(session, context.in_background)
         self._drawn: GuidedPath | None = None
@@ -47,7 +51,7 @@ class TeachPart(Part):
             if self.leading is not None:
                 self._add_leader(context.gui, self.leading)
 
-    def _add_path(self, gui: viser.GuiApi, teaching: PathTeaching) -> None:
+    def _add_path(self, gui: viser.GuiApi, teaching: Teaching) -> None:
         context = self._context.reporting(teaching.report)
         self._sentence = gui.add_html("")
         self._record = gui.add_button("Record a path", icon=viser.Icon.PLAYER_RECORD)
@@ -59,11 +63,14 @@ class TeachPart(Part):
         with gui.add_folder("Save and load", expand_by_default=False):
             name = gui.add_text("Path name", "")
             self._name = SharedField(name, teaching.call, context, shown=str)
-            self._write = gui.add_button_group("Path", ("save",))
+            self._write = None
+            if isinstance(teaching, PathTeaching):
+                self._write = gui.add_button_group("Path", ("save",))
+                context.on_choice(self._write, lambda _name: teaching.save())
             self._saved = gui.add_dropdown("Saved", (_NONE,))
             self._use = gui.add_button_group("Saved one", ("load", "delete"))
-            self._undo = UndoButtons(context, "Files", teaching.saved_files)
-        context.on_choice(self._write, lambda _name: teaching.save())
+            files = teaching.saved_files
+            self._undo = None if files is None else UndoButtons(context, "Files", files)
         use = {"load": teaching.load, "delete": teaching.delete}
         context.on_choice(self._use, lambda what: use[what](self._saved.value))
 
@@ -86,13 +93,8 @@ class TeachPart(Part):
         state: list[object] = []
         if teaching is not None:
             teaching.refresh()
-            state += [teaching.sentence, teaching.doing, teaching.path, teaching.replay]
-            state += [
-                teaching.can_plan,
-                teaching.can_record,
-                teaching.saved_files.names,
-                teaching.name,
-            ]
+            state += [teaching.sentence, teaching.doing, teaching.path, teaching.can_run]
+            state += [teaching.can_plan, teaching.can_record, teaching.names, teaching.name]
         if leading is not None:
             leading.refresh()
             state += [leading.sentence, leading.is_on, leading.can_switch]
@@ -108,7 +110,7 @@ class TeachPart(Part):
             self._follow.label = "End following" if self.leading.is_on else "Follow the leader"
             self._follow.disabled = not self.leading.can_switch
 
-    def _show_path(self, teaching: PathTeaching) -> None:
+    def _show_path(self, teaching: Teaching) -> None:
         self._sentence.content = markup.sentence(teaching.sentence)
         records = teaching.doing is Doing.RECORDING
         self._record.label = "End the recording" if records else "Record a path"
@@ -116,12 +118,14 @@ class TeachPart(Part):
         self._plan.disabled = not teaching.can_plan
         self._run.disabled = not teaching.can_run
         self._name.show(teaching.name)
-        grey(self._write, teaching.path is None)
-        saved = teaching.saved_files.names
+        if self._write is not None:
+            grey(self._write, teaching.path is None)
+        saved = teaching.names
         if self._saved.options != (saved or (_NONE,)):
             self._saved.options = saved or (_NONE,)
         grey(self._use, not saved)
-        self._undo.show()
+        if self._undo is not None:
+            self._undo.show()
         if teaching.path is not self._drawn:
             self._drawn = teaching.path
             self._draw(teaching.path)
@@ -144,3 +148,9 @@ class TeachPart(Part):
         """End the following."""
         if self.leading is not None:
             self.leading.close()
+
+
+def _teaching_for(rig: RigLike, context: ArmContext) -> Teaching | None:
+    if isinstance(rig, MachineRig):
+        return MachineTeaching(rig, context.in_background)
+    return PathTeaching(rig, context.in_background) if isinstance(rig, Rig) else None

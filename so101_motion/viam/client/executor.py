@@ -13,7 +13,7 @@ Stop never waits: it is sent at once, in parallel to calls under way.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
 from concurrent.futures import Future
 from datetime import timedelta
 from typing import Any
@@ -109,6 +109,15 @@ class MachineExecutor(MotionRunner):
             self._check_arrival(q_goal)
 
         return self.begin(turn)
+
+    def request(self, command: Mapping[str, Any]) -> Future[None]:
+        """Send a DoCommand with which the arm moves until it is answered; done on arrival."""
+
+        async def move() -> None:
+            with self._link.asking(str(command.get("command"))):
+                await self._find().do_command(command)
+
+        return self.begin(move)
 
     def play(self, source: S) -> S:
         """Not possible with the arm of a machine.

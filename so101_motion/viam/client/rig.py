@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from viam.components.gripper import Gripper as ViamGripper
 from viam.robot.client import RobotClient
 
 from so101_motion.arm.arm import Arm
+from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError, MachineRefused
 from so101_motion.common.modes import Mode
@@ -159,6 +161,19 @@ class MachineRig(Machine):
         """
         self._link.run(self._refresh()).result()
         return self.state
+
+    def start_request(self, command: Mapping[str, Any]) -> Motion:
+        """Send the arm a DoCommand that moves it, such as ``replay_path``.
+
+        It is a motion like any other: it supersedes what is under way, may take as long as it
+        needs, and a stop, a newer motion or ``Motion.interrupt`` ends it.
+        """
+
+        def run(motion: Motion) -> None:
+            send = partial(self._executor.request, command)
+            motion.begin(send, self._executor.interrupt).result()
+
+        return self.arm.start_series([run])
 
     @property
     def takes_streams(self) -> bool:

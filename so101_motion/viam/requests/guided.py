@@ -29,7 +29,7 @@ from so101_motion.tasks.guided import (
 from so101_motion.tasks.guided.path import TOLERANCE
 from so101_motion.tasks.guided.replay import TOLERANCE_RANGE
 from so101_motion.tasks.teleop.local_arms import jaw_of
-from so101_motion.viam.requests.await_motion import finished, own_thread
+from so101_motion.viam.requests.await_motion import carried_out, finished, own_thread
 from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.manual import LONGEST
 
@@ -39,7 +39,9 @@ if TYPE_CHECKING:
 PATHS = "paths"
 """The folder in the module's data directory that guided paths are saved in."""
 
-_REPLAYED = ("name", "tolerance_deg", "speed_degs_per_sec", "acceleration_degs_per_sec_per_sec")
+_REPLAYED = (
+    "name", "outline", "tolerance_deg", "speed_degs_per_sec", "acceleration_degs_per_sec_per_sec"
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +65,7 @@ class PathCommands:
         self._arm = arm
         self._recording: _Recording | None = None
         self._one_at_a_time = asyncio.Lock()  # of two recordings begun at once, one would be lost
+        self._one_outline = asyncio.Lock()  # no thread for each of many requests
         self.commands: Mapping[str, Command] = {
             "record_path": Taking(self._record, ("name", "replace", "enabled_for")),
             "end_path": self._end,
@@ -144,8 +147,8 @@ class PathCommands:
             "tolerance_deg", to_deg(TOLERANCE), lower=lower, upper=upper, unit="deg"
         )
         limits, gripper = _limits(given, rig.arm.limits), jaw_of(rig)
+        outline = given.flag("outline", False)
         path = await asyncio.to_thread(files.read, file)
-        await self._arm.set_manual_mode(False)  # holds again after a fault, too
         planned: list[Replay] = []
 
         def plan() -> Replay:
@@ -156,9 +159,18 @@ class PathCommands:
             )
             return planned[-1]
 
-        # Planning and replay are one motion, so a stop ends it while it is being planned, too.
-        await self._arm.arrived(start_replay(rig.arm, gripper, lambda: own_thread(plan)))
-        return {**_facts(file.stem, path), "replay_s": round(planned[0].duration, 3)}
+        if outline:
+            async with self._one_outline:
+                await carried_out(plan)
+        else:
+            await self._arm.set_manual_mode(False)  # holds again after a fault, too
+            # Planning and replay are one motion, so a stop ends it while it is being planned, too.
+            await self._arm.arrived(start_replay(rig.arm, gripper, lambda: own_thread(plan)))
+        return {
+            **_facts(file.stem, path),
+            "approach_s": round(planned[0].approach.duration, 3),
+            "replay_s": round(planned[0].duration, 3),
+        }
 
     async def _delete(self, given: Attributes) -> dict[str, Any]:
         file = _file(given)

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from so101_viewer.teach.leading import OFF, Leading, LocalSession, session_for
-from so101_viewer.teach.path_teaching import ARM_MOVED, Doing, PathTeaching
+from so101_viewer.teach.path_teaching import PathTeaching
+from so101_viewer.teach.teaching import ARM_MOVED, Doing
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import BusError, ConfigError

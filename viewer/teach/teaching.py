@@ -1,0 +1,111 @@
+"""What the Teach tab needs from a model that records and replays paths.
+
+``path_teaching.py`` does it for an arm on this computer, ``machine_teaching.py`` for that of a
+machine.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Protocol
+
+from so101_motion.tasks.guided import GuidedPath
+
+from ..page.saved_files import SavedFiles
+from ..page.screen_state import Sentence, Tone
+
+WELCOME = Sentence(text="Press Record a path: the arm goes soft, and you guide it by hand.")
+BEGINS = Sentence(text="The arm goes soft …", tone=Tone.WARM)
+PLANNING = Sentence(text="Planning the replay …")
+PLAN = Sentence(text="Press Plan replay to check it for collisions; nothing moves.")
+ARM_MOVED = Sentence(text="The arm has moved. Press Plan replay again.")
+DONE = Sentence(text="Done. Press Plan replay to run it again.", tone=Tone.GOOD)
+
+
+class Doing(Enum):
+    """What the teaching is doing."""
+
+    NOTHING = "nothing"
+    BEGINNING = "beginning"
+    RECORDING = "recording"
+    ENDING = "ending"
+    PLANNING = "planning"
+    REPLAYING = "replaying"
+
+
+class Teaching(Protocol):
+    """Records, keeps, plans and replays one path at a time. One thread owns it."""
+
+    @property
+    def doing(self) -> Doing:
+        """What is going on."""
+
+    @property
+    def sentence(self) -> Sentence:
+        """What to know or to do now."""
+
+    @property
+    def path(self) -> GuidedPath | None:
+        """The path to draw; None if there is none here."""
+
+    @property
+    def name(self) -> str:
+        """What a path is or will be called."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the saved paths."""
+
+    @property
+    def saved_files(self) -> SavedFiles | None:
+        """The files of saved paths; None if they are not on this computer."""
+
+    @property
+    def can_record(self) -> bool:
+        """Whether the arm may be led by hand now."""
+
+    @property
+    def can_plan(self) -> bool:
+        """Whether a replay can be planned now."""
+
+    @property
+    def can_run(self) -> bool:
+        """Whether the plan can be run now."""
+
+    def record(self) -> None:
+        """Let the arm go soft and record its path."""
+
+    def end_recording(self) -> None:
+        """End the recording; the arm holds where it is."""
+
+    def plan(self) -> None:
+        """Plan the replay; nothing moves."""
+
+    def run(self) -> None:
+        """Move along the path."""
+
+    def call(self, name: str) -> None:
+        """Set the name of a path."""
+
+    def load(self, name: str) -> None:
+        """Take a saved path; nothing moves."""
+
+    def delete(self, name: str) -> None:
+        """Delete a saved path."""
+
+    def report(self, error: BaseException) -> None:
+        """Show that a command failed."""
+
+    def refresh(self) -> None:
+        """Take in what has happened since the last call."""
+
+
+def planned(approach: float, along: float) -> Sentence:
+    """A replay is planned, with its durations to the beginning of the path and along it [s]."""
+    text = f"Planned: {approach:.1f} s to its start, then {along:.1f} s along it. Press Replay."
+    return Sentence(text=text, tone=Tone.GOOD)
+
+
+def holds_again(left: float | None) -> str:
+    """When the arm holds by itself, after a recording's sentence; nothing for no limit [s]."""
+    return "" if left is None else f" It holds again in {max(left, 0.0):.0f} s."
