@@ -27,7 +27,12 @@ FLIP = 0.04
 """Time in which friction changes sides [s]; chosen by trial."""
 
 CROSSING = 0.06
-"""Time in which a motor is driven through the play [s]; chosen by trial."""
+"""Time in which a motor is driven through the play the way its joint goes [s]; chosen by trial."""
+
+TAKEN_BACK = 0.25
+"""Time in which it is driven through the play the other way, under a load that leads its joint on
+[s]. Chosen: if the load is not what the driver takes it for, the joint is slower for that time
+instead of standing."""
 
 STANDS = to_rad(1.0)
 """Nothing is predicted for a slower joint [rad/s]. Chosen."""
@@ -78,7 +83,8 @@ class Reversals:
             if play and dt > 0.0 and (abs(ahead) > STANDS or abs(weight) > PRESSED):
                 before = self._side[i]
                 wanted = math.copysign(1.0, weight if abs(weight) > PRESSED else ahead)
-                self._side[i] = within_change(wanted, before, 2.0 * dt / CROSSING)
+                takes = CROSSING if wanted * ahead >= 0.0 else TAKEN_BACK
+                self._side[i] = within_change(wanted, before, 2.0 * dt / takes)
                 self.crossing[i] = 0.5 * play * (self._side[i] - before) / dt
             ways.append(way)
         return ways

@@ -72,6 +72,7 @@ def test_a_load_that_changes_sides_has_the_motor_bring_the_joint_back():
     speeds = np.full(120, 0.5)
     _, crossing = turned(-speeds, weights=np.linspace(-0.5, 0.5, 120))
     assert DT * crossing[20:].sum() == pytest.approx(PLAY)
+    assert crossing.max() < math.radians(4.0), "or it would stand if the load were another"
 
 
 def test_of_a_joint_that_creeps_nothing_is_foreseen():
