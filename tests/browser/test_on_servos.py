@@ -21,6 +21,7 @@ from so101_viewer import Preview, Source, serve_source
 from so101_viewer.page import video_device
 
 from so101_motion.common.errors import NoReply
+from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.defaults import SERVO_IDS
@@ -103,11 +104,39 @@ def arm_on_port(servos: Servos, port: str) -> Iterator[HardwareRig]:
         yield rig
 
 
+class Leader:
+    """A second arm on a port of its own, which a hand keeps up; opened to be followed."""
+
+    def __init__(self, port: str) -> None:
+        self._port, self.servos = port, Servos(port)
+        self.servos.type("pose")
+        self.rig: HardwareRig | None = None
+
+    def open(self) -> HardwareRig:
+        """Open it as ``--leader`` does."""
+        settings = ServoSettings(port=self._port).with_arm(SERVO_IDS)
+        self.rig = open_hardware(settings, reply_timeout=0.3)
+        return self.rig
+
+
 @pytest.fixture(scope="module")
-def page_of_it(arm_on_port: HardwareRig) -> Iterator[Preview]:
+def leader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Leader]:
+    leader = Leader(str(tmp_path_factory.mktemp("leader") / "arm"))
+    yield leader
+    leader.servos.close()
+
+
+@pytest.fixture(scope="module")
+def page_of_it(arm_on_port: HardwareRig, leader: Leader) -> Iterator[Preview]:
     write(PROGRAM, file_of("pick"))
     with camera() as device:
-        source = Source(title="Arm", open=lambda: arm_on_port, lasts=True, camera=device)
+        source = Source(
+            title="Arm",
+            open=lambda: arm_on_port,
+            lasts=True,
+            camera=device,
+            open_leader=leader.open,
+        )
         with serve_source(source, port=0) as preview:
             yield preview
 
@@ -259,4 +288,32 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
     assert "".join(name for name, _ in run("from here")) == "BCBC"
     assert rig.gripper.is_holding  # C says nothing of the jaw, so it kept what it held
     assert max(jaws) - min(jaws) < to_rad(5.0)
+    assert guest.problems == []
+
+
+def test_the_arm_follows_a_leader_on_a_second_port_until_stop(
+    guest: Guest, arm_on_port: HardwareRig, leader: Leader
+) -> None:
+    arm = arm_on_port.arm
+    guest.page.get_by_role("tab", name="Teach").click()
+    guest.until(lambda: guest.says("Keep a hand on the leader"))
+    assert leader.rig is None  # its port stays closed until it is wanted
+    guest.press("Follow the leader")
+    guest.until(lambda: guest.says("Following the leader."))
+    assert leader.rig is not None
+    led = leader.rig.arm
+    assert led.state.mode is Mode.LIMP
+    np.testing.assert_allclose(arm.state.q, led.state.q, atol=NEAR)
+
+    leader.servos.type("sweep=40")  # a hand turns its shoulder first
+    guest.until(lambda: float(arm.state.q[0]) < to_rad(-30.0))
+    behind = float(np.abs(arm.state.q - led.state.q).max())
+    assert behind < to_rad(10.0), np.degrees([arm.state.q, led.state.q])
+    guest.press("STOP")
+    guest.until(lambda: guest.button("Follow the leader").count() == 1)
+    leader.servos.type("end sweep")
+    guest.until(lambda: led.state.mode is Mode.HOLDING and arm.state.mode is Mode.HOLDING)
+    there = arm.state.q
+    guest.page.wait_for_timeout(500)
+    np.testing.assert_allclose(arm.state.q, there, atol=to_rad(1.0))
     assert guest.problems == []
