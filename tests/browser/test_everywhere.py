@@ -130,7 +130,8 @@ def test_plots_tracking_and_share_name_their_plan_and_are_grey_when_it_is_old(
     assert name.startswith("Plan ")
     assert opacity() == 1.0
     drawn = page.get_by_role("img", name="Plot of velocity (°/s), over time")
-    assert drawn.filter(visible=True).count() == 1  # what is drawn, for who cannot see it
+    # What is drawn, for who cannot see it.
+    guest.until(lambda: drawn.filter(visible=True).count() == 1)
     page.get_by_role("tab", name="Share").click()
     guest.until(lambda: guest.says(f"{name}. Choose a file type."))
     page.get_by_role("tab", name="Move").click()
