@@ -75,22 +75,6 @@ def fill(guest: Guest, label: str, *values: str) -> None:
         guest.page.wait_for_timeout(80)  # the page sends one message per panel every 50 ms
 
 
-def on_canvas(guest: Guest, node: str, p: tuple[float, float, float]) -> tuple[float, float]:
-    """Where a point of a node is on the screen."""
-    x, y = guest.page.evaluate(
-        """([node, p]) => {
-            const there = window.__viserMutable.nodeRefFromName[node];
-            const canvas = window.__viserMutable.canvas.getBoundingClientRect();
-            const at = there.position.clone().set(...p);
-            there.localToWorld(at).project(window.__viserMutable.camera);
-            return [canvas.left + (at.x + 1) / 2 * canvas.width,
-                    canvas.top + (1 - at.y) / 2 * canvas.height];
-        }""",
-        [node, list(p)],
-    )
-    return x, y
-
-
 def pixels(guest: Guest, hue_from: int, hue_to: int) -> int:
     """How many pixels of the scene have a clear colour of that hue, 0 to 255."""
     picture = Image.open(io.BytesIO(guest.page.screenshot())).convert("HSV")
@@ -131,7 +115,7 @@ def test_an_added_obstacle_is_drawn_and_planned_with_and_moves_nothing(
 
 def drag_up(world: Guest, node: str) -> float:
     """Drag the handle of what is selected upwards; how high the thing was before it was let go."""
-    x, y = on_canvas(world, "/world-handles", (0.0, 0.0, 0.07))
+    x, y = world.place_of("/world-handles", (0.0, 0.0, 0.07))
     mouse = world.page.mouse
     mouse.move(x, y)
     world.page.wait_for_timeout(400)
@@ -170,7 +154,7 @@ def test_a_click_on_a_thing_selects_it(world: Guest) -> None:
     add(world, "capsule")
 
     def is_selected() -> bool:
-        world.page.mouse.click(*on_canvas(world, first, (0.0, -0.03, -0.01)))
+        world.page.mouse.click(*world.place_of(first, (0.0, -0.03, -0.01)))
         world.page.wait_for_timeout(300)  # a busy browser may not know yet that it is there
         return shown(world, "Name").first.input_value() == "box 1"
 
