@@ -27,8 +27,10 @@ from so101_viewer import serve
 from websockets.asyncio.client import ClientConnection
 
 from benchmarks import _common
+from so101_motion.common.named_poses import POSES
 from so101_motion.common.state import JointState
 from so101_motion.drivers.bus.defaults import SERVO_IDS
+from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.hardware_rig import Rig, open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 
@@ -76,10 +78,7 @@ def servos() -> Iterator[str]:
             [*command, "--link", port], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         assert process.stdout is not None
-        assert process.stdin is not None
         process.stdout.readline()
-        process.stdin.write("pose\n")
-        process.stdin.flush()
         try:
             yield port
         finally:
@@ -138,6 +137,9 @@ def rows(presses: int) -> list[dict[str, Any]]:
                     widgets[str(getattr(handle, "label", ""))] = str(uuid)
                 time.sleep(0.1)
             rig.arm.set_torque(True)
+            # Away from the folded pose, in which joints are near their stops.
+            ready = next(pose.q for pose in POSES if pose.name == "ready")
+            rig.arm.start_move(JointGoal(q=ready)).result()
             speeds = Speeds(rig)
             times = asyncio.run(jog(page.url, widgets, presses))
             speeds.end()
