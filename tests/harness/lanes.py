@@ -1,8 +1,9 @@
 """Distribute test files over pytest's workers: those that mostly wait, and those that compute.
 
-Of three workers or more the first drives browsers, so that no two draw at the same time, the second
-starts processes, and the others compute. A worker that computes yields the processor to those two.
-Tests that need real time are left to the first two; when none are left, these compute as well.
+Of three workers or more the first drives browsers, the second starts processes, and the others
+compute. A worker that computes yields the processor to those two. Tests that need real time are
+left to the first two; when none are left, these compute as well. Browsers draw without a GPU, so
+only one does as long as there is something else to do; then the second worker helps the first.
 
 Of two workers the first takes all tests that need real time before any other, and the second
 computes first; a worker that has no file of its kind left takes one of the other kind.
@@ -62,7 +63,7 @@ def kinds(name, count):
         return [ANY]
     if count == 2:
         return [REAL_TIME, COMPUTED] if number == 0 else [COMPUTED, REAL_TIME]
-    return [[BROWSERS, COMPUTED], [PROCESSES, COMPUTED], [COMPUTED]][min(number, 2)]
+    return [[BROWSERS, COMPUTED], [PROCESSES, COMPUTED, BROWSERS], [COMPUTED]][min(number, 2)]
 
 
 def is_of(path, kind):
