@@ -8,7 +8,7 @@ and how long it takes to settle. Nothing here moves anything; ``move_test`` does
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -112,6 +112,15 @@ class JointAccuracy:
         }
 
 
+def reasons(joints: Iterable[JointAccuracy]) -> dict[str, list[str]]:
+    """What is wrong, each sentence once, and at which joints."""
+    found: dict[str, list[str]] = {}
+    for joint in joints:
+        if joint.sentence:
+            found.setdefault(joint.sentence, []).append(joint.joint)
+    return found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveReport:
     """The result of a move test.
@@ -181,22 +190,21 @@ class MoveReport:
         return json.dumps(content, indent=2).encode() + b"\n"
 
     def text(self) -> str:
-        """The report as a table."""
+        """The report as a table, and under it what is wrong: each reason once."""
         lines = [
             f"{self.sentence}.",
             f"{self.arm}, {self.began_at}, {self.seconds:.0f} s",
             "",
             f"{'':12}{'joint':<15}{'off':>8}{'sides':>8}{'behind':>9}{'settles':>9}{'tool':>9}",
         ]
-        for joint in self.joints:
-            lines.append(
-                f"{joint.verdict:<12}{joint.joint:<15}{degrees(joint.error):>8}"
-                f"{degrees(joint.hysteresis):>8}{milliseconds(joint.lag):>9}"
-                f"{milliseconds(joint.settle):>9}{millimetres(joint.tool):>9}"
-            )
-            if joint.sentence:
-                lines.append(f"{'':12}{joint.sentence}")
-        return "\n".join(lines) + "\n"
+        lines += [
+            f"{joint.verdict:<12}{joint.joint:<15}{degrees(joint.error):>8}"
+            f"{degrees(joint.hysteresis):>8}{milliseconds(joint.lag):>9}"
+            f"{milliseconds(joint.settle):>9}{millimetres(joint.tool):>9}"
+            for joint in self.joints
+        ]
+        wrong = [f"{', '.join(same)}: {why}." for why, same in reasons(self.joints).items()]
+        return "\n".join([*lines, *([""] if wrong else []), *wrong]) + "\n"
 
 
 class Measurements:

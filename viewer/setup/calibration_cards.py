@@ -12,6 +12,7 @@ from so101_motion.setup.accuracy import (
     degrees,
     millimetres,
     milliseconds,
+    reasons,
 )
 
 from ..page.texts import capital
@@ -24,6 +25,10 @@ _VERDICTS: dict[str, tuple[str, Tone]] = {
     "fail": ("✗", "bad"),
     "not tested": ("–", "dim"),
 }
+_FIGURES = (
+    "Off: how far each joint rests from its target. Sides: how much that depends on where it came"
+    " from. Behind: how late it is in motion."
+)
 _BOX = "padding:.3em .8em;font-size:.85em;line-height:1.5"
 
 
@@ -88,8 +93,13 @@ def summary(lines: Iterable[SummaryLine]) -> str:
 
 
 def report(joints: Sequence[JointAccuracy]) -> str:
-    """The results of the test so far, joint by joint."""
-    rows = []
+    """The results of the test so far, joint by joint; empty as long as there are none.
+
+    What is wrong with several joints is said once, under the last of them.
+    """
+    wrong, rows = reasons(joints), []
+    if all(joint.error is None for joint in joints) and not wrong:
+        return ""
     for joint in joints:
         mark, tone = _VERDICTS[joint.verdict]
         rows.append(
@@ -103,21 +113,23 @@ def report(joints: Sequence[JointAccuracy]) -> str:
                 )
             )
             + "</tr>"
-            + (_below(joint.sentence, tone, 4) if joint.sentence else "")
         )
-    return _table(("joint", "off", "sides", "behind"), "".join(rows)) if rows else ""
+        alike = wrong.get(joint.sentence, [])
+        if alike and alike[-1] == joint.joint:
+            names = f"{', '.join(alike)}: " if len(alike) > 1 else ""
+            rows.append(_below(f"{names}{joint.sentence}", tone, 4))
+    return _table(("joint", "off", "sides", "behind"), "".join(rows))
 
 
 def result(found: MoveReport) -> str:
     """The result of a test."""
     colour = GOOD if found.passed else BAD
     tool = "" if found.tool is None else f"The tool was at most {millimetres(found.tool)} off. "
+    is_measured = any(joint.error is not None for joint in found.joints)
     return (
         f'<div style="{_BOX}"><b style="color:{colour};font-size:1.1em">'
         f"{escape(capital(found.sentence))}</b>"
-        f'<div style="color:{DIM}">{escape(tool)}Off: how far each joint rests from its target.'
-        " Sides: how much that depends on where it came from. Behind: how late it is in motion."
-        "</div></div>"
+        f'<div style="color:{DIM}">{escape(tool)}{_FIGURES if is_measured else ""}</div></div>'
     )
 
 

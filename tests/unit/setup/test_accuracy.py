@@ -126,3 +126,12 @@ def test_a_report_is_the_same_as_text_and_as_json():
     text = WELL.text()
     assert text.startswith("Passed: all joints move as commanded.\n")
     assert all(joint in text for joint in ARM_JOINTS)
+
+
+def test_what_is_wrong_with_several_joints_is_said_once_under_the_table():
+    first, second, *others = WELL.joints
+    stuck = [replace(joint, error=to_rad(3.0)) for joint in (first, second)]
+    text = replace(WELL, joints=(*stuck, *others)).text()
+    assert text.count("it stops short") == 1
+    assert text.splitlines()[-1].startswith(f"{first.joint}, {second.joint}: it stops short")
+    assert "it stops short" not in WELL.text()

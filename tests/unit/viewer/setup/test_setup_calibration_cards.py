@@ -12,6 +12,8 @@ from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, estimate_pos
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.view import JointView
 from so101_motion.calib.record.record import JOINTS
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.setup.accuracy import JointAccuracy, MoveReport
 
 POSE_DEG = {joint: math.degrees(angle) for joint, angle in HOMING_POSE.items()}
 
@@ -152,3 +154,19 @@ def test_markup_escapes_what_comes_from_outside() -> None:
         calibration_cards.saved(evil, evil, [evil]),
     )
     assert all("<script>" not in piece for piece in pieces)
+
+
+def test_a_report_names_what_is_wrong_once_and_is_empty_as_long_as_nothing_was_measured() -> None:
+    untested = [JointAccuracy(joint=joint) for joint in ARM_JOINTS]
+    assert calibration_cards.report(untested) == ""
+    stopped = MoveReport(
+        arm="a", joints=tuple(untested), began_at="2026-01-02", seconds=1.0, ended_by="a stop"
+    )
+    assert "how far each joint rests" not in calibration_cards.result(stopped)
+    stuck = [replace(joint, error=1.0) for joint in untested[:2]]
+    told = calibration_cards.report([*stuck, *untested[2:]])
+    assert told.count("t stops short") == 1
+    assert f"{ARM_JOINTS[0]}, {ARM_JOINTS[1]}: it stops short" in told
+    assert "how far each joint rests" in calibration_cards.result(
+        replace(stopped, joints=tuple(stuck))
+    )
