@@ -45,7 +45,7 @@ OTHERS = tuple(joint for joint in HOMING_POSE if joint != "elbow_flex")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    folder = tmp_path_factory.mktemp("setup")
+    folder = tmp_path_factory.mktemp("a-servo-adapter-whose-name-is-as-long-as-those-in-by-id-are")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_DATA_HOME", str(folder / "home"))
         yield folder
@@ -131,6 +131,13 @@ class Newcomer:
             return button.count() == 1 and button.is_enabled(timeout=1000)
         except TimeoutError:  # it went between the two questions
             return False
+
+    def color(self, name: str) -> str:
+        """The colour of a button."""
+        color: str = self.guest.button(name).evaluate(
+            "button => getComputedStyle(button).backgroundColor"
+        )
+        return color
 
     def sees_lit(self, link: str, colour: int) -> None:
         self.guest.until(lambda: self.guest.color_of(f"/setup/arm/{link}/") == colour)
@@ -384,12 +391,16 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person.guest.page.wait_for_timeout(400)
     person.guest.page.keyboard.press("Space")
     person.sees("was not finished")
+    person.hits_on_a_phone("Test again", "Skip the test", "Back", "Abort the setup")
+    pale = person.color("Back")
+    person.guest.until(lambda: person.color("Skip the test") == pale)
+    assert person.color("Test again") != pale, "only this shines"
     person.sees("Torque on: the joints are held")
     assert all(kit.driven)
 
 
 def test_the_test_done_to_its_end_asks_how_the_arm_has_moved(person: Newcomer, kit: Kit) -> None:
-    page, next_button = person.guest.page, person.guest.button("Next")
+    page = person.guest.page
 
     def is_done() -> bool:
         return person.guest.button("Yes").count() == 1
@@ -405,12 +416,10 @@ def test_the_test_done_to_its_end_asks_how_the_arm_has_moved(person: Newcomer, k
             break
     assert is_done()
     person.hits_on_a_phone("Yes", "No, it differs", *WAYS)
-    pale = next_button.evaluate("button => getComputedStyle(button).backgroundColor")
+    pale = person.color("Next")
     person.presses("Yes")
     person.guest.until(lambda: not is_done())
-    person.guest.until(  # only now it is what to press
-        lambda: next_button.evaluate("button => getComputedStyle(button).backgroundColor") != pale
-    )
+    person.guest.until(lambda: person.color("Next") != pale)  # only now it is what to press
     with page.expect_download() as download:
         person.presses("Save the report")
     assert json.loads(Path(download.value.path()).read_text())["as_shown"] is True

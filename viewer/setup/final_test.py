@@ -97,6 +97,7 @@ class FinalTestPage(StepPage):
         super().__init__(setup, TEST)
         self._test: FinalTest | None = None
         self._is_agreed = False
+        self._was_ended = False  # whether the last test was stopped
         self._shown: tuple[object, ...] = ()
 
     def build(self, gui: viser.GuiApi) -> None:
@@ -195,6 +196,7 @@ class FinalTestPage(StepPage):
         self._asked.visible = self._seen.visible = asks
         self._asked.content = cards.instruction("", _SEEN) if asks else ""
         self._again.visible = self._keep.visible = is_over
+        self._again.color = None if report is not None and not report.passed else "gray"
         self._again.disabled = bool(self._setup.doing)
 
     def _words(self, *, holds: bool) -> str:
@@ -228,17 +230,31 @@ class FinalTestPage(StepPage):
         return cards.instruction(TEST.title, "") + trouble + cards.note(_FIXED)
 
     @property
+    def _can_test(self) -> bool:
+        """Whether this arm can be moved from here."""
+        return self._setup.target is not None and self._setup.target.rig is not None
+
+    @property
     def _is_asked(self) -> bool:
         """Whether it is still to be said how the arm moved."""
         report = None if self._test is None else self._test.report
         return report is not None and report.as_shown is None and not report.ended_by
 
+    def next_label(self) -> str:
+        """Next says what it does after a test that is missing or that has failed."""
+        tested = self._setup.tested
+        if not self._can_test:
+            return "Next"
+        if tested is None or self._was_ended:
+            return "Skip the test"
+        return "Go on anyway" if tested.verdict == "fail" else "Next"
+
     def is_next_due(self) -> bool:
-        """Whether the test is done and the question after it is answered, or there can be none."""
-        target = self._setup.target
-        if target is None or target.rig is None:
+        """Whether the test is passed and its question answered, or there can be none."""
+        tested = self._setup.tested
+        if not self._can_test:
             return True
-        return self._setup.tested is not None and not self._is_asked
+        return tested is not None and tested.verdict != "fail" and not self._is_asked
 
     def can_go_on(self) -> str | None:
         """A running test keeps from going on; a skipped or failed one does not."""
@@ -321,6 +337,7 @@ class FinalTestPage(StepPage):
         report = None if self._test is None else self._test.report
         if report is not None and self._setup.tested is None:
             warned = any(joint.verdict == "warn" for joint in report.joints)
+            self._was_ended = bool(report.ended_by)
             self._setup.tested = Check(
                 name="test",
                 verdict="fail" if not report.passed else "warn" if warned else "ok",

@@ -65,6 +65,10 @@ class StepPage(ABC):
         check = self.check()
         return check.sentence if check.verdict == "fail" else None
 
+    def next_label(self) -> str:
+        """What Next says, unless the setup ends with it."""
+        return "Next"
+
     def is_next_due(self) -> bool:
         """Whether Next is what to press now; else it is grey, though it may be pressed."""
         return True

@@ -15,7 +15,7 @@ from so101_motion.calib.motors.progress import NAME, SetupProgress
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.common.errors import So101Error
 from so101_motion.setup.port_selection import own_folder
-from so101_motion.setup.setup_steps import CONNECT, MOTORS_ONLY, TEST, WORKFLOWS, Workflow
+from so101_motion.setup.setup_steps import CONNECT, MOTORS_ONLY, WORKFLOWS, Workflow
 
 from ..page import markup
 from ..page.page_context import ArmContext, PageContext
@@ -234,11 +234,8 @@ class SetupPart(Part):
         if not self._is_alone:  # else the bar says it
             self._torque.content = cards.torque(self.setup.torque.shown)
         reason = self._reason()
-        target = self.setup.target
-        can_test = step.name == TEST.name and target is not None and target.rig is not None
-        skips = can_test and self.setup.tested is None
         ends = wizard.is_last and not waits
-        self._next.label = "Skip the test" if skips else "Finish" if ends else "Next"
+        self._next.label = "Finish" if ends else self._current.next_label()
         self._next.color = None if self._current.is_next_due() else "gray"
         self._next.disabled = reason is not None
         self._back.disabled = bool(self.setup.doing)

@@ -90,9 +90,8 @@ class SavePage(CalibrationPage):
         self._todo.content = cards.instruction(SAVE.title, todo)
         self._setup.picture.ghost(OPEN_POSE if is_open else None)
         is_in_force = self._outcome is not None and not self._is_undone
-        self._table.content = (
-            calibration_cards.summary(self._lines) if is_open or is_in_force else ""
-        )
+        shows = (is_open and not has_failed) or is_in_force  # the reason takes the table's place
+        self._table.content = calibration_cards.summary(self._lines) if shows else ""
         self._save.visible, self._save.disabled = is_open, busy
         self._save.label = "Try to save again" if has_failed else "Save"
         self._undo.visible = (
