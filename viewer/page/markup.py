@@ -16,6 +16,7 @@ from so101_motion.drivers.feetech.health import JointHealth
 from .events import Event
 from .health import Health, tones
 from .screen_state import Sentence, Tone
+from .texts import capital
 
 _TONES = {
     Tone.PLAIN: "inherit",
@@ -127,8 +128,14 @@ def picture(url: str | None, trouble: str) -> str:
     old = "filter:grayscale(1);opacity:.5;" if trouble else ""
     look = f"{old}display:block;width:100%"
     image = f'<img alt="The camera\'s picture" src="{escape(url or "")}" style="{look}">'
-    said = small(f"No new picture: {trouble}") if trouble else ""
+    what = "No new picture" if url else "No picture"
+    said = _alarming(capital(f"{what}: {trouble}")) if trouble else ""
     return f'<div style="padding:.3em">{image if url else ""}{said}</div>'
+
+
+def _alarming(text: str) -> str:
+    look = "padding:.2em .9em .5em;font-size:.85em;color:var(--so101-warm);overflow-wrap:anywhere"
+    return f'<div style="{look}">{escape(text)}</div>'
 
 
 def to_copy(about: str, text: str) -> str:

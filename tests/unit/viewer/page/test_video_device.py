@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -33,3 +34,11 @@ def test_a_camera_without_jpeg_is_told_another_way(tmp_path: Path) -> None:
 def test_a_file_that_is_no_camera_is_reported(path: str, says: str) -> None:
     with pytest.raises(OSError, match=says):
         next(pictures(path, 1.0))
+
+
+def test_a_camera_that_this_user_may_not_open_says_how_to_get_access(tmp_path: Path) -> None:
+    def refuse(_device: int, _request: int, _told: bytearray) -> int:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    with pytest.raises(OSError, match=r"is closed to you; join its group .*usermod -aG video"):
+        next(pictures(str(VideoDriver(tmp_path / "video0").file), 1.0, refuse))
