@@ -73,6 +73,7 @@ def test_it_shows_its_figures_asks_for_nothing_and_runs_no_name(film: Guest) -> 
         assert film.page.get_by_text(words, exact=True).count() == 1
     for words in ("path of the tool", "the goal", "% open", f"{datetime.now():%Y-%m-%d}"):
         assert film.says(words)
+    film.until(lambda: not film.says("WebGL"))  # a developer's words; there is a line of ours
     own = ("file:", "blob:", "data:")
     assert [url for url in film.asked if not url.startswith(own)] == []
     assert film.page.evaluate("window.PWNED") is None

@@ -48,7 +48,7 @@ _START = _code(1, 18, _TYPE)
 _REASONS = {
     errno.ENOENT: "is not there; plug it in",
     errno.ENODEV: "was unplugged",
-    errno.EACCES: "is closed to you; join its group (sudo usermod -aG video $USER) and log in again",
+    errno.EACCES: "is closed to you; join its group (sudo usermod -aG video $USER), log in again",
     errno.EBUSY: "is used by another program",
     errno.ENOTTY: "is no camera",
     errno.EINVAL: "takes no pictures; a camera often has a second device, try the other one",

@@ -31,6 +31,7 @@ from ..scene.plan_view import plan_view
 from ..scene.robot_view import RobotView, looks_different, segments
 from ..scene.scene_view import SceneView
 from ..server.guarded_server import start_guarded
+from ..server.head import NOTICE, script
 
 FRAMES = 30.0
 """Pictures a second; chosen, it looks smooth and keeps the file small."""
@@ -188,7 +189,8 @@ def _dressed(player: str, film: Film) -> str:
     head = player.index("<head>") + len("<head>")
     body = player.rindex("</body>")
     return (
-        f"{player[:head]}{policy}<title>{title}</title>{player[head:body]}"
+        f"{player[:head]}{policy}<title>{title}</title><script>{script(NOTICE)}</script>"
+        f"{player[head:body]}"
         f"{_card(title, film.facts)}{player[body:]}"
     )
 

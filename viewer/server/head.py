@@ -13,17 +13,25 @@ from pathlib import Path
 from websockets.http11 import Response
 
 _FRONT = Path(__file__).with_name("front")
+NOTICE = "notice.js"
+"""The script that a film needs as well."""
+
 _SCRIPTS = (
     "link.js", "double_click.js", "bar.js", "jog.js", "names.js", "plot.js", "steps.js", "tabs.js",
-    "timeline.js",
+    "timeline.js", NOTICE,
 )  # fmt: skip
+
+
+def script(name: str) -> str:
+    """One of our scripts."""
+    return (_FRONT / name).read_text("utf-8")
 
 
 @lru_cache(maxsize=1)
 def front() -> bytes:
     """The beginning of a page: our style and scripts."""
     style = (_FRONT / "front.css").read_text("utf-8")
-    scripts = "".join((_FRONT / name).read_text("utf-8") for name in _SCRIPTS)
+    scripts = "".join(map(script, _SCRIPTS))
     return f"<head><style>{style}</style><script>{scripts}</script>".encode()
 
 

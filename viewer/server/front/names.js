@@ -4,7 +4,6 @@
   const NAMELESS =
     '#root [role="slider"]:not([aria-label]), #root [role="slider"][aria-label=""], ' +
     '#root input:not([type="hidden"]):not([aria-label])';
-  const READ = 12000;  // ms for which it is said that there is no graphics card
   let due = 0;
 
   function label(node) {
@@ -49,12 +48,6 @@
     }
     for (const node of document.querySelectorAll('.mantine-CloseButton-root:not([aria-label])')) {
       node.setAttribute('aria-label', 'Close');
-      const notice = node.closest('.mantine-Notification-root');
-      if (!notice?.textContent.startsWith('Software WebGL')) continue;
-      notice.querySelector('.mantine-Notification-title').textContent =
-        'No graphics card is used, so the picture is slow.';
-      notice.querySelector('.mantine-Notification-description').textContent = '';
-      setTimeout(() => node.click(), READ);
     }
   }
 
