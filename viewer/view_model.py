@@ -216,6 +216,8 @@ class ViewModel(TargetEditor):
             Whether there is anything new to show.
         """
         self._state = self._arm.state
+        if self._motion is None and texts.blocked(self._state) is not None:
+            self._sentence = texts.HOLDS_AGAIN  # for later: where it arrived is no longer true
         own = None if self._motion is None else self._plan
         events = (
             self._follow_surroundings(),

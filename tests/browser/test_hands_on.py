@@ -12,6 +12,7 @@ from harness.browser_user import HOME, READY, Guest
 from playwright.sync_api import Locator
 from so101_viewer import Preview, Source, serve_source
 
+from so101_motion.arm.gripper import GENTLEST
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal
@@ -231,10 +232,11 @@ def test_the_jaw_goes_where_its_slider_is_and_force_is_chosen(guest: Guest, rig:
     opening.press("End")
     guest.until(lambda: guest.says("Holding nothing, 100 % open."))
     guest.page.get_by_role("slider", name="Grip force (%)").press("Home")
-    guest.until(lambda: guest.page.get_by_label("Grip force (%)").first.is_visible())
+    guest.until(lambda: rig.gripper.force == GENTLEST)
     opening.press("Home")
     guest.until(lambda: guest.says("Holding nothing, 0 % open."))
     guest.page.get_by_role("slider", name="Grip force (%)").press("End")
+    guest.until(lambda: rig.gripper.force == 1.0)
     assert not rig.arm.is_moving
 
 
@@ -251,6 +253,7 @@ def test_letting_go_asks_first_and_hold_holds_again(guest: Guest, rig: Rig) -> N
     guest.press("Hold")
     guest.until(lambda: rig.arm.state.mode is Mode.HOLDING)
     guest.until(lambda: guest.says("Idle, holding"))
+    guest.until(lambda: guest.says("The arm holds again. Set a target, then press Plan."))
 
 
 def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(

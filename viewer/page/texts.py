@@ -29,6 +29,7 @@ ALREADY_THERE = Sentence(text="The arm is already there.")
 ARM_MOVED = Sentence(text="The arm has moved. Press Plan again.")
 JAW_MOVED = Sentence(text="The gripper has moved. Press Plan again.")
 CAPS_CHANGED = Sentence(text="The speed limits have changed. Press Plan again.")
+HOLDS_AGAIN = Sentence(text="The arm holds again. Set a target, then press Plan.")
 CHANGED_MEANWHILE = Sentence(text="Something has changed meanwhile. Press Plan again.")
 ALL_PLANNED = Sentence(
     text="Planned. Check the paths, then press Execute to move all arms.", tone=Tone.GOOD
