@@ -26,6 +26,8 @@ AT_STOP = """() => {
 
 FOR_DEVELOPERS = ("Dev Settings", "Orbit Origin Tool", "Return to GUI", "Scene tree")
 
+ICONS_FOR_DEVELOPERS = ".tabler-icon-adjustments, .tabler-icon-arrow-back"  # of nameless buttons
+
 SMALL_TARGETS = """() => {
     const targets = document.querySelectorAll(
         'button, input:not([type=hidden]), [role=tab], [role=slider], [role=button], textarea, a');
@@ -109,6 +111,7 @@ def test_nothing_covers_stop_and_a_click_on_it_stops_whatever_is_open(
         for words in FOR_DEVELOPERS:
             assert page.get_by_text(words).filter(visible=True).count() == 0
             assert page.get_by_label(words).filter(visible=True).count() == 0
+        assert page.locator(ICONS_FOR_DEVELOPERS).filter(visible=True).count() == 0
 
 
 def test_plots_tracking_and_share_name_their_plan_and_are_grey_when_it_is_old(

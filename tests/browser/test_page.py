@@ -243,6 +243,13 @@ def test_clicks_measure_and_the_camera_follows_the_tool(guest: Guest, rig: Rig) 
                 break
         guest.until(lambda words=words: guest.says(words))
     assert "/measure/line" in guest.nodes()
+    ends = [np.array(guest.pose_of(f"/measure/{k}")["position"]) for k in (1, 2)]
+    for k, x in ((1, right - 140.0), (2, right - 40.0)):
+        np.testing.assert_allclose(guest.place_of(f"/measure/{k}"), (x, low), atol=3.0)
+    said = guest.page.get_by_text(" mm (X ").filter(visible=True).first.inner_text()
+    far_mm = to_mm(float(np.linalg.norm(ends[1] - ends[0])))
+    assert far_mm > 20.0
+    assert abs(float(said.split(" mm")[0]) - far_mm) < 0.6
     clicks_as("selects")
     guest.until(lambda: "/measure/line" not in guest.nodes())
 

@@ -23,9 +23,11 @@ from so101_motion.calib.record import store
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.tasks.guided import GuidedPath, files
 
 pytestmark = pytest.mark.browser
 
@@ -236,13 +238,30 @@ PAIR = (
 )  # fmt: skip
 
 
+BEGIN = np.radians([-30.0, -20.0, 20.0, 10.0, 0.0])
+"""Where the machine's arm is taught: not home, where an arm that ignores the path may end, too."""
+
+WAVE = np.radians([[0.0, -30.0, 30.0, 20.0, 0.0], [40.0, -40.0, 20.0, 0.0, 0.0],
+                   [0.0, -40.0, 20.0, 30.0, 0.0]])  # fmt: skip
+"""A path that is already on the machine: out, and back to another place."""
+
+
+def hand(guest: Guest) -> np.ndarray:
+    """Where the browser draws the arm's hand [m]."""
+    return np.array(guest.pose_of("/live/gripper_link")["position"])
+
+
 def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
     visit: Visit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from so101_motion.viam.client import MachineRig
 
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    files.write(GuidedPath(t=np.arange(3.0), q=WAVE), tmp_path / "paths" / "wave.json")
+    model = RobotModel.load()
     with running_machine(resources=PAIR) as machine:
+        with MachineRig.connect(machine.address, arm="arm") as other:
+            other.arm.start_move(JointGoal(q=BEGIN)).result(60.0)
         source = Source(
             title=f"Arm of machine {machine.address}",
             open=lambda: MachineRig.connect(machine.address, arm="arm"),
@@ -254,7 +273,8 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             in_color = guest.color_of(BASE)
             guest.page.get_by_role("tab", name="Teach").click()
             guest.until(lambda: guest.says("Keep a hand on the leader"))
-            taught = guest.pose_of("/live/gripper_link")["position"]
+            taught = model.frame(BEGIN, "gripper_link").p
+            guest.until(lambda: np.allclose(hand(guest), taught, atol=1e-3))
             guest.until(lambda: guest.button("Record a path").is_enabled())
             guest.press("Record a path")
             recording = guest.page.get_by_text(re.compile(r'Recording "path", [1-9]'))
@@ -267,16 +287,12 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
 
             guest.press("Follow the leader")
             guest.until(lambda: guest.says("The machine's arm follows its leader."))
-            before = guest.pose_of("/live/gripper_link")["position"]
+            before = hand(guest)
             with MachineRig.connect(machine.address, arm="leader") as leader:
                 goal = JointGoal(q=np.radians([20.0, -10.0, 5.0, 5.0, 0.0]))
                 leader.arm.start_move(goal).result(60.0)
-                led = leader.arm.model.frame(leader.arm.state.q, "gripper_link").p
-            guest.until(
-                lambda: np.allclose(
-                    guest.pose_of("/live/gripper_link")["position"], led, atol=0.005
-                )
-            )
+                led = model.frame(leader.arm.state.q, "gripper_link").p
+            guest.until(lambda: np.allclose(hand(guest), led, atol=0.005))
             assert not np.allclose(before, led, atol=0.02)
             guest.press("STOP")
             guest.until(lambda: guest.button("Follow the leader").count() == 1)
@@ -285,18 +301,32 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             for speed, ends in ((3.0, "Stopped. The arm holds where it is."), (90.0, "Done.")):
                 with MachineRig.connect(machine.address, arm="arm") as other:
                     other.do_command("arm", {"set_speed": speed})
-                before = guest.pose_of("/live/gripper_link")["position"]
+                before = hand(guest)
                 guest.press("Plan replay")
                 guest.until(lambda: guest.says("s to its start, then 0.0 s along it"))
-                planned = guest.pose_of("/live/gripper_link")["position"]
-                np.testing.assert_allclose(planned, before, atol=1e-3)  # nothing moves yet
+                np.testing.assert_allclose(hand(guest), before, atol=1e-3)  # nothing moves yet
                 guest.press("Replay")
                 if speed < 90.0:
                     guest.until(lambda: guest.page.get_by_text("Moving", exact=True).count() > 0)
                     guest.press("STOP")
                 guest.until(lambda ends=ends: guest.says(ends))
-                there = guest.pose_of("/live/gripper_link")["position"]
-                assert np.allclose(there, taught, atol=0.005) == (speed == 90.0)
+                assert np.allclose(hand(guest), taught, atol=0.005) == (speed == 90.0)
+
+            guest.page.get_by_text("Save and load").filter(visible=True).click()
+            guest.fields("Saved").filter(visible=True).first.click()
+            guest.page.get_by_role("option", name="wave").click()
+            guest.page.wait_for_timeout(100)  # the page sends one message per panel every 50 ms
+            guest.button("load").filter(visible=True).first.click()
+            guest.until(lambda: guest.says('"wave" is chosen.'))
+            guest.press("Plan replay")
+            guest.until(lambda: guest.says("s along it. Press Replay."))
+            assert not guest.says("then 0.0 s along it")
+            guest.press("Replay")
+            seen: list[np.ndarray] = []
+            guest.until(lambda: seen.append(hand(guest)) or guest.says("Done."))
+            _, turn, end = (model.frame(q, "gripper_link").p for q in WAVE)
+            assert min(np.linalg.norm(p - turn) for p in seen) < 0.03
+            np.testing.assert_allclose(hand(guest), end, atol=0.005)
             machine.cut()
             guest.until(lambda: guest.says("Lost the machine"))
             guest.until(lambda: guest.color_of(BASE) != in_color)

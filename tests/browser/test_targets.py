@@ -87,6 +87,9 @@ def test_an_object_is_clicked_and_the_nearest_place_beside_it_is_taken(
     box = Obstacle(name="box", shape=Box(size=np.array([0.06, 0.06, top_z])), T_base_obstacle=place)
     rig.arm.scene = Scene(floor_z=before.floor_z, obstacles=(box,))
     guest.until(lambda: "/world/0" in guest.nodes())
+    first = guest.target_mm()
+    guest.press("home")  # where the gripper does not point down
+    guest.until(lambda: guest.target_mm() != first)
     click_does(guest, "sets the target")
     first = guest.target_mm()
     for _ in range(10):  # a busy browser may not know yet what a click is for
