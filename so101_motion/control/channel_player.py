@@ -300,8 +300,9 @@ class ChannelPlayer:
         if motion.ending is None:
             if alarms and self._obey(motion, alarms, q):
                 return
-            in_play = np.array([self._in_play.get(joint, 0.0) for joint in self._channel.joints])
-            off, held_up = self._following.off(q), self._following.held_up(q, in_play)
+            off, joints = self._following.off(q), self._channel.joints
+            in_play = np.array([self._in_play.get(joint, 0.0) for joint in joints])
+            held_up = self._following.held_up(q, in_play, silent=self._unanswered >= {*joints})
             held_up &= isinstance(motion.source, PlannedMotion)  # the others lag too much to tell
             if motion.waits_until is not None:
                 if self._k > motion.waits_until:
@@ -366,15 +367,13 @@ class ChannelPlayer:
 
     def _lost(self, off: Array, held_up: NDArray[np.bool_]) -> FollowingError:
         i = int(np.argmax(off))
-        what = "was held up and is" if held_up[i] else "is"
+        what = self._following.words() if held_up[i] else "is"
         return FollowingError(
             f"{self._channel.joints[i]} {what} {to_deg(float(off[i])):.1f} deg from where it"
             f" should be; the {self._channel.value} stopped and holds. Check that nothing blocks"
             " the joint and that its servo has power, then move again",
-            joint=self._channel.joints[i],
-            error=float(off[i]),
-            recent=self._recent(),
-        )
+            joint=self._channel.joints[i], error=float(off[i]), recent=self._recent(),
+        )  # fmt: skip
 
     def _barred(self) -> FollowingError:
         joint, off = self._recovery.farthest()

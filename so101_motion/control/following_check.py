@@ -11,6 +11,10 @@ what its play lets it stand (its load may change sides on the way) is enough to 
 driver says how far a joint strays until its motor has crossed the play; ``servo_model.py`` computes
 it and says why no contact can be told sooner. Where the load keeps the gears on one side, about
 half of that is enough.
+
+*No joint answers.* Goals may not arrive either then, and joints stand for want of them. So what was
+seen before no longer tells a contact. Joints that have missed many goals are far behind, and would
+catch up faster than they may; they are seen by how far they are behind afterwards.
 """
 
 from __future__ import annotations
@@ -43,6 +47,17 @@ STANDS = to_rad(0.3)
 """A joint stands if it moves forward or falls back by no more than this [rad]: three ticks. A joint
 that leans on a wall trembles by two. Chosen."""
 
+SILENCE = 2
+"""Joints may have missed their goals after so many ticks in a row without any answer. Chosen: a
+single one is a lost request, which a joint hardly feels."""
+
+MISSED, DOUBTED = 5, 0.1
+"""After so many such ticks joints are looked at for this time [s]. Chosen: with 4 ticks, emulated
+joints caught up within a third above their caps; they run on to their last goal for 0.06 s."""
+
+BEHIND = 0.5
+"""They have missed too many if they are farther from their setpoints than before, by this share of
+``contact_distance``; chosen."""
 
 NEAREST = 0.75
 """From which share of ``contact_distance`` on a joint is behind its setpoint; chosen."""
@@ -106,13 +121,17 @@ class FollowingCheck:
         self._wanted, self._seen = LatestRows(self._kept), LatestRows(self._kept)
         self._pressed: Array | int = 0  # for how many ticks
         self._in_play: Array | float = math.inf
+        self._doubted = round(DOUBTED / dt)
+        self._silent = self._left = 0  # ticks without an answer; ticks until these do not matter
+        self._stray: Array | float = 0.0  # before that
+        self._silence = 0.0
 
     def begin(self, q_ref: Array) -> None:
         """Forget everything; the joints have stood at ``q_ref``, shape (n,), [rad]."""
         for _ in range(self._kept):
             self._wanted.append(q_ref)
-        self._seen.clear()
-        self._pressed, self._in_play = 0, math.inf
+        self._forget_seen()
+        self._silent, self._left, self._silence = 0, 0, 0.0
 
     def want(self, q_ref: Array) -> None:
         """Note the setpoint of this tick, ``q_ref``, shape (n,), [rad]."""
@@ -124,17 +143,25 @@ class FollowingCheck:
         off: Array = np.maximum(wanted.min(axis=0) - q, q - wanted.max(axis=0))
         return off
 
-    def held_up(self, q: Array, in_play: Array) -> NDArray[np.bool_]:
+    def held_up(self, q: Array, in_play: Array, *, silent: bool = False) -> NDArray[np.bool_]:
         """Which of the joints, seen at ``q`` in this tick, stand while they are led on; (n,).
 
         Args:
             q: Measured angles, shape (n,), [rad].
             in_play: How far they stray while their motors go through the play, shape (n,), [rad];
                 0 for gears that are kept on one side of it.
+            silent: Whether none of them has answered in this tick, so that ``q`` is a guess.
         """
         held = np.zeros(len(q), dtype=np.bool_)
         if not self._sees_contact:
             return held
+        if not silent:
+            held |= self._have_missed_goals(self._wanted.last(1)[0] - q)
+        else:
+            self._silent += 1
+            if self._silent >= SILENCE:
+                self._forget_seen()
+                return held
         self._seen.append(q)
         self._pressed = np.where(in_play == 0.0, self._pressed + 1, 0)
         self._in_play = np.where(in_play == 0.0, self._in_play, in_play)  # as it was at last
@@ -153,6 +180,30 @@ class FollowingCheck:
                 for stop in self._stops:
                     held |= (side != 0.0) & self._has_stopped(wanted, seen, stop)
         return held
+
+    def words(self) -> str:
+        """What has happened to a joint that ``held_up`` has just told."""
+        if self._silence:
+            return f"missed its goals while no servo answered for {self._silence:.2f} s, and is"
+        return "was held up and is"
+
+    def _forget_seen(self) -> None:
+        self._seen.clear()
+        self._pressed, self._in_play = 0, math.inf
+
+    def _have_missed_goals(self, stray: Array) -> NDArray[np.bool_] | bool:
+        """Which joints, ``stray`` [rad] from their setpoints now, fell behind in a silence."""
+        if self._silent >= MISSED:
+            self._left, self._silence = self._doubted, self._silent * self._dt
+        self._silent = 0
+        if not self._left:
+            self._stray, self._silence = stray, 0.0
+            return False
+        self._left -= 1
+        missed: NDArray[np.bool_] = (
+            np.abs(stray - self._stray) > BEHIND * self._tolerances.contact_distance
+        )
+        return missed
 
     def _has_stopped(self, wanted: Array, seen: Array, stop: int) -> NDArray[np.bool_]:
         """Which joints followed slowly and evenly until ``stop`` ticks ago, and stand since.

@@ -53,3 +53,32 @@ def test_loads_turns_and_play_are_no_contact(bench):
     rig.arm.set_acceleration(math.radians(500.0))
     for goal in ([60, -60, 60, -60, 90], [-60, 30, -60, 60, -90], [0, 0, 0, 0, 0]):
         bench.finish(bench.go(rig, *goal))
+
+
+def silence_moves(bench, rig, ticks):
+    """Move to and fro while nothing reaches the servos for so many ticks, again and again."""
+    for goal in ([25, -10, -20, 10, 20], [-25, 5, 0, -20, -30]):
+        motion, k = bench.go(rig, *goal), 0
+        while not motion.future.done():
+            k += 1
+            bench.emulator.bus.faults.request_loss = float(50 <= k % 100 < 50 + ticks)
+            bench.advance(0.01)
+        bench.finish(motion)
+
+
+def test_a_short_silence_of_all_servos_is_no_contact(bench):
+    rig = bench.open()
+    bench.advance(1.0)
+    rig.arm.set_speed(math.radians(15.0))
+    silence_moves(bench, rig, ticks=4)
+
+
+def test_joints_that_miss_their_goals_for_longer_stop_and_say_so(bench):
+    rig = bench.open()
+    bench.advance(1.0)
+    rig.arm.set_speed(math.radians(45.0))
+    with pytest.raises(FollowingError, match=r"missed its goals .* answered for 0\.09 s"):
+        silence_moves(bench, rig, ticks=9)
+    bench.emulator.bus.faults.request_loss = 0.0
+    bench.advance(0.5)
+    assert not rig.arm.is_moving

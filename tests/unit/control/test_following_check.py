@@ -137,3 +137,32 @@ def test_the_latest_rows_are_those_of_a_list_however_many_came():
     assert len(rows) == len(rows.last(7)) == 0
     rows.append(np.array([1.0, 2.0]))
     assert rows.last(7).tolist() == [[1.0, 2.0]]
+
+
+def told_in_silence(missed, ticks, speed=15.0, tolerances=TOLERANCES):
+    """What is said of a joint whose servo is silent for ``ticks`` and may miss its goals."""
+    check, way = FollowingCheck(tolerances, DT), np.radians(speed * DT * np.arange(150.0))
+    check.begin(way[:1])
+    for k, setpoint in enumerate(way):
+        silent = 80 <= k < 80 + ticks
+        behind = min(max(k - 80, 0), ticks) * (way[1] - way[0]) if missed else 0.0
+        check.want(np.array([setpoint]))
+        q = setpoint if silent else setpoint - behind
+        if check.held_up(np.array([q]), np.array([np.radians(IN_PLAY)]), silent=silent)[0]:
+            return check.words()
+    return None
+
+
+def test_joints_that_get_their_goals_in_a_silence_go_on():
+    assert told_in_silence(missed=False, ticks=20) is None
+
+
+@pytest.mark.parametrize("speed", [15.0, 45.0, -90.0])
+def test_joints_that_miss_a_few_goals_go_on(speed):
+    assert told_in_silence(missed=True, ticks=4, speed=speed) is None
+
+
+@pytest.mark.parametrize("speed", [15.0, 45.0, -90.0])
+def test_joints_that_miss_many_goals_are_told(speed):
+    words = told_in_silence(missed=True, ticks=7, speed=speed)
+    assert words == "missed its goals while no servo answered for 0.07 s, and is"
