@@ -367,11 +367,11 @@ class ChannelPlayer:
 
     def _lost(self, off: Array, held_up: NDArray[np.bool_]) -> FollowingError:
         i = int(np.argmax(off))
-        what = self._following.words() if held_up[i] else "is"
+        what, check = self._following.words(held_up=bool(held_up[i]))
         return FollowingError(
             f"{self._channel.joints[i]} {what} {to_deg(float(off[i])):.1f} deg from where it"
-            f" should be; the {self._channel.value} stopped and holds. Check that nothing blocks"
-            " the joint and that its servo has power, then move again",
+            f" should be; the {self._channel.value} stopped and holds."
+            f" Check {check}, then move again",
             joint=self._channel.joints[i], error=float(off[i]), recent=self._recent(),
         )  # fmt: skip
 

@@ -181,11 +181,17 @@ class FollowingCheck:
                     held |= (side != 0.0) & self._has_stopped(wanted, seen, stop)
         return held
 
-    def words(self) -> str:
-        """What has happened to a joint that ``held_up`` has just told."""
-        if self._silence:
-            return f"missed its goals while no servo answered for {self._silence:.2f} s, and is"
-        return "was held up and is"
+    def words(self, *, held_up: bool) -> tuple[str, str]:
+        """What has happened to a joint that does not follow, and what to check.
+
+        Args:
+            held_up: Whether ``held_up`` has just told of it.
+        """
+        if held_up and self._silence:
+            happened = f"missed its goals while no servo answered for {self._silence:.2f} s, and is"
+            return happened, "the USB cable and how busy the computer is"
+        blocked = "that nothing blocks the joint and that its servo has power"
+        return ("was held up and is" if held_up else "is"), blocked
 
     def _forget_seen(self) -> None:
         self._seen.clear()
