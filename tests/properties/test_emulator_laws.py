@@ -50,6 +50,39 @@ def test_garbage_before_a_packet_costs_nothing_but_itself(garbage, packet):
     assert packet in heard(listener, b"\x00" + packet)
 
 
+headers = st.sampled_from([b"\xff", b"\xff\xff", b"\xff\xff\x01\x02", b"\xff\xff\x01\xff\x83"])
+
+
+@given(st.lists(st.one_of(packets, headers, st.binary(max_size=4)), max_size=8))
+def test_a_chunk_means_the_same_as_its_bytes_one_by_one(pieces):
+    data, whole, single = b"".join(pieces), Listener(), Listener()
+    ends = [(i.servo_id, i.code, i.params, i.end) for i in whole.hear(data)]
+    assert ends == [
+        (i.servo_id, i.code, i.params, at)
+        for at, byte in enumerate(data, start=1)
+        for i in single.hear(bytes((byte,)))
+    ]
+    assert whole.state is single.state
+
+
+@given(
+    address=st.integers(0, reg.SIZE + 3),
+    count=st.integers(0, reg.SIZE),
+    ms=st.integers(0, 400),
+    multi_turn=st.booleans(),
+)
+def test_a_read_of_a_few_registers_shows_what_a_read_of_all_would(address, count, ms, multi_turn):
+    world = build_world(EmulatorOptions(), gravity=lambda q: 0.3 * np.cos(q))
+    servo = world.servos[1]
+    if multi_turn:
+        servo.memory.set(reg.PHASE, servo.memory.raw(reg.PHASE) | reg.PHASE_MULTI_TURN)
+    servo.write(bytes((42,)) + (2500).to_bytes(2, "little"))
+    world.advance(ms / 1000.0)
+    some = servo.read(address, count)
+    whole = servo.read(0, reg.SIZE)
+    assert (some or b"") == whole[address : address + count]
+
+
 @given(st.binary(max_size=300))
 def test_servos_survive_any_bytes(data):
     world = build_world(EmulatorOptions())

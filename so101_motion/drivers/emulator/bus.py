@@ -20,8 +20,8 @@ Source: as in ``codec.py``; slot times: firmware arithmetic, bench-tested by its
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import zip_longest
+from typing import NamedTuple
 
 from so101_motion.drivers.emulator.codec import BROADCAST, Code, Instruction, Listener, frame
 from so101_motion.drivers.emulator.faults import WireFaults
@@ -34,11 +34,11 @@ with everything)."""
 
 _BITS_PER_BYTE = 10
 _SLOT_GAP = 3  # byte times between two slots
+_STATUS_BYTES = len(frame(0, 0))  # of a reply without data
 _LONGEST_SYNC_WRITE = 125  # bytes for each servo
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reply:
+class Reply(NamedTuple):
     """Bytes that a servo sends, and when.
 
     Attributes:
@@ -52,8 +52,7 @@ class Reply:
     held: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Answer:
+class _Answer(NamedTuple):
     slot: float  # start after the request, in byte times
     data: bytes
 
@@ -99,30 +98,28 @@ class Bus:
         if not instructions:
             return []
         byte_time = _BITS_PER_BYTE / baud
-        replies = []
+        answers = []
         with self._world.lock:
             self._world.advance(now)
             for instruction in instructions:
                 if self.faults.loses_request():
                     continue
                 request = instruction.end * byte_time + TURNAROUND
-                for answer in self._collide(self._carry_out(instruction, now)):
-                    after = request + (answer.slot + len(answer.data)) * byte_time
-                    replies.append(Reply(after=after, data=answer.data))
-        return self._disturb(replies)
-
-    def _disturb(self, replies: list[Reply]) -> list[Reply]:
-        disturbed = [
-            Reply(after=reply.after, data=data, held=held)
-            for reply in replies
-            for held, data in self.faults.disturb(reply.data)
+                for slot, data in self._collide(self._carry_out(instruction, now)):
+                    answers.append((request + (slot + len(data)) * byte_time, data))
+        replies = [
+            Reply(after, arriving, held)
+            for after, data in answers
+            for held, arriving in self.faults.disturb(data)
         ]
-        return sorted(disturbed, key=lambda reply: reply.after + reply.held)
+        return sorted(replies, key=lambda reply: reply.after + reply.held)
 
-    def _listening(self) -> Iterator[Servo]:
-        for servo in self._world.servos:
-            if servo.drive.powered and servo.baud == self._baud:
-                yield servo
+    def _listening(self) -> list[Servo]:
+        return [
+            servo
+            for servo in self._world.servos
+            if servo.drive.powered and servo.baud == self._baud
+        ]
 
     def _carry_out(self, instruction: Instruction, now: float) -> list[_Answer]:
         match instruction.code:
@@ -144,11 +141,11 @@ class Bus:
                 ]
 
     def _broadcast(self, code: int, params: bytes, now: float) -> Iterator[_Answer]:
-        for servo in list(self._listening()):
+        for servo in self._listening():
             own_id = servo.servo_id
             reply = servo.execute(code, params, now)
             if code == Code.PING and reply is not None:
-                slot = own_id * (len(frame(0, 0)) + _SLOT_GAP)
+                slot = own_id * (_STATUS_BYTES + _SLOT_GAP)
                 yield _Answer(slot, frame(own_id, servo.status))
 
     def _sync_read(self, params: bytes) -> Iterator[_Answer]:
@@ -159,7 +156,7 @@ class Bus:
             place = ids.find(servo.servo_id)
             data = servo.read(address, count) if place >= 0 else None
             if data is not None:
-                slot = place * (len(frame(0, 0)) + len(data) + _SLOT_GAP)
+                slot = place * (_STATUS_BYTES + len(data) + _SLOT_GAP)
                 yield _Answer(slot, frame(servo.servo_id, servo.status, data))
 
     def _sync_write(self, params: bytes) -> None:
@@ -178,10 +175,9 @@ class Bus:
     def _collide(answers: list[_Answer]) -> list[_Answer]:
         """Merge answers that start together; a bit is low where any sender pulls it low."""
         slots: dict[float, bytes] = {}
-        for answer in sorted(answers, key=lambda answer: answer.slot):
-            if answer.slot in slots:
-                pairs = zip_longest(slots[answer.slot], answer.data, fillvalue=0xFF)
-                slots[answer.slot] = bytes(one & other for one, other in pairs)
-            else:
-                slots[answer.slot] = answer.data
-        return [_Answer(slot, data) for slot, data in slots.items()]
+        for slot, data in answers:
+            if slot in slots:
+                pairs = zip_longest(slots[slot], data, fillvalue=0xFF)
+                data = bytes(one & other for one, other in pairs)
+            slots[slot] = data
+        return [_Answer(*each) for each in sorted(slots.items())]

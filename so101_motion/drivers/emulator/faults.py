@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -69,17 +68,18 @@ class WireFaults:
         """Whether the next instruction goes unheard."""
         return self._strikes(self.request_loss)
 
-    def disturb(self, reply: bytes) -> Iterator[tuple[float, bytes]]:
+    def disturb(self, reply: bytes) -> list[tuple[float, bytes]]:
         """The copies of a reply that arrive, each as extra delay [s] and bytes; none if lost."""
         if self.lose_next > 0:
             self.lose_next -= 1
-            return
+            return []
         if self._strikes(self.loss):
-            return
-        copies = 2 if self._strikes(self.duplicate) else 1
-        for _ in range(copies):
+            return []
+        arriving = []
+        for _ in range(2 if self._strikes(self.duplicate) else 1):
             data = self._flip(reply) if self._strikes(self.corrupt) else reply
-            yield (self.lateness if self._strikes(self.late) else 0.0), data
+            arriving.append((self.lateness if self._strikes(self.late) else 0.0, data))
+        return arriving
 
     def _flip(self, reply: bytes) -> bytes:
         bit = self._random.randrange(8 * len(reply))

@@ -23,6 +23,8 @@ def _keep_by_address() -> list[Keep]:
 
 
 _KEEP = _keep_by_address()
+_WRITABLE = tuple(keep is not Keep.READ_ONLY for keep in _KEEP)
+_SAVED = tuple(keep is Keep.EEPROM for keep in _KEEP)
 
 
 class Memory:
@@ -47,15 +49,25 @@ class Memory:
 
     def raw(self, row: Register) -> int:
         """The stored bits of a register."""
-        return int.from_bytes(self.bytes[row.address : row.address + row.size], "little")
+        address = row.address
+        if row.size == 1:
+            return self.bytes[address]
+        return self.bytes[address] | self.bytes[address + 1] << 8
 
     def value(self, row: Register) -> int:
         """The value the servo uses: sign decoded, clamped to the row's range."""
-        return min(max(row.decode(self.raw(row)), row.lower), row.upper)
+        value = self.raw(row)
+        if row.sign_bit is not None:
+            value = row.decode(value)
+        return row.lower if value < row.lower else row.upper if value > row.upper else value
 
     def set(self, row: Register, raw: int) -> None:
         """Store bits, even in a read-only register."""
-        self.bytes[row.address : row.address + row.size] = raw.to_bytes(row.size, "little")
+        address = row.address
+        if row.size == 1:
+            self.bytes[address] = raw
+        else:
+            self.bytes[address], self.bytes[address + 1] = raw & 0xFF, raw >> 8
 
     def read(self, address: int, count: int) -> bytes | None:
         """The bytes of a READ, cut at the last register; None where there are none."""
@@ -70,15 +82,14 @@ class Memory:
             The addresses that were reached, empty beyond the last register.
         """
         reached = range(address, min(address + len(data), reg.SIZE))
-        locked = self.bytes[reg.LOCK.address] != 0
-        saved = bytearray(self.flash)
+        saved = None if self.bytes[reg.LOCK.address] else bytearray(self.flash)
         for here, byte in zip(reached, data, strict=False):
-            if _KEEP[here] is Keep.READ_ONLY:
-                continue
-            self.bytes[here] = byte
-            if _KEEP[here] is Keep.EEPROM and not locked:
-                saved[here] = byte
-        self.flash = bytes(saved)
+            if _WRITABLE[here]:
+                self.bytes[here] = byte
+                if saved is not None and _SAVED[here]:
+                    saved[here] = byte
+        if saved is not None:
+            self.flash = bytes(saved)
         return reached
 
     def save(self, row: Register) -> None:

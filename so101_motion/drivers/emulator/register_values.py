@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.drive import Drive, Settings
 from so101_motion.drivers.emulator.hardware import Joint
@@ -94,6 +98,44 @@ GOAL_OF_MODE = {
 """The register that holds the goal, by mode; writing it starts the servo."""
 
 
+class Triggers(NamedTuple):
+    """What a write triggers in a servo.
+
+    Attributes:
+        offset: The homing offset is another.
+        mode: The mode is.
+        settings: Settings of the drive are.
+        torque: Torque is switched.
+        profile: Speed or acceleration of the profile are others.
+        goal_of_modes: The modes in which it is a goal.
+    """
+
+    offset: bool
+    mode: bool
+    settings: bool
+    torque: bool
+    profile: bool
+    goal_of_modes: frozenset[int]
+
+
+@functools.cache
+def triggers_of(start: int, stop: int) -> Triggers:
+    """What a write triggers that reaches the addresses from ``start`` to before ``stop``."""
+
+    def touched(*rows: Register) -> bool:
+        return any(row.address < stop and start < row.address + row.size for row in rows)
+
+    return Triggers(
+        offset=touched(reg.OFFSET),
+        mode=touched(reg.MODE),
+        settings=start < reg.TORQUE_ENABLE.address
+        or touched(reg.TORQUE_LIMIT, reg.MOVING_THRESHOLD, reg.D_WINDOW),
+        torque=touched(reg.TORQUE_ENABLE),
+        profile=touched(reg.ACCELERATION, reg.GOAL_VELOCITY) or stop > 80,
+        goal_of_modes=frozenset(mode for mode, row in GOAL_OF_MODE.items() if touched(row)),
+    )
+
+
 def goal_of(memory: Memory, *, top_speed: float) -> float:
     """The goal for ``Drive.send``, from the goal register of the present mode.
 
@@ -119,26 +161,62 @@ def _clamped_goal(memory: Memory) -> int:
     return goal if lower == upper else min(max(goal, lower), upper)
 
 
-def show_measurements(memory: Memory, drive: Drive, *, scatter: int = 0) -> None:
-    """Write the present measurements to the registers; ``scatter`` [tick] is encoder noise."""
-    position, setpoint = drive.position + scatter, int(drive.profile.position)
+def _in_register(memory: Memory, ticks: int) -> int:
+    """A position as its register shows it [tick]."""
     if memory.raw(reg.PHASE) & reg.PHASE_MULTI_TURN:
-        scale = memory.value(reg.RESOLUTION)
-        position, setpoint = int(position / scale), int(setpoint / scale)
-    else:
-        position, setpoint = position % TICKS_PER_TURN, setpoint % TICKS_PER_TURN
+        return int(ticks / memory.value(reg.RESOLUTION))
+    return ticks % TICKS_PER_TURN
 
-    def put(row: Register, value: float) -> None:
-        memory.set(row, row.encode(round(value)))
 
-    put(reg.TORQUE_ENABLE, drive.torque)
-    put(reg.PRESENT_POSITION, position)
-    put(reg.PRESENT_VELOCITY, drive.speed)
-    put(reg.PRESENT_LOAD, drive.demand)
-    put(reg.PRESENT_VOLTAGE, drive.volts * 10.0)
-    put(reg.PRESENT_TEMPERATURE, int(drive.motor.temperature))
-    put(reg.STATUS, drive.guard.flags)
-    put(reg.MOVING, drive.moving)
-    put(reg.SETPOINT, setpoint)
-    put(reg.PRESENT_CURRENT, drive.motor.current * drive.settings.drive_sign / CURRENT_UNIT)
-    put(reg.PROFILE_SPEED, drive.profile.velocity)
+_Measurement = Callable[[Memory, Drive, int], float]
+
+_MEASUREMENTS: tuple[tuple[Register, _Measurement], ...] = (
+    (reg.TORQUE_ENABLE, lambda _memory, drive, _scatter: drive.torque),
+    (
+        reg.PRESENT_POSITION,
+        lambda memory, drive, scatter: _in_register(memory, drive.position + scatter),
+    ),
+    (reg.PRESENT_VELOCITY, lambda _memory, drive, _scatter: drive.speed),
+    (reg.PRESENT_LOAD, lambda _memory, drive, _scatter: drive.demand),
+    (reg.PRESENT_VOLTAGE, lambda _memory, drive, _scatter: drive.volts * 10.0),
+    (reg.PRESENT_TEMPERATURE, lambda _memory, drive, _scatter: int(drive.motor.temperature)),
+    (reg.STATUS, lambda _memory, drive, _scatter: drive.guard.flags),
+    (reg.MOVING, lambda _memory, drive, _scatter: drive.moving),
+    (
+        reg.SETPOINT,
+        lambda memory, drive, _scatter: _in_register(memory, int(drive.profile.position)),
+    ),
+    (
+        reg.PRESENT_CURRENT,
+        lambda _memory, drive, _scatter: (
+            drive.motor.current * drive.settings.drive_sign / CURRENT_UNIT
+        ),
+    ),
+    (reg.PROFILE_SPEED, lambda _memory, drive, _scatter: drive.profile.velocity),
+)
+
+
+@functools.cache
+def _measured_in(start: int, stop: int) -> tuple[tuple[Register, _Measurement], ...]:
+    """What is measured for a read of these addresses; torque always, because goals change it."""
+    return tuple(
+        (row, measure)
+        for row, measure in _MEASUREMENTS
+        if row is reg.TORQUE_ENABLE or (row.address < stop and start < row.address + row.size)
+    )
+
+
+def show_measurements(
+    memory: Memory, drive: Drive, address: int, count: int, *, scatter: int = 0
+) -> None:
+    """Write the present measurements to the registers that are about to be read.
+
+    Args:
+        memory: The registers.
+        drive: What is measured.
+        address: The first address that will be read.
+        count: How many will be.
+        scatter: Noise of the encoder [tick].
+    """
+    for row, measure in _measured_in(address, address + count):
+        memory.set(row, row.encode(round(measure(memory, drive, scatter))))

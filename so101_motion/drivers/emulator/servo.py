@@ -29,11 +29,11 @@ from so101_motion.drivers.emulator.electric import BROWN_OUT
 from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint
 from so101_motion.drivers.emulator.memory import Memory
 from so101_motion.drivers.emulator.register_values import (
-    GOAL_OF_MODE,
     goal_of,
     plan_profile,
     settings_from,
     show_measurements,
+    triggers_of,
 )
 from so101_motion.drivers.emulator.registers import TICKS_PER_TURN, Register
 from so101_motion.drivers.servo_types import ServoType
@@ -174,7 +174,7 @@ class Servo:
     def read(self, address: int, count: int) -> bytes | None:
         """The bytes of a READ, measured now."""
         scatter = self._random.randint(-self._dither, self._dither) if self._dither else 0
-        show_measurements(self.memory, self.drive, scatter=scatter)
+        show_measurements(self.memory, self.drive, address, count, scatter=scatter)
         self.memory.set(reg.PENDING, 1 if self._pending else 0)
         return self.memory.read(address, count)
 
@@ -182,31 +182,23 @@ class Servo:
         """Carry out a WRITE of an address and data, and what it triggers."""
         if len(params) < 2:
             return
-        turns = self.drive.position // TICKS_PER_TURN
         reached = self.memory.write(params[0], params[1:])
-
-        def touched(*rows: Register) -> bool:
-            return any(
-                row.address < reached.stop and reached.start < row.address + row.size
-                for row in rows
-            )
-
+        triggers = triggers_of(reached.start, reached.stop)
         self.drive.wake()
-        if touched(reg.OFFSET):
+        if triggers.offset:
+            turns = self.drive.position // TICKS_PER_TURN
             offset = reg.decode_offset(self.memory.raw(reg.OFFSET))
             self.drive.set_homing_offset(offset, turns=turns)
             self.drive.halt()
-        if touched(reg.MODE):
+        if triggers.mode:
             self._change_mode()
-        if reached.start < reg.TORQUE_ENABLE.address or touched(
-            reg.TORQUE_LIMIT, reg.MOVING_THRESHOLD, reg.D_WINDOW
-        ):
+        if triggers.settings:
             self.drive.settings = settings_from(self.memory)
-        if touched(reg.TORQUE_ENABLE):
+        if triggers.torque:
             self._switch_torque()
-        if touched(reg.ACCELERATION, reg.GOAL_VELOCITY) or reached.stop > 80:
+        if triggers.profile:
             self._plan_profile()
-        if touched(GOAL_OF_MODE[self._mode]):
+        if self._mode in triggers.goal_of_modes:
             self._start_goal()
 
     def _plan_profile(self) -> None:
