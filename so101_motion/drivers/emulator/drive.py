@@ -1,6 +1,6 @@
 """The controller, motor, gears and protections of one emulated servo, without its registers.
 
-``step`` is one millisecond of control and mechanics; ``slow_step`` updates current, heat,
+``run`` is some milliseconds of control and mechanics; ``slow_step`` updates current, heat,
 protections and measured speed. A drive whose whole state has not changed for a while is ``quiet``:
 another step would change nothing, bit for bit, so it is left out until a setting or the load
 changes and ``wake`` is called.
@@ -12,8 +12,8 @@ it is.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from math import floor
 
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.electric import Motor
@@ -82,10 +82,10 @@ class Drive:
         self.guard = Guard(settings.limits)
         self.powered = True
         self.load, self.volts = 0.0, kind.volts
-        self._settings = settings
+        self._apply(settings)
         self._goals = GoalDelay(kind.goal_delay)
         self._shape = duty_table(kind.duty_shape)
-        self._duties = [0.0] * (round(kind.loop_delay / DT) + 1)  # the last ones, newest first
+        self._duties = [0.0] * (round(kind.loop_delay / DT) + 1)  # the last ones, oldest first
         self.restart(offset=0)
 
     def restart(self, *, offset: int) -> None:
@@ -112,9 +112,15 @@ class Drive:
 
     @settings.setter
     def settings(self, settings: Settings) -> None:
-        self._settings = settings
+        self._apply(settings)
         self.loop.gains, self.guard.limits = settings.gains, settings.limits
         self.wake()
+
+    def _apply(self, settings: Settings) -> None:
+        self._settings = settings
+        self._follows = settings.mode == reg.POSITION_MODE
+        self._drive_sign = settings.drive_sign
+        self._counts, self._zero = (-1, TICKS_PER_TURN - 1) if settings.encoder_reversed else (1, 0)
 
     # -- angles ---------------------------------------------------------------------------------
 
@@ -131,16 +137,12 @@ class Drive:
     @property
     def encoder(self) -> int:
         """Encoder count, unwrapped [tick]."""
-        ticks = math.floor(self.shaft.output + 0.5)
-        return TICKS_PER_TURN - 1 - ticks if self._settings.encoder_reversed else ticks
+        return self._counts * floor(self.shaft.output + 0.5) + self._zero
 
     @property
     def position(self) -> int:
         """Encoder minus homing offset, unwrapped [tick]."""
-        ticks = math.floor(self.shaft.output + 0.5)  # as ``encoder``: this is asked every step
-        if self._settings.encoder_reversed:
-            ticks = TICKS_PER_TURN - 1 - ticks
-        return ticks - self._origin
+        return self._counts * floor(self.shaft.output + 0.5) + self._zero - self._origin
 
     def set_homing_offset(self, offset: int, *, turns: int) -> None:
         """Set the homing offset [tick] and the servo's turn count."""
@@ -176,28 +178,40 @@ class Drive:
 
     def step(self) -> None:
         """One millisecond of control and mechanics."""
-        if self.powered and self.torque == 1 and not self._blocked:
-            goal = self._goals.step() if self._goals.waiting else None
-            if self._settings.mode != reg.POSITION_MODE:
-                demand = self._other_demand(goal)
-            else:
-                profile = self.profile
+        self.run(1)
+
+    def run(self, steps: int) -> None:
+        """So many milliseconds of control and mechanics, at the same load, supply and settings."""
+        shaft, load = self.shaft, self.load
+        if self.torque != 1 or not self.powered or self._blocked:
+            bridge = self.powered and self.torque in (1, 2)
+            for _ in range(steps):
+                self._forget()
+                shaft.step(0.0, bridge=bridge, load=load)
+            return
+        goals, profile, loop, integrate = self._goals, self.profile, self.loop, self._may_integrate
+        waiting, duties, shape = goals.waiting, self._duties, self._shape
+        counts, zero = self._counts, self._zero - self._origin
+        follows, capped, cap = self._follows, self._capped, self.guard.limits.protective_duty
+        sign, volts = self._drive_sign, self.volts
+        demand, duty = self.demand, self.duty
+        for _ in range(steps):
+            goal = goals.step() if waiting else None
+            if follows:
                 if goal is not None:
                     profile.target = goal
                 if profile.position != profile.target or profile.velocity != 0.0:
                     profile.step()
-                error = int(profile.position) - self.position
-                demand = self.loop.step(error, integrate=self._may_integrate)
-            if self._capped:
-                cap = self.guard.limits.protective_duty
+                position = counts * floor(shaft.output + 0.5) + zero  # as ``position``
+                demand = loop.step(int(profile.position) - position, integrate=integrate)
+            else:
+                demand = self._other_demand(goal)
+            if capped:
                 demand = max(min(demand, cap), -cap)
-            self._duties.insert(0, math.copysign(self._shape[abs(demand)], demand))
-            self.duty = self._duties.pop() * self._settings.drive_sign
-            self.demand = demand
-            self.shaft.step(self.duty * self.volts, bridge=True, load=self.load)
-            return
-        self._forget()
-        self.shaft.step(0.0, bridge=self.powered and self.torque in (1, 2), load=self.load)
+            duties.append(shape[demand])
+            duty = duties.pop(0) * sign
+            shaft.step(duty * volts, bridge=True, load=load)
+        self.demand, self.duty = demand, duty
 
     def _other_demand(self, goal: float | None) -> int:
         """The demanded duty in speed, PWM or step mode."""
@@ -224,15 +238,15 @@ class Drive:
         if self.powered:
             self._check(dt)
             self._measure(dt)
+        if shaft.velocity != 0.0:
+            self.wake()
+            return
         profile = self.profile
-        seen = (
-            shaft.output, shaft.velocity, profile.position, profile.target, self.loop.integral,
-            self.duty,
-        )  # fmt: skip
+        seen = (shaft.output, profile.position, profile.target, self.loop.integral, self.duty)
         self._unchanged = self._unchanged + 1 if seen == self._seen else 0
         self._seen = seen
         wait = max(_QUIET_AFTER, self._settings.gains.window // 5 + 1)
-        self.quiet = shaft.velocity == 0.0 and self._unchanged >= wait and not self._goals.waiting
+        self.quiet = self._unchanged >= wait and not self._goals.waiting
 
     def _check(self, dt: float) -> None:
         position = self.position
@@ -248,6 +262,8 @@ class Drive:
         if self.guard.check(dt, condition):
             self.torque = 0
             self.halt()
+        if not (self.guard.flags or self._blocked or self._capped):
+            return
         acts = self.guard.acts
         if acts(reg.OVERHEATED | reg.VOLTAGE_FAULT) != self._blocked:
             self._blocked = not self._blocked

@@ -58,24 +58,24 @@ class Shaft:
     """
 
     __slots__ = (
-        "_brake", "_braking_torque", "_damping", "_drive", "_friction", "_half_play", "_push",
-        "_stribeck", "lower", "lower_stiffness", "output", "rotor", "upper", "upper_stiffness",
-        "velocity",
+        "_braked", "_braking_torque", "_coasting", "_drive", "_friction", "_half_play", "_push",
+        "_stands_under", "_stribeck", "lower", "lower_stiffness", "output", "rotor", "upper",
+        "upper_stiffness", "velocity",
     )  # fmt: skip
 
     def __init__(
         self, kind: ServoType, *, inertia: float, lash: float, lower: float, upper: float, at: float
     ) -> None:
-        self.output = self.rotor = at
-        self.velocity = 0.0
+        self.put(at)
         self.lower, self.upper = lower, upper
         self.lower_stiffness = self.upper_stiffness = STOP_STIFFNESS
         self._half_play = lash * TICKS_PER_RAD / 2.0
         mass = inertia + kind.armature
         self._push = DT * TICKS_PER_RAD / mass  # speed a torque of 1 N m gives in one step
         self._drive = kind.torque_per_volt
-        self._damping = kind.viscous * DT / mass
-        self._brake = kind.torque_per_volt * kind.back_emf * DT / mass
+        damping = kind.viscous * DT / mass
+        self._coasting = 1.0 + damping  # what divides the speed in each step
+        self._braked = 1.0 + (damping + kind.torque_per_volt * kind.back_emf * DT / mass)
         self._braking_torque = kind.torque_per_volt * kind.back_emf / TICKS_PER_RAD
         self._friction = (
             kind.coulomb, kind.load_external, kind.load_motor, kind.still_external,
@@ -87,6 +87,7 @@ class Shaft:
         """Place the output somewhere, at rest."""
         self.output = self.rotor = position
         self.velocity = 0.0
+        self._stands_under: tuple[float, bool, float] | None = None
 
     def step(self, volts: float, *, bridge: bool, load: float) -> None:
         """Advance by 1 ms.
@@ -96,33 +97,46 @@ class Shaft:
             bridge: Whether the motor's ends are connected; open, there is no back-EMF brake.
             load: Torque of the world on the output, positive towards higher ticks [N m].
         """
-        output = self.output
+        output, velocity = self.output, self.velocity
         if not self.lower <= output <= self.upper:
             load += self._stop(output)
-        pressed = abs(load) > _PLAY_FRICTION
-        external = load if pressed else 0.0
-        motor = self._drive * volts
-        slip = self._push * self._dry_friction(
-            external, motor - self._braking_torque * self.velocity if bridge else motor
-        )
-        speed = self.velocity + (motor + external) * self._push
-        if abs(speed) <= slip:
-            self.velocity = 0.0
+        if load > _PLAY_FRICTION:
+            side, external = 1.0, load
+        elif load < -_PLAY_FRICTION:
+            side, external = -1.0, load
         else:
-            damping = self._damping + (self._brake if bridge else 0.0)
-            self.velocity = (speed - math.copysign(slip, speed)) / (1.0 + damping)
-            self.rotor += self.velocity * DT
-        self.output = self._follow(output, math.copysign(1.0, load) if pressed else 0.0)
-
-    def _dry_friction(self, external: float, motor: float) -> float:
-        """Dry friction [N m] at an external torque and a motor torque [N m]."""
+            side = external = 0.0
+        inputs = (volts, bridge, load)
+        if velocity == 0.0 and inputs == self._stands_under:
+            return  # it stood still under exactly these before
+        motor = self._drive * volts
+        # Dry friction grows with what the gears carry, from the motor's side and from the world's.
+        carried = motor - self._braking_torque * velocity if bridge else motor
         coulomb, load_external, load_motor, still_external, still_motor = self._friction
-        still = self._stribeck[min(int(abs(self.velocity) / _SPEED_STEP), _SPEEDS - 1)]
-        return (
+        row = int(abs(velocity) / _SPEED_STEP)
+        friction = (
             coulomb
-            + abs(load_external * external - load_motor * motor)
-            + still * abs(still_external * external - still_motor * motor)
+            + abs(load_external * external - load_motor * carried)
+            + self._stribeck[row if row < _SPEEDS else -1]
+            * abs(still_external * external - still_motor * carried)
         )
+        slip = self._push * friction
+        speed = velocity + (motor + external) * self._push
+        if -slip <= speed <= slip:
+            stands, velocity = velocity == 0.0, 0.0
+        else:
+            stands = False
+            speed = speed - slip if speed > 0.0 else speed + slip
+            velocity = speed / (self._braked if bridge else self._coasting)
+            self.rotor += velocity * DT
+        self.velocity = velocity
+        # The output lies at the loaded side of the play, or is dragged by the play's edges.
+        if side:
+            output += velocity * DT + _PLAY_SPEED * side
+        low, high = self.rotor - self._half_play, self.rotor + self._half_play
+        output = low if output < low else high if output > high else output
+        self._stands_under = inputs if stands and output == self.output else None
+        self.output = output
 
     def _stop(self, output: float) -> float:
         if output > self.upper:
@@ -132,13 +146,6 @@ class Shaft:
         depth, stiffness = self.lower - output, self.lower_stiffness
         outwards = max(-self.velocity, 0.0)
         return (stiffness * depth + _STOP_DAMPING * outwards) / TICKS_PER_RAD
-
-    def _follow(self, output: float, side: float) -> float:
-        """The next output position: at the loaded side of the play, else dragged by its edges."""
-        low, high = self.rotor - self._half_play, self.rotor + self._half_play
-        if side:
-            output += self.velocity * DT + _PLAY_SPEED * side
-        return min(max(output, low), high)
 
 
 @functools.cache

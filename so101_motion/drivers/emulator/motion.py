@@ -20,7 +20,6 @@ github.com/0o8o0-blip/sts3215-firmware, motion.c and pid.c (behaviour only).
 from __future__ import annotations
 
 import functools
-import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -65,16 +64,18 @@ class Profile:
 
     def step(self) -> None:
         """Advance the set-point by one control period."""
-        distance = self.target - self.position
-        if distance == 0.0 and self.velocity == 0.0:
+        distance, velocity = self.target - self.position, self.velocity
+        if distance == 0.0 and velocity == 0.0:
             return
-        heading = math.copysign(1.0, distance)
-        speed = self._next_speed(self.velocity * heading, abs(distance))
+        backwards = distance < 0.0
+        if backwards:
+            distance, velocity = -distance, -velocity
+        speed = self._next_speed(velocity, distance)
         # It may only stop from a crawl; a target reached too fast is passed and approached again.
-        if speed * DT >= abs(distance) and speed <= max(self.floor, self.acceleration * DT):
+        if speed * DT >= distance and speed <= max(self.floor, self.acceleration * DT):
             self.seed(self.target)
             return
-        self.velocity = speed * heading
+        self.velocity = -speed if backwards else speed
         self.position += self.velocity * DT
 
     def turn(self, velocity: float, *, around: float) -> None:
@@ -89,16 +90,21 @@ class Profile:
         change = self.acceleration * DT
         if speed < 0.0:  # going the wrong way: brake before anything else
             return min(speed + change, 0.0)
-        if speed > self.speed:  # the cruising speed was lowered on the way
-            faster = max(speed - change, self.speed)
-        elif self.speed > 0.0:
-            faster = max(min(speed + change, self.speed), self.floor)
+        cruising, floor = self.speed, self.floor
+        if speed > cruising:  # the cruising speed was lowered on the way
+            faster = max(speed - change, cruising)
+        elif cruising > 0.0:
+            faster = speed + change
+            if faster > cruising:
+                faster = cruising
+            if faster < floor:
+                faster = floor
         else:
             return speed
-        for choice in (faster, max(speed, self.floor)):
+        for choice in (faster, speed if speed > floor else floor):
             if choice * (choice / (2.0 * self.acceleration) + DT / 2.0) <= distance:
                 return choice  # it can still stop in time
-        return max(speed - change, self.floor)
+        return max(speed - change, floor)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -133,7 +139,10 @@ class Gains:
 class Loop:
     """The position controller; output in thousandths of full duty."""
 
-    __slots__ = ("_change", "_countdown", "_excess", "_last_error", "gains", "integral", "output")
+    __slots__ = (
+        "_answered", "_change", "_countdown", "_excess", "_last_error", "gains", "integral",
+        "output",
+    )  # fmt: skip
 
     def __init__(self, gains: Gains) -> None:
         self.gains = gains
@@ -144,6 +153,7 @@ class Loop:
         self.integral = self.output = 0
         self._excess = self._change = self._last_error = 0
         self._countdown = 1
+        self._answered: tuple[int, Gains] | None = None  # the last error, if nothing else counted
 
     def step(self, error: int, *, integrate: bool) -> int:
         """One control period.
@@ -156,28 +166,35 @@ class Loop:
             The demanded duty, -limit..limit.
         """
         g = self.gains
+        self._countdown -= 1
+        asked = (error, g)
+        if self._answered == asked and self._countdown > 0:
+            return self.output
+        self._answered = None if g.i else asked
         if error > g.ccw_dead_zone:
             error -= g.ccw_dead_zone
         elif error < -g.cw_dead_zone:
             error += g.cw_dead_zone
         else:
             error = 0
-        self._countdown -= 1
         if self._countdown <= 0:
             self._countdown = g.window
             change = error - self._last_error
             self._change = 0 if abs(change) < g.still else change
             self._last_error = error
-        demand = int(error * g.p / 4) + int(self._change * g.d / 8)
+        demand = int(error * g.p / 4)
+        if self._change:
+            demand += int(self._change * g.d / 8)
         if g.i:
             demand += self._integrate(error if integrate else 0)
         if demand > 0:
             demand += g.startup
         elif demand < 0:
             demand -= g.startup
-        self.output = max(min(demand, g.limit), -g.limit)
-        self._excess = demand - self.output
-        return self.output
+        limit = g.limit
+        output = limit if demand > limit else -limit if demand < -limit else demand
+        self.output, self._excess = output, demand - output
+        return output
 
     def _integrate(self, error: int) -> int:
         share = int((self.integral + error) * self.gains.i / 500)
@@ -215,13 +232,14 @@ class GoalDelay:
     def step(self) -> float | None:
         """Advance one control period; return the goal that is due. Not needed while none wait."""
         self._now += 1
-        goal = None
-        while self.waiting and self.waiting[0][0] < self._now:
-            goal = self.waiting.popleft()[1]
+        goal, waiting = None, self.waiting
+        while waiting and waiting[0][0] < self._now:
+            goal = waiting.popleft()[1]
         return goal
 
 
 @functools.cache
 def duty_table(shape: float) -> tuple[float, ...]:
-    """Duty of the motor by demanded duty in thousandths, 0..1000."""
-    return tuple(min((k / 1000.0) ** shape, MAX_DUTY) for k in range(1001))
+    """Duty of the motor by demanded duty in thousandths, 0..1000 and, from the end, -1..-1000."""
+    forwards = [min((k / 1000.0) ** shape, MAX_DUTY) for k in range(1001)]
+    return (*forwards, *(-duty for duty in reversed(forwards[1:])))

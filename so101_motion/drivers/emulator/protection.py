@@ -71,7 +71,7 @@ class Limits:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class Condition:
     """The servo's own measurements, in the units of its registers.
 
@@ -127,6 +127,15 @@ class Guard:
         Returns:
             Whether torque must be switched off (over-current).
         """
+        limits = self.limits
+        if (
+            not (self.flags or self._stalled or self.timing)
+            and -limits.overload_duty <= now.demand <= limits.overload_duty
+            and now.temperature <= limits.temperature
+            and limits.volts_low <= now.decivolts <= limits.volts_high
+            and -limits.current < now.current < limits.current
+        ):
+            return False  # nothing is the matter, as nearly always
         self._overload(dt, now)
         self._heat(dt, now.temperature)
         self._voltage(dt, now.decivolts)

@@ -75,7 +75,7 @@ class World:
         self.lock = threading.RLock()
         self._gravity = gravity
         self._origin, self._ms, self._phase = t, 0, 0
-        self._felt: tuple[float, ...] = ()  # angles the gravity was last computed for
+        self._felt: list[float] = []  # angles the gravity was last computed for
         self._weights = [0.0] * len(self.servos)
         self._look(0.0)
 
@@ -117,9 +117,7 @@ class World:
             return min(self._longest_jump(), left)
         span = min(_SLOW_MS - self._phase, left)
         for drive in awake:
-            step = drive.step
-            for _ in range(span):
-                step()
+            drive.run(span)
         return span
 
     def _pass(self, span: int) -> None:
@@ -135,30 +133,28 @@ class World:
 
     def _look(self, dt: float) -> None:
         """Update gravity, hand, supply, heat and protections after ``dt`` seconds."""
-        now = self.t
+        now, hand = self.t, self.hand if self.hand.busy else None
         volts = self.supply.under(servo.drive.motor.drawn for servo in self.servos)
         self._weigh()
         for servo, weight in zip(self.servos, self._weights, strict=True):
             drive, direction = servo.drive, servo.joint.direction
-            qd = direction * drive.shaft.velocity / TICKS_PER_RAD
-            push = self.hand.torque(servo.joint.name, now, drive.q, qd) - weight
-            self._expose(servo, direction * push, volts)
+            push = 0.0
+            if hand is not None:
+                qd = direction * drive.shaft.velocity / TICKS_PER_RAD
+                push = hand.torque(servo.joint.name, now, drive.q, qd)
+            load = direction * (push - weight)
+            if abs(load - drive.load) > 1e-4 or abs(volts - drive.volts) > 0.02:
+                drive.load, drive.volts = load, volts
+                drive.wake()
             if dt:
                 drive.slow_step(dt)
             servo.follow_power(now)
 
-    @staticmethod
-    def _expose(servo: Servo, load: float, volts: float) -> None:
-        drive = servo.drive
-        if abs(load - drive.load) > 1e-4 or abs(volts - drive.volts) > 0.02:
-            drive.load, drive.volts = load, volts
-            drive.wake()
-
     def _weigh(self) -> None:
-        angles = tuple(servo.drive.q for servo in self.servos)
+        angles = [servo.drive.q for servo in self.servos]
         if angles != self._felt:
             self._felt = angles
-            self._weights = [float(torque) for torque in self._gravity(np.array(angles))]
+            self._weights = self._gravity(np.array(angles)).tolist()
 
     # -- what people do to an arm ---------------------------------------------------------------
 

@@ -141,6 +141,27 @@ def test_play_leaves_an_unloaded_output_loose(bench):
     assert shaft.output > 2048.0
 
 
+def test_a_standing_output_yields_to_another_load_or_a_wall(bench):
+    shaft = bench.world.servo(1).drive.shaft
+    for _ in range(50):
+        shaft.step(0.0, bridge=True, load=0.1)
+    stood = shaft.output
+    shaft.step(0.0, bridge=True, load=0.1)
+    assert shaft.output == stood
+    shaft.upper = stood - 20.0
+    for _ in range(50):
+        shaft.step(0.0, bridge=True, load=0.1)
+    pushed = shaft.output
+    assert pushed < stood
+    for _ in range(50):
+        shaft.step(0.0, bridge=True, load=-1.0)
+    assert shaft.output < pushed
+    shaft.put(stood - 500.0)
+    for _ in range(50):
+        shaft.step(0.0, bridge=True, load=0.1)
+    assert stood - 500.0 < shaft.output < stood - 490.0  # through the play, no further
+
+
 def test_an_output_that_is_pressed_on_keeps_up_with_a_fast_motor(bench):
     shaft = bench.world.servo(1).drive.shaft
     for _ in range(150):
