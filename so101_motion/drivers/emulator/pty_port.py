@@ -26,6 +26,7 @@ import heapq
 import os
 import select
 import struct
+import sys
 import termios
 import threading
 import time
@@ -71,6 +72,7 @@ class _Terminal:
         self._set_fastest()
         self.watch = _watch(self.name)
         self._clients = 0
+        self._settings = bytearray(44)
 
     def _set_fastest(self) -> None:
         settings = bytearray(44)
@@ -82,9 +84,8 @@ class _Terminal:
 
     def baud(self) -> int:
         """The baud rate that the client has set."""
-        settings = bytearray(44)
-        fcntl.ioctl(self.master, _TCGETS2, settings)
-        return int(struct.unpack_from("I", settings, 40)[0])
+        fcntl.ioctl(self.master, _TCGETS2, self._settings)
+        return int.from_bytes(self._settings[40:44], sys.byteorder)
 
     def clients_changed(self) -> None:
         """Read the events of ``watch``; lift the exclusive lock when the last client has closed."""
@@ -224,29 +225,36 @@ class PtyPort:
             use_realtime_priority()  # servos do not wait until a busy computer has time for them
         while not self._closing:
             with self._lock:
-                terminal = self._terminal
-                sources = [self._wake_read]
-                if terminal is not None and not self._is_left_to_client:
-                    sources.append(terminal.master)
-                if terminal is not None and terminal.watch is not None:
-                    sources.append(terminal.watch)
+                terminal, sources = self._terminal, self._sources()
                 timeout = self._next_delivery()
             # An unplugged terminal's descriptor may be gone by now: then look again.
             with contextlib.suppress(OSError, ValueError):
-                readable = select.select(sources, [], [], timeout)[0]
-                self._handle(terminal, readable)
+                while True:
+                    readable = select.select(sources, [], [], timeout)[0]
+                    if self._wake_read in readable:
+                        os.read(self._wake_read, _CHUNK)
+                        break
+                    timeout = self._handle(terminal, readable)
 
-    def _handle(self, terminal: _Terminal | None, readable: list[int]) -> None:
-        if self._wake_read in readable:
-            os.read(self._wake_read, _CHUNK)
+    def _sources(self) -> list[int]:
+        """The descriptors to wait for."""
+        sources, terminal = [self._wake_read], self._terminal
+        if terminal is not None and not self._is_left_to_client:
+            sources.append(terminal.master)
+        if terminal is not None and terminal.watch is not None:
+            sources.append(terminal.watch)
+        return sources
+
+    def _handle(self, terminal: _Terminal | None, readable: list[int]) -> float | None:
+        """Serve a terminal unless it was unplugged; return when the next delivery is due."""
         with self._lock:
-            if terminal is None or terminal is not self._terminal:
-                return
-            if terminal.watch in readable:
-                terminal.clients_changed()
-            if terminal.master in readable:
-                self._receive(terminal)
-            self._deliver(terminal)
+            if terminal is not None and terminal is self._terminal:
+                if readable and terminal.watch in readable:
+                    terminal.clients_changed()
+                if readable and terminal.master in readable:
+                    self._receive(terminal)
+                self._deliver(terminal)
+            return self._next_delivery()
 
     def _receive(self, terminal: _Terminal) -> None:
         arrival = time.monotonic()
@@ -272,9 +280,9 @@ class PtyPort:
         now = time.monotonic()
         if not self._due or self._due[0][0] + self._pacing.latency > now:
             return
-        ready = []
+        ready = b""
         while self._due and self._due[0][0] <= now:
-            ready.append(heapq.heappop(self._due)[2])
+            ready += heapq.heappop(self._due)[2]
         # A client that never reads overruns its buffer, as on a real port.
         with contextlib.suppress(BlockingIOError):
-            self.delivered += os.write(terminal.master, b"".join(ready))
+            self.delivered += os.write(terminal.master, ready)

@@ -111,7 +111,8 @@ def run_emulator(
                 for line in typing.wait(timetable.wait(), stop):
                     _obey(line, emulator, timetable, announce)
                 timetable.run_due()
-                emulator.advance()  # the first request after a pause must not wait for the physics
+                if emulator.now() - emulator.world.t > _LOOK_EVERY / 2.0:
+                    emulator.advance()  # the request after a pause must not wait for the physics
         except KeyboardInterrupt:
             return
 
