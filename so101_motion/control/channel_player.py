@@ -15,6 +15,7 @@ second row ``ending`` is set, the error that the motion's future will raise. Fut
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
@@ -32,24 +33,27 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointReading, JointState
-from so101_motion.common.units import to_deg, to_rad
+from so101_motion.common.units import to_rad
 from so101_motion.control.following import Following
 from so101_motion.control.following_check import FollowingCheck
 from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.limit_recovery import RECOVERY_TIME, LimitRecovery
+from so101_motion.control.motion_errors import barred, left_behind, refuse_jump, unsettled
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint
 
-_JUMP = 1e-4
-"""How far the first setpoint of a motion may be from the reference [rad], and how much faster
-[rad/s]. Chosen: a fifteenth of what the servo resolves, far above rounding."""
-
 _PUSHED = to_rad(3.0)
 """A resting joint this far from its goal was pushed [rad]; chosen, ten times the droop."""
+
+_REST = 0.2
+"""A motion rests so long before it goes on, if joints have missed goals [s]; chosen: emulated ones
+are where they should be by then."""
+
+_log = logging.getLogger(__name__)
 
 _NO_ALARMS: Mapping[str, str] = {}
 
@@ -192,8 +196,8 @@ class ChannelPlayer:
             self._recovery.refuse()
         self._recovery.refuse_far()
         first = source.start
-        self._refuse_jump(first.q - self.reference.q, to_deg, "deg")
-        self._refuse_jump(first.qd - self.reference.qd, to_deg, "deg/s")
+        refuse_jump(self._channel.joints, first.q - self.reference.q, "deg")
+        refuse_jump(self._channel.joints, first.qd - self.reference.qd, "deg/s")
         self._take_up(_Motion(source=source, start=k), k - 1)
 
     def turn(self, following: Following, k: int) -> None:
@@ -304,9 +308,16 @@ class ChannelPlayer:
             in_play = np.array([self._in_play.get(joint, 0.0) for joint in joints])
             held_up = self._following.held_up(q, in_play, silent=self._unanswered >= {*joints})
             held_up &= isinstance(motion.source, PlannedMotion)  # the others lag too much to tell
+            if held_up.any() and self._following.silence and self._rest_a_while(motion):
+                return
             if motion.waits_until is not None:
                 if self._k > motion.waits_until:
-                    self._give_way(motion, self._recovery.mask, q, self._barred())
+                    self._give_way(
+                        motion,
+                        self._recovery.mask,
+                        q,
+                        barred(*self._recovery.farthest(), self._recent()),
+                    )
                     return
                 off[self._recovery.mask], held_up[self._recovery.mask] = 0.0, False
             lost = held_up | (off > self._tolerances.following_error)
@@ -365,25 +376,25 @@ class ChannelPlayer:
             self._give_way(motion, np.isin(joints, troubled), q, error)
         return bool(troubled)
 
+    def _rest_a_while(self, motion: _Motion) -> bool:
+        """Slow down, rest and go on, because joints have missed goals; False if that cannot be."""
+        source = motion.source
+        if self.neighbours is not None or not isinstance(source, PlannedMotion):
+            return False  # other arms rely on when this one will be where
+        if motion.last is None:
+            paused = source.paused(self.stop_limits, _REST)
+            if paused is None:
+                return False
+            motion.source, motion.start = paused, self._k
+        _log.warning("the %s missed its goals; it rests and goes on", self._channel.value)
+        self._following.forgive()
+        return True
+
     def _lost(self, off: Array, held_up: NDArray[np.bool_]) -> FollowingError:
         i = int(np.argmax(off))
-        what, check = self._following.words(held_up=bool(held_up[i]))
-        return FollowingError(
-            f"{self._channel.joints[i]} {what} {to_deg(float(off[i])):.1f} deg from where it"
-            f" should be; the {self._channel.value} stopped and holds."
-            f" Check {check}, then move again",
-            joint=self._channel.joints[i], error=float(off[i]), recent=self._recent(),
-        )  # fmt: skip
-
-    def _barred(self) -> FollowingError:
-        joint, off = self._recovery.farthest()
-        return FollowingError(
-            f"{joint} was outside its calibrated range and did not come in: {to_deg(off):.1f} deg"
-            " are missing; check what blocks it, or move it inside by hand",
-            joint=joint,
-            error=off,
-            recent=self._recent(),
-        )
+        words = self._following.words(held_up=bool(held_up[i]))
+        joint, channel = self._channel.joints[i], self._channel.value
+        return left_behind(joint, channel, float(off[i]), words, self._recent())
 
     def _give_way(
         self, motion: _Motion, lost: NDArray[np.bool_], q: Array, error: MotionError
@@ -422,28 +433,12 @@ class ChannelPlayer:
             self._finish(motion, None)
         elif passed > limits.settle_timeout:
             i = int(np.argmax(speed if arrived else off))
-            self._finish(motion, self._unsettled(i, float(off[i]), float(speed[i])))
-
-    def _unsettled(self, i: int, off: float, speed: float) -> FollowingError:
-        limits, joint = self._tolerances, self._channel.joints[i]
-        return FollowingError(
-            f"{joint} did not settle: after {limits.settle_timeout:g} s it is {to_deg(off):.2f} deg"
-            f" from its goal ({to_deg(limits.settle_position):.2g} deg allowed) and moves at"
-            f" {to_deg(speed):.1f} deg/s. Check that nothing touches the arm and that its load is"
-            " not too heavy, then move again",
-            joint=joint, error=off, recent=self._recent(),
-        )  # fmt: skip
+            joint, recent = self._channel.joints[i], self._recent()
+            error = unsettled(joint, float(off[i]), float(speed[i]), limits, recent)
+            self._finish(motion, error)
 
     def _finish(self, motion: _Motion, unsettled: FollowingError | None) -> None:
         self._motion = None
         self._conclude(motion.source.future, motion.ending or unsettled)
         for waiting in motion.waiting:
             self._conclude(waiting, unsettled)
-
-    def _refuse_jump(self, jump: Array, in_unit: Callable[[float], float], unit: str) -> None:
-        i = int(np.argmax(np.abs(jump)))
-        if abs(jump[i]) > _JUMP:
-            raise MotionError(
-                f"{self._channel.joints[i]} would jump by {in_unit(float(jump[i])):.3g} {unit}:"
-                " this motion does not begin where the arm is; plan again from there"
-            )

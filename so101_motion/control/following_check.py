@@ -13,8 +13,8 @@ it and says why no contact can be told sooner. Where the load keeps the gears on
 half of that is enough.
 
 *No joint answers.* Goals may not arrive either then, and joints stand for want of them. So what was
-seen before no longer tells a contact. Joints that have missed many goals are far behind, and would
-catch up faster than they may; they are seen by how far they are behind afterwards.
+seen before no longer tells a contact. Joints that have missed many goals are behind, and would
+catch up faster than they may: the motion has to wait for them (``forgive``), or to end.
 """
 
 from __future__ import annotations
@@ -52,10 +52,11 @@ SILENCE = 2
 single one is a lost request, which a joint hardly feels."""
 
 MISSED, DOUBTED = 5, 0.1
-"""After so many such ticks joints are looked at for this time [s]. Chosen: with 4 ticks, emulated
-joints caught up within a third above their caps; they run on to their last goal for 0.06 s."""
+"""After so many such ticks joints are looked at for this time [s], and may catch up for as long.
+Chosen: with 4 ticks, emulated joints caught up within a third above their caps by themselves; they
+run on to their last goal for 0.06 s."""
 
-BEHIND = 0.5
+BEHIND = 0.3
 """They have missed too many if they are farther from their setpoints than before, by this share of
 ``contact_distance``; chosen."""
 
@@ -105,6 +106,9 @@ class FollowingCheck:
     Args:
         tolerances: From which error on a joint does not follow.
         dt: The period of the ticks [s].
+
+    Attributes:
+        silence: How long no joint has answered, if that was just before ``held_up`` was called [s].
     """
 
     def __init__(self, tolerances: Tolerances, dt: float) -> None:
@@ -122,16 +126,17 @@ class FollowingCheck:
         self._pressed: Array | int = 0  # for how many ticks
         self._in_play: Array | float = math.inf
         self._doubted = round(DOUBTED / dt)
+        self._blind = 0  # for how many ticks joints may catch up
         self._silent = self._left = 0  # ticks without an answer; ticks until these do not matter
         self._stray: Array | float = 0.0  # before that
-        self._silence = 0.0
+        self.silence = 0.0
 
     def begin(self, q_ref: Array) -> None:
         """Forget everything; the joints have stood at ``q_ref``, shape (n,), [rad]."""
         for _ in range(self._kept):
             self._wanted.append(q_ref)
         self._forget_seen()
-        self._silent, self._left, self._silence = 0, 0, 0.0
+        self._silent, self._left, self._blind, self.silence = 0, 0, 0, 0.0
 
     def want(self, q_ref: Array) -> None:
         """Note the setpoint of this tick, ``q_ref``, shape (n,), [rad]."""
@@ -159,9 +164,10 @@ class FollowingCheck:
             held |= self._have_missed_goals(self._wanted.last(1)[0] - q)
         else:
             self._silent += 1
-            if self._silent >= SILENCE:
-                self._forget_seen()
-                return held
+        if self._silent >= SILENCE or self._blind:
+            self._blind = max(self._blind - 1, 0)
+            self._forget_seen()
+            return held
         self._seen.append(q)
         self._pressed = np.where(in_play == 0.0, self._pressed + 1, 0)
         self._in_play = np.where(in_play == 0.0, self._in_play, in_play)  # as it was at last
@@ -187,11 +193,16 @@ class FollowingCheck:
         Args:
             held_up: Whether ``held_up`` has just told of it.
         """
-        if held_up and self._silence:
-            happened = f"missed its goals while no servo answered for {self._silence:.2f} s, and is"
+        if held_up and self.silence:
+            happened = f"missed its goals while no servo answered for {self.silence:.2f} s, and is"
             return happened, "the USB cable and how busy the computer is"
         blocked = "that nothing blocks the joint and that its servo has power"
         return ("was held up and is" if held_up else "is"), blocked
+
+    def forgive(self) -> None:
+        """Let the joints catch up with what they have missed in the last silence."""
+        self._blind = self._doubted
+        self._left, self.silence = 0, 0.0
 
     def _forget_seen(self) -> None:
         self._seen.clear()
@@ -200,10 +211,10 @@ class FollowingCheck:
     def _have_missed_goals(self, stray: Array) -> NDArray[np.bool_] | bool:
         """Which joints, ``stray`` [rad] from their setpoints now, fell behind in a silence."""
         if self._silent >= MISSED:
-            self._left, self._silence = self._doubted, self._silent * self._dt
+            self._left, self.silence = self._doubted, self._silent * self._dt
         self._silent = 0
         if not self._left:
-            self._stray, self._silence = stray, 0.0
+            self._stray, self.silence = stray, 0.0
             return False
         self._left -= 1
         missed: NDArray[np.bool_] = (

@@ -15,6 +15,7 @@ from so101_motion.control.request_queue import running_future
 from so101_motion.planning.collision.course import stop_along
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.time_scaling import shortest_pause
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 FORESIGHT = 0.06
@@ -105,6 +106,17 @@ class PlannedMotion:
         """The rest of the motion, from rest at the last setpoint; None if that cannot be."""
         rest = online.resume_on_path(self._trajectory, self._k * self._trajectory.dt)
         return None if rest is None else PlannedMotion(rest, self.future)
+
+    def paused(self, limits: MotionLimits, rest: float) -> PlannedMotion | None:
+        """The motion with a stop and a rest [s] from the last setpoint on; None if that cannot be.
+
+        Args:
+            limits: Caps of the stop.
+            rest: How long the joints rest [s].
+        """
+        t = self._k * self._trajectory.dt
+        paused = shortest_pause(self._trajectory, t, limits, rest)
+        return None if paused is None else PlannedMotion(paused, self.future)
 
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
         """Brake along the trajectory's path if possible, else each joint by itself."""

@@ -5,7 +5,9 @@ import math
 import pytest
 from harness.emulated_rig import hardware_bench
 
+from so101_motion.arm.cell import Cell
 from so101_motion.common.errors import FollowingError
+from so101_motion.common.geometry import SE3
 
 SEEN_WITHIN = 0.1
 """From the contact to the command that ends the pushing [s]."""
@@ -66,17 +68,21 @@ def silence_moves(bench, rig, ticks):
         bench.finish(motion)
 
 
-def test_a_short_silence_of_all_servos_is_no_contact(bench):
+@pytest.mark.parametrize(("speed", "ticks"), [(15.0, 4), (15.0, 9), (45.0, 9), (90.0, 6)])
+def test_a_silence_of_all_servos_is_no_contact_and_joints_do_not_hurry_after_it(
+    bench, speed, ticks
+):
     rig = bench.open()
     bench.advance(1.0)
-    rig.arm.set_speed(math.radians(15.0))
-    silence_moves(bench, rig, ticks=4)
+    rig.arm.set_speed(math.radians(speed))
+    silence_moves(bench, rig, ticks)
 
 
-def test_joints_that_miss_their_goals_for_longer_stop_and_say_so(bench):
+def test_beside_other_arms_one_that_missed_its_goals_stops_and_says_so(bench):
     rig = bench.open()
     bench.advance(1.0)
     rig.arm.set_speed(math.radians(45.0))
+    Cell().add("left", rig, SE3.identity())
     with pytest.raises(FollowingError, match=r"missed its goals .* answered for 0\.09 s"):
         silence_moves(bench, rig, ticks=9)
     bench.emulator.bus.faults.request_loss = 0.0

@@ -106,6 +106,48 @@ def shortest_slowdown(
     Returns:
         The stop, or None if none of those tried keeps the limits.
     """
+    found = _shortest_slowdown(trajectory, t, limits, dt)
+    return None if found is None else found[0]
+
+
+def shortest_pause(
+    trajectory: Trajectory, t: float, limits: MotionLimits, rest: float
+) -> Trajectory | None:
+    """The shortest stop from time ``t`` [s] on, a rest there, and the rest of the motion.
+
+    Args:
+        trajectory: The motion.
+        t: Start of the stop on the motion's clock [s].
+        limits: Acceleration and jerk caps of the stop.
+        rest: How long the joints rest [s].
+
+    Returns:
+        All of it, or None if none of those tried keeps the limits.
+    """
+    dt = trajectory.dt
+    stopped = _shortest_slowdown(trajectory, t, limits, dt, at_sample=True)
+    resumed = None if stopped is None else shortest_speedup(trajectory, stopped[1])
+    if stopped is None or resumed is None:
+        return None
+    stop, ticks = stopped[0], round(rest / dt)
+    still = np.zeros((ticks, trajectory.n))
+    return Trajectory(
+        dt=dt,
+        q=np.concatenate((stop.q, np.broadcast_to(stop.q[-1], still.shape), resumed.q[1:])),
+        qd=np.concatenate((stop.qd, still, resumed.qd[1:])),
+        qdd=np.concatenate((stop.qdd, still, resumed.qdd[1:])),
+        duration=(len(stop) - 1 + ticks) * dt + resumed.duration,
+    )
+
+
+def _shortest_slowdown(
+    trajectory: Trajectory, t: float, limits: MotionLimits, dt: float, *, at_sample: bool = False
+) -> tuple[Trajectory, float] | None:
+    """What ``shortest_slowdown`` returns, and the time on the motion's clock where it ends [s].
+
+    With ``at_sample`` that is a sample of the motion, from where it can go on through its samples,
+    if ``t`` is one.
+    """
     longest = LONGEST * (_braking_time(trajectory.sample(t), limits) + 2.0 * trajectory.dt)
     durations = longest * np.geomspace(SHORTEST / LONGEST, 1.0, COARSE)
     candidates = _allowed(trajectory, t, limits, durations)
@@ -115,12 +157,15 @@ def shortest_slowdown(
         candidates = _allowed(trajectory, t, limits, between) + candidates
     left = trajectory.duration - t
     for duration, shape in candidates[:ATTEMPTS]:
+        share = float(ramp(shape, np.ones(1)).advance[0])
+        if at_sample:
+            duration = math.ceil(duration * share / dt - 1e-9) * dt / share
         if left <= duration:
             break
         stopped = _slowed(trajectory, t, duration, shape, dt)
         if _keeps(stopped, limits):
-            return stopped
-    return _played_out(trajectory, t, dt) if left <= longest else None
+            return stopped, t + duration * share
+    return (_played_out(trajectory, t, dt), t + left) if left <= longest else None
 
 
 def shortest_speedup(trajectory: Trajectory, t: float) -> Trajectory | None:

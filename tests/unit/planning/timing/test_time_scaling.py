@@ -57,6 +57,32 @@ def test_no_scaling_is_found_where_the_limits_are_below_the_motion() -> None:
 
 
 @settings(max_examples=40)
+@given(seed=st.integers(0, 2**31), share=st.floats(0.02, 0.98))
+def test_a_motion_rests_on_its_path_and_goes_on(seed, share) -> None:
+    rng = np.random.default_rng(seed)
+    limits = MotionLimits.uniform(velocity=2.0, acceleration=5.0, jerk=100.0)
+    stop = MotionLimits.uniform(velocity=2.0, acceleration=8.0, jerk=200.0)
+    moved = online.point_to_point(rng.uniform(-1, 1, 5), rng.uniform(-1, 1, 5), limits, 0.01)
+    k = round(share * moved.duration / moved.dt)
+
+    paused = time_scaling.shortest_pause(moved, k * moved.dt, stop, 0.2)
+    assert paused is not None
+    for whole in ("q", "qd", "qdd"):
+        np.testing.assert_allclose(
+            getattr(paused, whole)[0], getattr(moved, whole)[k], atol=1e-9, err_msg=whole
+        )
+    np.testing.assert_allclose(paused.q[-1], moved.q[-1], atol=1e-12)
+    at_rest = ~paused.qd.any(axis=1)
+    assert at_rest.sum() * paused.dt >= 0.2
+    off = np.abs(moved.q[:, None] - paused.q[at_rest][None, :1]).max(axis=2).min()
+    assert off < 0.01, "it rests on the path"
+    report = verify.limit_report(paused, stop)
+    assert report.acceleration.max() < 1.03
+    assert report.jerk.max() < 1.03
+    assert report.velocity.max() < 1.001
+
+
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**31), share=st.floats(0.1, 0.99))
 def test_a_motion_goes_on_from_rest_as_gently_as_it_began(seed, share) -> None:
     rng = np.random.default_rng(seed)
