@@ -124,12 +124,20 @@ def shortest_pause(
     Returns:
         All of it, or None if none of those tried keeps the limits.
     """
-    dt = trajectory.dt
-    stopped = _shortest_slowdown(trajectory, t, limits, dt, at_sample=True)
-    resumed = None if stopped is None else shortest_speedup(trajectory, stopped[1])
-    if stopped is None or resumed is None:
-        return None
-    stop, ticks = stopped[0], round(rest / dt)
+    dt, now = trajectory.dt, trajectory.sample(t)
+    if now.qd.any() or now.qdd.any():
+        found = _shortest_slowdown(trajectory, t, limits, dt, at_sample=True)
+        if found is None:
+            return None
+        stop, resumed = found[0], shortest_speedup(trajectory, found[1])
+        if resumed is None:
+            return None
+    else:
+        resumed = _played_out(trajectory, t, dt)
+        stop = Trajectory(
+            dt=dt, q=resumed.q[:1], qd=resumed.qd[:1], qdd=resumed.qdd[:1], duration=0.0
+        )
+    ticks = round(rest / dt)
     still = np.zeros((ticks, trajectory.n))
     return Trajectory(
         dt=dt,
@@ -184,9 +192,10 @@ def shortest_speedup(trajectory: Trajectory, t: float) -> Trajectory | None:
         acceleration=_largest(trajectory.qdd),
         jerk=_largest(np.diff(trajectory.qdd, axis=0) / dt),
     )
-    shortest = _braking_time(trajectory.sample(t), limits)
+    shortest = max(_braking_time(trajectory.sample(t), limits), 2.0 * dt)
     for duration in shortest * np.geomspace(1.0, SLOWEST, 2 * ATTEMPTS):
-        resumed = _sped_up(trajectory, t, max(1, math.ceil(duration / dt)))
+        # With an even number of ticks it goes on through the motion's own samples.
+        resumed = _sped_up(trajectory, t, 2 * math.ceil(0.5 * duration / dt))
         if _keeps(resumed, limits):
             return resumed
     return None
