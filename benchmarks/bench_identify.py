@@ -209,6 +209,7 @@ def main() -> None:
     for what, bar in (("droop", 0.1), ("break-away", 0.2), ("lag", 0.1), ("play", 0.1)):
         for joints in (ARM_JOINTS[1:4], (ARM_JOINTS[0], ARM_JOINTS[4])):
             off = np.array([arm["joints"][joint][what] for arm in arms for joint in joints])
+            at, joint = divmod(int(np.nanargmax(off)), len(joints))
             rows.append(
                 {
                     "what": f"{what}, predicted, share off; {' '.join(joints)}",
@@ -216,6 +217,7 @@ def main() -> None:
                     "median": float(np.nanmedian(off)),
                     "p90": float(np.nanpercentile(off, 90.0)),
                     "worst": float(np.nanmax(off)),
+                    "worst at": f"arm {seeds[at]}, {joints[joint]}",
                     "not seen": int(np.isnan(off).sum()),
                     "bar": bar,
                 }
