@@ -6,9 +6,22 @@ down and turns round: there the motor moves a known inertia besides. So the whol
 here. The twin gets the goals that were sent; torque, friction, delay and play are changed, by
 Gauss-Newton, until the twin's positions differ least from those that were read.
 
+The search changes the voltages that inertia and friction take, ``1 / torque`` and ``friction /
+torque``, for the twin's position is nearly linear in them: steps do not end beside the truth, and a
+wrong torque is not taken for a wrong friction.
+
+A twin sticks, slips and counts whole ticks, so the slightest change makes it differ by 0.15 tick
+here and there. A tenth more torque of a joint without weight moves it by 0.1. Slopes are
+therefore not taken from neighbours but by regression through eight twins a round, all figures
+changed in each, and through those of earlier rounds nearby. With slopes from pairs of neighbours
+the torque at which a joint breaks away was up to 25 % off, on recordings that give 13 % now.
+
 The twin's positions are taken before they are rounded to ticks, and a delay between two whole
-milliseconds is a mix of both: so a small change of a figure is a small change of the motion.
-Rounded, the search ended up to 12 % beside the truth.
+milliseconds is a mix of both.
+
+A weight that changes sides takes the output through the play at a moment that nobody knows to
+10 ms, so the play that suits the whole record is a little off. That of a joint with weight is
+therefore the mean of two: this one, and the one that ``servo_fit.play`` saw at such moments alone.
 
 The inertia is that of the rotor of the servo's type, and a rough one of the links, a third of the
 whole at the pan and a twentieth at the roll. What it is off by, as a share, the torque of a joint
@@ -17,10 +30,10 @@ without weight is off by, too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from so101_motion.calib.procedure.servo_twin import JointRecord, unrounded
 from so101_motion.common.geometry import Array
@@ -31,19 +44,22 @@ OPEN = 0.04
 """A torque that is less sure than this share of it is first looked for farther away. Chosen: where
 a joint bears weight it is known to 0.01."""
 
-SCALES = (0.8, 0.9, 1.1, 1.2)
-"""Of torque and friction together, where that looks; chosen, as wide as servos are to differ."""
+FAR, NEAR, FINE = (0.12, 0.06, 1.0, 0.12), (0.06, 0.04, 1.0, 0.08), (0.02, 0.03, 1.0, 0.05)
+"""How far twins are from the place of the search: in ``1 / torque``, in ``friction / torque``, in
+milliseconds of delay, of which the whole ones on both sides are taken, and in shares of the usual
+play. Chosen by trial: with ``NEAR``, the torque of a joint without weight changes its motion about
+as much as sticking and slipping do; a weight shows the torque with ``FINE``, too."""
 
-AROUND = (-0.16, -0.12, -0.08, -0.04, 0.0, 0.04, 0.08, 0.12, 0.16)
-"""Torques around the one that was found, through whose errors a parabola is laid. Chosen: servos
-stick, slip and count whole ticks, so the error is not smooth, and its lowest point is up to 0.1
-beside the parabola's."""
+ROUNDS = {True: (FAR, NEAR, NEAR, NEAR), False: (NEAR, FINE)}
+"""The rounds of a search, by whether the torque is open."""
 
-_STEPS = (0.05, 0.05, 0.0, 0.08)  # for slopes, of torque, friction, delay and play
-_WIDTHS = (0.3, 0.3, 8.0, 0.5)  # of a weak prior around where the search stands; [ms] the third
-_LARGEST = 3.0  # [tick], what is farther off counts no more: it has another reason
-_ROUNDS = 5
-_ENOUGH = 0.003  # a smaller change ends the search
+_CORNERS = np.array(
+    [(a, b, c, a * b * c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)]
+)
+_STEADY = 0.1  # weight of a prior around the place of the search, three times as wide as the twins
+_LARGEST = 3.0  # [tick], what is farther off does not count: it has another reason
+_FARTHEST = np.array((2.0, 2.0, 3.0, 2.0))  # step of a round, in distances of its twins
+_LEAST = np.array((0.1, 0.0, 0.0, 0.0))
 _MS = 1000.0
 _DELAY = 2
 
@@ -60,7 +76,8 @@ class TwinFit:
         self._record, self._weight = record, weight
         self._delay = record.kind.goal_delay * _MS
         self._play = SO101[record.index].lash
-        self._known: dict[tuple[float, ...], Array] = {}
+        self._twins: list[Array] = []
+        self._off: list[Array] = []
 
     def best(self, figures: ServoFigures, *, torque_is_open: bool) -> ServoFigures:
         """The figures near ``figures`` with which the twin is nearest to the joint.
@@ -70,86 +87,48 @@ class TwinFit:
             torque_is_open: Whether torque and friction may both be far off in the same proportion.
         """
         play = self._play if figures.play is None else figures.play
-        begin = (figures.torque, figures.friction, figures.dead_time * self._delay)
-        x = np.array([*begin, play / self._play])
-        if torque_is_open:
-            tried = [x * (scale, scale, 1.0, 1.0) for scale in (1.0, *SCALES)]
-            x = min(tried, key=lambda each: _cost(self._off(each)[0]))
-        x, normal = self._nearest(x, varies_play=figures.play is not None)
-        if torque_is_open:
-            x = self._lowest(x, normal)
-        return replace(
-            figures,
-            torque=float(x[0]),
-            friction=float(x[1]),
-            dead_time=float(x[2]) / self._delay,
-            play=None if figures.play is None else float(x[3]) * self._play,
+        inertia, friction = 1.0 / figures.torque, figures.friction / figures.torque
+        x = np.array([inertia, friction, figures.dead_time * self._delay, play / self._play])
+        free = np.array([True, True, True, figures.play is not None])
+        for distances in ROUNDS[torque_is_open]:
+            x = self._nearer(x, np.array(distances), free)
+        found = self._figures(x, varies_play=figures.play is not None)
+        if torque_is_open or figures.play is None or found.play is None:
+            return found
+        return replace(found, play=0.5 * (figures.play + found.play))
+
+    def _nearer(self, x: Array, distances: Array, free: NDArray[np.bool_]) -> Array:
+        """One round of the search from ``x``, with twins at ``distances`` from there."""
+        whole = x.copy()
+        whole[_DELAY] = np.floor(x[_DELAY]) + 0.5
+        for corner in _CORNERS:
+            at = whole + corner * np.where(free, distances, 0.0) * (1.0, 1.0, 0.5, 1.0)
+            self._add(np.maximum(at, _LEAST))
+        aside = np.array(self._twins) - x
+        near = np.all(np.abs(aside) <= 2.0 * distances + 1e-9, axis=1)
+        near |= np.arange(len(near)) >= len(near) - len(_CORNERS)
+        columns = np.column_stack([np.ones(int(near.sum())), aside[near][:, free]])
+        lines = np.linalg.lstsq(columns, np.array(self._off)[near], rcond=None)[0]
+        counts = np.abs(lines[0]) <= _LARGEST
+        off, slopes = lines[0][counts], lines[1:].T[counts]
+        prior = np.diag(_STEADY / np.square(3.0 * distances[free]))
+        step = np.zeros(len(x))
+        step[free] = -np.linalg.solve(slopes.T @ slopes + prior, slopes.T @ off)
+        farthest = _FARTHEST * distances
+        nearer: Array = np.maximum(x + np.clip(step, -farthest, farthest), _LEAST)
+        return nearer
+
+    def _add(self, x: Array) -> None:
+        """Let the twin with ``x`` do what the joint did, and note how far off it is [tick]."""
+        figures = self._figures(x, varies_play=True)
+        self._twins.append(x)
+        self._off.append(unrounded(self._record, figures, self._weight) - self._record.ticks)
+
+    def _figures(self, x: Array, *, varies_play: bool) -> ServoFigures:
+        inertia, friction, delay, play = (float(each) for each in x)
+        return ServoFigures(
+            torque=1.0 / inertia,
+            friction=friction / inertia,
+            dead_time=delay / self._delay,
+            play=play * self._play if varies_play else None,
         )
-
-    def _nearest(self, x: Array, *, varies_play: bool) -> tuple[Array, Array]:
-        """The nearest figures by Gauss-Newton, and the normal matrix there."""
-        prior = 0.1 * np.diag(1.0 / np.square(_WIDTHS))
-        off, per_ms = self._off(x)
-        normal = prior
-        for _ in range(_ROUNDS):
-            slopes = np.zeros((len(off), len(x)))
-            slopes[:, _DELAY] = per_ms
-            whole = x.copy()
-            whole[_DELAY] = round(x[_DELAY])
-            for i in (0, 1, 3) if varies_play else (0, 1):
-                more, less = whole.copy(), whole.copy()
-                more[i] += _STEPS[i]
-                less[i] -= _STEPS[i]
-                slopes[:, i] = (self._at(more) - self._at(less)) / (2.0 * _STEPS[i])
-            counts = np.abs(off) <= _LARGEST
-            normal = slopes[counts].T @ slopes[counts] + prior
-            step = -np.linalg.solve(normal, slopes[counts].T @ off[counts])
-            for share in (1.0, 0.5, 0.25):
-                found = np.maximum(x + share * step, (0.1, 0.0, 0.0, 0.0))
-                found_off, found_per_ms = self._off(found)
-                if _cost(found_off) < _cost(off):
-                    x, off, per_ms = found, found_off, found_per_ms
-                    break
-            else:
-                break
-            if np.abs(step / (1.0, 1.0, self._delay, 1.0)).max() < _ENOUGH:
-                break
-        return x, normal
-
-    def _lowest(self, x: Array, normal: Array) -> Array:
-        """Where the parabola of the error is lowest as the torque changes, and the rest with it."""
-        covariance = np.linalg.inv(normal)
-        along = covariance[:, 0] / covariance[0, 0]
-        found = [_cost(self._off(np.maximum(x + far * along, 0.0))[0]) for far in AROUND]
-        bend, slope, _ = np.polyfit(AROUND, found, 2)
-        if bend <= 0.0:
-            return x
-        far = float(np.clip(-0.5 * slope / bend, AROUND[0], AROUND[-1]))
-        lowest: Array = np.maximum(x + far * along, (0.1, 0.0, 0.0, 0.0))
-        return lowest
-
-    def _off(self, x: Array) -> tuple[Array, Array]:
-        """How far off the twin is at each sample [tick], and how that grows with the delay."""
-        low, high = x.copy(), x.copy()
-        low[_DELAY] = np.floor(x[_DELAY])
-        high[_DELAY] = low[_DELAY] + 1.0
-        share = x[_DELAY] - low[_DELAY]
-        early, late = self._at(low), self._at(high)
-        return (1.0 - share) * early + share * late, late - early
-
-    def _at(self, x: Sequence[float] | Array) -> Array:
-        """How far off the twin is with a delay of whole milliseconds [tick]."""
-        key = tuple(round(float(each), 6) for each in x)
-        if key not in self._known:
-            torque, friction, delay, play = key
-            figures = ServoFigures(
-                torque=torque, friction=max(friction, 0.0), dead_time=delay / self._delay,
-                play=max(play, 0.0) * self._play,
-            )  # fmt: skip
-            found = unrounded(self._record, figures, self._weight)
-            self._known[key] = found - self._record.ticks
-        return self._known[key]
-
-
-def _cost(off: Array) -> float:
-    return float(np.mean(np.minimum(np.square(off), _LARGEST**2)))

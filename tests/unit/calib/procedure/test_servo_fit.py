@@ -104,6 +104,17 @@ def test_figures_that_are_somewhat_off_are_put_right_by_the_whole_record():
     assert found.play == pytest.approx(true.play, rel=0.04)
 
 
+@pytest.mark.parametrize("scale", [0.8, 1.25])
+def test_torque_and_friction_that_are_off_by_the_same_share_are_told_from_the_right_ones(scale):
+    """While such a joint turns steadily, nothing tells them."""
+    true = ServoFigures(torque=0.9, friction=1.1, play=math.radians(0.85))
+    record = record_of(true, index=4)
+    off = replace(true, torque=scale * true.torque, friction=scale * true.friction)
+    found = TwinFit(record, np.zeros(len(record.t))).best(off, torque_is_open=True)
+    assert found.torque == pytest.approx(true.torque, rel=0.06)
+    assert found.friction == pytest.approx(true.friction, rel=0.06)
+
+
 def test_a_play_that_nobody_has_seen_is_not_made_up():
     record = record_of(ServoFigures(torque=1.1), index=0)
     found = TwinFit(record, np.zeros(len(record.t))).best(ServoFigures(), torque_is_open=True)
