@@ -87,9 +87,6 @@ def test_an_object_is_clicked_and_the_nearest_place_beside_it_is_taken(
     box = Obstacle(name="box", shape=Box(size=np.array([0.06, 0.06, top_z])), T_base_obstacle=place)
     rig.arm.scene = Scene(floor_z=before.floor_z, obstacles=(box,))
     guest.until(lambda: "/world/0" in guest.nodes())
-    first = guest.target_mm()
-    guest.press("home")  # where the gripper does not point down
-    guest.until(lambda: guest.target_mm() != first)
     click_does(guest, "sets the target")
     first = guest.target_mm()
     for _ in range(10):  # a busy browser may not know yet what a click is for
@@ -100,7 +97,7 @@ def test_an_object_is_clicked_and_the_nearest_place_beside_it_is_taken(
     guest.until(lambda: np.allclose(guest.target_mm(), [240.0, 100.0, 100.0], atol=8.0))
     assert abs(guest.target_mm()[2] - 100.0) < 0.2  # 20 mm above it
     guest.until(lambda: guest.says("Reachable. Press Plan."))
-    guest.until(lambda: pointing(guest)[2] < -0.6)  # from above
+    guest.until(lambda: pointing(guest)[2] < -0.9)  # from above; -0.82 without
     guest.type_target(240.0, 100.0, 60.0)  # inside it
     guest.until(lambda: guest.says("would hit"))
     guest.until(lambda: guest.button("Plan").is_disabled())

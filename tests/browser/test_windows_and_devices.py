@@ -364,6 +364,12 @@ def test_space_stops_while_a_field_that_takes_no_words_has_the_focus(
         assert np.abs(rig.arm.state.q - READY).max() > to_rad(1.0), "it has not arrived"
 
 
+LOST_FOR_LONG = """(address) => Promise.all(Array.from({ length: 80 }, () => new Promise((end) => {
+    new WebSocket(address).onclose = end;
+})))"""
+"""After as many attempts as fail in a minute or so, Chromium delays each by up to five seconds."""
+
+
 def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
     rig: Rig, visit: Visit
 ) -> None:
@@ -392,6 +398,7 @@ def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
     window.until(lambda: window.says("No connection: STOP does not work."))
     window.until(lambda: window.button("STOP").is_disabled())
     assert not window.page.locator("#so101-state b").is_visible()
+    window.page.evaluate(LOST_FOR_LONG, f"ws://127.0.0.1:{port}/")
     with serve_source(source, port=port, key_of=lambda _port: "k" * 43):  # the same command again
         window.until(lambda: window.button("STOP").is_enabled())
         window.until(lambda: not window.page.locator("#so101-lost").is_visible())

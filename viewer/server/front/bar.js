@@ -136,31 +136,24 @@
       if (!board().so101 || link.connected) {
         lost.hidden = true;
         root.classList.remove('so101-lost');
-      } else if (lost.hidden) {
+      } else {
         lost.hidden = false;
         root.classList.add('so101-lost');
-        tell(TRYING);
-        ask();
+        tell(link.isExpired ? EXPIRED : TRYING);
       }
     }
 
     const TRYING = 'The page comes back by itself as soon as the program answers again.';
     const EXPIRED =
       'Another page runs here now, so this link has expired. Copy the new one from its terminal.';
+    let told = '';
     const tell = (more) => {
+      if (told === more) return;  // a screen reader says what is new
+      told = more;
       lost.replaceChildren(make('b'), make('span'));
       lost.firstChild.textContent = 'No connection: STOP does not work.';
       lost.lastChild.textContent = `Switch off the arm's power supply to stop it. ${more}`;
     };
-    async function ask() {
-      while (!link.connected) {
-        try {
-          const reply = await fetch('/', { cache: 'no-store' });
-          tell(reply.status === 401 ? EXPIRED : TRYING);
-        } catch { tell(TRYING); }
-        await new Promise((go) => setTimeout(go, 3000));
-      }
-    }
     link.changed.push(show);
     show();
   });

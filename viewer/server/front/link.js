@@ -6,7 +6,8 @@
 (() => {
   const MARK = '{"so101":';
   const SILENT = 3500;  // ms; the server says something every second
-  const link = (window.so101 = { connected: false, boards: {}, changed: [] });
+  const PATIENCE = 6000;  // ms; viser gives an attempt up after five
+  const link = (window.so101 = { connected: false, isExpired: false, boards: {}, changed: [] });
   const boards = new Map();  // by the id of the widget that holds it
   let worker = null;
   let heard = 0;
@@ -48,7 +49,34 @@
       super(...how);
       this.addEventListener('message', ({ data }) => hear(this, data));
     }
+
+    postMessage(message, ...rest) {
+      const post = () => super.postMessage(message, ...rest);
+      if (message?.type === 'retry') retry(post); else post();
+    }
   };
+
+  // viser begins another attempt every second, which ends the one before. After some sixty that failed a
+  // browser delays each by up to five, so none would ever succeed. So nothing is tried before the server
+  // answers, and then each attempt has its time.
+  let tried = -Infinity;
+  let asks = false;
+
+  async function retry(again) {
+    if (asks || performance.now() - tried < PATIENCE) return;
+    asks = true;
+    try {
+      const reply = await fetch('/', { cache: 'no-store', signal: AbortSignal.timeout(3000) });
+      reply.body?.cancel();
+      link.isExpired = reply.status === 401;
+      if (reply.ok) {
+        tried = performance.now();
+        again();
+      }
+    } catch { link.isExpired = false; }
+    asks = false;
+    publish();
+  }
 
   // Twice in a row, because a busy browser gets messages late.
   setInterval(() => {
