@@ -237,7 +237,8 @@ class WorldModel:
         """
         found = read_loaded(name, content, voxel=self.voxel)
         if isinstance(found, Scene):
-            self._change(found, f"Loaded {len(scene_edits.things(found))} things.")
+            loaded = len(scene_edits.things(found))
+            self._change(found, f"Loaded {loaded} thing{'' if loaded == 1 else 's'}.")
             self.select(self.selected)
         elif isinstance(found, PointCloud):
             self._add(found, PurePath(name).stem, place=SE3.identity())
