@@ -110,6 +110,10 @@ class PlannedArm(CappedJoints):
             Strength.of_servos(load.servo_voltage), shares=self._strength.shares
         )
 
+    def set_payload(self, payload: Payload) -> None:
+        """Set what the gripper carries, for plans from now on, until ``set_load`` is called."""
+        self._payload = payload
+
     def set_servo_strength(self, shares: Sequence[float]) -> None:
         """Set what share of its type's torque each joint's servo has, for plans from now on.
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from so101_motion.arm.joint_caps import JERK_TIME
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.planned_arm import PlannedArm
 from so101_motion.calib.procedure.servo_fit import Load, weights_of
 from so101_motion.calib.procedure.servo_twin import JointRecord
 from so101_motion.calib.record import servo_file
@@ -33,6 +34,7 @@ from so101_motion.drivers.command_record import SentCommand
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Payload
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.setup.identify_figures import figures, gravity_of
 from so101_motion.setup.identify_report import IdentifyReport, record_of, write_recordings
@@ -114,6 +116,17 @@ class IdentificationOutline:
             f" {'; '.join(map(str, self.sweeps))}. At most"
             f" {to_deg(SPEEDS[-1]):.0f}°/s, about {self.duration:.0f} s."
         )
+
+
+def count_with(arm: PlannedArm, load: Load) -> None:
+    """Let plans count with a load that was weighed in the hand.
+
+    Not if it is too light to be sure of, nor if the arm's scene says how heavy the things are that
+    the hand holds.
+    """
+    is_sure = load.mass > 3.0 * load.mass_deviation
+    if is_sure and not any(each.mass > 0.0 for each in arm.scene.attached):
+        arm.set_payload(Payload(mass=load.mass, com=load.com))
 
 
 class Identification:
@@ -206,7 +219,8 @@ class Identification:
     def report(self, *, hand_is_empty: bool, keeps: bool) -> IdentifyReport:
         """Compute the figures from the records, and save them beside the calibration.
 
-        It takes half a minute of a processor, in a separate process, because an arm may be moving.
+        Plans count with a load that was weighed, from now on. It takes half a minute of a
+        processor, in a separate process, because an arm may be moving.
 
         Args:
             hand_is_empty: Whether the hand is known to be empty.
@@ -225,6 +239,8 @@ class Identification:
         )
         now, self._load = record_of(found), found.load
         kept = servo_file.save(file, now) if keeps and file is not None else None
+        if keeps and found.load is not None:
+            count_with(self._rig.arm, found.load)
         return IdentifyReport(found=now, before=before, predictions=told, file=kept)
 
     def write_recordings(self, folder: Path, *, hand_is_empty: bool) -> tuple[Path, ...]:

@@ -82,7 +82,8 @@ class IdentifyReport:
             x, y, z = (to_mm(each) for each in load.com)
             said.append(
                 f"the hand carries {1e3 * load.mass:.0f} g, its centre at"
-                f" ({x:.0f}, {y:.0f}, {z:.0f}) mm of the tool"
+                f" ({x:.0f}, {y:.0f}, {z:.0f}) mm of the tool; plans count with it until the"
+                " program ends; to keep it, configure payload_kg and payload_com_mm"
             )
         return [*said, *changes(self.before, self.found)]
 
