@@ -57,6 +57,9 @@ new MutationObserver((_, observer) => {
     let element = text.parentElement;  // the one that is timed is the nearest block
     for (let k = 0; element && k < 4; k++, element = element.parentElement)
       element.setAttribute('elementtiming', 'state');
+    // An element that was painted before, with other words, is not timed: then two frames later.
+    requestAnimationFrame(() => requestAnimationFrame((painted) =>
+      setTimeout(() => { window.painted = window.painted || painted; }, 500)));
     return;
   }
 }).observe(document, { childList: true, subtree: true, characterData: true });
