@@ -389,7 +389,8 @@ class ViewModel(TargetEditor):
 
 
 def _apart(q: Array, other: Array) -> float:
-    return float(np.max(np.abs(q - other)))
+    off: list[float] = (q - other).tolist()  # in plain numbers: it is asked for every picture
+    return max(map(abs, off))
 
 
 def _looks_different(state: JointState, other: JointState) -> bool:

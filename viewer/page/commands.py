@@ -20,10 +20,17 @@ class Commands:
         self._on_error = on_error
         self._waiting: deque[Command] = deque()
         self._running = threading.Lock()
+        self._posted = threading.Event()
 
     def post(self, command: Command) -> None:
         """Put ``command`` at the end; returns at once."""
         self._waiting.append(command)
+        self._posted.set()
+
+    def wait(self, timeout: float) -> None:
+        """Return when a command was posted since the last call, or after ``timeout`` [s]."""
+        self._posted.wait(timeout)
+        self._posted.clear()
 
     def run(self) -> bool:
         """Run all waiting commands in order; return whether there were any."""

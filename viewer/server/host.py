@@ -34,6 +34,10 @@ log = logging.getLogger(__name__)
 _PERIOD = 0.025
 """Time between two pictures [s]; browsers get at most some 57 of them a second anyway."""
 
+_AT_REST, _LIVELY = 0.05, 1.0
+"""Time between two pictures when there has been nothing new for the second [s]; chosen. A command
+is not kept waiting."""
+
 _BEAT = 1.0
 """How often every browser is told that the page is there [s]; after three of silence it says that
 the connection is lost. Chosen."""
@@ -78,6 +82,7 @@ class Host:
         self._beat_html = self.gui.add_html("", visible=False)
         self._front_html = self.gui.add_html("", visible=False)
         self._front_name = self.gui.add_text("Front", "", visible=False)
+        self._bar_text = ""
         self._beats, self._beat_due = 0, 0.0
         self._tabs: viser.GuiTabGroupHandle | None = None
         self._thread = threading.Thread(target=self._run, name="so101-viewer", daemon=True)
@@ -133,6 +138,7 @@ class Host:
         if self._closing.is_set():
             return
         self._closing.set()
+        self._commands.post(lambda: None)  # the thread may wait for one
         if self._thread.ident is not None:
             self._thread.join()
         for part in self._parts:
@@ -149,21 +155,32 @@ class Host:
         self.say(error)
 
     def _run(self) -> None:
-        due = time.monotonic()
-        while not self._closing.wait(max(due - time.monotonic(), 0.0)):
-            due = max(due + _PERIOD, time.monotonic())
+        due = lively = time.monotonic()
+        while True:
+            now = time.monotonic()
+            if now - lively < _LIVELY:
+                self._closing.wait(max(due - now, 0.0))
+                due = max(due + _PERIOD, time.monotonic())
+            else:
+                self._commands.wait(_AT_REST)
+                due = time.monotonic() + _PERIOD
+            if self._closing.is_set():
+                return
             try:
                 self.windows.refresh()
                 acted = self._commands.run()
                 news = [part for part in self._parts if part.refresh() or acted]
                 if news:
+                    lively = time.monotonic()
                     self._show(news)
                 self._show_bar()
             except Exception:  # the page must outlive any one picture
                 log.exception("the page could not be brought up to date")
 
     def _show_bar(self) -> None:
-        self._bar_html.content = self.bar.text()  # viser sends it if it differs
+        text = self.bar.text()
+        if text != self._bar_text:
+            self._bar_html.content = self._bar_text = text
         if time.monotonic() >= self._beat_due:
             self._beat_due = time.monotonic() + _BEAT
             self._beats += 1

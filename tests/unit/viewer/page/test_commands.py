@@ -61,3 +61,11 @@ def test_a_drop_waits_for_the_command_under_way_and_forgets_the_rest() -> None:
     page.join(5.0)
     stopping.join(5.0)
     assert done == ["start", "stop"]
+
+
+def test_who_waits_for_a_command_goes_on_when_one_was_posted():
+    commands = Commands(lambda _error: None)
+    commands.post(lambda: None)
+    commands.wait(timeout=1000.0)
+    commands.wait(timeout=0.0)
+    assert commands.run(), "waiting takes no command away"
