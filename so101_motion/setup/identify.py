@@ -26,7 +26,7 @@ from so101_motion.calib.procedure.servo_fit import Load, weights_of
 from so101_motion.calib.procedure.servo_twin import JointRecord
 from so101_motion.calib.record import servo_file
 from so101_motion.common.child_process import OwnProcess
-from so101_motion.common.errors import PlanningError
+from so101_motion.common.errors import MotionError, PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_rad
@@ -66,6 +66,10 @@ ACCELERATION = to_rad(150.0)
 _WRIST = ARM_JOINTS.index("wrist_flex")
 _RAISED = JointGoal(q=BASE)
 _SHARES = (1.0, 0.7, 0.4)  # of a sweep, until one is clear
+_GAP = 0.05
+"""Figures of a joint that did not answer for so long while it moved are wrong [s]: goals may not
+have arrived either. Seen on an emulated arm on a busy computer: a fifth of the friction."""
+
 _LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
 
 
@@ -326,6 +330,16 @@ class _Tape:
         return {joint: self._record(joint, states) for joint, states in self._states.items()}
 
     def _record(self, joint: str, states: list[tuple[JointState, float]]) -> JointRecord:
+        answered = states[0][0].t
+        for state, _ in states:
+            gap = state.t - answered
+            if joint not in state.reading.unanswered:
+                answered = state.t
+            elif gap >= _GAP:
+                raise MotionError(
+                    f"{joint} did not answer for {gap:.2f} s while it moved, so its figures would"
+                    " be wrong; end what keeps the computer busy, check the cable, then try again"
+                )
         i, servos = ARM_JOINTS.index(joint), self._rig.servos
         joint_map, model = servos.setups[joint].map, servos.models[joint]
         begin, end = states[0][0].t - 0.5, states[-1][0].t

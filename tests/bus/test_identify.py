@@ -10,7 +10,7 @@ from so101_viewer.page.identifying import Identifying
 
 from so101_motion.calib.record import servo_file, store
 from so101_motion.calib.record.servo_file import ServoRecord
-from so101_motion.common.errors import Interrupted
+from so101_motion.common.errors import Interrupted, MotionError
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
@@ -113,6 +113,19 @@ def test_an_arm_that_is_stopped_holds_and_nothing_is_kept(bench, rig, tmp_path):
     with pytest.raises(Interrupted):
         moved(bench, identification, outline)
     assert servo_file.read(tmp_path / "arm.json") is None
+
+
+def test_a_joint_that_did_not_answer_for_a_while_gets_no_figures(bench, rig):
+    identification = Identification(rig, ("shoulder_pan",))
+    outline = identification.outline()
+    with ThreadPoolExecutor(1) as beside:
+        moving, k = beside.submit(identification.move_and_record, outline), 0
+        while not moving.done():
+            k += 1
+            bench.emulator.bus.faults.request_loss = float(1500 <= k < 1508)
+            bench.advance(0.01)
+        with pytest.raises(MotionError, match="shoulder_pan did not answer for"):
+            moving.result()
 
 
 def test_the_page_plans_first_moves_when_told_to_and_stops(bench, rig):
