@@ -437,8 +437,8 @@ class ChannelPlayer:
             error = unsettled(joint, float(off[i]), float(speed[i]), limits, recent)
             self._finish(motion, error)
 
-    def _finish(self, motion: _Motion, unsettled: FollowingError | None) -> None:
+    def _finish(self, motion: _Motion, error: FollowingError | None) -> None:
         self._motion = None
-        self._conclude(motion.source.future, motion.ending or unsettled)
+        self._conclude(motion.source.future, motion.ending or error)
         for waiting in motion.waiting:
-            self._conclude(waiting, unsettled)
+            self._conclude(waiting, error)

@@ -113,7 +113,7 @@ def shortest_slowdown(
 def shortest_pause(
     trajectory: Trajectory, t: float, limits: MotionLimits, rest: float
 ) -> Trajectory | None:
-    """The shortest stop from time ``t`` [s] on, a rest there, and the rest of the motion.
+    """The shortest stop from time ``t`` [s] on, a rest, and what is left of the motion.
 
     Args:
         trajectory: The motion.
