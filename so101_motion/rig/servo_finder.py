@@ -33,8 +33,9 @@ stiff must not overload itself. Used for long it would heat the fitted servo by 
 that falls 0.08 rad behind yields, and then presses with a fifth (``arm/gripper.py``)."""
 
 _GLANCE = 2
-"""How often silent servos are asked in one try. Chosen: a try without any servo takes 0.02 s, which
-a stop or the end of the process may have to wait for; the next try comes a second later."""
+"""How often silent servos are asked in one try after the first. Chosen: a try without any servo
+takes 0.02 s, which a stop or the end of the process may have to wait for; the next comes a second
+later. The first takes 0.25 s, once."""
 
 
 class ServoFinder:
@@ -126,8 +127,16 @@ class ServoFinder:
         ids = settings.ids()
         return BusMonitor(self.open_port, self._clock, ids=ids, reply_timeout=self._reply_timeout)
 
-    def look(self, settings: ServoSettings, required: Collection[str]) -> None:
-        """Check quickly that all required servos answer.
+    def look(
+        self, settings: ServoSettings, required: Collection[str], *, is_patient: bool
+    ) -> None:
+        """Check that all required servos answer.
+
+        Args:
+            settings: The servos.
+            required: The joints that must answer.
+            is_patient: Whether silent servos are waited for as long as a busy computer may keep
+                their answers back; otherwise it is a glance.
 
         Raises:
             PortUnavailable: The port cannot be opened, or went away.
@@ -135,7 +144,8 @@ class ServoFinder:
         """
         port = self.open_port()
         try:
-            self.require(port, settings, required, tries=_GLANCE)
+            tries = 1 + RETRIES if is_patient else _GLANCE
+            self.require(port, settings, required, tries=tries)
         finally:
             port.close()
 

@@ -58,8 +58,8 @@ class Machine:
         return component
 
     async def clear(self):
-        for api, name in reversed(self._added):
-            await self._module.remove(api, name)
+        while self._added:
+            await self._module.remove(*self._added.pop())
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
@@ -110,6 +110,17 @@ async def names(component, joint):
         return joint in (await component.get_status())["not_ready"]
 
     await until(is_named)
+
+
+async def test_servos_whose_answers_come_late_at_first_are_waited_for(tmp_path, module):
+    async with emulated_port(tmp_path) as emulated:
+        emulated.process.send_signal(signal.SIGSTOP)
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port, **PATIENT}, "arm")
+        asked = asyncio.create_task(arm.get_joint_positions())
+        await asyncio.sleep(0.06)  # longer than two short looks, shorter than a patient one
+        emulated.process.send_signal(signal.SIGCONT)
+        assert len((await asked).values) == 5
+        await module.clear()
 
 
 async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated, module):
