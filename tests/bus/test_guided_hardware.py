@@ -78,7 +78,10 @@ def test_the_arm_replays_a_taught_path_and_the_jaw_grips(bench, rig):
     bench.finish(rig.gripper.start_move(0.7))
     bench.world.put_object(0.03)
     replay = plan_replay(rig.arm, path, gripper=rig.gripper)
-    assert replay.duration < path.duration + 2.0
+    assert replay.duration < path.duration + 4.0, (
+        "a leg may take twice as long as the arm alone, for its jaw; which legs are depends on when"
+        " the nudge came"
+    )
     begin, tape = bench.clock.now(), []
     stop = rig.executor.listen(lambda state: tape.append((state.t, *state.q)))
     finish(bench, start_replay(rig.arm, rig.gripper, replay))
