@@ -41,7 +41,8 @@ from so101_motion.planning.collision.course import Course
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 
 ARMS = ("north", "east", "south", "west")
 CLEAR = 0.03

@@ -34,7 +34,8 @@ from so101_motion.control.following import Following
 from so101_motion.planning.differential.guard import Guard
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 
 BARE_TICKS = 10_000
 

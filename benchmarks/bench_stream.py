@@ -84,7 +84,7 @@ def module() -> None:
 
 def _plan_on(done: threading.Event, planned: list[float]) -> None:
     """One plan after the other, by the planning process that all arms of the module share."""
-    from so101_motion.rig.hardware_rig import open_simulated
+    from so101_motion.rig.simulated_rig import open_simulated
 
     rng = np.random.default_rng(SEED)
     with open_simulated() as rig:

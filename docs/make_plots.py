@@ -20,7 +20,8 @@ from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files.scene_file import read_scene
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.request import Plan
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 
 mpl.use("Agg")  # draws into files, also where there is no screen
 import matplotlib.pyplot as plt

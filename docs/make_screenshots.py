@@ -29,7 +29,8 @@ from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.files.scene_file import read_scene
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.request import Plan
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.sweeps import Atlas, ReachSweep, run_sweep
 
 ROOT = Path(__file__).resolve().parents[1]

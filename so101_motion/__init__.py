@@ -39,11 +39,11 @@ if TYPE_CHECKING:
     from so101_motion.planning.request import Plan as Plan
     from so101_motion.planning.request import PlanRequest as PlanRequest
     from so101_motion.planning.timing.limits import MotionLimits as MotionLimits
-    from so101_motion.rig.hardware_rig import Rig as Rig
     from so101_motion.rig.hardware_rig import open_hardware as open_hardware
-    from so101_motion.rig.hardware_rig import open_simulated as open_simulated
     from so101_motion.rig.hardware_rig import open_so101 as open_so101
+    from so101_motion.rig.rig import Rig as Rig
     from so101_motion.rig.servo_driver import ServoSettings as ServoSettings
+    from so101_motion.rig.simulated_rig import open_simulated as open_simulated
     from so101_motion.tasks.teleop.local_arms import middles_of as middles_of
 
 __version__ = "0.1.0"
@@ -76,7 +76,7 @@ _HOMES = {
     "PointCloud": "planning.collision.scene",
     "PoseCloud": "planning.goals",
     "PoseGoal": "planning.goals",
-    "Rig": "rig.hardware_rig",
+    "Rig": "rig.rig",
     "RobotModel": "planning.kinematics.model",
     "Scene": "planning.collision.scene",
     "ServoSettings": "rig.servo_driver",
@@ -85,7 +85,7 @@ _HOMES = {
     "middles_of": "tasks.teleop.local_arms",
     "open_hardware": "rig.hardware_rig",
     "open_so101": "rig.hardware_rig",
-    "open_simulated": "rig.hardware_rig",
+    "open_simulated": "rig.simulated_rig",
 }
 
 __all__ = ["__version__", *_HOMES]

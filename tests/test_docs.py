@@ -12,7 +12,7 @@ from viam.proto.app.robot import ComponentConfig
 
 from so101_motion.cli.verbs import main
 from so101_motion.viam.conversion.convert import to_result
-from so101_motion.viam.models.module import MODELS
+from so101_motion.viam.models.registered import MODELS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -50,12 +50,12 @@ def test_the_python_examples_run(page, capsys, monkeypatch):
 
 @pytest.mark.parametrize("page", having("json"), ids=called)
 def test_the_machine_configurations_are_accepted(page):
-    models = {str(model.MODEL): model for model in MODELS}
+    models = {str(model.model): model for model in MODELS}
     for block in blocks(page, "json"):
         content = json.loads(block)
         for resource in (*content.get("components", []), *content.get("services", [])):
             model = models[resource["model"]]
-            assert str(model.API) == resource["api"]
+            assert str(model.api) == resource["api"]
             attributes = to_result(resource.get("attributes", {}))
             struct = Struct()
             struct.update(attributes)

@@ -10,7 +10,7 @@ import pytest
 from google.protobuf.struct_pb2 import Struct
 from viam.proto.app.robot import ComponentConfig
 
-from so101_motion.viam.models.module import MODELS
+from so101_motion.viam.models.registered import MODELS
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -117,14 +117,14 @@ def test_motions_are_made_and_checked(said):
 
 def test_the_sample_machine_has_every_model_once():
     assert sorted(resource["model"] for resource in RESOURCES) == sorted(
-        str(model.MODEL) for model in MODELS
+        str(model.model) for model in MODELS
     )
 
 
 @pytest.mark.parametrize("resource", RESOURCES, ids=lambda resource: resource["name"])
 def test_the_sample_machine_is_accepted(resource):
-    (model,) = (model for model in MODELS if str(model.MODEL) == resource["model"])
-    assert str(model.API) == resource["api"]
+    (model,) = (model for model in MODELS if str(model.model) == resource["model"])
+    assert str(model.api) == resource["api"]
     attributes = Struct()
     attributes.update(resource.get("attributes", {}))
     model.validate_config(ComponentConfig(name=resource["name"], attributes=attributes))

@@ -110,7 +110,7 @@ def bench(source: AnySource, as_json: bool) -> None:
 def _planning() -> list[Figure]:
     """Plan random joint goals and points on the simulated arm, in the planning process."""
     from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
-    from so101_motion.rig.hardware_rig import open_simulated
+    from so101_motion.rig.simulated_rig import open_simulated
 
     random = np.random.default_rng(1)
     begin = time.perf_counter()
@@ -154,7 +154,7 @@ def _timed(plan: Callable[..., object], goal: Callable[[], object]) -> list[floa
 
 def _loop_and_bus(source: Source) -> list[Figure]:
     if source.port is None:
-        from so101_motion.rig.hardware_rig import open_simulated
+        from so101_motion.rig.simulated_rig import open_simulated
 
         with open_simulated() as rig, busy_message("measuring the control loop"):
             return [_lateness(rig)]

@@ -43,7 +43,7 @@ def demo(text: bool, arms: int, page: Page) -> None:
 
 def _in_text() -> None:
     from so101_motion.planning.goals import PoseGoal
-    from so101_motion.rig.hardware_rig import open_simulated
+    from so101_motion.rig.simulated_rig import open_simulated
 
     x_mm, y_mm, z_mm = _DEMO_TARGET_MM
     goal = PoseGoal.at_point(np.array(_DEMO_TARGET_MM) / 1000.0)

@@ -26,7 +26,7 @@ from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
     from so101_motion.calib.record.store import Stored
-    from so101_motion.rig.hardware_rig import Rig
+    from so101_motion.rig.rig import Rig
     from so101_motion.setup.checkup import Check
     from so101_motion.setup.findings import Findings
     from so101_motion.setup.port_report import PortReport
@@ -126,7 +126,7 @@ def _diagnose_machine(machine: MachineSource, as_json: bool) -> None:
 
 def _installed(*, is_whole: bool) -> Findings:
     """Check the installation; ``is_whole`` if no arm is checked after it."""
-    from so101_motion.rig.hardware_rig import open_simulated
+    from so101_motion.rig.simulated_rig import open_simulated
     from so101_motion.setup.findings import Findings, software
 
     with open_simulated() as rig:

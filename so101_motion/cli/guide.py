@@ -22,7 +22,7 @@ from so101_motion.common.units import to_deg, to_rad
 
 if TYPE_CHECKING:
     from so101_motion.cli.terminal import Terminal
-    from so101_motion.rig.hardware_rig import Rig
+    from so101_motion.rig.rig import Rig
     from so101_motion.tasks.guided import GuidedPath, PathRecorder, Replay
 
 _FOLDER = Path()

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.files.cell_file import CellFile
     from so101_motion.rig.cell_rigs import CellRigs
-    from so101_motion.rig.hardware_rig import Rig
     from so101_motion.rig.protocols import RigLike
+    from so101_motion.rig.rig import Rig
     from so101_motion.viam.client import MachineRig
 
 R = TypeVar("R", bound="RigLike")
@@ -91,7 +91,8 @@ class Source(_SourceWithCaps):
         Raises:
             So101Error: It cannot be reached, or a setting is not valid.
         """
-        from so101_motion.rig.hardware_rig import open_hardware, open_simulated
+        from so101_motion.rig.hardware_rig import open_hardware
+        from so101_motion.rig.simulated_rig import open_simulated
 
         rig: Rig
         if self.port is None:

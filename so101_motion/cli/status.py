@@ -21,8 +21,9 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_mm
 
 if TYPE_CHECKING:
-    from so101_motion.rig.hardware_rig import HardwareRig, Rig
+    from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.rig.protocols import RigLike
+    from so101_motion.rig.rig import Rig
 
 _PATIENCE = 1.0
 """How long to wait for a first answer of the servos [s]; chosen for a busy computer."""

@@ -17,7 +17,7 @@ from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
     from so101_motion.common.clock import Clock
-    from so101_motion.rig.hardware_rig import Rig
+    from so101_motion.rig.rig import Rig
     from so101_motion.tasks.teleop import Recorder, Status
 
 _EVERY = 0.2  # [s] between two prints of the state

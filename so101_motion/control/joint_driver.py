@@ -1,6 +1,6 @@
 """The interface of a driver of six joints, simulated or real.
 
-The drivers fit this without importing it; mypy checks the fit in ``hardware_rig.py``.
+The drivers fit this without importing it; mypy checks the fit in ``rig``.
 """
 
 from __future__ import annotations

@@ -20,8 +20,9 @@ from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.rig.hardware_rig import open_simulated, open_so101
+from so101_motion.rig.hardware_rig import open_so101
 from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 
 ASIDE = tuple(to_rad(np.array([0.0, 45.0, 90.0])))
 """Pan angles that are tried for simulated arms that would touch [rad]; chosen."""

@@ -1,8 +1,7 @@
-"""Open arms and grippers, simulated or on a serial port; share a port between components.
+"""Open arms and grippers on a serial port; share a port between components.
 
-Only this file chooses a driver. All rigs of a process share one planning process, which ends with
-the last of them. A serial port has one rig, however many components use it and by whatever name;
-each component holds a ``HardwareRig``, and closing the last of them closes the port.
+A serial port has one rig, however many components use it and by whatever name; each component holds
+a ``HardwareRig``, and closing the last of them closes the port.
 
 ``open_hardware`` waits for the servos. ``open_without_waiting`` is for an event loop: the port's
 own thread looks for the servos until they answer, and says meanwhile why they do not.
@@ -17,84 +16,18 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 
-from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.calib.record import lerobot
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import ConfigError, NotReady
-from so101_motion.common.geometry import Array
-from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.drivers.port.serial_port import PortOpener
-from so101_motion.drivers.simulated import SimArm
-from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.bus_lease import BusLease
 from so101_motion.rig.protocols import ArmConnection
-from so101_motion.rig.rig import TICK, Rig
+from so101_motion.rig.rig import Rig
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.rig.shared_port import HARDWARE_JAW_LIMITS, SharedPort
-
-__all__ = [
-    "HARDWARE_JAW_LIMITS",
-    "TICK",
-    "HardwareRig",
-    "PortUse",
-    "Rig",
-    "open_hardware",
-    "open_simulated",
-    "open_simulated_gripper",
-    "open_without_waiting",
-    "release_arms_at_end",
-    "use_of",
-]
+from so101_motion.rig.shared_port import SharedPort
 
 _log = logging.getLogger(__name__)
-
-
-def open_simulated(
-    *,
-    speed: float = to_rad(90.0),
-    acceleration: float = to_rad(100.0),
-    scene: Scene | None = None,
-    q_start: Array | None = None,
-    q_jaw_start: float = JAW_CLOSED,
-    clock: Clock | None = None,
-) -> Rig:
-    """Open a simulated arm and gripper, ready to move; starts the planning process.
-
-    Args:
-        speed: Joint speed cap [rad/s].
-        acceleration: Joint acceleration cap [rad/s^2].
-        scene: What is around it and in its hand; just the floor if not given.
-        q_start: Joint angles at the start, shape (5,), [rad]; zeros by default.
-        q_jaw_start: Jaw angle at the start [rad].
-        clock: The rig's clock; the real time by default.
-
-    Raises:
-        ConfigError: The speed or acceleration is outside its range.
-    """
-    clock = clock or MonotonicClock()
-    driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start)
-    rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, scene=scene or Scene())
-    rig.gripper.feels = False
-    rig.warm_up()
-    return rig
-
-
-def open_simulated_gripper(*, q_jaw_start: float = JAW_CLOSED, clock: Clock | None = None) -> Rig:
-    """Open a simulated gripper on an arm that stands still; starts no planning process.
-
-    Args:
-        q_jaw_start: Jaw angle at the start [rad].
-        clock: The rig's clock; the real time by default.
-    """
-    clock = clock or MonotonicClock()
-    return Rig(
-        SimArm(clock, q_jaw=q_jaw_start),
-        clock=clock,
-        speed=to_rad(90.0),
-        acceleration=to_rad(100.0),
-        scene=Scene(),
-    )
 
 
 class HardwareRig(Rig):

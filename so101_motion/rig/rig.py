@@ -1,18 +1,17 @@
 """Put an arm and a gripper together on one driver, with an I/O thread and a planner.
 
-``hardware_rig.py`` chooses the driver. All rigs of a process share one planning process, which ends
-with the last of them.
+``simulated_rig.py`` and ``hardware_rig.py`` choose the driver. All rigs of a process share one
+planning process, which ends with the last of them.
 """
 
 from __future__ import annotations
 
 import itertools
-import threading
 from collections.abc import Callable
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import JAW_LIMITS, Gripper
-from so101_motion.arm.planning_worker import PlanningWorker
+from so101_motion.arm.shared_worker import acquire_worker, release_worker
 from so101_motion.common.clock import Clock
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
@@ -116,30 +115,3 @@ class Rig:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-_worker_lock = threading.Lock()
-_worker: PlanningWorker | None = None
-_worker_users = 0
-
-
-def acquire_worker() -> PlanningWorker:
-    """The planning process that all rigs share; give it back with ``release_worker``."""
-    global _worker, _worker_users
-    with _worker_lock:
-        if _worker is None:
-            _worker = PlanningWorker()
-        _worker_users += 1
-        return _worker
-
-
-def release_worker() -> None:
-    """Give the planning process back; the last user ends it."""
-    global _worker, _worker_users
-    with _worker_lock:
-        _worker_users -= 1
-        if _worker_users > 0:
-            return
-        worker, _worker = _worker, None
-    if worker is not None:
-        worker.close()

@@ -127,9 +127,7 @@ class ServoFinder:
         ids = settings.ids()
         return BusMonitor(self.open_port, self._clock, ids=ids, reply_timeout=self._reply_timeout)
 
-    def look(
-        self, settings: ServoSettings, required: Collection[str], *, is_patient: bool
-    ) -> None:
+    def look(self, settings: ServoSettings, required: Collection[str], *, is_patient: bool) -> None:
         """Check that all required servos answer.
 
         Args:

@@ -20,7 +20,8 @@ from so101_viewer import Preview, serve
 
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = ("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking")

@@ -15,7 +15,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.rig.cell_rigs import CellRigs, open_cell
-from so101_motion.rig.hardware_rig import Rig
+from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
 

@@ -11,7 +11,7 @@ from harness.browser_user import READY, Guest
 
 from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import Rig
+from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
 

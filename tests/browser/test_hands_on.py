@@ -16,7 +16,8 @@ from so101_motion.arm.gripper import GENTLEST
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 
 pytestmark = pytest.mark.browser
 

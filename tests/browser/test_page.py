@@ -19,7 +19,7 @@ from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.rig.hardware_rig import Rig
+from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
 

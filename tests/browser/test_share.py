@@ -12,7 +12,7 @@ from playwright.sync_api import Download
 
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.rig.hardware_rig import Rig
+from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
 

@@ -11,7 +11,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_mm
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.rig.hardware_rig import Rig
+from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
 

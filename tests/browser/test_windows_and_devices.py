@@ -17,7 +17,7 @@ from so101_viewer import Preview, Source, serve, serve_source
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import Rig
+from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
 

@@ -19,7 +19,7 @@ from so101_viewer import Preview, Source, serve_source
 from so101_motion.cli.verbs import main
 from so101_motion.files.scene_file import read_scene, scene_to
 from so101_motion.planning.collision.scene import Mesh, PointCloud, Scene
-from so101_motion.rig.hardware_rig import Rig
+from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
 

@@ -14,7 +14,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.apart import GUARDED
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 T_FAR = SE3.from_rpy((0.0, 0.0, np.pi), (0.9, 0.0, 0.0))
 

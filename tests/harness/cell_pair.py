@@ -8,7 +8,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.apart import GUARDED, nearness
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 FAST = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=150.0)
 

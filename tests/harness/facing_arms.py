@@ -13,7 +13,7 @@ from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 T_LEFT_RIGHT = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
 ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])

@@ -3,7 +3,7 @@
 import pytest
 from harness.in_process_module import arm_client, new_arm
 
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.viam.models.simulated import SimulatedArm
 from so101_motion.viam.models.simulated_gripper import SimulatedGripper
 

@@ -44,7 +44,8 @@ from viam.services.motion import Motion
 from viam.services.motion.service import MotionRPCService
 
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.viam.models.module import LATER, MODELS
+from so101_motion.viam.models.module import LATER
+from so101_motion.viam.models.registered import MODELS
 
 SWEEP = [90.0, 0.0, 0.0, 0.0, 0.0]
 

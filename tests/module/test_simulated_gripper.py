@@ -10,7 +10,7 @@ from harness.in_process_module import gripper_client, new_gripper
 from viam.components.arm import KinematicsFileFormat
 
 from so101_motion.common.clock import ManualClock
-from so101_motion.rig.hardware_rig import open_simulated_gripper
+from so101_motion.rig.simulated_rig import open_simulated_gripper
 from so101_motion.viam.component_config import SimulatedGripperConfig
 from so101_motion.viam.models.simulated_gripper import SimulatedGripper
 

@@ -21,7 +21,7 @@ from viam.services.motion.service import MotionRPCService
 
 from so101_motion.common.errors import SUPERSEDED, Interrupted
 from so101_motion.common.modes import Mode
-from so101_motion.rig.hardware_rig import TICK
+from so101_motion.rig.rig import TICK
 from so101_motion.viam.models.motion_service import So101Motion
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]

@@ -29,7 +29,8 @@ from so101_motion.control.following import Following
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.rig.hardware_rig import HardwareRig, Rig
+from so101_motion.rig.hardware_rig import HardwareRig
+from so101_motion.rig.rig import Rig
 from so101_motion.tasks.datasets.check import angles
 from so101_motion.tasks.datasets.data_set import DataSet
 from so101_motion.tasks.datasets.joint_checks import Differences, tracking

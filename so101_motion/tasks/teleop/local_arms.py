@@ -11,8 +11,9 @@ from so101_motion.calib.record.zero import MIDDLE
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.files.trajectory_export import LeRobot
-from so101_motion.rig.hardware_rig import HardwareRig, Rig
+from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
+from so101_motion.rig.rig import Rig
 from so101_motion.tasks.teleop import LocalArm
 
 

@@ -24,6 +24,7 @@ from viam.robot.client import RobotClient
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.shared_worker import acquire_worker, release_worker
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError, MachineRefused
 from so101_motion.common.modes import Mode
@@ -32,7 +33,6 @@ from so101_motion.common.units import to_rad
 from so101_motion.files.scene_file import scene_from
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.rig.rig import acquire_worker, release_worker
 from so101_motion.viam.client.arm import MachineArm
 from so101_motion.viam.client.executor import MachineExecutor
 from so101_motion.viam.client.gripper import MachineGripper

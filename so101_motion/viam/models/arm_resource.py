@@ -32,7 +32,7 @@ from so101_motion.files.scene_file import scene_to
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal, JointGoal, LeaveContactGoal, PathGoal
 from so101_motion.planning.request import Plan, Search
-from so101_motion.rig.hardware_rig import Rig
+from so101_motion.rig.rig import Rig
 from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, compliance
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses

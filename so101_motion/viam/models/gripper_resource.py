@@ -13,7 +13,7 @@ from viam.proto.common import Geometry, KinematicsFileFormat
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import checked_number
-from so101_motion.rig.hardware_rig import Rig
+from so101_motion.rig.rig import Rig
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured

@@ -1,11 +1,13 @@
 """Run the process that viam-server starts: register its models, serve, clean up at the end.
 
-Importing this module registers the models. A SIGTERM (or a SIGHUP, when a terminal ends) closes the
-server, which closes every component. A parent process that disappears (``kill -9``) is noticed
-within a second, long before the SDK would, and has the same effect. In any case the planning
-process ends by itself when its pipe closes. Arms that are configured to be released at the end are
-released before the components are closed: closing a component alone, as every change of its
-configuration does, leaves the arm holding.
+Importing this module registers the models; each is imported when a configuration first asks for it.
+For an arm the planning process is started before that, because it has as much to import.
+
+A SIGTERM (or a SIGHUP, when a terminal ends) closes the server, which closes every component. A
+parent process that disappears (``kill -9``) is noticed within a second, long before the SDK would,
+and has the same effect. In any case the planning process ends by itself when its pipe closes. Arms
+that are configured to be released at the end are released before the components are closed: closing
+a component alone, as every change of its configuration does, leaves the arm holding.
 """
 
 from __future__ import annotations
@@ -14,85 +16,65 @@ import asyncio
 import os
 import signal
 import sys
-import threading
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
+from typing import Any
 
 from grpclib import GRPCError
+from grpclib.metadata import Deadline
+from viam.components.arm import Arm
 from viam.logging import getLogger
 from viam.module.module import Module
+from viam.proto.app.robot import ComponentConfig
 from viam.proto.module import (
-    ReadyRequest,
-    ReadyResponse,
+    AddResourceRequest,
     RemoveResourceRequest,
     ValidateConfigRequest,
     ValidateConfigResponse,
 )
-from viam.resource.registry import Registry, ResourceCreatorRegistration
-from viam.resource.types import API, Model
 from viam.rpc.server import Server
 
+from so101_motion.arm.shared_worker import acquire_worker, release_worker
 from so101_motion.common.realtime import reduce_jitter
 from so101_motion.files import user_storage
-from so101_motion.rig.hardware_rig import release_arms_at_end
 from so101_motion.viam.conversion.frames import set_machine
-from so101_motion.viam.models.arm_resource import ArmResource
-from so101_motion.viam.models.calibration import So101Calibration
-from so101_motion.viam.models.discovery import So101Discovery
-from so101_motion.viam.models.hardware_arm import HardwareArm
-from so101_motion.viam.models.hardware_gripper import HardwareGripper
 from so101_motion.viam.models.machine_pose import serve_get_pose
-from so101_motion.viam.models.motion_service import So101Motion
-from so101_motion.viam.models.simulated import SimulatedArm
-from so101_motion.viam.models.simulated_gripper import SimulatedGripper
-from so101_motion.viam.models.teleop import So101Teleop
-from so101_motion.viam.models.world_state_store import So101WorldState
-from so101_motion.viam.requests.await_motion import in_own_thread
+from so101_motion.viam.models.registered import MODELS, RegisteredModel, register, registered
 from so101_motion.viam.requests.request_guard import guard
-
-MODELS = (
-    HardwareArm,
-    HardwareGripper,
-    SimulatedArm,
-    SimulatedGripper,
-    So101Calibration,
-    So101Discovery,
-    So101Motion,
-    So101Teleop,
-    So101WorldState,
-)
-"""Every model of this module."""
 
 LATER = (
     "so101_motion.setup.identify",
     "so101_motion.tasks.program",
     "so101_motion.viam.requests.calibration_commands",
 )
-"""Imported once the module is ready: a tenth of all imports, which the first requests need not wait
-for. They are imported where they are used, too, should that be earlier."""
+"""Imported a while after the first resource was added: the first requests need not wait for them.
+They are imported where they are used, too, should that be earlier."""
 
-for _model in MODELS:
-    Registry.register_resource_creator(
-        _model.API,
-        _model.MODEL,
-        ResourceCreatorRegistration(_model.new, _model.validate_config),
-    )
-
+register()
 getLogger("so101_motion")  # sends our log to viam-server's
 
 _CHECK_PERIOD = 1.0  # [s] between two checks of the parent process; chosen
+_QUIET = 3.0  # [s] after the first resource; chosen, its first requests are over then
+_ARM_COMES = 30.0  # [s] for which the planning process is kept for an arm to come; chosen
 _PATIENCE = 8.0  # [s] for cleaning up once the parent is gone; chosen, viam-server itself gives 10
 
 
 class So101Module(Module):
     """The SDK's module with plain error messages, and arms that end their motion when removed."""
 
-    async def ready(self, request: ReadyRequest) -> ReadyResponse:
-        """List the models, and import the rest in the background."""
-        answer = await super().ready(request)
-        threading.Thread(target=_import_later, name="so101-imports", daemon=True).start()
-        return answer
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._keeps_planner = False
+        self._imports: asyncio.Task[None] | None = None
+
+    async def add_resource(
+        self, request: AddResourceRequest, *, deadline: Deadline | None = None
+    ) -> None:
+        """Import the model in a thread, then build the resource."""
+        await self._load(request.config)
+        await super().add_resource(request, deadline=deadline)
+        self._imports = self._imports or asyncio.create_task(_import_later())
 
     async def validate_config(self, request: ValidateConfigRequest) -> ValidateConfigResponse:
         """Check a configuration.
@@ -103,10 +85,10 @@ class So101Module(Module):
         Raises:
             GRPCError: The configuration is not valid; the message has no Python type before it.
         """
-        config = request.config
+        model = await self._load(request.config)
         with suppress(Exception):  # the SDK's own check raises it again
-            api, model = API.from_string(config.api), Model.from_string(config.model)
-            await asyncio.to_thread(Registry.lookup_validator(api, model), config)
+            if model is not None:
+                await asyncio.to_thread(model.validate_config, request.config)
         try:
             return await super().validate_config(request)
         except GRPCError as error:
@@ -119,10 +101,35 @@ class So101Module(Module):
         The SDK alone would stop the arm as if somebody had pressed Stop.
         """
         api, _, name = request.name.rpartition("/")
-        arm = ArmResource.here.get(name) if api == str(ArmResource.API) else None
-        if arm is not None:
-            await arm.removed()
+        if api == str(Arm.API):
+            from so101_motion.viam.models.arm_resource import ArmResource
+
+            arm = ArmResource.here.get(name)
+            if arm is not None:
+                await arm.removed()
         await super().remove_resource(request)
+
+    def end(self) -> None:
+        """End what was begun for arms that may come."""
+        if self._imports is not None:
+            self._imports.cancel()
+        self._leave_planner()
+
+    async def _load(self, config: ComponentConfig) -> RegisteredModel | None:
+        """Import a model in a thread, because the event loop answers Stop; None if unknown."""
+        model = registered(config.api, config.model)
+        if model is not None:
+            if model.plans and not self._keeps_planner:
+                self._keeps_planner = True
+                acquire_worker().start()  # imports beside us
+                asyncio.get_running_loop().call_later(_ARM_COMES, self._leave_planner)
+            await asyncio.to_thread(model.load)
+        return model
+
+    def _leave_planner(self) -> None:
+        if self._keeps_planner:
+            self._keeps_planner = False
+            release_worker()
 
 
 async def run() -> None:
@@ -130,8 +137,8 @@ async def run() -> None:
     serve_get_pose()
     module = So101Module.from_args()
     set_machine(lambda: module.parent)
-    for model in MODELS:
-        module.add_model_from_registry(model.API, model.MODEL)
+    for each in MODELS:
+        module.add_model_from_registry(each.api, each.model)
     await asyncio.to_thread(user_storage.remove_old_leftovers)
     guard(module.server)
     _end_before_clients(module.server)
@@ -145,11 +152,13 @@ async def run() -> None:
         await module.start()  # type: ignore[no-untyped-call]  # the SDK left it unannotated
     finally:
         watch.cancel()
+        module.end()
 
 
-def _import_later() -> None:
+async def _import_later() -> None:
+    await asyncio.sleep(_QUIET)
     for name in LATER:
-        import_module(name)
+        await asyncio.to_thread(import_module, name)
 
 
 def _end_before_clients(server: Server) -> None:
@@ -172,7 +181,9 @@ def _release_before_closing(server: Server) -> None:
     close = server.close
 
     async def release_and_close() -> None:
-        await in_own_thread(release_arms_at_end)
+        hardware = sys.modules.get("so101_motion.rig.hardware_rig")  # else there is no real arm
+        if hardware is not None:
+            await asyncio.to_thread(hardware.release_arms_at_end)
         await close()  # type: ignore[no-untyped-call]  # the SDK left it unannotated
 
     server.close = release_and_close  # type: ignore[method-assign]  # the SDK has no hook for it

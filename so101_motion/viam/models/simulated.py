@@ -13,7 +13,8 @@ from so101_motion.common.attributes import Attributes
 from so101_motion.common.clock import ManualClock, MonotonicClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
-from so101_motion.rig.hardware_rig import TICK, Rig, open_simulated
+from so101_motion.rig.rig import TICK, Rig
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.viam.component_config import SimulatedArmConfig
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.arm_settings import ArmSettings, scene_of

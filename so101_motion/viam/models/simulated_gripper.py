@@ -12,7 +12,8 @@ from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError
-from so101_motion.rig.hardware_rig import Rig, open_simulated_gripper
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated_gripper
 from so101_motion.viam.component_config import SimulatedGripperConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses

@@ -23,7 +23,7 @@ from so101_motion.common.attributes import Attributes
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_deg
-from so101_motion.rig.hardware_rig import TICK
+from so101_motion.rig.rig import TICK
 from so101_motion.tasks.teleop import (
     LocalArm,
     LocalFollower,

@@ -21,7 +21,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
 from so101_motion.planning.request import Search
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
 ASIDE = np.radians([40.0, -20.0, 30.0, 30.0, 50.0])

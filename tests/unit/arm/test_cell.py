@@ -18,7 +18,7 @@ from so101_motion.planning.collision.apart import GUARDED, first_meeting
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 
 @pytest.fixture(scope="module", autouse=True)

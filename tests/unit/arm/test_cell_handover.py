@@ -15,7 +15,7 @@ from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.kinematics.jaw import JawGeometry
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 STICK = Box(size=[0.02, 0.02, 0.16])
 

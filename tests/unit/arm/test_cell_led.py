@@ -13,7 +13,7 @@ from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.planning.collision.apart import GUARDED, PARTING, ROOM
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.motion_builder import DEPARTURE_SPEED
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 
 @pytest.fixture(scope="module", autouse=True)

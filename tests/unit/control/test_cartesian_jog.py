@@ -17,7 +17,7 @@ from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 MODEL = RobotModel.load()
 READY = np.radians([0.0, -30.0, 30.0, 35.0, 0.0])

@@ -8,7 +8,7 @@ from so101_motion.calib.procedure.servo_fit import Load
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Attached, Box
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.setup.identify import count_with
 
 REACHING = JointGoal(q=[0.0, 1.2, -0.6, 0.3, 0.0])

@@ -10,7 +10,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.setup.move_test import JAW_SWING, LIMITS, SWING, MoveTest
 
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])

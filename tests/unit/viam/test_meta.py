@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from so101_motion.viam.models.module import MODELS
+from so101_motion.viam.models.registered import MODELS
 
 ROOT = Path(__file__).parents[3]
 META = json.loads((ROOT / "meta.json").read_text())
@@ -13,7 +13,7 @@ META = json.loads((ROOT / "meta.json").read_text())
 
 def test_the_published_models_are_the_registered_ones():
     listed = {(model["api"], model["model"]) for model in META["models"]}
-    registered = {(str(model.API), str(model.MODEL)) for model in MODELS}
+    registered = {(str(model.api), str(model.model)) for model in MODELS}
 
     assert listed == registered
     assert len(META["models"]) == len(MODELS)

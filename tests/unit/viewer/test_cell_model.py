@@ -11,7 +11,7 @@ from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 OVER_THE_MIDDLE = to_rad(np.array([0.0, -60.0, 60.0, 60.0, 0.0]))
 

@@ -11,7 +11,7 @@ from so101_motion.cli.verbs import main
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, Interrupted, PlanningError
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.datasets import (
     open_data_set,
     plan_episode,

@@ -7,7 +7,7 @@ import pytest
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 
 @pytest.fixture(scope="package", autouse=True)

@@ -9,7 +9,7 @@ from harness.facing_arms import Facing, FacingArms
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program.cell_program import (
     CellProgram,
     read_cell_program,

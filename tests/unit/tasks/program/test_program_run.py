@@ -17,7 +17,8 @@ from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.scene import Capsule, Obstacle
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import (
     Loop,
     Program,

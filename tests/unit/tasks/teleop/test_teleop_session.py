@@ -9,7 +9,7 @@ import pytest
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.modes import Mode
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
 from so101_motion.tasks.teleop.gate import Phase
 

@@ -13,7 +13,8 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.viam.requests.together import hand_over, set_held
 
 ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])

@@ -8,7 +8,8 @@ import pytest
 from harness.fake_machine import FakeMachine, Thing, a_box, hanging
 
 from so101_motion.common.clock import ManualClock
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
 from so101_motion.viam.surroundings.machine_cell import MachineCell

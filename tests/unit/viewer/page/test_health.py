@@ -10,7 +10,7 @@ from so101_viewer.page.health import Health, read_health, tones
 from so101_viewer.page.screen_state import Tone
 
 from so101_motion.drivers.feetech.health import JointHealth
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 
 WELL = JointHealth(
     joint="elbow_flex",

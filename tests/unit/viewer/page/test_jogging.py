@@ -13,7 +13,8 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.modes import Mode
 from so101_motion.common.named_poses import POSES
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 
 READY = next(pose.q for pose in POSES if pose.name == "ready")
 PAN, X = np.array([1.0, 0, 0, 0, 0, 0, 0]), np.array([1.0, 0, 0, 0, 0, 0, 0])

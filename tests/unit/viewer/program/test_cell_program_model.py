@@ -13,7 +13,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
-from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import files
 from so101_motion.tasks.program.cell_program import cell_folder
 

@@ -25,7 +25,8 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import files
 
 A = np.radians([20.0, -20.0, 20.0, 20.0, 0.0])

@@ -19,7 +19,8 @@ from so101_motion.common.errors import BusError, ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.rig.rig import Rig
+from so101_motion.rig.simulated_rig import open_simulated
 
 AWAY = np.radians([25.0, -15.0, 10.0, 10.0, 0.0])
 

@@ -1,0 +1,36 @@
+"""Share one planning process between everything in this process that plans.
+
+It imports little, so that the planning process can be started before an arm has been imported.
+"""
+
+from __future__ import annotations
+
+import threading
+
+from so101_motion.arm.planning_worker import PlanningWorker
+
+_worker_lock = threading.Lock()
+_worker: PlanningWorker | None = None
+_worker_users = 0
+
+
+def acquire_worker() -> PlanningWorker:
+    """The planning process that all rigs share; give it back with ``release_worker``."""
+    global _worker, _worker_users
+    with _worker_lock:
+        if _worker is None:
+            _worker = PlanningWorker()
+        _worker_users += 1
+        return _worker
+
+
+def release_worker() -> None:
+    """Give the planning process back; the last user ends it."""
+    global _worker, _worker_users
+    with _worker_lock:
+        _worker_users -= 1
+        if _worker_users > 0:
+            return
+        worker, _worker = _worker, None
+    if worker is not None:
+        worker.close()

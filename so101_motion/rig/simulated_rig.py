@@ -1,0 +1,58 @@
+"""Open simulated arms and grippers."""
+
+from __future__ import annotations
+
+from so101_motion.arm.gripper import JAW_CLOSED
+from so101_motion.common.clock import Clock, MonotonicClock
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.simulated import SimArm
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.rig.rig import Rig
+
+
+def open_simulated(
+    *,
+    speed: float = to_rad(90.0),
+    acceleration: float = to_rad(100.0),
+    scene: Scene | None = None,
+    q_start: Array | None = None,
+    q_jaw_start: float = JAW_CLOSED,
+    clock: Clock | None = None,
+) -> Rig:
+    """Open a simulated arm and gripper, ready to move; starts the planning process.
+
+    Args:
+        speed: Joint speed cap [rad/s].
+        acceleration: Joint acceleration cap [rad/s^2].
+        scene: What is around it and in its hand; just the floor if not given.
+        q_start: Joint angles at the start, shape (5,), [rad]; zeros by default.
+        q_jaw_start: Jaw angle at the start [rad].
+        clock: The rig's clock; the real time by default.
+
+    Raises:
+        ConfigError: The speed or acceleration is outside its range.
+    """
+    clock = clock or MonotonicClock()
+    driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start)
+    rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, scene=scene or Scene())
+    rig.gripper.feels = False
+    rig.warm_up()
+    return rig
+
+
+def open_simulated_gripper(*, q_jaw_start: float = JAW_CLOSED, clock: Clock | None = None) -> Rig:
+    """Open a simulated gripper on an arm that stands still; starts no planning process.
+
+    Args:
+        q_jaw_start: Jaw angle at the start [rad].
+        clock: The rig's clock; the real time by default.
+    """
+    clock = clock or MonotonicClock()
+    return Rig(
+        SimArm(clock, q_jaw=q_jaw_start),
+        clock=clock,
+        speed=to_rad(90.0),
+        acceleration=to_rad(100.0),
+        scene=Scene(),
+    )

@@ -1,0 +1,96 @@
+"""List the models of this module; each is imported when a configuration first asks for it.
+
+A machine has two or three of the nine. What it does not have costs neither time at the start nor
+memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+
+from viam.components.arm import Arm
+from viam.components.gripper import Gripper
+from viam.components.sensor import Sensor
+from viam.proto.app.robot import ComponentConfig
+from viam.resource.base import ResourceBase
+from viam.resource.registry import Registry, ResourceCreatorRegistration
+from viam.resource.types import API, Model
+from viam.services.discovery import Discovery
+from viam.services.generic import Generic
+from viam.services.motion import Motion
+from viam.services.worldstatestore import WorldStateStore
+
+from so101_motion.viam.models.configured import Configured, Dependencies
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegisteredModel:
+    """A model that is imported when it is first used.
+
+    Attributes:
+        api: Its API.
+        model: Its name.
+        file: The file in this folder that has it, without ending.
+        name: The class in that file.
+        plans: Whether it has an arm, and so needs the planning process.
+    """
+
+    api: API
+    model: Model
+    file: str
+    name: str
+    plans: bool = False
+
+    def load(self) -> type[Configured]:
+        """Import it; takes half a second the first time."""
+        found: type[Configured] = getattr(import_module(f"{__package__}.{self.file}"), self.name)
+        return found
+
+    def validate_config(self, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
+        """See ``Configured.validate_config``."""
+        return self.load().validate_config(config)
+
+    def new(self, config: ComponentConfig, dependencies: Dependencies) -> ResourceBase:
+        """See ``Configured.new``."""
+        made = self.load().new(config, dependencies)
+        assert isinstance(made, ResourceBase)
+        return made
+
+
+def _of(api: API, model: str, file: str, name: str, *, plans: bool = False) -> RegisteredModel:
+    return RegisteredModel(
+        api=api,
+        model=Model.from_string(f"devrel:so101:{model}"),
+        file=file,
+        name=name,
+        plans=plans,
+    )
+
+
+MODELS = (
+    _of(Arm.API, "arm", "hardware_arm", "HardwareArm", plans=True),
+    _of(Gripper.API, "gripper", "hardware_gripper", "HardwareGripper"),
+    _of(Arm.API, "simulated", "simulated", "SimulatedArm", plans=True),
+    _of(Gripper.API, "simulated-gripper", "simulated_gripper", "SimulatedGripper"),
+    _of(Sensor.API, "calibration", "calibration", "So101Calibration"),
+    _of(Discovery.API, "discovery", "discovery", "So101Discovery"),
+    _of(Motion.API, "motion", "motion_service", "So101Motion"),
+    _of(Generic.API, "teleop", "teleop", "So101Teleop"),
+    _of(WorldStateStore.API, "world-state", "world_state_store", "So101WorldState"),
+)
+"""Every model of this module."""
+
+
+def register() -> None:
+    """Tell the SDK of all models."""
+    for each in MODELS:
+        Registry.register_resource_creator(
+            each.api, each.model, ResourceCreatorRegistration(each.new, each.validate_config)
+        )
+
+
+def registered(api: str, model: str) -> RegisteredModel | None:
+    """The model of these names; None if there is none."""
+    return next((m for m in MODELS if (str(m.api), str(m.model)) == (api, model)), None)
