@@ -3,13 +3,14 @@
 import inspect
 import json
 import re
+from functools import partial
 
 import pytest
 import viam.components.generic
 import viam.services.discovery
 import viam.services.generic
 import viam.services.worldstatestore  # noqa: F401  # importing registers the clients
-from harness.emulated_port import emulated_port, works
+from harness.emulated_port import emulated_port, patiently, works
 from harness.fake_parent import (
     ARM,
     CALIBRATION,
@@ -99,6 +100,8 @@ async def test_the_answers_are_as_shown(tmp_path):
             shown = requests_of(model)
             assert shown, model
             for asked, told in shown:
-                answer = json.loads(json.dumps(dict(await resource.do_command(asked))))
+                answer = json.loads(
+                    json.dumps(dict(await patiently(partial(resource.do_command, asked))))
+                )
                 differ += differences(told, answer, f"{model} {json.dumps(asked)} ")
         assert differ == []

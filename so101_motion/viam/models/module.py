@@ -21,7 +21,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-from grpclib import GRPCError
+from grpclib import GRPCError, Status
 from grpclib.metadata import Deadline
 from viam.components.arm import Arm
 from viam.logging import getLogger
@@ -36,6 +36,7 @@ from viam.proto.module import (
 from viam.rpc.server import Server
 
 from so101_motion.arm.shared_worker import acquire_worker, release_worker
+from so101_motion.common.import_check import explain, sentence
 from so101_motion.common.realtime import reduce_jitter
 from so101_motion.files import user_storage
 from so101_motion.viam.conversion.frames import set_machine
@@ -116,14 +117,23 @@ class So101Module(Module):
         self._leave_planner()
 
     async def _load(self, config: ComponentConfig) -> RegisteredModel | None:
-        """Import a model in a thread, because the event loop answers Stop; None if unknown."""
+        """Import a model in a thread, because the event loop answers Stop; None if unknown.
+
+        Raises:
+            GRPCError: Something that it needs is not installed.
+        """
         model = registered(config.api, config.model)
         if model is not None:
             if model.plans and not self._keeps_planner:
                 self._keeps_planner = True
                 acquire_worker().start()  # imports beside us
                 asyncio.get_running_loop().call_later(_ARM_COMES, self._leave_planner)
-            await asyncio.to_thread(model.load)
+            try:
+                await asyncio.to_thread(model.load)
+            except ImportError as error:
+                if explain(error) is None:
+                    raise
+                raise GRPCError(Status.FAILED_PRECONDITION, sentence(error)) from error
         return model
 
     def _leave_planner(self) -> None:

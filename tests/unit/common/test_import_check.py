@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from grpclib import GRPCError, Status
+from harness.fake_parent import ARM, SIMULATED, running_module
 
 from so101_motion.common import import_check
 
@@ -42,10 +44,9 @@ def test_everything_needed_can_be_imported_here():
     "arguments",
     [
         ("-m", "so101_motion.common.import_check"),
-        ("-m", "so101_motion", "/tmp/no.sock"),
         ("-m", "so101_motion.cli", "demo", "--text"),
     ],
-    ids=["the installation", "the module", "the command line"],
+    ids=["the installation", "the command line"],
 )
 def test_a_missing_library_is_named_with_the_command_that_installs_it(without_libgomp, arguments):
     ended = run(without_libgomp, *arguments)
@@ -54,6 +55,19 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(without_li
     assert "try: apt-get install libgomp1 (as root)" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert "defect" not in ended.stderr
+
+
+async def test_viam_server_is_told_what_an_arm_lacks(without_libgomp, monkeypatch):
+    for name in ("PYTHONPATH", "PATH"):
+        monkeypatch.setenv(name, without_libgomp[name])
+    async with running_module() as (module, _, _):
+        for call in (module.validate, module.add):
+            with pytest.raises(GRPCError) as refused:
+                await call(ARM, SIMULATED, {})
+            assert refused.value.status is Status.FAILED_PRECONDITION
+            assert "the system library libgomp.so.1 is missing. try: apt-get" in (
+                refused.value.message
+            )
 
 
 def test_without_apt_the_package_is_named_all_the_same(monkeypatch, tmp_path):
