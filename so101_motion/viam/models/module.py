@@ -18,7 +18,6 @@ import signal
 import sys
 from contextlib import suppress
 from functools import partial
-from importlib import import_module
 from typing import Any
 
 from grpclib import GRPCError, Status
@@ -37,7 +36,7 @@ from viam.rpc.server import Server
 
 from so101_motion.arm.shared_worker import acquire_worker, release_worker
 from so101_motion.common.import_check import explain, sentence
-from so101_motion.common.realtime import reduce_jitter
+from so101_motion.common.realtime import import_quietly, reduce_jitter
 from so101_motion.files import user_storage
 from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.models.machine_pose import serve_get_pose
@@ -168,7 +167,7 @@ async def run() -> None:
 async def _import_later() -> None:
     await asyncio.sleep(_QUIET)
     for name in LATER:
-        await asyncio.to_thread(import_module, name)
+        await asyncio.to_thread(import_quietly, name)
 
 
 def _end_before_clients(server: Server) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 
 from viam.components.arm import Arm
 from viam.components.gripper import Gripper
@@ -22,6 +21,7 @@ from viam.services.generic import Generic
 from viam.services.motion import Motion
 from viam.services.worldstatestore import WorldStateStore
 
+from so101_motion.common.realtime import import_quietly
 from so101_motion.viam.models.configured import Configured, Dependencies
 
 
@@ -45,7 +45,7 @@ class RegisteredModel:
 
     def load(self) -> type[Configured]:
         """Import it; takes half a second the first time."""
-        found: type[Configured] = getattr(import_module(f"{__package__}.{self.file}"), self.name)
+        found: type[Configured] = getattr(import_quietly(f"{__package__}.{self.file}"), self.name)
         return found
 
     def validate_config(self, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
