@@ -125,7 +125,7 @@ class GoalCompensation:
         A servo in overload does not drive again before its goal is where it stands. So nothing is
         added to its goal until then.
         """
-        if faults & Fault.OVERLOAD:
+        if faults and faults & Fault.OVERLOAD:
             self._overloaded.add(i)
         elif self._overloaded:
             self._overloaded.discard(i)

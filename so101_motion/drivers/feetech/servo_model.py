@@ -68,6 +68,7 @@ class ServoModel:
         p_gain: As given.
         braking: As given.
         figures: As given.
+        is_known: Whether an identification has found how it differs from its type.
         kind: The type with its own figures.
         yielding: The error at which it makes full drive [rad].
         volts: Its supply [V], measured if possible.
@@ -81,7 +82,7 @@ class ServoModel:
         figures: ServoFigures = AS_SOLD,
     ) -> None:
         self.sold_as, self.p_gain, self.braking = sold_as, p_gain, braking
-        self.figures = figures
+        self.figures, self.is_known = figures, figures != AS_SOLD
         self.kind, self.volts = figures.of(sold_as), sold_as.volts
         self.yielding = yielding(p_gain)
 
@@ -120,11 +121,6 @@ class ServoModel:
         h, more = stiffness / brake, max(play / speed - late, 0.0)
         through = late + (math.sqrt(1.0 + 2.0 * h * more) - 1.0) / h
         return min(speed * through, play) + CHANGED / stiffness
-
-    @property
-    def is_known(self) -> bool:
-        """Whether an identification has found how it differs from its type."""
-        return self.figures != AS_SOLD
 
     def torque(self, distance: float) -> float:
         """Approximate torque [N m] that a further ``distance`` [rad] of the goal adds."""
