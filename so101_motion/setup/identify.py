@@ -56,6 +56,12 @@ FOLDS = {"shoulder_lift": (to_rad(-80.0), to_rad(80.0))}
 nearer to the shoulder, or farther, which separates a load's mass from its centre: by the covariance
 of the fit, 100 g to 3.5 g instead of 5.5, and along the hand 5 mm instead of 11."""
 
+STROKES = {"wrist_roll": (to_rad(20.0), 5)}
+"""How far to both sides, and how often, a joint moves to and fro once more, fast [rad]. Chosen by
+trial on 20 emulated arms: one without weight shows its play only where it turns round, and by a few
+ticks of its encoder. That of wrist_roll was found up to 14 % off without this, 7 % with it; slow
+strokes, or strokes of 6 deg, made its friction worse."""
+
 SPEEDS = (to_rad(15.0), to_rad(45.0))
 """Speeds of a sweep [rad/s]. Chosen: above the slowest speed of a servo's own set-point, 9 deg/s,
 and fast enough for dead time and friction to be told apart."""
@@ -375,6 +381,10 @@ def _legs(sweep: Sweep) -> Iterator[tuple[Array, float]]:
         for speed in SPEEDS if fold is None else SPEEDS[:1]:
             yield high, speed
             yield low, speed
+    far, times = STROKES.get(sweep.joint, (0.0, 0))
+    for _ in range(times):
+        for side in (-far, far):
+            yield _with(BASE, i, float(np.clip(BASE[i] + side, *sweep.ends))), SPEEDS[-1]
     yield BASE, SPEEDS[-1]
 
 
