@@ -118,8 +118,10 @@ class ManualClock:
                 while self._step(end):
                     pass
             finally:
-                self._end = -math.inf
-            self._now = max(self._now, end)
+                with self._changed:
+                    self._end = -math.inf
+            with self._changed:
+                self._now = max(self._now, end)
 
     @contextmanager
     def attend(self) -> Iterator[None]:

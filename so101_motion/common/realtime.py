@@ -82,7 +82,7 @@ def reduce_jitter() -> None:
 def import_quietly(name: str) -> ModuleType:
     """Import a module, and let the garbage collector ignore what that brings."""
     if name in sys.modules:
-        return sys.modules[name]
+        return import_module(name)  # waits for a thread that is still at it
     gc.disable()  # nothing that is imported is garbage, and looking takes a twentieth of the time
     try:
         return import_module(name)

@@ -108,6 +108,23 @@ def test_what_only_the_planning_process_or_a_later_request_needs_is_not_imported
     assert done.stdout == "[]\n"
 
 
+async def test_two_arms_of_one_model_may_be_configured_at_the_same_time():
+    async with running_module() as (module, _, _):
+        for ask in (module.validate, module.add):
+            await asyncio.gather(*(ask(ARM, SIMULATED, {}, name) for name in ("left", "right")))
+
+
+async def test_a_module_that_is_told_to_end_while_it_imports_ends_well():
+    async with running_module() as (module, _, _):
+        asked = asyncio.ensure_future(module.validate(ARM, HARDWARE_ARM, {"port": "/dev/none"}))
+        await asyncio.sleep(0.1)
+        module.process.send_signal(signal.SIGTERM)
+        assert await module.ended() == 0
+        await asyncio.wait([asked])
+        assert not asked.cancelled()
+        asked.exception()
+
+
 async def test_a_session_from_the_handshake_to_the_end():
     async with running_module() as (module, models, _):
         assert models == {

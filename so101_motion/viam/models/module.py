@@ -22,7 +22,6 @@ from typing import Any
 
 from grpclib import GRPCError, Status
 from grpclib.metadata import Deadline
-from viam.components.arm import Arm
 from viam.logging import getLogger
 from viam.module.module import Module
 from viam.proto.app.robot import ComponentConfig
@@ -55,6 +54,7 @@ register()
 getLogger("so101_motion")  # sends our log to viam-server's
 
 _CHECK_PERIOD = 1.0  # [s] between two checks of the parent process; chosen
+_HARDWARE = "so101_motion.rig.hardware_rig"
 _QUIET = 3.0  # [s] after the first resource; chosen, its first requests are over then
 _ARM_COMES = 30.0  # [s] for which the planning process is kept for an arm to come; chosen
 _PATIENCE = 8.0  # [s] for cleaning up once the parent is gone; chosen, viam-server itself gives 10
@@ -66,6 +66,8 @@ class So101Module(Module):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._keeps_planner = False
+        self._loaded: set[RegisteredModel] = set()
+        self._loading = asyncio.Lock()
         self._imports: asyncio.Task[None] | None = None
 
     async def add_resource(
@@ -101,12 +103,10 @@ class So101Module(Module):
         The SDK alone would stop the arm as if somebody had pressed Stop.
         """
         api, _, name = request.name.rpartition("/")
-        if api == str(Arm.API):
-            from so101_motion.viam.models.arm_resource import ArmResource
-
-            arm = ArmResource.here.get(name)
-            if arm is not None:
-                await arm.removed()
+        arms = _if_imported("so101_motion.viam.models.arm_resource", "ArmResource")
+        arm = arms.here.get(name) if arms is not None and api == str(arms.API) else None
+        if arm is not None:
+            await arm.removed()
         await super().remove_resource(request)
 
     def end(self) -> None:
@@ -122,18 +122,28 @@ class So101Module(Module):
             GRPCError: Something that it needs is not installed.
         """
         model = registered(config.api, config.model)
-        if model is not None:
-            if model.plans and not self._keeps_planner:
-                self._keeps_planner = True
-                acquire_worker().start()  # imports beside us
-                asyncio.get_running_loop().call_later(_ARM_COMES, self._leave_planner)
+        async with self._loading:
+            if model is None or model in self._loaded:
+                return model
+            # A process that starts holds the files that are open here, ports too.
+            if model.plans and _if_imported(_HARDWARE, "HardwareRig") is None:
+                self._start_planner()
             try:
                 await asyncio.to_thread(model.load)
             except ImportError as error:
                 if explain(error) is None:
                     raise
                 raise GRPCError(Status.FAILED_PRECONDITION, sentence(error)) from error
+            self._loaded.add(model)
         return model
+
+    def _start_planner(self) -> None:
+        """Start the planning process, and keep it until an arm needs it."""
+        if not self._keeps_planner:
+            self._keeps_planner = True
+            acquire_worker().start()
+            loop = asyncio.get_running_loop()
+            loop.call_later(_ARM_COMES, loop.run_in_executor, None, self._leave_planner)
 
     def _leave_planner(self) -> None:
         if self._keeps_planner:
@@ -166,8 +176,14 @@ async def run() -> None:
 
 async def _import_later() -> None:
     await asyncio.sleep(_QUIET)
-    for name in LATER:
-        await asyncio.to_thread(import_quietly, name)
+    with suppress(ImportError):  # whoever needs it says what is missing
+        for name in LATER:
+            await asyncio.to_thread(import_quietly, name)
+
+
+def _if_imported(module: str, name: str) -> Any:
+    """Something in a module that has been imported whole; else None."""
+    return getattr(sys.modules.get(module), name, None)
 
 
 def _end_before_clients(server: Server) -> None:
@@ -190,10 +206,14 @@ def _release_before_closing(server: Server) -> None:
     close = server.close
 
     async def release_and_close() -> None:
-        hardware = sys.modules.get("so101_motion.rig.hardware_rig")  # else there is no real arm
-        if hardware is not None:
-            await asyncio.to_thread(hardware.release_arms_at_end)
-        await close()  # type: ignore[no-untyped-call]  # the SDK left it unannotated
+        release = _if_imported(_HARDWARE, "release_arms_at_end")  # else there is no real arm
+        try:
+            if release is not None:
+                from so101_motion.viam.requests.await_motion import in_own_thread
+
+                await in_own_thread(release)
+        finally:
+            await close()  # type: ignore[no-untyped-call]  # the SDK left it unannotated
 
     server.close = release_and_close  # type: ignore[method-assign]  # the SDK has no hook for it
 
