@@ -56,10 +56,11 @@ class Readiness:
         self._why = None
         self._begun = self._due = self._clock.now()
 
-    def begin_try(self) -> None:
-        """Note that a try begins."""
-        self.is_asked = True
+    def begin_try(self) -> bool:
+        """Note that a try begins; returns whether it is the first."""
+        is_first, self.is_asked = not self.is_asked, True
         self._due = self._clock.now() + RETRY_PERIOD
+        return is_first
 
     def found(self) -> None:
         """Note that the servos have been found and set up."""

@@ -404,9 +404,8 @@ class ServoDriver:
     def _found(self) -> FeetechArm:
         """Try to find the servos, if a try is due; does not wait, because the I/O thread must not.
 
-        The first try is patient, since requests wait for it and nothing is driven yet.
-
-        A jaw that does not answer is left out: the arm can be used without it.
+        The first try is patient: requests wait for it, and nothing is driven yet. A jaw that does
+        not answer is left out: the arm can be used without it.
         """
         settings, readiness = self.settings, self.readiness
         is_first = not readiness.is_found
@@ -417,8 +416,7 @@ class ServoDriver:
                 "the servos could not be set up again yet; check the USB cable and the arm's"
                 " power, it is tried again every second",
             )
-        is_patient = not readiness.is_asked
-        readiness.begin_try()
+        is_patient = readiness.begin_try()
         required = ARM_JOINTS if settings.servo_ids is not None else settings.required()
         try:
             self._finder.look(settings, required, is_patient=is_patient)
