@@ -404,8 +404,7 @@ class ServoDriver:
     def _found(self) -> FeetechArm:
         """Try to find the servos, if a try is due; does not wait, because the I/O thread must not.
 
-        The first try is patient: requests wait for it, and nothing is driven yet. A jaw that does
-        not answer is left out: the arm can be used without it.
+        The first try is patient: nothing is driven yet. A jaw that does not answer is left out.
         """
         settings, readiness = self.settings, self.readiness
         is_first = not readiness.is_found
