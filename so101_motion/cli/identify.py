@@ -43,7 +43,7 @@ def identify(
     """Measure how this arm's servos differ from their type. The arm MOVES.
 
     The arm is raised, and one joint after the other moves back and forth through a wide part of its
-    range, clear of all known obstacles, for about two and a half minutes. The hand must be empty;
+    range, clear of all known obstacles, for nearly three minutes. The hand must be empty;
     otherwise give --carrying. The result is saved beside the calibration, and used from the next
     start on. Ctrl-C stops the arm.
 
