@@ -303,7 +303,7 @@ def test_the_arm_follows_a_leader_on_a_second_port_until_stop(
     assert leader.rig is not None
     led = leader.rig.arm
     assert led.state.mode is Mode.LIMP
-    np.testing.assert_allclose(arm.state.q, led.state.q, atol=NEAR)
+    guest.until(lambda: np.allclose(arm.state.q, led.state.q, rtol=0.0, atol=NEAR))
 
     leader.servos.type("sweep=40")  # a hand turns its shoulder first
     guest.until(lambda: float(arm.state.q[0]) < to_rad(-30.0))

@@ -119,10 +119,10 @@ def test_a_joint_that_did_not_answer_for_a_while_gets_no_figures(bench, rig):
     identification = Identification(rig, ("shoulder_pan",))
     outline = identification.outline()
     with ThreadPoolExecutor(1) as beside:
-        moving, k = beside.submit(identification.move_and_record, outline), 0
+        moving, steady = beside.submit(identification.move_and_record, outline), 0
         while not moving.done():
-            k += 1
-            bench.emulator.bus.faults.request_loss = float(1500 <= k < 1508)
+            steady = steady + 1 if 0.2 < abs(rig.arm.state.qd_ref[0]) < 0.3 else 0
+            bench.emulator.bus.faults.request_loss = float(100 <= steady < 108)
             bench.advance(0.01)
         with pytest.raises(MotionError, match="shoulder_pan did not answer for"):
             moving.result()
