@@ -9,6 +9,7 @@ import os
 import shutil
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -18,6 +19,7 @@ from harness.browser_user import FEW_PICTURES, HOME, READY, Guest
 from playwright.sync_api import Browser, BrowserContext, sync_playwright
 from so101_viewer import Preview, serve
 
+from so101_motion.common.errors import MotionError
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.rig import Rig
@@ -26,6 +28,36 @@ from so101_motion.rig.simulated_rig import open_simulated
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = ("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking")
 LAPTOP, PHONE = (1280, 720), (400, 800)
+
+ASIDE = np.radians([100.0, 0.0, 0.0, 0.0, 0.0])
+
+LONGEST = 400.0
+"""How long a test may take where it does not say so itself [s]: a busy machine draws slowly."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.is_relative_to(Path(__file__).parent) and not item.get_closest_marker(
+            "timeout"
+        ):
+            item.add_marker(pytest.mark.timeout(LONGEST))
+
+
+def move_to(rig: Rig, q: np.ndarray) -> None:
+    """Move the arm there; again where a busy machine had no time for its setpoints."""
+    for _ in range(3):
+        with suppress(MotionError):
+            rig.arm.start_move(JointGoal(q=q)).result(60.0)
+            return
+    rig.arm.start_move(JointGoal(q=q)).result(60.0)
+
+
+def crawl_aside(rig: Rig) -> None:
+    """Set out from home on a move that takes half a minute."""
+    rig.arm.set_speed(to_rad(180.0))
+    move_to(rig, HOME)
+    rig.arm.set_speed(to_rad(3.0))
+    rig.arm.start_move(JointGoal(q=ASIDE))
 
 
 class Visit(Protocol):
@@ -49,7 +81,7 @@ def no_thread_outlives_its_module() -> Iterator[None]:
         if thread.name.startswith("so101-") and thread not in before
     ]
     for thread in left:
-        thread.join(2.0)
+        thread.join(10.0)
     assert [thread.name for thread in left if thread.is_alive()] == []
 
 
@@ -110,8 +142,8 @@ def visit(browser: Browser) -> Iterator[Visit]:
         )
         context.add_init_script(FEW_PICTURES)
         contexts.append(context)
+        context.set_default_timeout(90_000)  # a busy machine draws late
         guest = Guest(page=context.new_page(), problems=[], asked=[])
-        guest.page.set_default_timeout(90_000)  # a busy machine draws late
         guest.page.on("pageerror", lambda error: guest.problems.append(str(error)))
         guest.page.on("request", lambda request: guest.asked.append(request.url))
         return guest
@@ -133,12 +165,14 @@ def guest(opened: Guest, rig: Rig) -> Guest:
     """A window on an arm that is at home, with nothing planned and a target aside."""
     rig.arm.stop()
     rig.arm.set_speed(to_rad(180.0))
-    rig.arm.start_move(JointGoal(q=HOME)).result(60.0)
+    move_to(rig, HOME)
     width, height = LAPTOP
     opened.page.set_viewport_size({"width": width, "height": height})
+    opened.until(lambda: opened.page.locator("[data-dock-tab]").count() > 6)  # built anew
     opened.page.get_by_role("tab", name="Move").click()
     opened.press("ready")
     ready_mm = to_mm(rig.arm.model.frame(READY, "jaw_tip").p)
     opened.until(lambda: np.allclose(opened.target_mm(), ready_mm, atol=0.1))
+    opened.until(lambda: opened.button("Execute").is_disabled())  # no plan of before is left
     opened.until(lambda: opened.button("Plan").is_enabled())
     return opened

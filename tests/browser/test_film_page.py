@@ -40,8 +40,8 @@ def film(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         viewport={"width": 800, "height": 560}, device_scale_factor=0.5, offline=True
     )
     context.add_init_script(FEW_PICTURES)
+    context.set_default_timeout(90_000)
     guest = Guest(page=context.new_page(), problems=[], asked=[])
-    guest.page.set_default_timeout(90_000)
     guest.page.on("pageerror", lambda error: guest.problems.append(str(error)))
     guest.page.on("request", lambda request: guest.asked.append(request.url))
     guest.page.goto(path.as_uri())
@@ -53,7 +53,7 @@ def film(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 def test_it_shows_arm_ghost_path_and_obstacle_in_motion(film: Guest) -> None:
-    assert {"/ghost/gripper_link", "/path", "/world/0"} <= film.nodes()
+    film.until(lambda: {"/ghost/gripper_link", "/path", "/world/0"} <= film.nodes())
     before = film.pose_of("/arm/gripper_link")["position"]
     film.until(lambda: film.pose_of("/arm/gripper_link")["position"] != before)
 
@@ -70,9 +70,9 @@ def test_its_picture_is_that_of_the_arm_and_changes(film: Guest) -> None:
 
 def test_it_shows_its_figures_asks_for_nothing_and_runs_no_name(film: Guest) -> None:
     for words in ("Duration", "Peak speed", "Clearance", "Limits", "Gripper", HOSTILE):
-        assert film.page.get_by_text(words, exact=True).count() == 1
+        film.comes_to(1, film.page.get_by_text(words, exact=True).count)
     for words in ("path of the tool", "the goal", "% open", f"{datetime.now():%Y-%m-%d}"):
-        assert film.says(words)
+        film.until(lambda words=words: film.says(words))
     film.until(lambda: not film.says("WebGL"))  # a developer's words; there is a line of ours
     own = ("file:", "blob:", "data:")
     assert [url for url in film.asked if not url.startswith(own)] == []

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import move_to
 from harness.browser_user import HOME, READY, Guest
-from playwright.sync_api import Locator
+from playwright.sync_api import Locator, TimeoutError
 from so101_viewer import Preview, Source, serve_source
 
 from so101_motion.arm.gripper import GENTLEST
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
 
@@ -61,7 +62,7 @@ def push(rig: Rig, q: np.ndarray) -> None:
 @pytest.fixture
 def jogging(guest: Guest, rig: Rig) -> Iterator[Guest]:
     """A window that jogs an arm in its ready pose."""
-    rig.arm.start_move(JointGoal(q=READY)).result(60.0)
+    move_to(rig, READY)
     in_front(guest, "Jog")
     switch_on(guest)
     yield guest
@@ -80,20 +81,25 @@ def switch_on(guest: Guest) -> None:
     guest.until(lambda: guest.page.get_by_label("gripper, open").is_enabled())
 
 
-def led(guest: Guest, rig: Rig, key: str) -> np.ndarray:
-    """Which way the tool goes while a key is held."""
-    before = tip(rig)
+def hold(guest: Guest, rig: Rig, key: str, until: Callable[[], bool]) -> None:
+    """Hold a key until something is so, then let the arm come to rest."""
 
-    def is_on_its_way() -> bool:
-        if guest.says("No setpoint could be sent"):
+    def is_so() -> bool:
+        if guest.has_stalled():
             guest.page.keyboard.up(key)
             switch_on(guest)
         guest.page.keyboard.down(key)
-        return float(np.linalg.norm(tip(rig) - before)) > 0.005
+        return until()
 
-    guest.until(is_on_its_way)
+    guest.until(is_so)
     guest.page.keyboard.up(key)
     guest.until(lambda: not moves(rig))
+
+
+def led(guest: Guest, rig: Rig, key: str) -> np.ndarray:
+    """Which way the tool goes while a key is held."""
+    before = tip(rig)
+    hold(guest, rig, key, lambda: float(np.linalg.norm(tip(rig) - before)) > 0.005)
     way = tip(rig) - before
     return np.asarray(way / np.linalg.norm(way))
 
@@ -117,7 +123,7 @@ def choose(guest: Guest, *names: str) -> None:
 def test_the_tool_is_led_along_the_axes_of_the_base_and_its_own(jogging: Guest, rig: Rig) -> None:
     jogging.until(lambda: is_chosen(jogging, "joints") and is_chosen(jogging, "slow"))
     view = jogging.page.evaluate(VIEW)
-    choose(jogging, "fast", "base")
+    choose(jogging, "medium", "base")  # a busy page lets go of a key late
     jogging.until(lambda: not is_chosen(jogging, "joints"))
     np.testing.assert_allclose(led(jogging, rig, "r"), [0.0, 0.0, 1.0], atol=0.05)
     np.testing.assert_allclose(led(jogging, rig, "s"), [-1.0, 0.0, 0.0], atol=0.05)
@@ -142,23 +148,20 @@ def test_the_tool_is_led_along_the_axes_of_the_base_and_its_own(jogging: Guest, 
 def test_each_step_of_the_speed_is_faster_and_what_is_in_the_way_is_named(
     jogging: Guest, rig: Rig
 ) -> None:
-    peaks = []
-    for name in ("slow", "medium", "fast"):
+    peak = [0.0]
+
+    def exceeds(speed: float) -> bool:  # a busy page may let go of a key again and again
+        peak.append(float(np.abs(rig.arm.state.qd_ref).max()))
+        return max(peak) > speed and len(peak) > 12
+
+    for name, least_deg, most_deg in (("slow", 3.0, 7.0), ("medium", 7.0, 21.0),
+                                      ("fast", 21.0, 46.0)):  # fmt: skip
         choose(jogging, name)
-        jogging.page.keyboard.down("q")
-        found: list[float] = []
-        for _ in range(12):
-            jogging.page.wait_for_timeout(50)
-            found.append(float(np.abs(rig.arm.state.qd_ref).max()))
-        jogging.page.keyboard.up("q")
-        jogging.until(lambda: not moves(rig))
-        peaks.append(max(found))
-    assert peaks[0] < to_rad(7.0) < peaks[1] < to_rad(21.0) < peaks[2] < to_rad(46.0)
-    choose(jogging, "base")
-    jogging.page.keyboard.down("f")  # down to the table
-    jogging.until(lambda: jogging.says("Held back: ") and jogging.says("floor"))
-    jogging.page.keyboard.up("f")
-    jogging.until(lambda: not moves(rig))
+        peak[:] = []
+        hold(jogging, rig, "q", lambda least=least_deg: exceeds(to_rad(least)))
+        assert max(peak) < to_rad(most_deg), name
+    choose(jogging, "base")  # down to the table
+    hold(jogging, rig, "f", lambda: jogging.says("Held back: ") and jogging.says("floor"))
 
 
 def test_a_lost_network_and_a_closed_window_let_go(
@@ -188,44 +191,45 @@ def test_a_lost_network_and_a_closed_window_let_go(
 def test_the_arm_follows_the_arrows_as_long_as_they_are_dragged(jogging: Guest, rig: Rig) -> None:
     choose(jogging, "arrows", "fast")
     jogging.until(lambda: jogging.says("Drag the target's arrows"))
-    before = tip(rig)
-    x, y = jogging.page.evaluate(
-        """() => {
-            const node = window.__viserMutable.nodeRefFromName['/target'];
-            const canvas = window.__viserMutable.canvas.getBoundingClientRect();
-            const p = node.position.clone().set(0, 0, 0.085);
-            node.localToWorld(p).project(window.__viserMutable.camera);
-            return [canvas.left + (p.x + 1) / 2 * canvas.width,
-                    canvas.top + (1 - p.y) / 2 * canvas.height];
-        }"""
-    )
-    mouse = jogging.page.mouse
-    mouse.move(x, y)
-    jogging.page.wait_for_timeout(300)
-    mouse.down()
-    for step in range(1, 9):
-        mouse.move(x, y - 5 * step)
-        jogging.page.wait_for_timeout(80)
-    jogging.until(lambda: tip(rig)[2] - before[2] > 0.003)
-    mouse.up()
-    jogging.until(lambda: not moves(rig))
+    before, mouse = tip(rig), jogging.page.mouse
+
+    def leads_up() -> bool:
+        """Whether a drag does; a busy page may miss where the mouse is, or let go on the way."""
+        x, y = jogging.place_of("/target", (0.0, 0.0, 0.085))
+        mouse.move(x, y)
+        jogging.page.wait_for_timeout(300)
+        mouse.down()
+        for step in (*range(1, 9), *(7, 8) * 10):
+            mouse.move(x, y - 5 * step)
+            jogging.page.wait_for_timeout(80)
+            if tip(rig)[2] - before[2] > 0.003:
+                break
+        mouse.up()
+        jogging.until(lambda: not moves(rig))
+        return bool(tip(rig)[2] - before[2] > 0.003)
+
+    jogging.until(leads_up)
 
 
 def test_the_views_turn_the_picture(guest: Guest) -> None:
     def view() -> np.ndarray:
         return np.asarray(guest.page.evaluate(VIEW))
 
+    def rests() -> bool:
+        before = view()
+        guest.page.wait_for_timeout(300)
+        return bool(np.all(view() == before))
+
     seen = []
-    for name in ("Home", "Top", "Front", "Side"):
+    for name in ("Top", "Home", "Front", "Side"):
         before = view()
         guest.button(name).click()
-        if name != "Home":
-            guest.until(lambda before=before: float(np.linalg.norm(view() - before)) > 0.1)
-        guest.page.wait_for_timeout(300)
+        guest.until(lambda before=before: float(np.linalg.norm(view() - before)) > 0.1)
+        guest.until(rests)
         seen.append(view())
     assert min(np.linalg.norm(a - b) for a, b in pairwise(seen)) > 0.1
     guest.button("Home").click()
-    guest.until(lambda: float(np.linalg.norm(view() - seen[0])) < 0.01)
+    guest.until(lambda: float(np.linalg.norm(view() - seen[1])) < 0.01)
 
 
 def test_the_jaw_goes_where_its_slider_is_and_force_is_chosen(guest: Guest, rig: Rig) -> None:
@@ -246,9 +250,21 @@ def test_letting_go_asks_first_and_hold_holds_again(guest: Guest, rig: Rig) -> N
     asks = guest.page.locator("#so101-buttons .asks")
     guest.until(lambda: asks.count() == 1)
     assert rig.arm.state.mode is Mode.HOLDING
-    guest.page.wait_for_timeout(800)  # a double click is no answer
-    asks.click()
-    guest.until(lambda: rig.arm.state.mode is Mode.LIMP)
+
+    def answers() -> bool:
+        """Whether the answer counts; the page asks for five seconds only."""
+        if not asks.count():
+            guest.press("Let go")
+        guest.page.wait_for_timeout(800)  # a double click is no answer
+        with suppress(TimeoutError):
+            asks.click(timeout=5000)
+        for _ in range(100):
+            if rig.arm.state.mode is Mode.LIMP:
+                return True
+            guest.page.wait_for_timeout(50)
+        return False
+
+    guest.until(answers)
     guest.until(lambda: guest.says("The arm is limp. Press Hold to keep it where it is."))
     guest.until(lambda: guest.button("Hold").is_enabled())
     guest.press("Hold")
@@ -302,8 +318,7 @@ def test_one_button_lets_the_arm_follow_its_leader_and_stop_ends_it(
     guest.until(lambda: bool(np.max(np.abs(rig.arm.state.q - led)) < to_rad(1.5)))
     guest.press("STOP")
     guest.until(lambda: guest.button("Follow the leader").count() == 1)
-    guest.until(lambda: leader.arm.state.mode is Mode.HOLDING)
-    assert rig.arm.state.mode is Mode.HOLDING
+    guest.until(lambda: leader.arm.state.mode is rig.arm.state.mode is Mode.HOLDING)
     push(leader, HOME)
     guest.page.wait_for_timeout(300)
     assert float(np.max(np.abs(rig.arm.state.q - led))) < to_rad(3.0), "it follows no longer"

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import viser
-from conftest import PHONE
+from conftest import PHONE, move_to
 from harness.browser_user import HOME, READY, Guest
 from PIL import Image
 from so101_viewer import Preview
@@ -17,7 +17,6 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.rig import Rig
 
@@ -33,16 +32,10 @@ def far_from(q: np.ndarray, rig: Rig) -> bool:
     return float(np.max(np.abs(rig.arm.state.q - q))) > to_rad(1.0)
 
 
-def plan(guest: Guest) -> None:
-    guest.press("Plan")
-    guest.page.wait_for_timeout(300)  # a former plan may be executed until this one is begun
-    guest.until(lambda: guest.button("Execute").is_enabled())
-
-
 def start_slow_move(guest: Guest, rig: Rig) -> None:
-    """Set out on a move that takes many seconds."""
-    rig.arm.set_speed(to_rad(6.0))
-    plan(guest)
+    """Set out on a move that takes twenty seconds."""
+    rig.arm.set_speed(to_rad(3.0))
+    guest.plan()
     guest.press("Execute")
     guest.until(lambda: rig.arm.is_moving and far_from(HOME, rig))
 
@@ -53,6 +46,7 @@ def stands_on_the_way(rig: Rig) -> bool:
 
 def expect_stopped_on_the_way(guest: Guest, rig: Rig) -> None:
     guest.until(lambda: guest.says("Stopped. The arm holds where it is."))
+    guest.until(lambda: at_rest(rig))
     assert stands_on_the_way(rig)
 
 
@@ -120,11 +114,11 @@ def test_two_buttons_plan_and_move_the_arm_to_the_target(guest: Guest, rig: Rig)
     guest.until(lambda: guest.says("Reachable. Press Plan."))
     before = guest.pose_of("/live/gripper_link")
 
-    plan(guest)
-    assert "/path" in guest.nodes()
+    guest.plan()
+    guest.until(lambda: "/path" in guest.nodes())
     guest.until(lambda: guest.says("Peak speed"))
-    assert guest.page.locator(".uplot").count() >= 1
-    np.testing.assert_allclose(guest.end_of_path(), [0.25, -0.12, 0.15], atol=1e-4)
+    guest.until(lambda: guest.page.locator(".uplot").count() >= 1)
+    guest.until(lambda: np.allclose(guest.end_of_path(), [0.25, -0.12, 0.15], atol=1e-4))
     assert guest.pose_of("/live/gripper_link") == before  # planning moves nothing
 
     buttons = [guest.button(name) for name in ("Plan", "Execute", "0.25×", "open")]
@@ -174,37 +168,37 @@ def test_a_click_on_stop_is_not_lost_between_other_clicks(guest: Guest, rig: Rig
 
 def arrow(guest: Guest) -> tuple[float, float]:
     """Where the arrow up of the target is in the picture [px]."""
-    x, y = guest.page.evaluate(
-        """() => {
-            const node = window.__viserMutable.nodeRefFromName['/target'];
-            const canvas = window.__viserMutable.canvas.getBoundingClientRect();
-            const p = node.position.clone().set(0, 0, 0.085);
-            node.localToWorld(p).project(window.__viserMutable.camera);
-            return [canvas.left + (p.x + 1) / 2 * canvas.width,
-                    canvas.top + (1 - p.y) / 2 * canvas.height];
-        }"""
-    )
-    return x, y
+    return guest.place_of("/target", (0.0, 0.0, 0.085))
 
 
-def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig) -> None:
-    before = guest.pose_of("/target")["position"]
-    ghost_before = guest.pose_of("/ghost/gripper_link")["position"]
+def drags_arrow(guest: Guest) -> bool:
+    """Drag the arrow and keep it; whether it is, a busy page may miss where the mouse is."""
     x, y = arrow(guest)
     mouse = guest.page.mouse
+    mouse.up()
     mouse.move(x, y)
     guest.page.wait_for_timeout(200)
     mouse.down()
     for step in range(1, 9):
         mouse.move(x, y - 6 * step)
         guest.page.wait_for_timeout(60)
-    guest.until(lambda: "/reach" in guest.nodes())  # what is within reach is shaded meanwhile
-    mouse.up()
+    for _ in range(60):
+        if "/reach" in guest.nodes():  # what is within reach is shaded meanwhile
+            return True
+        guest.page.wait_for_timeout(50)
+    return False
+
+
+def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig) -> None:
+    before = guest.pose_of("/target")["position"]
+    ghost_before = guest.pose_of("/ghost/gripper_link")["position"]
+    guest.until(lambda: drags_arrow(guest))
+    guest.page.mouse.up()
     guest.until(lambda: "/reach" not in guest.nodes())
     guest.until(lambda: guest.pose_of("/ghost/gripper_link")["position"] != ghost_before)
     after = guest.pose_of("/target")["position"]
     assert after[2] - before[2] > 0.01
-    assert guest.fields("Target (mm)").nth(2).input_value() != f"{to_mm(before[2]):g}"
+    guest.until(lambda: guest.target_mm()[2] > to_mm(before[2]) + 10.0)
 
     for width, height in (PHONE, (820, 1180)):
         guest.page.set_viewport_size({"width": width, "height": height})
@@ -229,23 +223,18 @@ def test_clicks_measure_and_the_camera_follows_the_tool(guest: Guest, rig: Rig) 
         guest.page.wait_for_timeout(200)
 
     clicks_as("measures")
-    canvas = guest.page.locator("#root canvas").first.bounding_box()
-    assert canvas is not None
-    right, low = (
-        canvas["x"] + canvas["width"],
-        canvas["y"] + 0.6 * canvas["height"],
-    )  # off the plots
+    left, top, width, height = guest.picture()
+    right, low = left + width, top + 0.6 * height  # off the plots
     for x, words in ((right - 140.0, "Click the second point."), (right - 40.0, " mm (X ")):
-        for _ in range(10):  # a busy browser may not know yet what a click is for
-            guest.page.mouse.click(x, low)
-            guest.page.wait_for_timeout(300)
-            if guest.says(words):
-                break
-        guest.until(lambda words=words: guest.says(words))
-    assert "/measure/line" in guest.nodes()
+        place = (x, low)
+        guest.click_until(lambda place=place: place, lambda words=words: guest.says(words))
+    guest.until(lambda: "/measure/line" in guest.nodes())
     ends = [np.array(guest.pose_of(f"/measure/{k}")["position"]) for k in (1, 2)]
     for k, x in ((1, right - 140.0), (2, right - 40.0)):
-        np.testing.assert_allclose(guest.place_of(f"/measure/{k}"), (x, low), atol=3.0)
+        place = (x, low)
+        guest.until(
+            lambda k=k, place=place: np.allclose(guest.place_of(f"/measure/{k}"), place, atol=3.0)
+        )
     said = guest.page.get_by_text(" mm (X ").filter(visible=True).first.inner_text()
     far_mm = to_mm(float(np.linalg.norm(ends[1] - ends[0])))
     assert far_mm > 20.0
@@ -255,7 +244,7 @@ def test_clicks_measure_and_the_camera_follows_the_tool(guest: Guest, rig: Rig) 
 
     guest.press("Follow")
     before = guest.page.evaluate("window.__viserMutable.camera.position.toArray()")
-    rig.arm.start_move(JointGoal(q=READY)).result(30.0)
+    move_to(rig, READY)
     guest.until(
         lambda: (
             np.linalg.norm(
@@ -324,9 +313,10 @@ def test_a_pose_can_be_saved_and_comes_back_by_its_name(guest: Guest, rig: Rig) 
 
 
 def test_a_plan_is_played_and_shows_what_it_sweeps_and_its_curves(guest: Guest, rig: Rig) -> None:
-    plan(guest)
+    rig.arm.set_speed(to_rad(20.0))  # at a quarter of that it plays for many seconds
+    guest.plan()
     guest.until(lambda: guest.says("Clearance"))
-    assert {"/sweep/gripper_link", "/sweep/shoulder_link"} <= guest.nodes()
+    guest.until(lambda: {"/sweep/gripper_link", "/sweep/shoulder_link"} <= guest.nodes())
     at_goal = guest.pose_of("/ghost/gripper_link")["position"]
     guest.press("0.25×")
     guest.until(lambda: guest.pose_of("/ghost/gripper_link")["position"] != at_goal)
@@ -347,12 +337,12 @@ def test_a_plan_is_played_and_shows_what_it_sweeps_and_its_curves(guest: Guest, 
     guest.until(lambda: abs(float(handle.get_attribute("aria-valuenow") or 0) - 0.5 * end) < 0.1)
     guest.press("keep this plan")
     guest.until(lambda: "/kept-path" in guest.nodes())
+    guest.until(lambda: duration(guest) != [])
     first = duration(guest)
     guest.press("rest")
     guest.until(lambda: guest.button("Execute").is_disabled())
-    plan(guest)
-    guest.until(lambda: len(duration(guest)) == 2)
-    assert duration(guest)[0] != duration(guest)[1] == first[0]
+    guest.plan()
+    guest.until(lambda: duration(guest)[1:] == first[:1] != duration(guest)[:1])
     guest.press("forget it")
     guest.until(lambda: "/kept-path" not in guest.nodes())
     assert at_rest(rig)
@@ -363,13 +353,13 @@ def duration(guest: Guest) -> list[str]:
     """How long the newest plan takes, and the kept one beside it."""
     name = guest.page.get_by_text("Duration", exact=True)
     cells = name.locator("xpath=following-sibling::*").all_inner_texts()
-    return cells[: cells.index("Peak speed")]
+    return cells[: cells.index("Peak speed")] if "Peak speed" in cells else []
 
 
 def test_after_a_motion_there_is_a_curve_of_how_well_it_was_followed(
     guest: Guest, rig: Rig
 ) -> None:
-    plan(guest)
+    guest.plan()
     guest.press("Execute")
     guest.until(lambda: guest.says("Arrived"))
     guest.page.get_by_role("tab", name="Tracking").click()
@@ -380,7 +370,7 @@ def test_after_a_motion_there_is_a_curve_of_how_well_it_was_followed(
 
 
 def test_new_surroundings_drop_the_plan(guest: Guest, rig: Rig) -> None:
-    plan(guest)
+    guest.plan()
     before = rig.arm.scene
     rig.arm.scene = Scene(floor_z=before.floor_z)
     guest.until(lambda: guest.says("The surroundings have changed. Press Plan again."))
@@ -389,7 +379,7 @@ def test_new_surroundings_drop_the_plan(guest: Guest, rig: Rig) -> None:
 
 
 def test_a_reload_moves_nothing_and_keeps_the_plan(guest: Guest, rig: Rig) -> None:
-    plan(guest)
+    guest.plan()
     guest.page.reload()
     guest.until(lambda: guest.button("Execute").count() == 1)
     guest.until(lambda: "/path" in guest.nodes())

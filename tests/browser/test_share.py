@@ -21,10 +21,12 @@ def take(guest: Guest, kind: str = "", motion: str = "") -> Download:
     guest.page.get_by_role("tab", name="Share").click()
     for label, wanted in (("Motion", motion), ("File", kind)):
         if wanted:
-            guest.fields(label).filter(visible=True).first.click()
+            field = guest.fields(label).filter(visible=True).first
+            field.click()
             guest.page.get_by_role("option", name=wanted).click()
-            guest.page.wait_for_timeout(100)  # the page sends one message per panel every 50 ms
-    with guest.page.expect_download(timeout=60_000) as download:
+            guest.until(lambda field=field, wanted=wanted: wanted in field.input_value())
+            guest.page.wait_for_timeout(300)  # the page sends one message per panel every 50 ms
+    with guest.page.expect_download() as download:
         guest.press("Download")
     guest.until(lambda: guest.says(download.value.suggested_filename))
     guest.page.get_by_role("tab", name="Move").click()  # where the next test begins
@@ -33,9 +35,7 @@ def take(guest: Guest, kind: str = "", motion: str = "") -> Download:
 
 def plan(guest: Guest) -> None:
     guest.page.get_by_role("tab", name="Move").click()
-    guest.press("Plan")
-    guest.page.wait_for_timeout(300)  # a former plan may be executed until this one is begun
-    guest.until(lambda: guest.button("Execute").is_enabled())
+    guest.plan()
 
 
 def test_without_a_plan_there_is_nothing_to_download(opened: Guest) -> None:

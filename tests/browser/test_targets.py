@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from harness.browser_user import HOME, Guest
@@ -31,14 +33,9 @@ def test_a_click_on_the_floor_sets_the_target_and_undo_takes_it_back(
 ) -> None:
     before = guest.target_mm()
     click_does(guest, "sets the target")
-    canvas = guest.page.locator("#root canvas").first.bounding_box()
-    assert canvas is not None
-    x, y = canvas["x"] + 0.62 * canvas["width"], canvas["y"] + 0.55 * canvas["height"]
-    for _ in range(10):  # a busy browser may not know yet what a click is for
-        guest.page.mouse.click(x, y)
-        guest.page.wait_for_timeout(400)
-        if guest.target_mm() != before:
-            break
+    left, top, width, height = guest.picture()
+    x, y = left + 0.62 * width, top + 0.55 * height
+    guest.click_until(lambda: (x, y), lambda: guest.target_mm() != before)
     floor_mm = to_mm(rig.arm.scene.floor_z or 0.0)
     guest.until(lambda: abs(guest.target_mm()[2] - floor_mm - 20.0) < 0.2)
     there = guest.target_mm()
@@ -58,7 +55,7 @@ def test_the_nearest_place_is_taken_and_a_direction_is_kept(guest: Guest) -> Non
     guest.until(lambda: guest.button("take the nearest").is_enabled())
     guest.press("take the nearest")
     guest.until(lambda: guest.says("Reachable. Press Plan."))
-    assert 300.0 < guest.target_mm()[0] < 599.0
+    guest.until(lambda: 300.0 < guest.target_mm()[0] < 599.0)
 
     def rings() -> bool:
         node = "window.__viserSceneTree.getState()['/target'].message.props"
@@ -89,13 +86,12 @@ def test_an_object_is_clicked_and_the_nearest_place_beside_it_is_taken(
     guest.until(lambda: "/world/0" in guest.nodes())
     click_does(guest, "sets the target")
     first = guest.target_mm()
-    for _ in range(10):  # a busy browser may not know yet what a click is for
-        guest.page.mouse.click(*guest.place_of("/world/0", (0.0, 0.0, 0.5 * top_z)))
-        guest.page.wait_for_timeout(400)
-        if guest.target_mm() != first:
-            break
+    guest.click_until(
+        lambda: guest.place_of("/world/0", (0.0, 0.0, 0.5 * top_z)),
+        lambda: guest.target_mm() != first,
+    )
     guest.until(lambda: np.allclose(guest.target_mm(), [240.0, 100.0, 100.0], atol=8.0))
-    assert abs(guest.target_mm()[2] - 100.0) < 0.2  # 20 mm above it
+    guest.until(lambda: abs(guest.target_mm()[2] - 100.0) < 0.2)  # 20 mm above it
     guest.until(lambda: guest.says("Reachable. Press Plan."))
     guest.until(lambda: pointing(guest)[2] < -0.9)  # from above; -0.82 without
     guest.type_target(240.0, 100.0, 60.0)  # inside it
@@ -103,8 +99,11 @@ def test_an_object_is_clicked_and_the_nearest_place_beside_it_is_taken(
     guest.until(lambda: guest.button("Plan").is_disabled())
     guest.press("take the nearest")
     guest.until(lambda: guest.says("Reachable. Press Plan."))
-    off = np.linalg.norm(np.subtract(guest.target_mm(), (240.0, 100.0, 60.0)))
-    assert 5.0 < off < 80.0
+
+    def off() -> float:
+        return float(np.linalg.norm(np.subtract(guest.target_mm(), (240.0, 100.0, 60.0))))
+
+    guest.until(lambda: 5.0 < off() < 80.0)
     click_does(guest, "selects")
     rig.arm.scene = before
     guest.until(lambda: "/world/0" not in guest.nodes())
@@ -140,13 +139,20 @@ def test_a_ring_turns_the_gripper_and_what_is_out_of_reach_is_red(guest: Guest) 
     guest.page.get_by_role("option", name="tilt and roll").click()
     guest.page.wait_for_timeout(500)
 
+    def comes(condition: Callable[[], bool], looks: int) -> bool:
+        """Whether a drag comes to this soon."""
+        for _ in range(looks):
+            if condition():
+                return True
+            guest.page.wait_for_timeout(50)
+        return False
+
     def turns(slider: str, first: int, second: int, *angles: float) -> bool:
         """Whether a drag of a ring does; a busy browser may not know yet where the mouse is."""
         before = value(slider)
         drag("/target", *(ring(first, second, angle) for angle in angles))
         mouse.up()
-        guest.page.wait_for_timeout(500)
-        return abs(value(slider) - before) > 5.0
+        return comes(lambda: abs(value(slider) - before) > 5.0, 10)
 
     tilt, roll, p_mm = value("Tilt (°)"), value("Roll (°)"), guest.target_mm()
     guest.until(lambda: turns("Tilt (°)", 0, 2, 45.0, 55.0, 65.0))
@@ -161,10 +167,13 @@ def test_a_ring_turns_the_gripper_and_what_is_out_of_reach_is_red(guest: Guest) 
     guest.type_target(240.0, 0.0, 130.0)  # where no handle has led it
     guest.until(lambda: guest.color_of(GHOST) == BLUE)
 
-    drag("/target", (0.085, 0.0, 0.0), (0.3, 0.0, 0.0), (0.5, 0.0, 0.0))
-    guest.until(lambda: guest.says("mm out of reach"))
+    def is_dragged_away() -> bool:
+        mouse.up()
+        drag("/target", (0.085, 0.0, 0.0), (0.3, 0.0, 0.0), (0.5, 0.0, 0.0))
+        return comes(lambda: guest.says("mm out of reach") and "/reach" in guest.nodes(), 60)
+
+    guest.until(is_dragged_away)
     guest.until(lambda: guest.color_of(GHOST) == RED)
-    assert "/reach" in guest.nodes()
     mouse.up()
     guest.until(lambda: "/reach" not in guest.nodes())
     guest.press("take the nearest")

@@ -6,9 +6,11 @@ tests look at nodes and widgets and hardly at pixels.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -17,8 +19,12 @@ from playwright.sync_api import Locator, Page
 
 from so101_motion.common.named_poses import POSES
 
+T = TypeVar("T")
+
 HOME = np.zeros(5)
 READY = next(pose.q for pose in POSES if pose.name == "ready")
+
+STALLED = "No setpoint could be sent"
 
 FEW_PICTURES = """
 window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 125);
@@ -76,7 +82,6 @@ class Guest:
         self.page.wait_for_function(
             "() => window.__viserSceneTree && '/live/gripper_link' in "
             "window.__viserSceneTree.getState()",
-            timeout=60_000,
         )
         self.until(lambda: self.button("Plan").count() == 1)
 
@@ -90,8 +95,47 @@ class Guest:
     def press(self, name: str) -> None:
         self.button(name).click()
 
+    def plan(self) -> None:
+        """Have the page plan; again where it hears of a new speed or scene only meanwhile."""
+
+        def is_planned() -> bool:
+            if self.says("Press Plan again."):
+                self.press("Plan")
+                self.page.wait_for_timeout(1000)
+            return self.button("Execute").is_enabled()
+
+        self.press("Plan")
+        self.page.wait_for_timeout(300)  # a former plan may be executed until this one is begun
+        self.until(is_planned)
+
+    def click_until(
+        self, place: Callable[[], tuple[float, float]], condition: Callable[[], bool]
+    ) -> None:
+        """Click at ``place`` until ``condition`` holds; again only where nothing comes of a click
+        for seconds, as the page may not know yet what one is for.
+        """
+        for _ in range(10):
+            self.page.mouse.click(*place())
+            for _ in range(100):
+                if condition():
+                    return
+                self.page.wait_for_timeout(50)
+        self.until(condition)
+
+    def double_click(self, x: float, y: float) -> None:
+        """Click twice within a tenth of a second, however late the page gets round to it."""
+        mouse, began = self.page.context.new_cdp_session(self.page), time.time()
+        for k, kind in enumerate(("mousePressed", "mouseReleased") * 2):
+            told = {"type": kind, "x": x, "y": y, "button": "left", "clickCount": 1 + k // 2}
+            mouse.send("Input.dispatchMouseEvent", told | {"timestamp": began + 0.05 * (k // 2)})
+        mouse.detach()
+
     def says(self, words: str) -> bool:
         return self.page.get_by_text(words).count() > 0
+
+    def has_stalled(self) -> bool:
+        """Whether the page says that a busy machine kept the arm from moving on."""
+        return self.page.get_by_text(STALLED).filter(visible=True).count() > 0
 
     def until(self, condition: Callable[[], bool], *, seconds: float = 60.0) -> None:
         """Wait for ``condition`` and let the page live meanwhile; fail when it never comes."""
@@ -101,19 +145,42 @@ class Guest:
             self.page.wait_for_timeout(50)
         pytest.fail(f"did not come true within {seconds:g} s; the page said: {self.words()!r}")
 
+    def comes_to(self, wanted: T, look: Callable[[], T]) -> None:
+        """Wait until ``look`` finds what is wanted; fail with what it has found instead."""
+        found: list[T] = []
+        for _ in range(1200):
+            found[:] = [look()]
+            if found == [wanted]:
+                return
+            self.page.wait_for_timeout(50)
+        assert found[0] == wanted
+
+    def _learn(self, script: str, told: object = None) -> Any:
+        """What a script finds out, as soon as the page knows it."""
+        found: list[Any] = []
+
+        def is_known() -> bool:
+            found[:] = [self.page.evaluate(script, told)]
+            return found[0] is not None
+
+        self.until(is_known)
+        return found[0]
+
     @contextmanager
     def looking(self) -> Iterator[None]:
         """Draw the scene in full while a test looks at its pixels."""
         self.page.evaluate("window.draws = true")
-        yield
-        self.page.evaluate("window.draws = false")
+        try:
+            yield
+        finally:
+            self.page.evaluate("window.draws = false")
 
     def color_of(self, part: str) -> int:
         """The colour of a part of the arm on the stage, as a number of the form 0xrrggbb."""
-        color: list[int] = self.page.evaluate(
+        color: list[int] = self._learn(
             "part => { const nodes = window.__viserSceneTree.getState();"
             " const name = Object.keys(nodes).find((name) => name.startsWith(part));"
-            " return [...nodes[name].message.props.color]; }",
+            " return name ? [...nodes[name].message.props.color] : null; }",
             part,
         )
         red, green, blue = color
@@ -156,9 +223,10 @@ class Guest:
 
     def pose_of(self, node: str) -> dict[str, list[float]]:
         """Where the browser has a node: ``position`` [m] and ``wxyz``."""
-        pose: dict[str, list[float]] = self.page.evaluate(
+        pose: dict[str, list[float]] = self._learn(
             "name => { const d = window.__viserMutable.nodePoseData[name];"
-            " return {position: [...d.position], wxyz: [...d.wxyz]}; }",
+            " const known = d?.position && d?.wxyz;"
+            " return known ? {position: [...d.position], wxyz: [...d.wxyz]} : null; }",
             node,
         )
         return pose
@@ -167,9 +235,10 @@ class Guest:
         self, node: str, p: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[float, float]:
         """Where a point ``p`` [m] of a node is in the window [px]."""
-        x, y = self.page.evaluate(
+        x, y = self._learn(
             """([node, p]) => {
                 const there = window.__viserMutable.nodeRefFromName[node];
+                if (!there) return null;  // not built yet
                 const canvas = window.__viserMutable.canvas.getBoundingClientRect();
                 const at = there.position.clone().set(...p);
                 there.localToWorld(at).project(window.__viserMutable.camera);
@@ -180,11 +249,26 @@ class Guest:
         )
         return x, y
 
+    def picture(self) -> tuple[float, float, float, float]:
+        """Where the picture of the scene is, once it rests: left, top, width, height [px]."""
+        seen: list[dict[str, float] | None] = [None]
+        canvas = self.page.locator("#root canvas").first
+
+        def rests() -> bool:
+            seen.append(canvas.bounding_box())  # type: ignore[arg-type]
+            self.page.wait_for_timeout(300)
+            return seen[-1] is not None and seen[-1] == seen[-2]
+
+        self.until(rests)
+        box = seen[-1]
+        assert box is not None
+        return box["x"], box["y"], box["width"], box["height"]
+
     def end_of_path(self) -> list[float]:
         """The last point of the line to the target, as the browser has it [m]."""
-        point: list[float] = self.page.evaluate(
-            "() => Array.from(window.__viserSceneTree.getState()['/path'].message.props.points)"
-            ".slice(-3)"
+        point: list[float] = self._learn(
+            "() => { const path = window.__viserSceneTree.getState()['/path'];"
+            " return path ? Array.from(path.message.props.points).slice(-3) : null; }"
         )
         return point
 
@@ -195,8 +279,15 @@ class Guest:
         )
 
     def target_mm(self) -> tuple[float, ...]:
-        """What the three fields of the target say."""
-        return tuple(float(field.input_value()) for field in self.fields("Target (mm)").all())
+        """What the three fields of the target say, which the page may just build anew."""
+        said: list[str] = []
+
+        def are_there() -> bool:
+            said[:] = self.fields("Target (mm)").evaluate_all("all => all.map((its) => its.value)")
+            return len(said) == 3 and all(said)
+
+        self.until(are_there)
+        return tuple(map(float, said))
 
     def type_target(self, *target_mm: float) -> None:
         fields = self.fields("Target (mm)")
