@@ -102,6 +102,7 @@ class TravelBar:
 TONES: Mapping[Verdict | None, Tone] = {
     None: "dim",
     Verdict.UNTOUCHED: "dim",
+    Verdict.NOT_SEEN: "warm",
     Verdict.TOO_SHORT: "busy",
     Verdict.ALMOST: "warm",
     Verdict.COMPLETE: "good",

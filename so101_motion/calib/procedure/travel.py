@@ -6,7 +6,8 @@ homing offset, so it can be anywhere, even in the middle of the travel. Smallest
 then mean nothing. So a ``TravelRecorder`` does not keep extremes; it marks every position of the
 circle that the joint has passed. The part it never passed is where the joint cannot go, and the
 travel is the rest: a ``TravelArc``, seam or no seam. After a pause without readings it is not known
-which way the joint went; that leaves a hole, which the next pass fills.
+which way the joint went; that leaves a hole, which the next pass fills. A hole as large as the part
+where the joint cannot go may be mistaken for it, so the travel says how large its hole is.
 
 Three readings in a row are judged together and the middle one counts, so a single wrong reading
 adds nothing to the travel. (It costs nothing either: a joint at its stop is there for more than one
@@ -48,10 +49,12 @@ class TravelArc:
     Attributes:
         lower: Its lower end, -2048 to 4095 [tick]; negative if it passes the seam.
         travel: How far it goes from there, upwards [tick]; 4095 is a full turn.
+        hole: The longest part of it that the joint was not seen to pass [tick].
     """
 
     lower: int
     travel: int
+    hole: int = 0
 
     @property
     def upper(self) -> int:
@@ -67,7 +70,8 @@ class TravelArc:
         """The same travel when every reading is ``by`` ticks more."""
         lower = (self.lower + by) % TICKS_PER_TURN
         middle = lower + self.travel // 2
-        return TravelArc(lower - TICKS_PER_TURN if middle >= TICKS_PER_TURN else lower, self.travel)
+        lower -= TICKS_PER_TURN if middle >= TICKS_PER_TURN else 0
+        return TravelArc(lower, self.travel, self.hole)
 
 
 class TravelRecorder:
@@ -117,8 +121,12 @@ class TravelRecorder:
         places = np.flatnonzero(self._passed)
         gaps = np.diff(places, append=places[0] + TICKS_PER_TURN)
         longest = int(np.argmax(gaps))
-        lower = int(places[(longest + 1) % len(places)])
-        return TravelArc(lower, TICKS_PER_TURN - int(gaps[longest])).moved(0)
+        lower, travel = (
+            int(places[(longest + 1) % len(places)]),
+            TICKS_PER_TURN - int(gaps[longest]),
+        )
+        gaps[longest] = 1
+        return TravelArc(lower, travel, int(gaps.max()) - 1).moved(0)
 
 
 def around(ticks: int) -> int:

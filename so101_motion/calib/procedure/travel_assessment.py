@@ -36,6 +36,11 @@ it."""
 EXCESS = 1.12
 """A travel this many times the expected one is impossible; the widest public one has 1.11."""
 
+MISTAKEN = 0.5
+"""A part that was not seen is mistaken for the part where the joint cannot go if it is larger. From
+this share of it on the joint has to be moved again. Chosen: that part may be smaller than expected,
+too."""
+
 _ASKEW = 341  # [tick] 30 deg, chosen: a roll homed so far off its middle was held the wrong way
 
 ROLL = "wrist_roll"
@@ -45,6 +50,7 @@ class Verdict(Enum):
     """The verdict on a joint's travel."""
 
     UNTOUCHED = "untouched"
+    NOT_SEEN = "not_seen"
     TOO_SHORT = "too_short"
     ALMOST = "almost"
     COMPLETE = "complete"
@@ -80,6 +86,11 @@ def assess(
         return _not_usable(
             Verdict.WRONG_DIRECTION,
             "its servo counts the wrong way round; bit 7 of its register 18 (phase) must be 0",
+        )
+    if arc is not None and arc.hole > MISTAKEN * (TICKS_PER_TURN - expected):
+        return _not_usable(
+            Verdict.NOT_SEEN,
+            f"{_deg(arc.hole)} deg of its way were not seen; move it through all of its way again",
         )
     if joint == ROLL and not is_swept(travel, expected):
         return _assess_unswept_roll(arc, home, moved)

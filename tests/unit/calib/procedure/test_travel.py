@@ -66,7 +66,7 @@ def test_after_a_pause_the_way_in_between_is_unknown_until_it_is_passed():
     sweep = swept(*line(1000, 1100))
     for i in range(3):
         sweep.feed(10.0 + 0.01 * i, 3300)
-    assert sweep.arc == TravelArc(3300 - 4096, 1896)  # the shorter of two guesses
+    assert sweep.arc == TravelArc(3300 - 4096, 1896, 1795)  # the shorter of two guesses
     for i, ticks in enumerate(line(3300, 1000)):
         sweep.feed(10.03 + 0.01 * i, ticks)
     assert sweep.arc == TravelArc(1000, 2300)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from so101_motion.calib.procedure.travel import MIDDLE, TravelArc
+from so101_motion.calib.procedure.travel import MIDDLE, TravelArc, TravelRecorder
 from so101_motion.calib.procedure.travel_assessment import Verdict, assess, can_be_accepted
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JOINTS, default
@@ -119,3 +119,37 @@ def test_only_a_travel_that_can_be_stored_can_be_accepted():
     assert is_offered(TravelArc(1000, 2500))
     assert not is_offered(None)
     assert not is_offered(TravelArc(0, 4095))
+
+
+def test_a_hole_that_may_be_taken_for_the_part_out_of_reach_is_passed_again_first():
+    """Or a roll whose readings paused while it moved would get the limits of that pause."""
+    expected = round(zero.expected_travel("wrist_roll"))
+    out_of_reach = 4096 - expected
+    sweep = TravelRecorder()
+    ticks = [MIDDLE] * 3 + [*range(MIDDLE, MIDDLE + expected // 2, 20)]
+    back = [*range(MIDDLE - expected // 2, MIDDLE - expected // 2 + 600, 20)]  # not seen on the way
+    for t, tick in enumerate(ticks):
+        sweep.feed(0.01 * t, tick % 4096)
+    for t, tick in enumerate(back):
+        sweep.feed(100.0 + 0.01 * t, tick % 4096)
+    assert sweep.arc is not None
+    said = assess("wrist_roll", sweep.arc, expected=expected, home=MIDDLE)
+    assert (said.verdict, said.is_usable) == (Verdict.NOT_SEEN, False)
+    assert "deg of its way were not seen; move it through all of its way" in said.sentence
+    assert not can_be_accepted(said.verdict, sweep.arc.travel)
+    assert sweep.arc.hole >= 0.9 * out_of_reach  # it was the other way round
+
+    for t, tick in enumerate(range(back[-1], MIDDLE + 100, 20)):
+        sweep.feed(100.3 + 0.01 * t, tick % 4096)
+    assert sweep.arc.hole == 0
+    said = assess("wrist_roll", sweep.arc, expected=expected, home=MIDDLE)
+    assert said.verdict in (Verdict.COMPLETE, Verdict.ALMOST)
+
+
+def test_a_small_hole_costs_nothing():
+    expected = round(zero.expected_travel("wrist_roll"))
+    arc = TravelArc(MIDDLE - expected // 2, expected, (4096 - expected) // 3)
+    assert assess("wrist_roll", arc, expected=expected, home=MIDDLE).is_usable
+    pan = round(zero.expected_travel("shoulder_pan"))
+    arc = TravelArc(MIDDLE - pan // 2, pan, 600)
+    assert assess("shoulder_pan", arc, expected=pan, home=MIDDLE).is_usable
