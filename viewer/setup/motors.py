@@ -216,7 +216,7 @@ class MotorsPage(StepPage):
         self._write.visible = joint is not None
         self._write.disabled = not is_found or self._is_writing
         self._skip.visible = self._again.visible = joint is not None
-        self._skip.disabled = self._is_writing
+        self._skip.disabled = bool(self._setup.doing)
         if joint is not None:
             self._write.label = f"Write id {view.motors[joint].target_id} to this motor"
             self._skip.label = f"Skip {joint}"
