@@ -102,7 +102,7 @@ def no_thread_outlives_its_test():
         if thread.name.startswith("so101-") and thread not in before
     ]
     for thread in left:
-        thread.join(2.0)  # one that was told to end may still be on its way out
+        thread.join(30.0)  # one that was told to end may still be on its way out
     alive = [thread.name for thread in left if thread.is_alive()]
     assert not alive, f"threads outlive the test: {alive}"
 

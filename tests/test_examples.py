@@ -17,6 +17,8 @@ EXAMPLES = ROOT / "examples"
 MACHINE = json.loads((EXAMPLES / "machine.json").read_text())
 RESOURCES = (*MACHINE["components"], *MACHINE["services"])
 
+pytestmark = pytest.mark.timeout(400)  # they all run at once
+
 
 ARGUMENTS = {
     "pick_and_place.py": [],
@@ -49,7 +51,7 @@ def said(folder):
     }
 
     def outcome(name):
-        out, err = running[name].communicate(timeout=100)
+        out, err = running[name].communicate(timeout=300)
         assert running[name].returncode == 0, err
         return out
 

@@ -48,7 +48,7 @@ def make_emulator(clock):
         emulator.close()
 
 
-def open_port(emulator, timeout=2.0):
+def open_port(emulator, timeout=30.0):
     return serial.Serial(emulator.port, 1_000_000, timeout=timeout)
 
 
@@ -67,7 +67,7 @@ def is_silent(port, request):
 def first_chunk(port, request):
     """What one read gives once anything has arrived."""
     port.write(request)
-    assert select.select([port.fileno()], [], [], 2.0)[0]
+    assert select.select([port.fileno()], [], [], 30.0)[0]
     return os.read(port.fileno(), 4096)
 
 
@@ -86,7 +86,7 @@ def test_port_works_for_a_client_that_sets_nothing(make_emulator):
     fd = os.open(make_emulator().port, os.O_RDWR | os.O_NOCTTY)
     try:
         os.write(fd, PING)
-        assert select.select([fd], [], [], 2.0)[0]
+        assert select.select([fd], [], [], 30.0)[0]
         assert os.read(fd, 100) == PONG
     finally:
         os.close(fd)
@@ -140,7 +140,7 @@ def test_lock_of_a_client_that_is_gone_does_not_stay(make_emulator):
     fd = os.open(emulator.port, os.O_RDWR | os.O_NOCTTY)
     try:
         os.write(fd, PING)  # the answer comes after the thread has seen the other one go
-        assert select.select([fd], [], [], 2.0)[0]
+        assert select.select([fd], [], [], 30.0)[0]
         locked = struct.unpack("i", fcntl.ioctl(fd, _TIOCGEXCL, b"\0\0\0\0"))[0]
         assert not locked
     finally:
@@ -173,7 +173,7 @@ def test_client_that_never_reads_blocks_nobody(make_emulator):
         for _ in range(60):
             deaf.write(SYNC_READ * 10)
     with open_port(emulator, timeout=0.05) as port:
-        assert any(PONG in ask(port, PING, 4096) for _ in range(40))
+        assert any(PONG in ask(port, PING, 4096) for _ in range(1000))
 
 
 @pytest.mark.parametrize("text", ["dead:1", "brownout=2", "loss=1", "request_loss=1", "twin:1=9"])
@@ -227,25 +227,25 @@ def test_program_announces_its_port_obeys_its_input_and_ends_when_told(link):
         )
         program.start()
         try:
-            assert ready.wait(5.0)
+            assert ready.wait(60.0)
             ready.clear()
             assert told == [str(link)]
-            with serial.Serial(told[0], 1_000_000, timeout=2.0) as port:
+            with serial.Serial(told[0], 1_000_000, timeout=30.0) as port:
                 assert ask(port, PING, 6) == PONG
                 typing.write("volcano\n")
                 typing.flush()
-                assert ready.wait(5.0)
+                assert ready.wait(60.0)
                 assert "volcano" in told[1]
                 assert is_silent(port, frame(2, Code.PING))
                 typing.write("earthquake\nflood\n")  # both at once
                 typing.flush()
                 while len(told) < 4:
                     ready.clear()
-                    assert len(told) == 4 or ready.wait(5.0)
+                    assert len(told) == 4 or ready.wait(60.0)
                 assert "flood" in told[3]
         finally:
             stop.set()
-            program.join(5.0)
+            program.join(60.0)
     assert not program.is_alive()
     assert not link.is_symlink()
 
@@ -264,15 +264,15 @@ def test_program_in_the_background_leaves_what_is_typed_to_the_shell(link, monke
         )
         program.start()
         try:
-            assert told.get(timeout=5.0) == str(link)
+            assert told.get(timeout=60.0) == str(link)
             os.write(keyboard, b"volcano\n")
             with pytest.raises(queue.Empty):
                 told.get(timeout=0.2)
             group[0] = os.getpgrp()
-            assert "volcano" in told.get(timeout=5.0)
+            assert "volcano" in told.get(timeout=60.0)
         finally:
             stop.set()
-            program.join(5.0)
+            program.join(60.0)
     os.close(keyboard)
 
 

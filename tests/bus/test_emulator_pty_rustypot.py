@@ -27,17 +27,17 @@ def port():
     )
     yield process.stdout.readline().strip()
     process.terminate()
-    process.communicate(timeout=10.0)
+    process.communicate(timeout=60.0)
 
 
 @pytest.fixture
 def servos(port):
-    servos = rustypot.Sts3215PyController(port, 1_000_000, 0.5)
+    servos = rustypot.Sts3215PyController(port, 1_000_000, 2.0)
     yield servos
     servos.close()
 
 
-def wait_for(check, seconds=10.0):
+def wait_for(check, seconds=60.0):
     until = time.monotonic() + seconds
     while not check():
         assert time.monotonic() < until

@@ -20,7 +20,7 @@ NO_REPLY = -6
 class PatientPort(sdk.PortHandler):
     """The library's port with another reply time-out."""
 
-    patience_ms = 1000
+    patience_ms = 10_000
 
     def setPacketTimeout(self, packet_length):
         self.setPacketTimeoutMillis(self.patience_ms)

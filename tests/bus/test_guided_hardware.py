@@ -37,7 +37,7 @@ def lead(bench, script=LED):
 def finish(bench, motion):
     """Let time pass until ``motion`` is over, and its own thread do what it does between legs."""
     for _ in range(2000):
-        if wait([motion.future], timeout=0.002).done:
+        if wait([motion.future], timeout=max(0.002, bench.turn)).done:
             break
         bench.advance(0.02)
     motion.result(timeout=0.0)
@@ -45,7 +45,7 @@ def finish(bench, motion):
 
 @pytest.fixture
 def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path, is_heard=False) as bench:
+    with hardware_bench(tmp_path, is_heard=False, reply_timeout=2.0) as bench:
         yield bench
 
 

@@ -1,7 +1,8 @@
 """Motor setup over a real pseudo-terminal, bytes and adapter as slow as in life."""
 
+import threading
 import time
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 
 import pytest
 from harness.lent_bus import PortAccess
@@ -37,27 +38,46 @@ def loose():
         one.close()
 
 
-def fastest(call):
-    """What ``call`` takes [s]; the best of three, as others may have had the processor."""
-    took = []
-    for _ in range(3):
+@contextmanager
+def lateness():
+    """How long a thread of this process waits for the processor meanwhile [s], in a list."""
+    over, late = threading.Event(), [0.0]
+
+    def doze():
+        while not over.is_set():
+            begin = time.monotonic()
+            time.sleep(0.01)
+            late[0] += time.monotonic() - begin - 0.01
+
+    thread = threading.Thread(target=doze)
+    thread.start()
+    yield late
+    over.set()
+    thread.join()
+
+
+def is_quick(call, at_most=AT_MOST):
+    """Whether ``call`` is over within that time [s], but for what other programs took of it; once
+    of ten times is enough."""
+    for _ in range(10):
         begin = time.monotonic()
-        call()
-        took.append(time.monotonic() - begin)
-        if took[-1] < AT_MOST:
-            break
-    return min(took)
+        with lateness() as late:
+            call()
+            took = time.monotonic() - begin - late[0]
+        if took < at_most:
+            return True
+    return False
 
 
 def test_a_servo_at_the_likeliest_rate_is_found_at_once(loose):
     _, setup = loose(1_000_000)
-    assert fastest(lambda: setup.discover("gripper")) < 1.0
+    assert is_quick(lambda: setup.discover("gripper"), 1.0)
 
 
 def test_a_servo_at_the_rate_that_is_looked_at_last_is_found_within_three_seconds(loose):
     _, setup = loose(76_800)
     found = []
-    assert fastest(lambda: found.append(setup.discover("gripper"))) < AT_MOST
+    assert is_quick(lambda: found.append(setup.discover("gripper")))
     assert found[-1].baud == 76_800
 
 
@@ -69,4 +89,4 @@ def test_silence_is_reported_within_three_seconds(loose):
         with pytest.raises(MotorSetupError, match="power supply"):
             setup.discover("gripper")
 
-    assert fastest(look) < AT_MOST
+    assert is_quick(look)

@@ -54,6 +54,27 @@ COMMANDS = (
 )  # fmt: skip
 
 
+class Lateness:
+    """How long this process, which is the servos as well, has waited for the processor.
+
+    Attributes:
+        seconds: In all [s].
+    """
+
+    def __init__(self):
+        self.seconds = 0.0
+        self._task = asyncio.ensure_future(self._watch())
+
+    async def _watch(self):
+        while True:
+            begin = time.monotonic()
+            await asyncio.sleep(0.01)
+            self.seconds += time.monotonic() - begin - 0.01
+
+    def end(self):
+        self._task.cancel()
+
+
 class Session:
     """A module and those who use it.
 
@@ -211,15 +232,17 @@ class Session:
             task.cancel()  # what is asked for after a Stop may move
         await asyncio.sleep(0.0)
         for arm in arms:
-            begin = time.monotonic()
+            begin, late = time.monotonic(), Lateness()
             try:
                 await arm.stop(timeout=LONGEST)
             except GRPCError as error:
                 if error.status in FORBIDDEN:
                     self._object(f"stop: {error.status.name}: {error.message}")
                 continue  # an arm that cannot be reached
+            finally:
+                late.end()
             took = time.monotonic() - begin
-            if took > SOON:
+            if took - late.seconds > SOON:
                 self._object(f"Stop of {arm.name} was answered after {took:.1f} s")
         limp = self._limp()
         before = self._q()

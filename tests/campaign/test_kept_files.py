@@ -32,7 +32,7 @@ def told(*arguments):
     done = subprocess.run(
         [sys.executable, *arguments],
         check=True,
-        timeout=60,
+        timeout=100,
         capture_output=True,
         cwd=TESTS,
         env={"PYTHONPATH": str(TESTS), "OPENBLAS_NUM_THREADS": "1"},

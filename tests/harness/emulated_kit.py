@@ -23,7 +23,7 @@ NEW = dict.fromkeys(range(1, 7), 1)
 """Ids of servos that come out of the box."""
 
 SPEED = math.radians(150.0)  # of the hand; a person is slower
-REST = 0.3  # [s] that it stays at a stop
+REST = 0.6  # [s] that it stays at a stop; a busy machine may look elsewhere for a while
 PRESS = 2.0 * STS3215_12V.break_away  # [N m] against a stop
 
 GIVE = 3.0

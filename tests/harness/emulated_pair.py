@@ -233,7 +233,7 @@ class TeleopBench:
 
     def settle(self):
         if self.teleop is not None and self.teleop.job is not None:
-            wait([self.teleop.job], timeout=0.002)
+            wait([self.teleop.job], timeout=0.01)
 
     def until(self, condition, at_most=20.0):
         """Let time pass until ``condition()``; how long that took [s]."""

@@ -86,4 +86,4 @@ async def emulated_port(folder, *options):
         yield HardwarePort(str(link), process)
     finally:
         process.send_signal(signal.SIGTERM)
-        await asyncio.wait_for(process.wait(), 30.0)
+        await asyncio.wait_for(process.wait(), 60.0)

@@ -158,6 +158,12 @@ class HardwareBench:
     def advance(self, seconds):
         self.clock.advance(seconds)
 
+    @property
+    def turn(self):
+        """How long others get the processor between two advances [s]; while nothing moves,
+        a plan may be being made, which takes real time."""
+        return 0.001 if any(rig.arm.is_moving for rig in self._rigs) else 0.02
+
     def finish(self, motion, at_most=15.0):
         """Let time pass until ``motion`` is over; raises what it ended with."""
         future = getattr(motion, "future", motion)
@@ -165,7 +171,8 @@ class HardwareBench:
             if future.done():
                 break
             self.advance(0.05)
-        return future.result(timeout=5.0)
+            wait([future], timeout=self.turn)
+        return future.result(timeout=60.0)
 
     def go(self, rig, *degrees):
         """Begin to move to joint angles; the motion, once it is under way."""
@@ -336,7 +343,7 @@ class ModelBench(HardwareBench):
             if task.done():
                 break
             await self.pass_time(step)
-            await asyncio.sleep(0.001)
+            await asyncio.wait([task], timeout=self.turn)
         assert task.done(), "it never ended"
         return await task
 
@@ -347,7 +354,7 @@ class ModelBench(HardwareBench):
             if task.done() or is_under_way():
                 return task
             await self.pass_time(0.02)
-            await asyncio.sleep(0.001)
+            await asyncio.wait([task], timeout=self.turn)
         raise AssertionError("it never began")
 
     async def until_it_rests(self, client, at_most=10.0):

@@ -146,7 +146,7 @@ class RunningModule:
 
     async def ended(self):
         """The process's exit code, once it has ended."""
-        return await asyncio.wait_for(self.process.wait(), 30.0)
+        return await asyncio.wait_for(self.process.wait(), 60.0)
 
 
 def is_listening(path):
@@ -212,7 +212,7 @@ async def running_module(
             channel.close()
         if process.returncode is None:
             process.send_signal(signal.SIGTERM)
-            await asyncio.wait_for(process.wait(), 30.0)
+            await asyncio.wait_for(process.wait(), 60.0)
         parent.close()
         await parent.wait_closed()
         shutil.rmtree(folder, ignore_errors=True)

@@ -84,7 +84,7 @@ class LeRobotBench(HardwareBench):
         while not future.done():
             if self.clock.now() > end:
                 raise MotionError(f"it did not come to an end within {seconds:g} s")
-            wait([future], timeout=0.001)  # what plans has its own time
+            wait([future], timeout=self.turn)
             self.advance(0.02)
         future.result()
 

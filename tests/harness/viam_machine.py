@@ -40,6 +40,7 @@ from harness.fake_parent import (
     running_module,
     until,
 )
+from so101_motion.common.errors import MotionError
 
 SIM = (
     (ARM, SIMULATED, "arm", {}),
@@ -56,6 +57,22 @@ def on_port(port):
         (SENSOR, CALIBRATION, "calibration", {"port": port}),
         ("rdk:service:discovery", DISCOVERY, "discovery", {}),
     )
+
+
+def stood_still(error):
+    """Whether a motion ended because the computer stood still; one that a client sends point by
+    point does so after a sixth of a second."""
+    return "no setpoint could be sent" in str(error)
+
+
+def carried_out(move, tries=10):
+    """The outcome of ``move()``, which is begun again when the computer stood still meanwhile."""
+    for left in reversed(range(tries)):
+        try:
+            return move()
+        except MotionError as error:
+            if not left or not stood_still(error):
+                raise
 
 
 class Door:
@@ -139,7 +156,7 @@ class Machine:
         self._run(self._module.add(api, model, attributes or {}, name))
 
     def _run(self, work):
-        return asyncio.run_coroutine_threadsafe(work, self._loop).result(30.0)
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(60.0)
 
 
 @contextmanager

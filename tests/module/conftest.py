@@ -1,11 +1,24 @@
 """Fixtures of the module's tests."""
 
+from pathlib import Path
+
 import pytest
 from harness.in_process_module import arm_client, new_arm
 
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.viam.models.simulated import SimulatedArm
 from so101_motion.viam.models.simulated_gripper import SimulatedGripper
+
+LONGEST = 400.0
+"""How long a test may take where it does not say so itself [s]: processes start slowly on a busy
+machine."""
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        is_ours = item.path.is_relative_to(Path(__file__).parent)
+        if is_ours and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(LONGEST))
 
 
 @pytest.fixture(scope="session", autouse=True)

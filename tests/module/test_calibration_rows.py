@@ -20,7 +20,7 @@ from so101_motion.drivers.port.serial_port import SerialPort
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.emulator_only]
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
-PATIENCE = 0.05  # [s], for a busy machine
+PATIENCE = 1.0  # [s], for a busy machine
 STORED = (reg.HOMING_OFFSET, reg.MIN_POSITION, reg.MAX_POSITION)
 
 

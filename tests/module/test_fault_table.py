@@ -176,8 +176,8 @@ class Bench:
         await until(is_back)
 
     @asynccontextmanager
-    async def under_way(self, start, degrees=60.0):
-        """A move of the pan joint that is well under way."""
+    async def under_way(self, start, degrees=100.0):
+        """A move of the pan joint that is well under way, and has far to go."""
         move = asyncio.ensure_future(self.go([start[0] + degrees, *start[1:]]))
 
         async def has_begun():
@@ -222,7 +222,7 @@ async def start(bench):
 
 def careful_gripper(port):
     """As another program left it: a gripper that gives up at a fifth of its drive, and soon."""
-    bus = Bus(SerialPort(port))
+    bus = Bus(SerialPort(port), reply_timeout=1.0)  # a busy machine may be late
     bus.store(6, {reg.OVERLOAD_TORQUE: 20, reg.PROTECTION_TIME: 100})
     bus.close()
 
@@ -343,9 +343,9 @@ NO_WAY = {
             }
         ]
     },
-    "extra": {"timeout": 30.0},
+    "extra": {"timeout": 100.0},
 }
-"""Both ends are free, and there is no way between them: it is looked for half a minute."""
+"""Both ends are free, and there is no way between them: it is looked for 100 s."""
 
 
 def turned(pose, degrees):
@@ -381,12 +381,10 @@ async def test_a_move_of_the_motion_service_recovers_from_a_fault_like_any_other
 async def test_a_stop_does_not_wait_for_plans_that_were_abandoned(bench, start):
     plans = [asyncio.ensure_future(bench.planner.do_command({"preview": NO_WAY})) for _ in range(8)]
     await left(*plans, after=0.5)
-    await bench.arm.move_to_joint_positions(
-        JointPositions(values=[float(start[0]) + 60.0, *map(float, start[1:])]),
-        extra={"wait": False},
-    )
+    goal = JointPositions(values=[float(start[0]) + 60.0, *map(float, start[1:])])
+    await bench.arm.move_to_joint_positions(goal, extra={"wait": False})
     await until(lambda: moved(bench, start))
-    await asyncio.wait_for(bench.arm.stop(), 25.0)  # a single one of these plans takes longer
+    await asyncio.wait_for(bench.arm.stop(), 80.0)  # a single one of these plans takes longer
     await bench.back(start)
 
 
@@ -400,7 +398,6 @@ async def moved(bench, start):
 
 @pytest.mark.parametrize("after", [0.0, 0.002, 0.005, 0.02])
 async def test_a_client_that_leaves_while_its_stream_is_opened_leaves_nothing(bench, after, start):
-
     async def play():
         async def points():
             yield [Arm.TrajectoryPoint(timedelta(), list(map(float, start)))]
@@ -440,6 +437,7 @@ async def test_of_several_recordings_begun_at_once_one_runs(bench, start):
 async def test_a_planner_that_is_removed_ends_what_it_moves(bench, start):
     other = await bench.module.add(MOTION, PLANNER, {"arm": "arm"}, "other")
     here = await bench.arm.get_end_position()
+    await bench.arm.do_command({"set_speed": 20.0})  # it is not to arrive before that
     move = asyncio.ensure_future(other.move("arm", turned(here, 80.0)))
     await until(lambda: moved(bench, start))
     await bench.module.remove(MOTION, "other")
@@ -447,4 +445,5 @@ async def test_a_planner_that_is_removed_ends_what_it_moves(bench, start):
         await asyncio.wait_for(move, 60.0)
     assert caught.value.status is Status.CANCELLED
     assert not await bench.arm.is_moving()
+    await bench.arm.do_command({"set_speed": FAST["speed_degs_per_sec"]})
     await bench.back(start)

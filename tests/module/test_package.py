@@ -40,7 +40,7 @@ def run(*command, cwd, **environment):
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout + done.stderr
@@ -188,7 +188,7 @@ def test_without_the_viewer_the_preview_says_what_to_install(environment, tmp_pa
         env={**os.environ, "PYTHONPATH": HERE},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
     )
     assert done.returncode != 0
     assert "needs viser, which is not installed" in done.stderr

@@ -177,7 +177,11 @@ async def test_a_move_says_that_it_is_moving_and_a_stop_ends_it(session):
     call = session.arm.move_through_joint_positions([positions(goal)], options)
     move = asyncio.ensure_future(call)
     await until(lambda: session.arm.is_moving())
-    await asyncio.sleep(0.5)
+
+    async def is_seen_to_move():
+        return abs((await session.joints())[0] - start[0]) > 0.5
+
+    await until(is_seen_to_move)
     await session.arm.stop()
     with pytest.raises(GRPCError) as caught:
         await move
@@ -193,18 +197,20 @@ async def test_waypoints_are_passed_in_one_go_no_faster_than_asked(session):
     options = MoveOptions(max_vel_degs_per_sec=12.0, max_acc_degs_per_sec2=60.0)
 
     async def pass_them():
-        begin, seen = time.monotonic(), []
+        begin, seen, times = time.monotonic(), [], []
         call = session.arm.move_through_joint_positions(list(map(positions, way)), options)
         move = asyncio.ensure_future(call)
         while not move.done():
             seen.append(await session.joints())
+            times.append(time.monotonic())
         await move
-        return time.monotonic() - begin, np.array(seen)
+        return time.monotonic() - begin, np.array(seen), np.diff([begin, *times]).max()
 
-    took, seen = await patiently(pass_them)
+    took, seen, pause = await patiently(pass_them)
     assert took > 3 * STEP / 12.0
+    unseen = max(0.0, pause - 0.1) * 12.0 / 2.0  # the way in the longest time without a look
     for point in way:
-        assert min(np.max(np.abs(seen - point), axis=1)) < 3.0
+        assert min(np.max(np.abs(seen - point), axis=1)) < 3.0 + unseen
     assert await session.joints() == pytest.approx(start, abs=0.35)
 
 
@@ -336,9 +342,10 @@ async def test_torque_goes_off_and_on_and_everything_is_set_up_anew(session):
     start = await session.joints()
     assert await session.ask(command="set_torque", enable=False) == {"success": True}
     assert await session.ask(command="set_torque", enable=True) == {"success": True}
+    here = await session.joints()  # it sags until it is held again
     answer = await session.ask(command="reinitialize", retries=2)
     assert answer == {"success": True, "error": "", "retries": 2}
-    assert await session.joints() == pytest.approx(start, abs=3.0), "held by a hand meanwhile"
+    assert await session.joints() == pytest.approx(here, abs=3.0), "it is held"
     await session.go(start)
 
 

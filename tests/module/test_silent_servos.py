@@ -163,13 +163,14 @@ async def test_a_stop_of_another_arm_does_not_wait_for_silent_servos(
 ):
     (tmp_path / "other").mkdir()
     async with emulated_port(tmp_path / "other") as healthy:
-        arm = await module.add(ARM, HARDWARE_ARM, {"port": healthy.port}, "arm")
+        slow = {"port": healthy.port, "speed_degs_per_sec": 3.0}  # under way for AT_ONCE
+        arm = await module.add(ARM, HARDWARE_ARM, slow, "arm")
         start = list((await arm.get_joint_positions()).values)
         goal = JointPositions(values=[start[0] + 90.0, *start[1:]])
         move = asyncio.ensure_future(arm.move_to_joint_positions(goal))
 
         async def is_under_way():
-            return (await arm.get_joint_positions()).values[0] > start[0] + 5.0
+            return (await arm.get_joint_positions()).values[0] > start[0] + 1.0
 
         await until(is_under_way)
         for name, port in (("silent", empty_port), ("dead", emulated.port)):

@@ -143,8 +143,8 @@ def swing(t):
 
 async def points():
     """A slow swing of the first joint from where the arm is when it is new."""
-    for k in range(1000):
-        times = 0.1 * k + np.array([0.0, 0.05])
+    for k in range(100):
+        times = k + 0.05 * np.arange(20)  # far enough ahead, however busy the machine is
         yield [
             Arm.TrajectoryPoint(
                 timedelta(seconds=t), [10.0 * (1.0 - math.cos(0.5 * t)), 0, 0, 0, 0]

@@ -144,7 +144,7 @@ async def test_killing_the_leader_makes_the_follower_hold_and_say_why(scene):
     record = scene.folder / "record.csv"
     process, lines = await scene.teleop("--json", "--record", record)
     await until(scene.is_swaying)
-    await asyncio.sleep(0.5)  # 50 rows
+    await until(lambda: record.read_text().count("\n") > 60)
     scene.leader.kill()
     await scene.leader.wait()
     await until(lambda: lines.has("holding"))

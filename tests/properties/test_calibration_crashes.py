@@ -29,7 +29,7 @@ def killed(tmp_path, monkeypatch):
 
     def at_every_step(what):
         subprocess.run(
-            [sys.executable, killed_writer.__file__, str(tmp_path), what], check=True, timeout=60
+            [sys.executable, killed_writer.__file__, str(tmp_path), what], check=True, timeout=100
         )
         folders = sorted(tmp_path.iterdir(), key=lambda folder: int(folder.name))
         for folder in folders:

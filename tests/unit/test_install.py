@@ -266,7 +266,7 @@ def ended(tools, script, *arguments, **environment):
         env={"PATH": str(tools), **environment},
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=60,
     )
 
 

@@ -307,7 +307,7 @@ def test_closing_an_arm_ends_what_it_plans_and_then_refuses_to_move(clock):
 def late_move(arm, clock):
     """A move that is asked for but cannot begin before ``gate`` is set."""
     gate = threading.Event()
-    arm.start_series([lambda motion: gate.wait(10.0)])
+    arm.start_series([lambda motion: gate.wait(60.0)])
     yield gate, arm.start_move(JointGoal(q=READY))
     gate.set()
 

@@ -44,10 +44,10 @@ def under_way(motions: MotionQueue, lasts: threading.Event | None = None) -> Mot
         if lasts is None:
             until_interrupted(motion)
         else:
-            lasts.wait(5.0)
+            lasts.wait(60.0)
 
     motion = motions.start(run)
-    assert begun.wait(5.0)
+    assert begun.wait(60.0)
     return motion
 
 
@@ -62,7 +62,7 @@ def test_failed_motions_do_not_keep_each_other(motions) -> None:
     refs = []
     for _ in range(3):
         motion = motions.start(fail)
-        assert isinstance(motion.future.exception(5.0), MotionError)
+        assert isinstance(motion.future.exception(60.0), MotionError)
         refs.append(weakref.ref(motion))
     del motion
     gc.collect()
@@ -71,17 +71,17 @@ def test_failed_motions_do_not_keep_each_other(motions) -> None:
 
 def test_a_motion_begins_at_rest_and_ends_when_it_has_run(motions, told) -> None:
     motion = motions.start(lambda motion: told.append("moves"))
-    motion.result(5.0)
+    motion.result(60.0)
     assert told == ["rest", "moves"]
 
 
 def test_a_newer_motion_ends_the_one_under_way_and_waits_for_its_end(motions, told) -> None:
     first = motions.start(until_interrupted)
     second = motions.start(lambda motion: told.append(str(first.future.exception())))
-    second.result(5.0)
+    second.result(60.0)
     assert "a newer motion" in told[-1]
     with pytest.raises(Interrupted, match="a newer motion"):
-        first.result(5.0)
+        first.result(60.0)
 
 
 def test_a_motions_error_reaches_its_caller(motions) -> None:
@@ -89,7 +89,7 @@ def test_a_motions_error_reaches_its_caller(motions) -> None:
         raise MotionError("it broke")
 
     with pytest.raises(MotionError, match="it broke"):
-        motions.start(fails).result(5.0)
+        motions.start(fails).result(60.0)
 
 
 def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> None:
@@ -102,9 +102,9 @@ def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> Non
 
     take_over = motions.take_over(begin)
     with pytest.raises(Interrupted, match="a newer motion"):
-        first.result(5.0)
+        first.result(60.0)
     running.set_result(None)
-    take_over.result(5.0)
+    take_over.result(60.0)
     assert told == ["rest"]
 
 
@@ -131,11 +131,11 @@ def test_a_motion_that_returns_a_future_lasts_until_that_is_done(motions, told) 
         return running
 
     motion = motions.start(run)
-    assert begun.wait(5.0)
+    assert begun.wait(60.0)
     assert motions.current is motion
     assert not motion.future.done()
     running.set_result(None)
-    motion.result(5.0)
+    motion.result(60.0)
 
 
 def test_a_stop_ends_what_is_still_being_prepared(motions, told) -> None:
@@ -143,23 +143,23 @@ def test_a_stop_ends_what_is_still_being_prepared(motions, told) -> None:
 
     def run(motion: Motion) -> Future[None]:
         preparing.set()
-        go_on.wait(5.0)
+        go_on.wait(60.0)
         running = motion.begin(Future, lambda running, by: None)
         told.append("moves")
         return running
 
     motion = motions.start(run)
-    assert preparing.wait(5.0)
+    assert preparing.wait(60.0)
     motions.current.interrupt("stop")
     go_on.set()
     with pytest.raises(Interrupted, match="stop"):
-        motion.result(5.0)
+        motion.result(60.0)
     assert "moves" not in told
 
 
 def test_an_arm_that_rests_is_not_stopped_first(told) -> None:
     motions = MotionQueue(lambda: None)
-    motions.start(lambda motion: told.append("moves")).result(5.0)
+    motions.start(lambda motion: told.append("moves")).result(60.0)
     motions.close()
     assert told == ["moves"]
 
@@ -170,15 +170,15 @@ def test_a_stop_does_not_wait_for_a_beginning_motion(motions, told) -> None:
 
     def begin(motion: Motion) -> Future[None]:
         beginning.set()
-        go_on.wait(5.0)
+        go_on.wait(60.0)
         return Future()
 
     turning = threading.Thread(target=lambda: motions.take_over(begin))
     turning.start()
-    assert beginning.wait(5.0)
+    assert beginning.wait(60.0)
     stopping = threading.Thread(target=lambda: motions.current.interrupt("stop"))
     stopping.start()
-    stopping.join(5.0)
+    stopping.join(20.0)  # less than the motion waits to be let go
     waited = stopping.is_alive()
     go_on.set()
     turning.join()
@@ -199,8 +199,8 @@ def test_a_motion_ended_before_it_began_does_not_touch_the_arm(motions, told, ho
         motions.take_over(lambda motion: running)
     gate.set()
     with pytest.raises(Interrupted, match="stop" if how == "interrupted" else "a newer motion"):
-        second.result(5.0)
-    first.result(5.0)
+        second.result(60.0)
+    first.result(60.0)
     assert told == ["rest"]
 
 
@@ -231,7 +231,7 @@ def test_a_motion_in_preparation_yields_to_a_newer_one(told) -> None:
     gate = threading.Event()
 
     def run(motion: Motion) -> Future[None]:
-        gate.wait(5.0)
+        gate.wait(60.0)
         return motion.begin(Future, lambda running, by: None)
 
     motion = motions.start(run)
@@ -239,8 +239,8 @@ def test_a_motion_in_preparation_yields_to_a_newer_one(told) -> None:
         threading.Event().wait(0.001)
     gate.set()
     with pytest.raises(Interrupted, match="a newer motion"):
-        motion.result(5.0)
-    newer[0].result(5.0)
+        motion.result(60.0)
+    newer[0].result(60.0)
     motions.close()
     assert told[0] == "rest"
 

@@ -204,7 +204,7 @@ def test_closing_ends_every_plan_with_an_error_of_ours():
 
 @pytest.fixture
 def impatient():
-    worker = PlanningWorker(hang_timeout=0.5)
+    worker = PlanningWorker(hang_timeout=1.5)  # a busy machine may keep it from a sign of life
     worker.start().result()
     yield worker
     worker.close()
@@ -230,7 +230,7 @@ def test_a_child_that_hangs_while_it_plans_is_replaced(impatient):
 
 def test_a_child_that_computes_for_long_does_not_hang(impatient):
     pid = pid_of(impatient)
-    request = dataclasses.replace(endless_request(), time_budget=3.0)
+    request = dataclasses.replace(endless_request(), time_budget=4.0)
     with pytest.raises(NoPath):
         impatient.plan(request).result()
     assert pid_of(impatient) == pid

@@ -50,7 +50,7 @@ def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead(tmp_path
             link = demo.stdout.readline().decode()
             demo.terminate()
             said = demo.stderr.read().decode()
-            assert demo.wait(30.0) == 0
+            assert demo.wait(60.0) == 0
         port = int(re.search(r":(\d+)/", link)[1])
         assert 8080 < port < 8100
         assert f"port 8080 is taken, so the page is on port {port}" in said

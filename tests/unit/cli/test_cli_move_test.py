@@ -37,7 +37,7 @@ def test_ctrl_c_stops_the_arm_and_what_was_measured_is_reported(tmp_path):
     while "0 %" not in process.stderr.readline():
         pass
     process.send_signal(signal.SIGINT)
-    told, said = process.communicate(timeout=30)
+    told, said = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "not tested" in told
     assert said == ""

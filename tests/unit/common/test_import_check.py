@@ -32,7 +32,7 @@ def run(environment, *arguments):
         env=environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=100,
     )
 
 

@@ -92,8 +92,8 @@ def test_a_motion_asked_for_before_the_stop_never_begins(sim):
     sim.arm.tape.clear()
     trajectory = online.point_to_point(np.zeros(5), Q_GOAL, sim.limits, sim.dt)
     entered, leave = threading.Event(), threading.Event()  # the I/O thread is busy meanwhile
-    gate = sim.executor.call(lambda _: entered.set() or leave.wait(10.0))
-    entered.wait(10.0)
+    gate = sim.executor.call(lambda _: entered.set() or leave.wait(60.0))
+    entered.wait(60.0)
     move = sim.executor.execute(trajectory)
     stopped = sim.executor.stop()
     assert move.exception(timeout=0).by == "stop"

@@ -50,7 +50,7 @@ class Finder:
 
     def open(self) -> Any:
         self.opening.set()
-        assert self.may_open.wait(5.0)
+        assert self.may_open.wait(60.0)
         if len(self.errors) < self.failures:
             raise PortUnavailable("/dev/ttyACM0", "there is no such port")
         return SimpleNamespace(close=self.closed.set)
@@ -71,7 +71,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_arm_is_looked_for_until_it_is_there() -> None:
     finder = Finder(3)
     search = finder.search()
-    assert finder.found.wait(5.0)
+    assert finder.found.wait(60.0)
     search.close()
     assert len(finder.errors) == 3
     assert not finder.closed.is_set()
@@ -81,13 +81,13 @@ def test_a_search_that_is_given_up_ends_and_closes_what_it_still_found() -> None
     finder = Finder(0)
     finder.may_open.clear()
     search = finder.search()
-    assert finder.opening.wait(5.0)
+    assert finder.opening.wait(60.0)
     ending = threading.Thread(target=search.close)
     ending.start()
     while not search.closing.is_set():
         pass
     finder.may_open.set()
-    ending.join(5.0)
+    ending.join(60.0)
     assert finder.closed.is_set()
     assert not finder.found.is_set()
 

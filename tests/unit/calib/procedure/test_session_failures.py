@@ -263,14 +263,14 @@ def test_the_view_waits_for_nobody(arm, file):
 
     def slow(job):
         inside.set()
-        go_on.wait(10)
+        go_on.wait(60)
         return call(job)
 
     arm.call = slow
     thread = threading.Thread(target=session.start, args=(arm,))
     thread.start()
-    assert inside.wait(10)
+    assert inside.wait(60)
     assert session.view.state is State.IDLE  # the bus is busy, and still this answers
     go_on.set()
-    thread.join(10)
+    thread.join(60)
     assert session.view.state is State.STARTED

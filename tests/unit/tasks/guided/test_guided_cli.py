@@ -70,7 +70,7 @@ def test_ctrl_c_loses_nothing(tmp_path):
     )  # fmt: skip
     assert "move the arm by hand" in process.stderr.readline()
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30)
+    _, said = process.communicate(timeout=60)
     assert process.returncode == 0
     assert "saved" in said
     assert len(files.read(file)) >= 1

@@ -43,7 +43,7 @@ def test_a_drop_waits_for_the_command_under_way_and_forgets_the_rest() -> None:
 
     def start_a_move() -> None:
         started.set()
-        assert may_end.wait(5.0)
+        assert may_end.wait(60.0)
         done.append("start")
 
     def stop() -> None:
@@ -54,12 +54,12 @@ def test_a_drop_waits_for_the_command_under_way_and_forgets_the_rest() -> None:
     commands.post(lambda: done.append("never"))
     page = threading.Thread(target=commands.run)
     page.start()
-    assert started.wait(5.0)
+    assert started.wait(60.0)
     stopping = threading.Thread(target=stop)
     stopping.start()
     may_end.set()
-    page.join(5.0)
-    stopping.join(5.0)
+    page.join(60.0)
+    stopping.join(60.0)
     assert done == ["start", "stop"]
 
 

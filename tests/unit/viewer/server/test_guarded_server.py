@@ -41,7 +41,7 @@ def cookie_of(server: GuardedServer) -> str:
 
 
 def get(server: GuardedServer, path: str = "/", **headers: str) -> http.client.HTTPResponse:
-    connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=60)
     try:
         connection.request("GET", path, headers=headers)
         response = connection.getresponse()

@@ -77,7 +77,7 @@ def test_the_lookout_looks_until_it_is_told_to_end_and_can_begin_again() -> None
     for _ in range(2):
         lookout.begin()
         lookout.begin()
-        assert looked.acquire(timeout=5.0)
+        assert looked.acquire(timeout=60.0)
         lookout.end()
     assert lookout.seen is not None
     assert lookout.seen.candidates == (FIRST,)
