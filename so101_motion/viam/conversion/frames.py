@@ -8,16 +8,18 @@ through other frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Protocol
 
 from grpclib import GRPCError
+from grpclib.exceptions import StreamTerminatedError
 from viam.components.component_base import ComponentBase
 from viam.proto.common import Pose, PoseInFrame, ResourceName, Transform
 from viam.proto.robot import FrameSystemConfig, GetMachineStatusResponse
 
 from so101_motion.common.attributes import suggest
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, MachineUnavailable
 from so101_motion.common.geometry import SE3
 from so101_motion.viam.conversion import convert
 
@@ -69,10 +71,26 @@ def machine_here() -> Machine | None:
     return _Here.machine()
 
 
+@contextmanager
+def connected() -> Iterator[None]:
+    """Raise ``MachineUnavailable`` where the connection to the machine is lost meanwhile."""
+    try:
+        yield
+    except (OSError, StreamTerminatedError) as error:
+        raise MachineUnavailable(
+            "viam-server", f"the module lost its connection to it ({error}); ask again"
+        ) from error
+
+
 async def parents() -> Mapping[str, str]:
-    """The parent of each frame of the machine; empty if there is no machine."""
+    """The parent of each frame of the machine; empty if there is no machine.
+
+    Raises:
+        MachineUnavailable: The connection to it was lost.
+    """
     machine = machine_here()
-    parts = await machine.get_frame_system_config() if machine is not None else []
+    with connected():
+        parts = await machine.get_frame_system_config() if machine is not None else []
     return {
         part.frame.reference_frame: part.frame.pose_in_observer_frame.reference_frame
         for part in parts
@@ -217,7 +235,8 @@ class Frames:
         # The identity; an orientation vector of zeros is not sent.
         origin = PoseInFrame(reference_frame=frame, pose=Pose(o_z=1.0))
         try:
-            seen = await machine.transform_pose(origin, seen_from)
+            with connected():
+                seen = await machine.transform_pose(origin, seen_from)
         except GRPCError as error:
             raise self._unknown(frame, str(error.message)) from error
         return convert.from_pose(seen.pose)

@@ -13,7 +13,8 @@ from grpclib.server import Stream
 from viam.proto.robot import GetPoseRequest, GetPoseResponse
 from viam.robot.service import RobotService
 
-from so101_motion.viam.conversion.frames import machine_here
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.conversion.frames import connected, machine_here
 
 
 async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPoseResponse]) -> None:
@@ -26,11 +27,12 @@ async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPos
             "the module is not connected to its machine, which knows where its components are;"
             " try again when viam-server is up",
         )
-    pose = await machine.get_pose(
-        request.component_name,
-        request.destination_frame,
-        list(request.supplemental_transforms),
-    )
+    with grpc_statuses(), connected():
+        pose = await machine.get_pose(
+            request.component_name,
+            request.destination_frame,
+            list(request.supplemental_transforms),
+        )
     await stream.send_message(GetPoseResponse(pose=pose))
 
 

@@ -4,6 +4,7 @@ import time
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
+from grpclib.exceptions import StreamTerminatedError
 from viam.proto.common import (
     Capsule,
     GeometriesInFrame,
@@ -21,12 +22,12 @@ from viam.proto.common import (
 from viam.proto.robot import FrameSystemConfig
 from viam.proto.service.motion import CollisionSpecification
 
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, MachineUnavailable
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.viam.conversion import frames as frames_module
-from so101_motion.viam.conversion.frames import Frames, set_machine
+from so101_motion.viam.conversion.frames import Frames, parents, set_machine
 from so101_motion.viam.conversion.geometries import from_geometry
 from so101_motion.viam.conversion.world_state import (
     MOST_THINGS,
@@ -269,3 +270,14 @@ async def test_frames_that_hang_from_too_many_others_are_refused():
     for look in (frames.T_base, frames.is_held):
         with pytest.raises(ConfigError, match="has more than 100 parents"):
             await look("frame 0")
+
+
+@pytest.mark.parametrize("ask", [lambda: Frames("arm", TOOL).T_base("camera"), parents])
+async def test_a_lost_connection_to_the_machine_is_said_in_a_sentence(ask, machine, monkeypatch):
+    async def lost(*args):
+        raise StreamTerminatedError("Connection lost")
+
+    for name in ("transform_pose", "get_frame_system_config"):
+        monkeypatch.setattr(MachineWithFrames, name, lost)
+    with pytest.raises(MachineUnavailable, match=r"viam-server.*\(Connection lost\); ask again"):
+        await ask()
