@@ -105,7 +105,7 @@ def joints(answer):
     return np.array(answer.values)
 
 
-LOST = ("answer", "Deadline exceeded", "jumped", "no setpoint could be sent")
+LOST = ("answer", "jumped", "no setpoint could be sent")
 """Why a follower holds that a busy machine parts from its leader for a moment."""
 
 

@@ -291,6 +291,12 @@ class RemoteFollower(Follower):
         self._engaged = False
         if isinstance(error, GRPCError) and error.status is Status.CANCELLED:
             self._problem = Interrupted("stop")
+        elif isinstance(error, TimeoutError) or (
+            isinstance(error, GRPCError) and error.status is Status.DEADLINE_EXCEEDED
+        ):
+            self._problem = MotionError(
+                f"the follower did not answer within {PATIENCE:g} s, so it holds"
+            )
         else:
             self._problem = MotionError(f"the follower refused a request, so it holds: {error}")
 
