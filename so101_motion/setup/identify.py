@@ -207,6 +207,7 @@ class Identification:
         rig, tape = self._rig, _Tape(self._rig)
         listener, rig.servos.on_command = rig.servos.on_command, tape.hear
         tape.listener = listener
+        end_looking = rig.executor.listen(tape.look)
         shown = ""
         try:
             with rig.clock.attend():
@@ -215,7 +216,6 @@ class Identification:
                     motion.interrupt("stop")
                 while not motion.future.done():
                     rig.clock.wait(rig.clock.now() + _LOOK, threading.Event())
-                    tape.look(rig.arm.state)
                     if tape.joint != shown:
                         shown = tape.joint
                         done = [each.joint for each in outline.sweeps].index(shown)
@@ -223,6 +223,7 @@ class Identification:
                 motion.result(timeout=0.0)
         finally:
             rig.servos.on_command = listener
+            end_looking()
         self._records = tape.records()
         return self._records
 
@@ -322,14 +323,10 @@ class _Tape:
             self.listener(command)
 
     def look(self, state: JointState) -> None:
-        """Note a state of the arm."""
-        if not self.joint:
-            return
-        states = self._states.setdefault(self.joint, [])
-        if states and states[-1][0] is state:
-            return
-        health = {each.joint: each.volts for each in self._rig.servos.health}
-        states.append((state, health[self.joint]))
+        """Note a state of the arm; on the I/O thread, in every period, at rest as well."""
+        if joint := self.joint:
+            volts = next(each.volts for each in self._rig.servos.health if each.joint == joint)
+            self._states.setdefault(joint, []).append((state, volts))
 
     def records(self) -> dict[str, JointRecord]:
         """The records of all joints that moved."""
