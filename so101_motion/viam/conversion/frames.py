@@ -8,9 +8,9 @@ through other frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import Protocol
+import asyncio
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
+from typing import Protocol, TypeVar
 
 from grpclib import GRPCError
 from grpclib.exceptions import StreamTerminatedError
@@ -23,8 +23,16 @@ from so101_motion.common.errors import ConfigError, MachineUnavailable
 from so101_motion.common.geometry import SE3
 from so101_motion.viam.conversion import convert
 
+T = TypeVar("T")
+
 WORLD = "world"
 """The root of all frames."""
+
+CONNECTED_WITHIN = 5.0
+"""How long a lost connection to the machine is waited for [s]; chosen: the SDK tries once a second
+to connect again."""
+
+_LOOK = 0.05  # [s] between two tries
 
 
 class Machine(Protocol):
@@ -71,15 +79,23 @@ def machine_here() -> Machine | None:
     return _Here.machine()
 
 
-@contextmanager
-def connected() -> Iterator[None]:
-    """Raise ``MachineUnavailable`` where the connection to the machine is lost meanwhile."""
-    try:
-        yield
-    except (OSError, StreamTerminatedError) as error:
-        raise MachineUnavailable(
-            "viam-server", f"the module lost its connection to it ({error}); ask again"
-        ) from error
+async def asked(ask: Callable[[], Awaitable[T]]) -> T:
+    """The machine's answer; it is asked again while the SDK connects anew.
+
+    Raises:
+        MachineUnavailable: The connection was lost and is not back.
+    """
+    loop = asyncio.get_running_loop()
+    end = loop.time() + CONNECTED_WITHIN
+    while True:
+        try:
+            return await ask()
+        except (OSError, StreamTerminatedError) as error:
+            if loop.time() >= end:
+                raise MachineUnavailable(
+                    "viam-server", f"the module lost its connection to it ({error}); ask again"
+                ) from error
+        await asyncio.sleep(_LOOK)
 
 
 async def parents() -> Mapping[str, str]:
@@ -89,8 +105,7 @@ async def parents() -> Mapping[str, str]:
         MachineUnavailable: The connection to it was lost.
     """
     machine = machine_here()
-    with connected():
-        parts = await machine.get_frame_system_config() if machine is not None else []
+    parts = await asked(machine.get_frame_system_config) if machine is not None else []
     return {
         part.frame.reference_frame: part.frame.pose_in_observer_frame.reference_frame
         for part in parts
@@ -235,8 +250,7 @@ class Frames:
         # The identity; an orientation vector of zeros is not sent.
         origin = PoseInFrame(reference_frame=frame, pose=Pose(o_z=1.0))
         try:
-            with connected():
-                seen = await machine.transform_pose(origin, seen_from)
+            seen = await asked(lambda: machine.transform_pose(origin, seen_from))
         except GRPCError as error:
             raise self._unknown(frame, str(error.message)) from error
         return convert.from_pose(seen.pose)

@@ -14,7 +14,7 @@ from viam.proto.robot import GetPoseRequest, GetPoseResponse
 from viam.robot.service import RobotService
 
 from so101_motion.viam.conversion.convert import grpc_statuses
-from so101_motion.viam.conversion.frames import connected, machine_here
+from so101_motion.viam.conversion.frames import asked, machine_here
 
 
 async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPoseResponse]) -> None:
@@ -27,11 +27,10 @@ async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPos
             "the module is not connected to its machine, which knows where its components are;"
             " try again when viam-server is up",
         )
-    with grpc_statuses(), connected():
-        pose = await machine.get_pose(
-            request.component_name,
-            request.destination_frame,
-            list(request.supplemental_transforms),
+    transforms = list(request.supplemental_transforms)
+    with grpc_statuses():
+        pose = await asked(
+            lambda: machine.get_pose(request.component_name, request.destination_frame, transforms)
         )
     await stream.send_message(GetPoseResponse(pose=pose))
 

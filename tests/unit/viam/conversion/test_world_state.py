@@ -272,12 +272,37 @@ async def test_frames_that_hang_from_too_many_others_are_refused():
             await look("frame 0")
 
 
-@pytest.mark.parametrize("ask", [lambda: Frames("arm", TOOL).T_base("camera"), parents])
-async def test_a_lost_connection_to_the_machine_is_said_in_a_sentence(ask, machine, monkeypatch):
-    async def lost(*args):
-        raise StreamTerminatedError("Connection lost")
+ASKS = pytest.mark.parametrize("ask", [lambda: Frames("arm", TOOL).T_base("camera"), parents])
+
+
+@pytest.fixture
+def losses(machine, monkeypatch):
+    """Lets the connection to the machine be lost at so many requests."""
+    left = [0]
+
+    def with_losses(call):
+        async def asked(*args):
+            left[0] -= 1
+            if left[0] >= 0:
+                raise StreamTerminatedError("Connection lost")
+            return await call(*args)
+
+        return asked
 
     for name in ("transform_pose", "get_frame_system_config"):
-        monkeypatch.setattr(MachineWithFrames, name, lost)
+        monkeypatch.setattr(MachineWithFrames, name, with_losses(getattr(MachineWithFrames, name)))
+    return left
+
+
+@ASKS
+async def test_the_machine_is_asked_again_when_the_connection_is_back(ask, losses):
+    losses[:] = [2]
+    assert await ask()
+
+
+@ASKS
+async def test_a_connection_that_stays_lost_is_said_in_a_sentence(ask, losses, monkeypatch):
+    monkeypatch.setattr(frames_module, "CONNECTED_WITHIN", 0.0)
+    losses[:] = [1_000_000]
     with pytest.raises(MachineUnavailable, match=r"viam-server.*\(Connection lost\); ask again"):
         await ask()
