@@ -223,7 +223,7 @@ def test_what_the_jaw_holds_is_said_with_its_width_and_its_slider_sets_the_force
         loads.append(abs(arm_on_port.servos.health[-1].load))
         state = arm_on_port.arm.state
         pressed.append(state.q_jaw - state.q_jaw_ref)  # how far it is sent into the thing
-    assert pressed[1] < 0.85 * pressed[0]  # the gentlest is 60 % of the firmest
+    assert pressed[1] < pressed[0]  # how much: tests/unit/arm/test_gripper.py
     assert loads[1] < loads[0]  # which says little of a stiff thing
     force.press("End")
     servos.type("end object")  # it slips out
