@@ -315,7 +315,13 @@ def test_one_button_lets_the_arm_follow_its_leader_and_stop_ends_it(
     for share in np.linspace(0.0, 1.0, 20):
         push(leader, share * led)
         guest.page.wait_for_timeout(40)
-    guest.until(lambda: bool(np.max(np.abs(rig.arm.state.q - led)) < to_rad(1.5)))
+
+    def rests_there() -> bool:
+        state = rig.arm.state
+        rests = np.max(np.abs(state.qd_ref)) < to_rad(0.5)
+        return bool(rests and np.max(np.abs(state.q - led)) < to_rad(1.5))
+
+    guest.until(rests_there)
     guest.press("STOP")
     guest.until(lambda: guest.button("Follow the leader").count() == 1)
     guest.until(lambda: leader.arm.state.mode is rig.arm.state.mode is Mode.HOLDING)

@@ -259,6 +259,14 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
     guest.until(lambda: lines() == STEPS)
 
     def run(part: str) -> list[tuple[str, float]]:
+        """The steps; again where a busy machine kept setpoints or servos from what they do."""
+        for _ in range(3):
+            with suppress(pytest.fail.Exception):
+                return attempt(part)
+            assert guest.says("was held up") or guest.has_stalled(), guest.page.inner_text("body")
+        return attempt(part)
+
+    def attempt(part: str) -> list[tuple[str, float]]:
         guest.press(part)
         page.wait_for_timeout(300)
         guest.until(lambda: guest.button("Run program").is_enabled())

@@ -290,8 +290,8 @@ async def test_an_overloaded_gripper_is_named_and_the_arm_goes_on(bench):
     start = await bench.joints()
     await bench.go([start[0] - 5.0, *start[1:]])
 
-    await bench.gripper.open()
     await bench.type("end object=0.06")
+    await bench.gripper.open()
     await until(bench.is_well)
     own = await bench.gripper.do_command({"command": "health"})
     assert own["faults"] == []

@@ -14,6 +14,7 @@ from typing import Protocol, TypeVar
 
 from grpclib import GRPCError
 from grpclib.exceptions import StreamTerminatedError
+from h2.exceptions import ProtocolError
 from viam.components.component_base import ComponentBase
 from viam.proto.common import Pose, PoseInFrame, ResourceName, Transform
 from viam.proto.robot import FrameSystemConfig, GetMachineStatusResponse
@@ -90,7 +91,7 @@ async def asked(ask: Callable[[], Awaitable[T]]) -> T:
     while True:
         try:
             return await ask()
-        except (OSError, StreamTerminatedError) as error:
+        except (OSError, StreamTerminatedError, ProtocolError) as error:
             if loop.time() >= end:
                 raise MachineUnavailable(
                     "viam-server", f"the module lost its connection to it ({error}); ask again"
