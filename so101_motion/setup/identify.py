@@ -324,15 +324,17 @@ class _Tape:
 
     def look(self, state: JointState) -> None:
         """Note a state of the arm; on the I/O thread, in every period, at rest as well."""
-        if joint := self.joint:
-            volts = next(each.volts for each in self._rig.servos.health if each.joint == joint)
-            self._states.setdefault(joint, []).append((state, volts))
+        joint = self.joint
+        for health in self._rig.servos.health:  # none without a port
+            if health.joint == joint:
+                self._states.setdefault(joint, []).append((state, health.volts))
 
     def records(self) -> dict[str, JointRecord]:
         """The records of all joints that moved."""
-        return {joint: self._record(joint, states) for joint, states in self._states.items()}
+        noted = dict(self._states)  # the I/O thread may just be adding one
+        return {joint: self._record(joint, tuple(states)) for joint, states in noted.items()}
 
-    def _record(self, joint: str, states: list[tuple[JointState, float]]) -> JointRecord:
+    def _record(self, joint: str, states: Sequence[tuple[JointState, float]]) -> JointRecord:
         answered = states[0][0].t
         for state, _ in states:
             gap = state.t - answered
