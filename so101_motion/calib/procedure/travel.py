@@ -121,10 +121,8 @@ class TravelRecorder:
         places = np.flatnonzero(self._passed)
         gaps = np.diff(places, append=places[0] + TICKS_PER_TURN)
         longest = int(np.argmax(gaps))
-        lower, travel = (
-            int(places[(longest + 1) % len(places)]),
-            TICKS_PER_TURN - int(gaps[longest]),
-        )
+        lower = int(places[(longest + 1) % len(places)])
+        travel = TICKS_PER_TURN - int(gaps[longest])
         gaps[longest] = 1
         return TravelArc(lower, travel, int(gaps.max()) - 1).moved(0)
 

@@ -33,7 +33,7 @@ CONNECTED_WITHIN = 5.0
 """How long a lost connection to the machine is waited for [s]; chosen: the SDK tries once a second
 to connect again."""
 
-_LOOK = 0.05  # [s] between two tries
+_PAUSE = 0.05  # [s] between two tries
 
 
 class Machine(Protocol):
@@ -81,7 +81,7 @@ def machine_here() -> Machine | None:
 
 
 async def asked(ask: Callable[[], Awaitable[T]]) -> T:
-    """The machine's answer; it is asked again while the SDK connects anew.
+    """Ask the machine, and again while the SDK connects anew; return its answer.
 
     Raises:
         MachineUnavailable: The connection was lost and is not back.
@@ -96,7 +96,7 @@ async def asked(ask: Callable[[], Awaitable[T]]) -> T:
                 raise MachineUnavailable(
                     "viam-server", f"the module lost its connection to it ({error}); ask again"
                 ) from error
-        await asyncio.sleep(_LOOK)
+        await asyncio.sleep(_PAUSE)
 
 
 async def parents() -> Mapping[str, str]:
