@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import pytest
 from google.protobuf.struct_pb2 import Struct
+from harness.viam_machine import carried_out
 from viam.proto.app.robot import ComponentConfig
 
 from so101_motion.cli.verbs import main
@@ -44,7 +45,8 @@ def shown_commands():
 def test_the_python_examples_run(page, capsys, monkeypatch):
     monkeypatch.chdir(ROOT)
     for block in blocks(page, "python"):
-        exec(compile(block, called(page), "exec"), {})
+        code = compile(block, called(page), "exec")
+        carried_out(lambda code=code: exec(code, {}))
     assert capsys.readouterr().out
 
 

@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 NEEDED = (
-    *("click", "coal", "google.protobuf", "grpclib", "numpy", "osqp", "pinocchio", "rich"),
+    *("click", "coal", "google.protobuf", "grpclib", "h2", "numpy", "osqp", "pinocchio", "rich"),
     *("ruckig", "scservo_sdk", "serial", "trimesh", "viam.module.module"),
     *(("toppra",) if (sys.platform, platform.machine()) == ("linux", "x86_64") else ()),
 )
