@@ -4,8 +4,9 @@ Each emulated arm has servos of its own (spread 0.2). It is identified with an e
 a load that it is to weigh. What the figures predict is compared with the truth: how far a joint
 droops under 1 N m, at which torque a limp joint breaks away, how far a joint is behind its
 setpoint, and play. Then random paths at 90 deg/s are followed without the figures, with them, and
-with the true ones, with the load, which the driver does not know. The referee watches caps and
-every command.
+with the true ones, with the load, which the driver does not know. The referee judges every command
+and the caps of every goal; how fast the joints truly turned and how near their bodies came to the
+table and to one another is measured in the emulated world, every ``LOOK``.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
 """
@@ -19,7 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from so101_motion.drivers.emulator.hardware import SO101
 from so101_motion.drivers.emulator.spread import differing_servos
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
+from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.torque import place_in_hand
 from so101_motion.setup.identify import Identification
@@ -44,21 +46,44 @@ _harness: Any = _common.from_tests("harness.emulated_rig")
 _referee: Any = _common.from_tests("referee")
 
 
-def identified(bench: Any, file: Path, *, is_empty: bool) -> tuple[IdentifyReport, float]:
-    """Identify the arm on ``bench``; the report, and how long the arm moved [s]."""
+LOOK = 0.05
+"""How often the true joints are looked at [s]; chosen."""
+
+
+class Travel(NamedTuple):
+    """What an identification did to the arm.
+
+    Attributes:
+        took: How long the arm moved [s].
+        speed: The fastest joint over one ``LOOK``, as a share of its cap.
+        distance: The least distance of two bodies, the table included [m].
+    """
+
+    took: float
+    speed: float
+    distance: float
+
+
+def identified(bench: Any, file: Path, *, is_empty: bool) -> tuple[IdentifyReport, Travel]:
+    """Identify the arm on ``bench``; the report, and how the arm moved for it."""
     rig = _opened(bench, file)
     begin = bench.clock.now()
     identification = Identification(rig)
     outline = identification.outline()
     if outline.obstacles:
         raise SystemExit(f"not all joints can be moved: {outline.obstacles}")
+    bodies, caps = CollisionModel(rig.arm.model, rig.arm.scene), rig.arm.limits.velocity
+    speed, distance, before = 0.0, math.inf, np.array(bench.world.q)
     with ThreadPoolExecutor(1) as beside:
         moving = beside.submit(identification.move_and_record, outline)
         while not moving.done():
-            bench.advance(0.05)
+            bench.advance(LOOK)
+            q = np.array(bench.world.q)
+            speed = max(speed, float(np.max(np.abs(q - before)[:5] / LOOK / caps)))
+            distance, before = min(distance, bodies.clearance(q[:5], q[5]).distance), q
         moving.result()
-    took = bench.clock.now() - begin
-    return identification.report(hand_is_empty=is_empty, keeps=is_empty), took
+    travel = Travel(bench.clock.now() - begin, speed, distance)
+    return identification.report(hand_is_empty=is_empty, keeps=is_empty), travel
 
 
 def tracking(bench: Any, file: Path, seed: int, plans: int) -> float:
@@ -117,9 +142,9 @@ def found_by(seed: int) -> dict[str, Any]:
     ):
         file = Path(folder) / "arm.json"
         with _harness.hardware_bench(Path(folder), **options) as bench:
-            empty, took = identified(bench, file, is_empty=True)
+            empty, travel = identified(bench, file, is_empty=True)
         with _harness.hardware_bench(Path(folder), held_kg=load, **options) as bench:
-            carrying, _ = identified(bench, file, is_empty=False)
+            carrying, again = identified(bench, file, is_empty=False)
     servos = empty.found.servos
     found = carrying.found.load
     assert found is not None
@@ -129,7 +154,9 @@ def found_by(seed: int) -> dict[str, Any]:
     }
     return {
         "figures": {joint: asdict(each) for joint, each in servos.items()},
-        "joints": by_joint, "took": took, "mass": abs(found.mass - load), "place": float(place),
+        "joints": by_joint, "took": travel.took, "speed": max(travel.speed, again.speed),
+        "distance": min(travel.distance, again.distance),
+        "mass": abs(found.mass - load), "place": float(place),
     }  # fmt: skip
 
 
@@ -226,6 +253,7 @@ def main() -> None:
         ("mass of the load off [g]", "mass", 1e3, 15.0),
         ("its place off [mm]", "place", 1e3, 10.0),
         ("duration [s]", "took", 1.0, 180.0),
+        ("fastest joint, share of its cap", "speed", 1.0, 1.0),
         ("tracking error before [deg]", "before", 1.0, math.inf),
         ("tracking error after [deg]", "after", 1.0, math.inf),
         ("tracking error after, share of before", "after, share", 1.0, 0.6),
@@ -242,6 +270,10 @@ def main() -> None:
                 "bar": bar if bar < math.inf else "-",
             }
         )
+    near = 1e3 * np.array([arm["distance"] for arm in arms])
+    nearest = {"median": float(np.median(near)), "worst": float(near.min())}
+    what = "least distance of two bodies, the table included [mm]"
+    rows.append({"what": what, "n": near.size, **nearest, "bar": "> 0"})
     before = sum(arm["before"] for arm in arms)
     for when, what in (("after", "after"), ("best", "with exact figures")):
         share = sum(arm[when] for arm in arms) / before
