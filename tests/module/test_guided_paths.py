@@ -9,6 +9,8 @@ from grpclib import GRPCError, Status
 from harness.in_process_module import advance, in_time
 from viam.components.arm import JointPositions
 
+from so101_motion.planning.kinematics.model import RobotModel
+
 CORNERS = ([20, -10, 10, 0, 0], [20, -40, 40, 10, -40])
 
 
@@ -51,9 +53,13 @@ async def test_a_path_is_taught_saved_listed_replayed_and_deleted(arm, client, t
     assert 0.2 < outline["approach_s"] < outline["replay_s"]
     assert await client.get_manual_mode(), "it was only planned"
     told = await in_time(client, ask(client, "replay_path", name="wave", tolerance_deg=1.0))
+    line_mm = outline.pop("tool_path_mm")
     assert told == outline
     assert not await client.get_manual_mode()
     assert (await client.get_joint_positions()).values == pytest.approx(CORNERS[-1], abs=0.1)
+    assert 2 < len(line_mm) <= 400
+    end = RobotModel.load().frame(np.radians(CORNERS[-1])).p
+    np.testing.assert_allclose(line_mm[-1], 1000.0 * end, atol=1.0)
 
     listed = await ask(client, "list_paths")
     assert [each["name"] for each in listed["paths"]] == ["wave"]

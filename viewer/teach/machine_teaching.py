@@ -13,10 +13,13 @@ from itertools import count
 from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import MachineRefused, MachineUnavailable, MotionError, So101Error
+from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.rig.protocols import ArmConnection
@@ -32,6 +35,9 @@ MOST_NAMES = 500
 
 LONGEST_NAME = 80
 """The longest name of a path that our module takes."""
+
+MOST_POINTS = 1000
+"""Of how many points the line that is drawn may be; chosen, more than our module sends."""
 
 CANNOT = Sentence(
     text="This arm's module on the machine cannot record or replay a path.", tone=Tone.WARM
@@ -87,7 +93,7 @@ class MachineTeaching:
         submit: Runs a slow call on another thread.
 
     Attributes:
-        path: None: the machine does not send the path's points.
+        line: Where the tool is along the chosen path; None before it was planned.
         saved_files: None: a path is saved on the machine as soon as its recording ends.
         doing: What is going on.
         sentence: What to know or to do now.
@@ -96,7 +102,6 @@ class MachineTeaching:
         chosen: The path to replay; empty for none.
     """
 
-    path = None
     saved_files = None
 
     def __init__(
@@ -119,6 +124,7 @@ class MachineTeaching:
         self.name = ""
         self.names: tuple[str, ...] = ()
         self.chosen = ""
+        self.line: Array | None = None
 
     # Recording
 
@@ -177,8 +183,8 @@ class MachineTeaching:
     def load(self, name: str) -> None:
         """Choose a saved path; nothing moves."""
         if name in self.names and self._is_idle:
-            self._drop_plan()
-            self.chosen = self.name = name
+            self._choose(name)
+            self.name = name
             self.sentence = Sentence(text=f'"{name}" is chosen. {PLAN.text}', tone=Tone.GOOD)
 
     def delete(self, name: str) -> None:
@@ -271,6 +277,10 @@ class MachineTeaching:
         numbered = (name if k == 1 else f"{name} {k}" for k in count(1))
         return next(each for each in numbered if each not in taken)
 
+    def _choose(self, name: str) -> None:
+        self.chosen, self.line = name, None
+        self._drop_plan()
+
     def _drop_plan(self) -> None:
         self._is_planned, self._to_delete = False, ""
 
@@ -332,8 +342,7 @@ class MachineTeaching:
             each for each in listed if isinstance(each, str) and 0 < len(each) <= LONGEST_NAME
         )
         if self.chosen not in self.names:
-            self.chosen = ""
-            self._drop_plan()
+            self._choose("")
         if is_new and isinstance(recording, str):
             self._follow_recording(recording[:LONGEST_NAME])
 
@@ -355,9 +364,8 @@ class MachineTeaching:
         name, duration = _name(answer, "name"), _number(answer, "duration_s")
         points = round(_number(answer, "points"))
         plural = "" if points == 1 else "s"
-        self._drop_plan()
         self.names = tuple(sorted({*self.names, name}))
-        self.chosen = name
+        self._choose(name)
         why = answer.get("ended_by")
         ended = isinstance(why, str) and why not in ("", "end_path")
         begin = f"The recording ended: {why}. " if ended else ""
@@ -367,14 +375,13 @@ class MachineTeaching:
 
     def _take_plan(self, answer: Mapping[str, Any]) -> None:
         approach, total = _number(answer, "approach_s"), _number(answer, "replay_s")
-        self._is_planned = True
+        self.line, self._is_planned = _line(answer), True
         self.sentence = planned(approach, max(total - approach, 0.0))
 
     def _take_deletion(self, name: str) -> None:
         self.names = tuple(each for each in self.names if each != name)
         if name == self.chosen:
-            self.chosen = ""
-            self._drop_plan()
+            self._choose("")
         self.sentence = texts.deleted(name)
 
 
@@ -383,6 +390,18 @@ def _name(answer: Mapping[str, Any], key: str) -> str:
     if not isinstance(value, str) or not 0 < len(value) <= LONGEST_NAME:
         raise MotionError("the machine's answer does not name the path")
     return value
+
+
+def _line(answer: Mapping[str, Any]) -> Array | None:
+    """The tool's way [m]; None from a module that does not tell it."""
+    line_mm = answer.get("tool_path_mm")
+    if not isinstance(line_mm, list) or not 0 < len(line_mm) <= MOST_POINTS:
+        return None
+    try:
+        line = np.array(line_mm, dtype=float) / 1000.0
+    except (TypeError, ValueError):
+        return None
+    return line if line.shape[1:] == (3,) and np.isfinite(line).all() else None
 
 
 def _number(answer: Mapping[str, Any], key: str) -> float:

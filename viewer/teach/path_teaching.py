@@ -15,10 +15,18 @@ from typing import Any
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import ConfigError, Interrupted, So101Error
+from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.files import user_storage
 from so101_motion.rig.rig import Rig
-from so101_motion.tasks.guided import GuidedPath, PathRecorder, Replay, files, plan_replay
+from so101_motion.tasks.guided import (
+    GuidedPath,
+    PathRecorder,
+    Replay,
+    files,
+    plan_replay,
+    tool_line,
+)
 from so101_motion.tasks.guided import start_replay as start
 from so101_motion.tasks.program.rehearsal import stands_at
 from so101_motion.tasks.teleop.local_arms import jaw_of
@@ -39,6 +47,7 @@ class PathTeaching:
 
     Attributes:
         path: The path that was recorded or loaded; None before.
+        line: Where the tool is along it; None before.
         replay: Its plan, as long as it is valid; else None.
         doing: What is going on.
         sentence: What to know or to do now.
@@ -53,6 +62,7 @@ class PathTeaching:
         self._planning: Future[Replay] | None = None
         self._motion: Motion | None = None
         self.path: GuidedPath | None = None
+        self.line: Array | None = None
         self.replay: Replay | None = None
         self.doing = Doing.NOTHING
         self.sentence = WELCOME
@@ -204,6 +214,7 @@ class PathTeaching:
 
     def _take(self, path: GuidedPath) -> None:
         self.path, self.replay, self.doing = path, None, Doing.NOTHING
+        self.line = tool_line(path)
         self._saved = None
         text = f"{path.duration:.1f} s, {len(path)} points. {PLAN.text}"
         self.sentence = Sentence(text=text, tone=Tone.GOOD)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import viser
 
-from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.common.geometry import Array
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
-from so101_motion.tasks.guided import GuidedPath
 from so101_motion.viam.client import MachineRig
 
 from ..page import markup
@@ -23,7 +21,6 @@ from .teaching import Doing, Teaching
 
 _NONE = "none"
 _COLOR = (12, 133, 153)
-_MOST_POINTS = 400  # of the line that is drawn
 
 
 class TeachPart(Part):
@@ -39,7 +36,7 @@ class TeachPart(Part):
         self.teaching = _teaching_for(rig, context)
         session = session_for(rig, open_leader)
         self.leading = None if session is None else Leading(session, context.in_background)
-        self._drawn: GuidedPath | None = None
+        self._drawn: Array | None = None
         self._line: viser.LineSegmentsHandle | None = None
         self._shown: object = None
         if self.teaching is None and self.leading is None:
@@ -91,15 +88,16 @@ class TeachPart(Part):
         """Take in what has happened; return whether anything is new."""
         teaching, leading, before = self.teaching, self.leading, self._shown
         state: list[object] = []
+        is_drawn = teaching is None or teaching.line is self._drawn  # arrays cannot be compared
         if teaching is not None:
             teaching.refresh()
-            state += [teaching.sentence, teaching.doing, teaching.path, teaching.can_run]
+            state += [teaching.sentence, teaching.doing, teaching.can_run]
             state += [teaching.can_plan, teaching.can_record, teaching.names, teaching.name]
         if leading is not None:
             leading.refresh()
             state += [leading.sentence, leading.is_on, leading.can_switch]
         self._shown = state
-        return before is None or state != before
+        return before is None or not is_drawn or state != before
 
     def show(self) -> None:
         """Update the widgets."""
@@ -119,30 +117,26 @@ class TeachPart(Part):
         self._run.disabled = not teaching.can_run
         self._name.show(teaching.name)
         if self._write is not None:
-            grey(self._write, teaching.path is None)
+            grey(self._write, teaching.line is None)
         saved = teaching.names
         if self._saved.options != (saved or (_NONE,)):
             self._saved.options = saved or (_NONE,)
         grey(self._use, not saved)
         if self._undo is not None:
             self._undo.show()
-        if teaching.path is not self._drawn:
-            self._drawn = teaching.path
-            self._draw(teaching.path)
+        if teaching.line is not self._drawn:
+            self._drawn = teaching.line
+            self._draw(teaching.line)
 
-    def _draw(self, path: GuidedPath | None) -> None:
+    def _draw(self, line: Array | None) -> None:
         """Draw the tool's path."""
         if self._line is not None:
             self._line.remove()
             self._line = None
-        if path is None or len(path) < 2:
-            return
-        model = RobotModel.load()
-        keep = np.unique(np.linspace(0, len(path) - 1, _MOST_POINTS).astype(int))
-        points = np.array([model.frame(q).p for q in path.q[keep]])
-        self._line = self._scene.add_line_segments(
-            "/teach/path", segments(points), _COLOR, thickness=3.0, thickness_units="screen"
-        )
+        if line is not None and len(line) > 1:
+            self._line = self._scene.add_line_segments(
+                "/teach/path", segments(line), _COLOR, thickness=3.0, thickness_units="screen"
+            )
 
     def close(self) -> None:
         """End the following."""

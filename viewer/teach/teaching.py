@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Protocol
 
-from so101_motion.tasks.guided import GuidedPath
+from so101_motion.common.geometry import Array
 
 from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence, Tone
@@ -45,8 +45,8 @@ class Teaching(Protocol):
         """What to know or to do now."""
 
     @property
-    def path(self) -> GuidedPath | None:
-        """The path to draw; None if there is none here."""
+    def line(self) -> Array | None:
+        """Where the tool is along the path, (m, 3) in the base frame [m]; None if not known."""
 
     @property
     def name(self) -> str:

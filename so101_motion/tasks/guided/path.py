@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.planning.kinematics.model import RobotModel
 
 TOLERANCE = np.radians(2.0)
 """How far a joint may be from the recorded path by default [rad]; chosen: a hand trembles by some
@@ -24,6 +25,7 @@ tenths of a degree, and a wider tolerance makes a faster and smoother motion."""
 JAW_TOLERANCE = 0.02
 """The same for the jaw, share of its travel; chosen."""
 
+_DRAWN = 400  # points at most of the line that is drawn
 _SPACING = np.radians(0.5)  # of the places on a polyline that points are compared with [rad]
 
 
@@ -85,6 +87,13 @@ class GuidedPath:
             [self.q, self.aperture * (tolerance / JAW_TOLERANCE)]
         )  # fmt: skip
         return corners_of(x, tolerance)
+
+
+def tool_line(path: GuidedPath) -> Array:
+    """Where the tool is along a path, to draw it: shape (m, 3), m <= 400, in the base frame [m]."""
+    model = RobotModel.load()
+    keep = np.unique(np.linspace(0, len(path) - 1, _DRAWN).astype(int))
+    return np.array([model.frame(q).p for q in path.q[keep]])
 
 
 def corners_of(x: Array, tolerance: float) -> NDArray[np.intp]:

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from so101_motion.calib.record import store
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, Attributes
 from so101_motion.common.errors import MotionError, So101Error
@@ -25,6 +27,7 @@ from so101_motion.tasks.guided import (
     files,
     plan_replay,
     start_replay,
+    tool_line,
 )
 from so101_motion.tasks.guided.path import TOLERANCE
 from so101_motion.tasks.guided.replay import TOLERANCE_RANGE
@@ -166,11 +169,15 @@ class PathCommands:
             await self._arm.set_manual_mode(False)  # holds again after a fault, too
             # Planning and replay are one motion, so a stop ends it while it is being planned, too.
             await self._arm.arrived(start_replay(rig.arm, gripper, lambda: own_thread(plan)))
-        return {
+        answer = {
             **_facts(file.stem, path),
             "approach_s": round(planned[0].approach.duration, 3),
             "replay_s": round(planned[0].duration, 3),
         }
+        if outline:
+            line = await asyncio.to_thread(tool_line, path)
+            answer["tool_path_mm"] = np.round(1000.0 * line, 1).tolist()
+        return answer
 
     async def _delete(self, given: Attributes) -> dict[str, Any]:
         file = _file(given)

@@ -179,6 +179,8 @@ def test_a_path_is_recorded_on_the_machine_planned_and_replayed(bench: Bench) ->
     teaching.plan()
     bench.until(lambda: teaching.can_run)
     assert "s to its start" in teaching.sentence.text
+    assert teaching.line is not None
+    np.testing.assert_allclose(teaching.line[-1], arm.model.frame(AWAY).p, atol=2e-3)
     np.testing.assert_allclose(arm.state.q, AWAY, atol=to_rad(0.1))  # nothing moved
     teaching.run()
     assert teaching.doing is Doing.REPLAYING
@@ -201,8 +203,27 @@ def test_a_path_of_the_same_name_is_kept_and_the_new_one_gets_a_number(bench: Be
     bench.record()
     assert bench.teaching.names == ("wave", "wave 2")
     assert bench.teaching.chosen == "wave 2"
+    bench.teaching.plan()
+    bench.until(lambda: bench.teaching.line is not None)
     bench.teaching.load("wave")
     assert bench.teaching.chosen == "wave"
+    assert bench.teaching.line is None, "it is of the other path"
+
+
+@pytest.mark.parametrize("told", [None, 3, [], [[1.0, 2.0]], [[1.0, "x", 2.0]], [[0.0] * 3] * 1001])
+def test_a_machine_that_tells_no_line_or_a_wrong_one_has_its_replay_planned_all_the_same(
+    bench: Bench, told: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    teaching, send = bench.teaching, bench.machine.do_command
+    bench.record()
+    monkeypatch.setattr(
+        bench.machine,
+        "do_command",
+        lambda name, command: {**send(name, command), "tool_path_mm": told},
+    )
+    teaching.plan()
+    bench.until(lambda: teaching.can_run)
+    assert teaching.line is None
 
 
 def test_what_is_saved_on_the_machine_is_deleted_by_the_second_press_only(bench: Bench) -> None:
