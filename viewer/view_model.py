@@ -106,7 +106,7 @@ class ViewModel(TargetEditor):
     def show(self, plan: Plan) -> None:
         """Show a plan that was made elsewhere."""
         self._target = self._at_joints(plan.q_goal, self._target.frame)
-        self._targets.add(self._target)
+        self._targets.add((self._target, self._kind))
         self.take_plan(plan)
 
     def take_plan(self, plan: Plan) -> None:

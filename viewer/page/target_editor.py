@@ -49,8 +49,8 @@ class TargetEditor(ABC):
     def __init__(self, solver: TargetSolver, state: JointState, now: Callable[[], float]) -> None:
         self._solver, self._state = solver, state
         self._target = solver.first_target(state.q_ref, q_jaw=state.q_jaw_ref)
-        self._targets = History(self._target, now)
         self._kind = ANY
+        self._targets = History((self._target, self._kind), now)
 
     @abstractmethod
     def _aim(self, target: Target) -> None:
@@ -103,11 +103,13 @@ class TargetEditor(ABC):
 
     def undo(self) -> None:
         """Go back to the target before."""
-        self._aim(self._again(self._targets.undo()))
+        target, self._kind = self._targets.undo()
+        self._aim(self._again(target))
 
     def redo(self) -> None:
         """Set the target again that was undone last."""
-        self._aim(self._again(self._targets.redo()))
+        target, self._kind = self._targets.redo()
+        self._aim(self._again(target))
 
     def set_target_here(self) -> None:
         """Set the target to where the arm is."""
@@ -216,5 +218,5 @@ class TargetEditor(ABC):
         return self._at_joints(target.q, target.frame)
 
     def _take(self, target: Target, kind: Hashable = None) -> None:
-        self._targets.add(target, kind)
+        self._targets.add((target, self._kind), kind)
         self._aim(target)

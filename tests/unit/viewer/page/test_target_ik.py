@@ -137,6 +137,21 @@ def test_a_click_on_the_table_is_reached_from_above(
     assert editor.target.direction == Direction(tilt=0.0)  # as was chosen
 
 
+def test_undo_brings_back_how_much_of_the_direction_was_chosen(editor: Editor) -> None:
+    editor.set_target_point(np.array([0.2, 0.08, 0.12]))
+    editor.set_direction("tilt and roll")
+    editor.undo()
+    assert editor.kind == "any"
+    editor.set_target_point(np.array([0.2, 0.0, 0.12]))
+    assert editor.target.direction is None
+    editor.undo()
+    editor.set_direction("tilt")
+    editor.undo()
+    editor.redo()
+    assert editor.kind == "tilt"
+    assert editor.target.direction is not None
+
+
 def test_turned_handles_turn_the_gripper_and_the_wrong_way_is_said(editor: Editor) -> None:
     editor.set_target_point(np.array([0.2, 0.08, 0.12]))
     editor.set_direction("tilt and roll")
