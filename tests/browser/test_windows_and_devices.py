@@ -188,7 +188,7 @@ def test_on_phones_and_tablets_bar_picture_and_panels_have_places_of_their_own(
     small.leave()
 
 
-def test_a_window_opens_dark_where_the_browser_prefers_it_and_moves_nothing(
+def test_a_window_is_dark_where_and_while_the_browser_prefers_it_and_moves_nothing(
     guest: Guest, visit: Visit, preview: Preview, rig: Rig
 ) -> None:
     before = rig.arm.state.q_ref
@@ -206,6 +206,10 @@ def test_a_window_opens_dark_where_the_browser_prefers_it_and_moves_nothing(
     assert scheme(dark) == ["dark", "#ff8787"]
     assert scheme(guest) == ["light", "#c92a2a"]
     dark.until(lambda: dark.barriers() == [])  # names come a moment later
+    dark.page.emulate_media(color_scheme="light")  # a new day
+    dark.until(lambda: scheme(dark) == ["light", "#c92a2a"])
+    dark.page.emulate_media(color_scheme="dark")
+    dark.until(lambda: scheme(dark) == ["dark", "#ff8787"])
     dark.leave()
     np.testing.assert_array_equal(rig.arm.state.q_ref, before)
     assert guest.problems == dark.problems == []

@@ -7,9 +7,12 @@
   const MARK = '{"so101":';
   const SILENT = 3500;  // ms; the server says something every second
   const PATIENCE = 6000;  // ms; viser gives an attempt up after five
+  const stock = window.matchMedia.bind(window);
+  const dark = stock('(prefers-color-scheme: dark)');
   const link = (window.so101 = { connected: false, isExpired: false, boards: {}, changed: [] });
   const boards = new Map();  // by the id of the widget that holds it
   let worker = null;
+  let theme = null;
   let heard = 0;
   let silent = 0;
 
@@ -20,6 +23,12 @@
   }
 
   function take(message) {
+    if (message.type === 'ThemeConfigurationMessage') {  // the system decides, not the server
+      theme = message;
+      theme.dark_mode = dark.matches;
+      document.documentElement.dataset.so101Themed = '';
+      return false;
+    }
     const content = message.props?.content ?? message.updates?.content;
     if (message.type === 'GuiRemoveMessage') return boards.delete(message.uuid);
     if (typeof content !== 'string' || !content.startsWith(MARK)) return false;
@@ -104,14 +113,18 @@
   };
 
   // The phone's layout is viser's for narrow windows; ours begins at a width of our own.
-  const stock = window.matchMedia.bind(window);
   window.matchMedia = (query) =>
     stock(query === '(max-width: 36em)' ? '(max-width: 1099.98px)' : query);
 
-  const dark = stock('(prefers-color-scheme: dark)').matches;
+  dark.addEventListener('change', () => {
+    if (!theme) return;
+    const messages = [{ ...theme, dark_mode: dark.matches }];
+    worker.onmessage({ data: { type: 'message_batch', messages } });
+  });
+
   const here = new URL(location);
-  if (dark !== here.searchParams.has('darkMode')) {
-    if (dark) here.searchParams.set('darkMode', ''); else here.searchParams.delete('darkMode');
+  if (here.searchParams.has('darkMode')) {  // would keep viser dark for good
+    here.searchParams.delete('darkMode');
     history.replaceState(null, '', here);
   }
 })();
