@@ -284,6 +284,9 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             guest.open(preview.url)
             guest.until(lambda: guest.says("reports no servo health"))
             in_color = guest.color_of(BASE)
+            guest.page.get_by_role("tab", name="Jog").click()
+            guest.until(lambda: guest.says("The arm of a machine cannot be jogged"))
+            assert not guest.button("Start jogging").is_enabled()
             guest.page.get_by_role("tab", name="Teach").click()
             guest.until(lambda: guest.says("Keep a hand on the leader"))
             taught = model.frame(BEGIN, "gripper_link").p
@@ -318,6 +321,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
                 guest.press("Plan replay")
                 guest.until(lambda: guest.says("s to its start, then 0.0 s along it"))
                 np.testing.assert_allclose(hand(guest), before, atol=1e-3)  # nothing moves yet
+                assert guest.sees("/teach/path")
                 guest.press("Replay")
                 if speed < 90.0:
                     guest.until(lambda: guest.page.get_by_text("Moving", exact=True).count() > 0)

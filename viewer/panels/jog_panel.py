@@ -9,6 +9,7 @@ import viser
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
+from so101_motion.viam.client import MachineRig
 
 from ..page import markup, texts
 from ..page.bar import uuid_of
@@ -28,6 +29,10 @@ _ON = Sentence(
 _ARROWS = Sentence(
     text="Drag the target's arrows in the picture: the arm follows while you drag.", tone=Tone.GOOD
 )
+_FAR = Sentence(
+    text="The arm of a machine cannot be jogged: over a network it may be heard too late that you"
+    " let go. Plan a motion on the Move tab, or guide the arm by hand."
+)
 _STOPPED = Sentence(text="Stopped. Start jogging to go on.")
 
 
@@ -42,6 +47,7 @@ class JogPart(Part):
     def __init__(self, context: ArmContext, page: ViewModel, *, title: str = "Jog") -> None:
         self._context, self._page, self._arm = context, page, context.rig.arm
         self.jogging = Jogging(context.rig, self._wanted)
+        self._is_far = isinstance(context.rig, MachineRig)
         self._mode = MODES[0]
         self._shown: object = None
         gui = context.gui
@@ -98,13 +104,16 @@ class JogPart(Part):
         is_on = jogging.mode is not None
         self._sentence.content = markup.sentence(self._words())
         self._switch.label = "End jogging" if is_on else "Start jogging"
-        self._switch.disabled = not is_on and self._arm.state.mode is not Mode.HOLDING
+        holds = self._arm.state.mode is Mode.HOLDING
+        self._switch.disabled = not is_on and (self._is_far or not holds)
         self._buttons.content = jog_buttons(
             self._mode, jogging.speed, hand=uuid_of(self._hand) or "", is_on=jogging.is_ready
         )
 
     def _words(self) -> Sentence:
         jogging = self.jogging
+        if self._is_far:
+            return _FAR
         if jogging.mode is None:
             if jogging.outcome is None:
                 return texts.blocked(self._arm.state) or _OFF
