@@ -295,14 +295,14 @@ def _about_no_arm(seen: ServosOnBus) -> str:
     if others:
         return f"servo {others[0].servo_id} is a {others[0].model}, no servo of an SO-101"
     if set(seen.servos) == {AS_NEW} and not seen.shared and not seen.garbled:
-        return "one motor with the id 1 answers, as a new one does: the setup gives it its own id"
+        return "one new motor answers: the setup gives it its id"
     if seen.shared and set(seen.shared) | set(seen.servos) == {AS_NEW}:
         return "several new motors answer, all with the id 1: connect only one of them"
     ids = ", ".join(map(str, sorted((*seen.servos, *seen.shared)))) or "none"
     shared = ", and several share an id" if seen.shared or seen.garbled else ""
     return (
         f"no complete arm: the servos that answer have the ids {ids}{shared}. Check the cables, or"
-        " set the motors up with the calibration sensor"
+        " set up the motors"
     )
 
 

@@ -206,6 +206,7 @@ def test_a_window_is_dark_where_and_while_the_browser_prefers_it_and_moves_nothi
     assert scheme(dark) == ["dark", "#ff8787"]
     assert scheme(guest) == ["light", "#c92a2a"]
     dark.until(lambda: dark.barriers() == [])  # names come a moment later
+    meets_no_barrier(dark, "Jog", "Program", "World", "Share", "Teach", "Events")
     dark.page.emulate_media(color_scheme="light")  # a new day
     dark.until(lambda: scheme(dark) == ["light", "#c92a2a"])
     dark.page.emulate_media(color_scheme="dark")

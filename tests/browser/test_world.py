@@ -86,6 +86,20 @@ def pixels(guest: Guest, hue_from: int, hue_to: int) -> int:
     return int((clear & (hue >= hue_from) & (hue <= hue_to)).sum())
 
 
+def test_a_thing_that_is_added_moves_no_button(world: Guest) -> None:
+    def places() -> list[object]:
+        seen = (
+            world.page.get_by_role("button", name=name, exact=True).filter(visible=True)
+            for name in ("sphere", "undo", "save", "Load")
+        )
+        return [each.first.bounding_box() for each in seen]
+
+    before = places()
+    add(world, "box")
+    world.until(lambda: shown(world, "Size (mm)").count() == 3)
+    assert places() == before
+
+
 def test_an_added_obstacle_is_drawn_and_planned_with_and_moves_nothing(
     world: Guest, rig: Rig, preview: Preview
 ) -> None:
@@ -162,7 +176,8 @@ def test_a_click_on_a_thing_selects_it(world: Guest) -> None:
     def is_selected() -> bool:
         world.page.mouse.click(*world.place_of(first, (0.0, -0.03, -0.01)))
         world.page.wait_for_timeout(300)  # a busy browser may not know yet that it is there
-        return shown(world, "Name").first.input_value() == "box 1"
+        names = shown(world, "Name").evaluate_all("fields => fields.map((each) => each.value)")
+        return "box 1" in names  # none are there while a click was too early
 
     world.until(is_selected)
     world.comes_to("box 1", lambda: shown(world, "Selected").first.input_value())
@@ -173,7 +188,7 @@ def test_a_zone_is_red_and_seen_through(world: Guest, rig: Rig) -> None:
     add(world, "box")
     with world.looking():
         red = pixels(world, 248, 255)
-        world.page.get_by_role("checkbox").nth(0).click()
+        world.page.get_by_role("checkbox").last.click()
         world.until(lambda: rig.arm.scene.obstacles[0].keep_out)
         world.until(lambda: pixels(world, 248, 255) > red + 100, seconds=60.0)
     world.press("attach")

@@ -56,7 +56,7 @@ class CameraPart(Part):
     def show(self) -> None:
         """Show it."""
         picture, is_old = self.feed.picture, self._is_old()
-        says = "" if not is_old else self.feed.problem or "no picture comes"
+        says = "" if not is_old else self.feed.problem or "the camera sends no picture"
         self._html.content = markup.picture(None if picture is None else picture.as_url, says)
 
     def close(self) -> None:

@@ -59,7 +59,9 @@ class CellProgramPart(Part):
         model = self.model
         self._sentence = gui.add_html("")
         record = gui.add_button_group(
-            "Record", (*self._names, _ALL), hint="A step: who goes to its target, side by side"
+            "Record",
+            (*self._names, _ALL),
+            hint="Record a step: these arms go to their targets at the same time",
         )
         self._context.on_choice(
             record, lambda name: model.record(self._names if name == _ALL else (name,))
@@ -77,7 +79,9 @@ class CellProgramPart(Part):
         self._context.on_choice(self._order, partial(_do, orders | {"delete": model.remove}))
         self._undo = UndoButtons(self._context, "Edits", model)
         self._rehearsal = RehearsalFields(
-            self._context, model, hint="Only the ghosts move; pauses last 2 s; again: pause"
+            self._context,
+            model,
+            hint="Only the ghosts move. Pauses are cut to 2 s. Press again to hold it.",
         )
         self._facts = gui.add_html("")
 

@@ -116,7 +116,6 @@ class WorldPart(Part):
         context.on_choice(
             self._edits, lambda name: world.undo() if name == "undo" else world.redo()
         )
-        self._add_thing(gui)  # below the buttons, because these fields come and go
         gui.add_divider()
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),
@@ -131,6 +130,8 @@ class WorldPart(Part):
         self._floor_z = FLOOR_Z
         gui.add_divider()
         self._add_files(gui)
+        gui.add_divider()
+        self._add_thing(gui)  # last, because these fields come and go
 
     def _add_thing(self, gui: viser.GuiApi) -> None:
         world = self.world
