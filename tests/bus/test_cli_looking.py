@@ -205,6 +205,15 @@ def test_a_lossy_bus_is_a_warning_with_figures(arm):
     assert told["bus"]["lost"] > 0
 
 
+def test_a_servo_that_has_changed_since_the_last_identification_is_a_warning(arm, file):
+    for friction in (0.5, 0.8):
+        figures = {"wrist_flex": ServoFigures(friction=friction)}
+        found = servo_file.ServoRecord(at="2026-03-05T10:00:00", volts=12.0, servos=figures)
+        servo_file.save(file, found)
+    result = run("doctor", "--port", arm.port, "--calibration", str(file))
+    assert "wrist_flex has 60% more friction than on 2026-03-05" in result.stdout
+
+
 def test_a_port_in_use_is_named_and_the_installation_is_checked_even_so(arm):
     port = SerialPort(arm.port)
     try:

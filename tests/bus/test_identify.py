@@ -15,7 +15,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.planning.goals import JointGoal
-from so101_motion.setup.identify import Identification
+from so101_motion.setup.identify import SWEEPS, Identification
 
 PAN = ServoFigures(torque=0.9, friction=1.2, dead_time=1.1)
 ZEROS = dict(zip(ARM_JOINTS, np.radians(MIDDLES_DEG), strict=True))
@@ -104,6 +104,20 @@ def test_what_was_identified_is_used_for_torque_and_its_limits(bench, rig, tmp_p
     assert kind.torque_per_volt == pytest.approx(0.8 * STS3215_12V.torque_per_volt)
     shares = rig.arm.request(JointGoal(q=np.zeros(5))).strength.shares
     assert shares == (1.0, 1.0, 1.0, 0.8, 1.0), "a strong servo counts as its type"
+
+
+def test_a_check_keeps_nothing_and_says_how_far_the_twin_is(bench, rig, tmp_path, monkeypatch):
+    monkeypatch.setitem(SWEEPS, "wrist_flex", (-8.0, 8.0))  # enough for a check of one joint
+    file = tmp_path / "arm.json"
+    wrong = ServoRecord(at="2026", volts=12.0, servos={"wrist_flex": ServoFigures(friction=3.0)})
+    kept = servo_file.save(file, wrong).read_bytes()
+    identification = Identification(rig, ("wrist_flex",))
+    moved(bench, identification, identification.outline())
+    report = identification.report(hand_is_empty=True, keeps=False)
+    told = report.predictions["wrist_flex"]
+    assert told.as_known > 1.5 * told.as_sold, "judged by the kept figures, not by those found now"
+    assert report.file is None
+    assert servo_file.servos_path(file).read_bytes() == kept
 
 
 def test_an_arm_that_is_stopped_holds_and_nothing_is_kept(bench, rig, tmp_path):
