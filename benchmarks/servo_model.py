@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.drivers.emulator.hardware import MAX_DUTY, TICKS_PER_RAD
+from so101_motion.drivers.emulator.register_values import SLOWEST
 from so101_motion.drivers.servo_types import START_DUTY, STS3215_12V
 
 Array = NDArray[np.float64]
@@ -35,6 +36,7 @@ FIRMWARE_GAIN = 1.0 / (4.0 * 1000.0 * RAD_PER_TICK)
 """Duty per radian of error and unit of the P register: ``P / 4`` thousandths of a duty a tick."""
 
 _SPIKE = -np.pi  # what the recorder wrote when a reading had failed [rad]
+_FLOOR = SLOWEST * RAD_PER_TICK  # a set-point travels at least this fast [rad/s]
 _RING = 16  # control periods that a delayed duty is remembered for
 
 
@@ -106,6 +108,8 @@ class Recordings:
         load: Torque that holds the joint of an arm where it is, shape (n, k), [N m]; NaN on the
             pendulum, whose weight follows from mass, length and position.
         inertia: Of the links of an arm, shape (n,), [kg m^2]; NaN on the pendulum.
+        acceleration: Limit of the set-point's, shape (n,), [rad/s^2]; infinite on the pendulum,
+            whose set-points show none.
     """
 
     t: Array
@@ -120,6 +124,7 @@ class Recordings:
     kind: NDArray[np.str_]
     load: Array
     inertia: Array
+    acceleration: Array
 
     def __len__(self) -> int:
         return len(self.kp)
@@ -141,7 +146,8 @@ def load(path: Path) -> Recordings:
     A file has the arrays ``t_s``, ``goal_rad``, ``position_tick`` (4096 a turn), ``torque_enable``
     and ``volts``, each of shape (n, k), and ``kp``, ``mass_kg``, ``length_m`` and ``trajectory``,
     each of shape (n,). Those of ``so101 identify --record`` have ``load_nm``, shape (n, k), and
-    ``inertia_kgm2``, shape (n,), which stand for the pendulum's weight and inertia.
+    ``inertia_kgm2``, shape (n,), which stand for the pendulum's weight and inertia, and
+    ``acceleration_radps2``, shape (n,), which limits the servo's set-point.
 
     Raises:
         FileNotFoundError: There is no such file, or no ``.npz`` file in the folder.
@@ -195,6 +201,7 @@ def _read(file: Path) -> Recordings:
             kind=data["trajectory"].astype(str),
             load=data["load_nm"] if "load_nm" in data else np.full(position.shape, np.nan),
             inertia=data["inertia_kgm2"] if "inertia_kgm2" in data else np.full(n, np.nan),
+            acceleration=data.get("acceleration_radps2", np.full(n, np.inf)),
         )
 
 
@@ -244,13 +251,14 @@ def _motion(recordings: Recordings, p: Parameters, dt: float, steps: int) -> Ite
     ring = np.zeros((_RING, count, n))
     lanes = np.arange(count)[:, None], np.arange(n)[None, :]
     q = np.broadcast_to(recordings.position[:, 0], (count, n)).copy()
-    w, setpoint = np.zeros_like(q), q.copy()
-    stride = p.speed_limit * dt
+    w, setpoint, pace = np.zeros_like(q), q.copy(), np.zeros_like(q)
+    limit = recordings.acceleration
     for step in range(steps):
         yield q
         on = switch.at(step * dt)
         goal = goals.at(step * dt)
-        setpoint = np.where(on, setpoint + np.clip(goal - setpoint, -stride, stride), q)
+        pace = np.where(on, _pace(goal - setpoint, pace, p.speed_limit, limit, dt), 0.0)
+        setpoint = np.where(on, setpoint + pace * dt, q)
         off = setpoint - q
         demand = stiffness * (off - np.clip(off, -RAD_PER_TICK, RAD_PER_TICK))  # dead zone
         demand += START_DUTY * np.sign(demand)
@@ -268,6 +276,23 @@ def _motion(recordings: Recordings, p: Parameters, dt: float, steps: int) -> Ite
         slip = push * friction / damped
         w = np.where(np.abs(free) <= slip, 0.0, free - np.sign(free) * slip)
         q = q + w * dt
+
+
+def _pace(way: Array, pace: Array, top: Array, limit: Array, dt: float) -> Array:
+    """Velocity of the set-point in the coming step: the firmware's profile, ``Profile.step``."""
+    straight: Array = np.clip(way / dt, -top, top)
+    if np.isinf(limit).all():
+        return straight
+    side = np.where(way < 0.0, -1.0, 1.0)
+    distance, speed, change = np.abs(way), side * pace, limit * dt
+    faster = np.clip(speed + change, _FLOOR, top)
+    choice = np.maximum(speed - change, _FLOOR)
+    for each in (np.maximum(speed, _FLOOR), faster):
+        choice = np.where(each * (each / (2.0 * limit) + dt / 2.0) <= distance, each, choice)
+    choice = np.where(speed < 0.0, np.minimum(speed + change, 0.0), choice)
+    arrives = (choice * dt >= distance) & (choice <= np.maximum(_FLOOR, change))
+    limited = side * np.where(arrives, distance / dt, choice)
+    return np.where(np.isinf(limit), straight, limited)
 
 
 def _friction(p: Parameters, external: Array, motor: Array, speed: Array) -> Array:

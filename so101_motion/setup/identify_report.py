@@ -170,6 +170,7 @@ def write_recordings(
             mass_kg=np.zeros(1),
             length_m=np.zeros(1),
             inertia_kgm2=np.array([SO101[record.index].inertia]),
+            acceleration_radps2=np.array([record.acceleration]),
             trajectory=np.array([f"sweep of {joint}"]),
         )
     return tuple(files)

@@ -1,11 +1,13 @@
 """The fit of a servo's parameters finds those of the servo that made the data."""
 
 import math
+import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmarks.servo_model import Parameters, load, simulate
 from so101_motion.calib.procedure.servo_fit import identify, play
 from so101_motion.calib.procedure.servo_twin import JointRecord, replayed, setpoints, unrounded
 from so101_motion.calib.procedure.twin_fit import TwinFit
@@ -121,15 +123,40 @@ def test_a_play_that_nobody_has_seen_is_not_made_up():
     assert found.play is None
 
 
-def test_a_recording_is_written_as_angles_from_the_zero_without_a_date(tmp_path):
+def test_a_recording_is_written_as_angles_from_the_zero_without_serial_number_or_date(tmp_path):
     record = record_of(ServoFigures())
     weight = np.linspace(0.0, 1.0, len(record.t))
-    (file,) = write_recordings(tmp_path, {"shoulder_lift": record}, {"shoulder_lift": weight})
+    elsewhen = replace(record, t=record.t + 1.8e9, t_goals=record.t_goals + 1.8e9)
+    (file,) = write_recordings(tmp_path, {"shoulder_lift": elsewhen}, {"shoulder_lift": weight})
     with np.load(file) as data:
+        assert set(data) == {
+            "t_s", "goal_rad", "position_tick", "torque_enable", "volts", "load_nm", "kp",
+            "mass_kg", "length_m", "inertia_kgm2", "acceleration_radps2", "trajectory",
+        }, "docs/hardware.md names them all"  # fmt: skip
         assert data["position_tick"][0] == pytest.approx(record.ticks - 2048.0)
         assert data["goal_rad"].shape == data["volts"].shape == (1, len(record.t))
         assert data["load_nm"][0] == pytest.approx(weight)
-        assert "at" not in data
+        assert data["t_s"][0] == pytest.approx(record.t, abs=1e-6), "from zero, not a time of day"
+    with zipfile.ZipFile(file) as archive:
+        assert {part.date_time for part in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+
+
+def test_a_folder_of_recordings_is_read_by_the_program_that_fits_the_emulator(tmp_path):
+    """One joint that bears weight and one that does not, recorded for different times."""
+    lift, pan = record_of(ServoFigures()), record_of(ServoFigures(), index=0)
+    pan = replace(pan, t=pan.t[:500], ticks=pan.ticks[:500], volts=pan.volts[:500])
+    weights = {
+        "shoulder_lift": gravity_of(0.0, np.zeros(3))(lift.q)[:, 1], "shoulder_pan": np.zeros(500),
+    }  # fmt: skip
+    write_recordings(tmp_path, {"shoulder_lift": lift, "shoulder_pan": pan}, weights)
+    recordings = load(tmp_path)
+    assert recordings.kind.tolist() == ["sweep of shoulder_lift", "sweep of shoulder_pan"]
+    assert recordings.valid.sum() == len(lift.t) + 500
+    torques = np.array([0.8, 1.0, 1.2]) * Parameters().torque_per_volt
+    trials = Parameters(torque_per_volt=torques)
+    errors = recordings.error(simulate(recordings, trials, dt=2e-3))
+    assert np.argmin(errors) == 1, "the servo that made them"
+    assert errors[1] < 0.0015, "its set-point speeds up no faster than the arm's did"
 
 
 def test_a_weight_that_changes_sides_is_met_half_way_between_two_readings():
