@@ -4,7 +4,8 @@ PATH has recordings for ``benchmarks.servo_model.load``; none of them is part of
 recording is simulated whole, open loop, from its first measured position at rest, with the
 parameters of the emulator's ``STS3215_12V``. ``--emulator`` drives the
 emulated servo itself, through its registers, instead of the vectorised model; ``--datasheet`` does
-the same with the servo that the datasheet describes.
+the same with the servo that the datasheet describes. ``--save WORDS`` compares all three and writes
+the figures, and nothing of the recordings but what WORDS say of them, to ``results/``.
 
 Prints the error by motion, gain and mass; how far from its goal the servo rests, and how fast its
 steps are, measured and modelled. The last line begins with the mean over all samples of
@@ -14,10 +15,13 @@ steps are, measured and modelled. The last line begins with the mean over all sa
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from benchmarks import _common
 from benchmarks.emulated_pendulum import emulate
 from benchmarks.fit_servo import by_group, draw
 from benchmarks.servo_model import Array, Parameters, Recordings, load, simulate
@@ -36,7 +40,7 @@ _LEAST_STEP = 0.3  # [rad]
 def stand_offs(recordings: Recordings, position: Array) -> Array:
     """Goal minus position wherever the servo rests: measured and modelled, shape (m, 4).
 
-    Columns: P gain, which of ``_ARRIVALS``, measured, modelled [rad].
+    Columns: which recording, which of ``_ARRIVALS``, measured, modelled [rad].
     """
     found = []
     for i in range(len(recordings)):
@@ -45,7 +49,7 @@ def stand_offs(recordings: Recordings, position: Array) -> Array:
             for arrival, last in ((2.0, slice(top, top + 10)), (-2.0, slice(-10, None))):
                 both = recordings.position[i], position[i]
                 off = [np.mean(recordings.goal[i][last] - each[last]) for each in both]
-                found.append([recordings.kp[i], arrival, *off])
+                found.append([i, arrival, *off])
         for start, end in _holds(recordings, i):
             last, measured = slice(end - 10, end), recordings.position[i]
             rests = np.ptp(measured[end - 20 : end]) < _STILL
@@ -54,7 +58,7 @@ def stand_offs(recordings: Recordings, position: Array) -> Array:
                 came_from = measured[start]
                 upwards = np.sign((goal - came_from) * np.sign(np.sin(goal)))
                 off = [goal - np.mean(each[last]) for each in (measured, position[i])]
-                found.append([recordings.kp[i], upwards, *off])
+                found.append([i, upwards, *off])
     return np.array(found)
 
 
@@ -103,50 +107,103 @@ _DATASHEET = ServoType(
 robot description and no delays."""
 
 
+FORMS: Mapping[str, Callable[[Recordings], Array]] = {
+    "model": lambda recordings: simulate(recordings, Parameters())[0],
+    "emulator": emulate,
+    "datasheet": lambda recordings: emulate(recordings, _DATASHEET),
+}
+"""The servo in its forms: the continuous model, the emulated servo through its registers, and an
+emulated servo as the datasheet has it."""
+
+Row = dict[str, Any]
+
+
+def figures(recordings: Recordings, positions: Mapping[str, Array]) -> Iterator[Row]:
+    """One row a figure, with a column for each form of the servo."""
+    yield {
+        "what": "error, all samples [rad]",
+        **{form: float(recordings.error(position)) for form, position in positions.items()},
+    }
+    errors = {form: by_group(recordings, position) for form, position in positions.items()}
+    for name in next(iter(errors.values())):
+        row = {form: by_name[name] for form, by_name in errors.items()}
+        yield {"what": f"error, {name} [rad]", **row}
+    whole = recordings.valid.all(axis=1)
+    worst = {
+        form: float(np.abs(position - recordings.position)[whole].mean(axis=1).max())
+        for form, position in positions.items()
+    }
+    yield {"what": "error, worst recording [rad]", **worst}
+    yield from _at_rest(recordings, positions)
+    steps = {form: step_times(recordings, position) for form, position in positions.items()}
+    for share, (measured, _) in next(iter(steps.values())).items():
+        row = {form: times[share][1] for form, times in steps.items()}
+        yield {"what": f"{share} of a step after [s]", "measured": measured, **row}
+
+
+def _at_rest(recordings: Recordings, positions: Mapping[str, Array]) -> Iterator[Row]:
+    found = {form: stand_offs(recordings, position) for form, position in positions.items()}
+    of, arrivals, measured, _ = next(iter(found.values())).T
+    measured, of = np.degrees(measured), of.astype(int)
+    modelled = {form: np.degrees(rows[:, 3]) for form, rows in found.items()}
+    off = {form: np.abs(each - measured) for form, each in modelled.items()}
+    for kp in np.unique(recordings.kp):
+        for arrival, name in _ARRIVALS.items():
+            rows = (recordings.kp[of] == kp) & (arrivals == arrival)
+            if not rows.any():
+                continue
+            what = f"at rest, P {kp:g}, {name}"
+            means = {form: float(np.abs(each[rows]).mean()) for form, each in modelled.items()}
+            is_at = float(np.abs(measured[rows]).mean())
+            yield {"what": f"{what} [deg]", "n": int(rows.sum()), "measured": is_at, **means}
+            yield {"what": f"{what}, off by at most [deg]", **_each(off, rows, np.max)}
+    for title, values in (("P", recordings.kp), ("kg", recordings.mass), ("m", recordings.length)):
+        for value in np.unique(values):
+            rows = values[of] == value
+            beyond = _each(off, rows, lambda each: np.sum(each > 1.0))
+            what = f"at rest, {title} {value:g}, more than 1 deg off [cases]"
+            yield {"what": what, "n": int(rows.sum()), **beyond}
+    for what, reduce in (
+        ("off, mean [deg]", np.mean), ("off by at most [deg]", np.max),
+        ("within 1 deg [share]", lambda each: np.mean(each <= 1.0)),
+    ):  # fmt: skip
+        row = _each(off, np.ones(len(of), bool), reduce)
+        yield {"what": f"at rest, all, {what}", "n": len(of), **row}
+
+
+def _each(off: Mapping[str, Array], rows: Array, reduce: Callable[[Array], Any]) -> Row:
+    return {form: float(reduce(each[rows])) for form, each in off.items()}
+
+
 def main() -> None:
     """Simulate and compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("recordings", type=Path)
     parser.add_argument("--emulator", action="store_true", help="drive the emulated servo itself")
     parser.add_argument("--datasheet", action="store_true", help="the datasheet's servo instead")
+    parser.add_argument("--save", metavar="WORDS", help="whose recordings; writes all figures")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw one of each motion")
     asked = parser.parse_args()
     recordings = load(asked.recordings)
-    if asked.datasheet:
-        position = emulate(recordings, _DATASHEET)
-    elif asked.emulator:
-        position = emulate(recordings)
-    else:
-        position = simulate(recordings, Parameters())[0]
+    form = "datasheet" if asked.datasheet else "emulator" if asked.emulator else "model"
+    forms = [form, *(each for each in FORMS if each != form)] if asked.save else [form]
+    if np.isfinite(recordings.inertia).any() and forms != ["model"]:
+        parser.error("these are an arm's recordings; the emulated servo is only put on a pendulum")
+    positions = {each: FORMS[each](recordings) for each in forms}
     if asked.plot:
-        draw(recordings, position, asked.plot)
+        draw(recordings, positions[form], asked.plot)
     spikes = int((~recordings.valid).sum())
     print(f"{asked.recordings}: {len(recordings)} recordings, {spikes} failed readings left out")
-    for name, error in by_group(recordings, position).items():
-        print(f"  {name:20s} {error:.4f}")
-    rows = recordings.valid.all(axis=1)
-    worst = np.abs(position - recordings.position)[rows].mean(axis=1).max()
-    print(f"  {'worst recording':20s} {worst:.4f}")
-    _print_rest(stand_offs(recordings, position))
-    for name, (measured, modelled) in step_times(recordings, position).items():
-        print(f"  {name} of a step after {measured * 1e3:.0f} ms, modelled {modelled * 1e3:.0f} ms")
-    print(f"{float(recordings.error(position)):.5f} rad mean absolute error over all samples")
-
-
-def _print_rest(found: Array) -> None:
-    print("  at rest [deg]: P, arrival, how often; measured, modelled, mean and largest difference")
-    for kp in np.unique(found[:, 0]):
-        for arrival, name in _ARRIVALS.items():
-            rows = np.degrees(found[(found[:, 0] == kp) & (found[:, 1] == arrival)][:, 2:])
-            if len(rows):
-                measured, modelled = np.abs(rows).mean(axis=0)
-                off = np.abs(rows[:, 0] - rows[:, 1])
-                print(
-                    f"  P {kp:2.0f} {name:14s} {len(rows):4d}  {measured:5.2f} {modelled:5.2f}"
-                    f"   {off.mean():.2f} {off.max():.2f}"
-                )
-    off = np.degrees(np.abs(found[:, 2] - found[:, 3]))
-    print(f"  all: {off.mean():.2f} deg on average, {(off <= 1.0).mean():.0%} within 1 deg")
+    rows = list(figures(recordings, positions))
+    if asked.save:
+        counts = {
+            f"recordings: {asked.save}": len(recordings), "failed readings, left out": spikes,
+        }  # fmt: skip
+        _common.write("bench_truth", [*({"what": k, "n": n} for k, n in counts.items()), *rows])
+    else:
+        _common.print_table("bench_truth", rows)
+    error = recordings.error(positions[form])
+    print(f"{float(error):.5f} rad mean absolute error over all samples")
 
 
 if __name__ == "__main__":
