@@ -99,7 +99,7 @@ class Recordings:
         goal: The goal as it was sent, shape (n, k), [rad]; 0 hangs straight down.
         torque_on: Whether the servo drove, shape (n, k).
         position: As measured, shape (n, k), [rad].
-        valid: Which samples count, shape (n, k); isolated failed readings do not.
+        valid: Which samples count, shape (n, k); failed readings, one or two in a row, do not.
         kp: Register P, shape (n,).
         mass: Point mass at the end of the arm, shape (n,), [kg].
         length: Of the arm, shape (n,), [m].
@@ -186,7 +186,7 @@ def _read(file: Path) -> Recordings:
         position = data["position_tick"].astype(float) * RAD_PER_TICK
         n = len(position)
         around = np.pad(position, ((0, 0), (1, 1)), mode="edge")
-        jumps = np.minimum(np.abs(position - around[:, :-2]), np.abs(position - around[:, 2:]))
+        jumps = np.maximum(np.abs(position - around[:, :-2]), np.abs(position - around[:, 2:]))
         spikes = (np.abs(position - _SPIKE) < 0.01) & (jumps > 0.5)
         return Recordings(
             t=data["t_s"].astype(float),

@@ -159,6 +159,16 @@ def test_a_folder_of_recordings_is_read_by_the_program_that_fits_the_emulator(tm
     assert errors[1] < 0.0015, "its set-point speeds up no faster than the arm's did"
 
 
+@pytest.mark.parametrize("readings", [1, 2])
+def test_failed_readings_do_not_count(tmp_path, readings):
+    """The recorder of the pendulum wrote -3.14 for them, once twice in a row."""
+    record = record_of(ServoFigures())
+    record.ticks[100 : 100 + readings] = 0.0
+    write_recordings(tmp_path, {"shoulder_lift": record}, {"shoulder_lift": record.t})
+    left_out = np.flatnonzero(~load(tmp_path).valid[0])
+    assert left_out.tolist() == list(range(100, 100 + readings))
+
+
 def test_a_weight_that_changes_sides_is_met_half_way_between_two_readings():
     """Held back by a reading, the output falls through its play late and seems to have less."""
     record = record_of(ServoFigures(play=math.radians(0.9)))
