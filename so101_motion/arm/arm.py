@@ -38,6 +38,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 
 if TYPE_CHECKING:
     from so101_motion.arm.place import Place
+    from so101_motion.planning.collision.scene import Scene
 
 T = TypeVar("T")
 
@@ -212,8 +213,9 @@ class Arm(PlannedArm):
         """Let the arm follow targets that are given to ``Following.aim``.
 
         Supersedes what is under way; blocks until the arm rests. The arm keeps clear of itself, of
-        the present scene, and of configurations in which its load is too heavy; it stops short of
-        them or slides along. The jaw counts as it stands; its own motions are not guarded.
+        the present scene (and what ``keep_off`` adds), and of configurations in which its load is
+        too heavy; it stops short of them or slides along. The jaw counts as it stands; its own
+        motions are not guarded.
 
         Args:
             limits: Caps of the joints; the arm's own if not given.
@@ -236,6 +238,21 @@ class Arm(PlannedArm):
     ) -> Following:
         """Like ``open_following``, but nothing keeps the arm off itself or what is around it."""
         return self._follow(limits, guarded=False, **how)
+
+    def keep_off(self, own: Scene, around: Scene) -> None:
+        """Let followings and jogs keep off more than the arm's own scene, from now on.
+
+        A following under way begins to keep off it, too; a jog under way does not. Plans do not
+        know it. Takes some hundredths of a second.
+
+        Args:
+            own: The arm's scene that ``around`` was made from. When the arm has another scene, that
+                counts alone.
+            around: ``own`` with further obstacles and held objects.
+        """
+        use = self._led.renewal(self._situation_in(around))
+        self._kept_off = own, around
+        use()
 
     def stop(self) -> None:
         """Slow to rest along a jerk-limited ramp and hold; returns when the arm rests.
@@ -303,10 +320,11 @@ class Arm(PlannedArm):
     def _maker(
         self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]
     ) -> Callable[[], Following]:
-        return partial(
-            self._led.following, self._situation, self.led_limits(limits), guarded=guarded,
-            share=self.slowdown, **how,
-        )  # fmt: skip
+        caps = self.led_limits(limits)
+        # The situation is that in which it begins: ``keep_off`` may be called before.
+        return lambda: self._led.following(
+            self._situation, caps, guarded=guarded, share=self.slowdown, **how
+        )
 
     def _retarget(self, q_goal: Array, limits: MotionLimits | None, *, guarded: bool) -> Motion:
         q_goal = frozen_array(q_goal, (5,))

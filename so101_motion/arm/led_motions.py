@@ -72,6 +72,7 @@ class LedMotions:
         self._model, self._executor = model, executor
         self._lock = threading.Lock()
         self._made: tuple[Situation, Guard] | None = None
+        self._newest: Following | None = None  # of those with the guard
         self.neighbours: Neighbours | None = None
 
     def has_guard(self, now: Situation) -> bool:
@@ -91,7 +92,7 @@ class LedMotions:
         """A following from the arm's present setpoint."""
         executor = self._executor
         lower, upper = now.range
-        return Following(
+        following = Following(
             q_start=executor.state.q_ref,
             lower=lower,
             upper=upper,
@@ -103,6 +104,9 @@ class LedMotions:
             share=share,
             **how,
         )
+        if guarded:
+            self._newest = following
+        return following
 
     def jog(self, now: Situation, limits: MotionLimits, frame: str) -> Jog:
         """A jog of one of the gripper's frames from where the arm rests."""
@@ -116,16 +120,36 @@ class LedMotions:
         )  # fmt: skip
         return Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
 
+    def renewal(self, now: Situation) -> Callable[[], None]:
+        """Make a guard for this situation; the function returned takes it into use at once.
+
+        The following under way is guarded by it, too, unless what is held has become so much longer
+        that the following does not look often enough; then only those after it are.
+        """
+        guard = self._new_guard(now)
+
+        def use() -> None:
+            self._made = now, guard
+            led = self._newest
+            before = None if led is None else led.guard
+            if led is not None and before is not None and guard.look_every >= before.look_every:
+                led.guard = guard
+
+        return use
+
     def _guard(self, now: Situation) -> Guard:
         with self._lock:
-            if self._made is None or not self._made[0].is_same(now):
-                executor = self._executor
-                model = self._model.narrowed(*now.range)  # the I/O thread's own
-                guard = Guard(
-                    CollisionModel(model, now.scene),
-                    lambda: executor.state.q_jaw_ref,
-                    now.load(model, executor.state.q_ref),
-                    acceleration=GUARDED_STOP.acceleration,
-                )
-                self._made = now, guard
-            return self._made[1]
+            made = self._made
+            if made is None or not made[0].is_same(now):
+                made = self._made = now, self._new_guard(now)
+            return made[1]
+
+    def _new_guard(self, now: Situation) -> Guard:
+        executor = self._executor
+        model = self._model.narrowed(*now.range)  # the I/O thread's own
+        return Guard(
+            CollisionModel(model, now.scene),
+            lambda: executor.state.q_jaw_ref,
+            now.load(model, executor.state.q_ref),
+            acceleration=GUARDED_STOP.acceleration,
+        )

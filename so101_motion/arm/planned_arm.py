@@ -70,6 +70,7 @@ class PlannedArm(CappedJoints):
         self._strength = Strength.of_servos(LoadConfig().servo_voltage)
         self.set_load(LoadConfig())
         self.newest: tuple[PlanRequest, Plan] | None = None
+        self._kept_off: tuple[Scene, Scene] | None = None  # made from which scene, and which
         self.place: Place | None = None
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
 
@@ -185,4 +186,9 @@ class PlannedArm(CappedJoints):
 
     @property
     def _situation(self) -> Situation:
-        return Situation(self.scene, self._range, self._payload, self._strength)
+        known = self._kept_off
+        scene = self.scene if known is None or known[0] != self.scene else known[1]
+        return self._situation_in(scene)
+
+    def _situation_in(self, scene: Scene) -> Situation:
+        return Situation(scene, self._range, self._payload, self._strength)

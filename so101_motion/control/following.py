@@ -123,6 +123,7 @@ class Following(LedMotion):
     Attributes:
         now: The last setpoint.
         foreseen: The joints' expected acceleration, for the driver.
+        guard: As given; any thread may set another one whose ``look_every`` is no smaller.
     """
 
     can_wait = True
@@ -152,8 +153,8 @@ class Following(LedMotion):
         self._approach, self._share = Approach(limits, approach, gate), share
         self._stop_limits, self._dt = stop_limits, dt
         self._stale_after = math.inf if stale_after is None else stale_after
-        self._guard, self._each, self._ends_there = guard, each, ends_there
-        self._neighbours = neighbours
+        self.guard, self._neighbours = guard, neighbours
+        self._each, self._ends_there = each, ends_there
         looks = LOOK_EVERY if neighbours is None else STEP
         looks = looks if guard is None else min(guard.look_every, looks)
         self._stops, self._pursuit = StopPaths(stop_limits, dt, looks), Pursuit(n, dt)
@@ -243,7 +244,7 @@ class Following(LedMotion):
     @property
     def is_guarded(self) -> bool:
         """Whether every setpoint of it has a free path to rest."""
-        return self._guard is not None and self._slowing is None
+        return self.guard is not None and self._slowing is None
 
     # The I/O thread
 
@@ -265,9 +266,8 @@ class Following(LedMotion):
         guarded = isinstance(previous, Following) and previous.is_guarded
         if isinstance(previous, Following):
             self.foreseen = previous.foreseen
-        if self._guard is not None and previous is not None and not guarded:
-            stop = previous.brake(now, self._stop_limits)
-            self._slowing = PlannedMotion(stop)
+        if self.guard is not None and previous is not None and not guarded:
+            self._slowing = PlannedMotion(previous.brake(now, self._stop_limits))
             self._k = 1
         self._begin_at(now)
 
@@ -376,13 +376,13 @@ class Following(LedMotion):
         if qdd is not None:
             qdd = np.clip(qdd, -limits.acceleration, limits.acceleration)
         self._held = ()
-        if self._guard is not None:
+        if (guard := self.guard) is not None:
             others = () if self._neighbours is None else self._neighbours.near()
-            allowed = self._guard.within_reach(self.now.q, q, others)
+            allowed = guard.within_reach(self.now.q, q, others)
             if allowed is not q:
                 q = np.minimum(np.maximum(allowed, self._least), self._most)
                 qd, qdd, is_moving = self._still, None, False
-            self._held = self._guard.against
+            self._held = guard.against
         arrival: Arrival = "each"
         if not is_moving and (is_gentle or self._ends_there or self.is_approaching):
             # From rest close to things, joints that do not set off together come closer first.
@@ -398,7 +398,7 @@ class Following(LedMotion):
             return self._brake()
         path = np.concatenate((self.now.q[None], rest.path))
         ahead = qdd is not None or self.foreseen.may_be_ahead
-        if self._guard is not None and not self._guard.admits(path, ahead=ahead):
+        if guard is not None and not guard.admits(path, ahead=ahead):
             self._held = self._held or ("too little room to brake",)
             self._t_gentle = self._t + GENTLE
             return self._brake()
