@@ -200,7 +200,7 @@ def _in_words(status: Status) -> str:
         return f"holding: {status.reason}{where}"
     words = ["mirroring"]
     if status.is_held:
-        words.append("something is in the follower's way")
+        words.append(f"in the way: {', '.join(status.held_by)}")
     if status.beyond:
         words.append(f"{', '.join(status.beyond)} beyond the follower's range")
     if status.is_gripping:

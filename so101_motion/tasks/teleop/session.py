@@ -53,7 +53,7 @@ class Status:
         last_error: The last error, however long ago; empty if there was none.
         gap: The joint that is farthest from where the leader wants it, and by how much [rad].
         beyond: Joints that the leader wants beyond the follower's range.
-        is_held: Whether an obstacle holds the follower back.
+        held_by: What is in the follower's way, such as ``"the jaw close to the floor"``.
         is_gripping: Whether its jaw has closed on something.
         leader_is_limp: Whether the leader can be moved by hand.
         recorded: Rows written to the record; None without one.
@@ -66,10 +66,15 @@ class Status:
     last_error: str
     gap: tuple[str, float]
     beyond: tuple[str, ...]
-    is_held: bool
+    held_by: tuple[str, ...]
     is_gripping: bool
     leader_is_limp: bool
     recorded: int | None
+
+    @property
+    def is_held(self) -> bool:
+        """Whether something in the way holds the follower back."""
+        return bool(self.held_by)
 
     @property
     def is_running(self) -> bool:
@@ -166,7 +171,7 @@ class Teleop:
             last_error=self._last_error,
             gap=gate.gap,
             beyond=self._pilot.beyond,
-            is_held=self._follower.is_held,
+            held_by=self._follower.held_by,
             is_gripping=self._follower.is_gripping,
             leader_is_limp=self._leader.is_limp,
             recorded=self._recorder.rows if self._recorder is not None else None,
@@ -241,7 +246,7 @@ class Teleop:
             self._note(error)
             self._pilot.trouble(str(error))
         elif self._follower.is_engaged:
-            if self._follower.is_held:
+            if self._follower.held_by:
                 self._pilot.hold_back()
             for side in (self._follower, self._leader):
                 if side.needs_recovery and self._clock.now() >= self._retry_at:

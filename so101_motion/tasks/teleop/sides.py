@@ -109,9 +109,9 @@ class Follower(ABC):
         """Whether it answers."""
 
     @property
-    def is_held(self) -> bool:
-        """Whether an obstacle holds it back, as far as it reports that."""
-        return False
+    def held_by(self) -> tuple[str, ...]:
+        """What is in its way, such as ``"the jaw close to the floor"``, as far as it says so."""
+        return ()
 
     @property
     def is_gripping(self) -> bool:
@@ -334,9 +334,10 @@ class LocalFollower(Follower):
         return is_fresh and not state.reading.unanswered and state.mode is not Mode.CALIBRATING
 
     @property
-    def is_held(self) -> bool:
-        """See ``Follower.is_held``."""
-        return self._following is not None and self._following.is_held
+    def held_by(self) -> tuple[str, ...]:
+        """See ``Follower.held_by``."""
+        following = self._following
+        return () if following is None or not following.is_held else following.held_by
 
     @property
     def is_gripping(self) -> bool:

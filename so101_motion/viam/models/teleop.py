@@ -267,6 +267,7 @@ def _status_json(status: Status) -> dict[str, Any]:
         "gap_deg": round(to_deg(gap), 2),
         "beyond_range": list(status.beyond),
         "held_back": status.is_held,
+        "held_by": list(status.held_by),
         "gripping": status.is_gripping,
         "leader_limp": status.leader_is_limp,
         "recorded": status.recorded,
