@@ -28,7 +28,6 @@ from so101_motion.common.errors import SUPERSEDED, Interrupted, MotionError, So1
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.files.scene_file import scene_to
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal, JointGoal, LeaveContactGoal, PathGoal
 from so101_motion.planning.request import Plan, Search
@@ -54,11 +53,13 @@ from so101_motion.viam.requests.commands import (
     Taking,
     answer,
     motion_params,
+    planning_setup,
 )
 from so101_motion.viam.requests.guided import PathCommands
 from so101_motion.viam.requests.manual import LONGEST, ManualMode
 from so101_motion.viam.requests.programs import ProgramCommands
 from so101_motion.viam.requests.streaming import played
+from so101_motion.viam.surroundings.guarded_scene import GuardedScene
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
 from so101_motion.viam.surroundings.machine_cell import MachineCell
 from so101_motion.viam.surroundings.surroundings import Surroundings
@@ -101,11 +102,12 @@ class ArmResource(Configured, Arm):
         )
         senses = sources(settings.senses, settings.dependencies, self.logger)
         self.surroundings = Surroundings(machine, senses, self.logger)
+        self.guarded_scene = GuardedScene(arm, self.surroundings, self.logger)
         self.paths = PathCommands(self)
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
             "exit_manual_mode": self._exit_manual_mode,
-            "get_planning_setup": self._get_planning_setup,
+            "get_planning_setup": partial(planning_setup, arm),
             "leave_contact": self._leave_contact,
             **self.paths.commands,
             **ProgramCommands(self).commands,
@@ -218,6 +220,7 @@ class ArmResource(Configured, Arm):
             if convert.flag(extra or {}, "wait", True):
                 await self.arrived(self._start_move(JointGoal(q=q_goal), Search()))
             else:
+                await self._informed_guard()
                 left_alone(self._retarget(q_goal), self.logger)
 
     async def move_through_joint_positions(
@@ -250,6 +253,7 @@ class ArmResource(Configured, Arm):
                 goal = PathGoal(waypoints=waypoints)
                 motion = self._arm.start_move(goal, limits=limits)
             else:
+                await self._informed_guard()
                 motion = self._retarget(waypoints[-1], limits=limits)
             if waits:
                 await self.arrived(motion)
@@ -326,6 +330,11 @@ class ArmResource(Configured, Arm):
     async def ready(self) -> None:
         """Read the other arms' positions, for a request that moves this arm."""
         await self.surroundings.update_other_arms()
+
+    async def _informed_guard(self) -> None:
+        """Let the guard know the surroundings, for a request that is not planned."""
+        if self.settings.guarded:
+            await self.guarded_scene.known()
 
     async def ended(self, motion: Motion, by: str) -> None:
         """End a motion of this arm, and wait until it is over."""
@@ -424,22 +433,13 @@ class ArmResource(Configured, Arm):
         await self._manual.set(False)
         return {"mode": "auto"}
 
-    async def _get_planning_setup(self) -> dict[str, Any]:
-        """The scene and the joint ranges, for a planner outside this process."""
-        lower, upper = self._arm.range
-        setup = {
-            "scene": scene_to(self._arm.scene),
-            "joint_min_deg": to_deg(lower),
-            "joint_max_deg": to_deg(upper),
-        }
-        return convert.to_result(setup)
-
     async def close(self) -> None:
         """Stop and release everything; may be called twice."""
         if self.here.get(self.short_name) is self:
             del self.here[self.short_name]
         self._manual.forget()
         await self.paths.close()
+        await self.guarded_scene.close()
         await self.surroundings.close()
         await in_own_thread(self._leave)
 

@@ -21,7 +21,7 @@ from viam.services.generic import Generic
 from so101_motion.calib.record import store
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.clock import Clock, MonotonicClock
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, SurroundingsUnknown
 from so101_motion.common.units import to_deg
 from so101_motion.rig.rig import TICK
 from so101_motion.tasks.teleop import (
@@ -52,9 +52,14 @@ from so101_motion.viam.models.teleop_remote import (
 )
 from so101_motion.viam.requests.await_motion import carried_out
 from so101_motion.viam.requests.commands import Command, Taking, answer
+from so101_motion.viam.surroundings.guarded_scene import GuardedScene
 
 RECORDINGS = "recordings"
 """The folder in the module's data directory that recordings are written to."""
+
+_AGAIN = 1.0
+"""Pause until a machine that could not be read is read again, before it starts by itself [s];
+chosen."""
 
 
 class So101Teleop(Configured, Generic):
@@ -81,6 +86,7 @@ class So101Teleop(Configured, Generic):
         self._record: Path | None = None
         self._rate = config.rate
         self._starting: asyncio.Task[None] | None = None
+        self._informing: asyncio.Task[None] | None = None  # the follower's guard
         self._one_at_a_time = asyncio.Lock()
         self._commands: dict[str, Command] = {
             "start": Taking(self._start, ("record", "fps")),
@@ -129,6 +135,8 @@ class So101Teleop(Configured, Generic):
         return {"running": True, "recording": str(self._record) if self._record else None}
 
     async def _stop(self) -> dict[str, Any]:
+        if self._starting is not None:
+            self._starting.cancel()
         async with self._one_at_a_time:
             if self._session is not None:
                 await carried_out(self._session.stop)
@@ -144,13 +152,25 @@ class So101Teleop(Configured, Generic):
     # Sessions
 
     async def _start_alone(self) -> None:
-        try:
-            await self._start(Attributes({}, ()))
-        except Exception as error:  # no caller waits for it
-            self.logger.error("teleoperation could not be started: %s", error)
+        said = False
+        while True:
+            try:
+                await self._start(Attributes({}, ()))
+            except SurroundingsUnknown as error:  # other components may still be starting
+                if not said:
+                    self.logger.warning("teleoperation waits for the machine: %s", error)
+                said = True
+                await asyncio.sleep(_AGAIN)
+                continue
+            except Exception as error:  # no caller waits for it
+                self.logger.error("teleoperation could not be started: %s", error)
+            return
 
     async def _begin(self, record: str, fps: float) -> None:
         leader, follower, clock, is_local = self._sides()
+        guarded = self._guarded_scene(follower)
+        if guarded is not None:
+            await guarded.read()
         recorder = self._recorder(record, fps, clock)
         self._rate = 1.0 / TICK if is_local else self._config.rate
         session = Teleop(
@@ -173,14 +193,25 @@ class So101Teleop(Configured, Generic):
             await carried_out(session.close)
             raise
         self._session = session
+        if guarded is not None:
+            informing = guarded.keep_known(lambda: session.status.is_running)
+            self._informing = asyncio.ensure_future(informing)
         if not self._config.lets_go:
             self.logger.info("manage_leader_torque is false: the leader stays as stiff as it is")
 
     async def _leave(self) -> None:
         session, self._session = self._session, None
         self._record = None
+        if self._informing is not None:
+            self._informing.cancel()
         if session is not None:
             await carried_out(session.close)
+
+    def _guarded_scene(self, follower: Follower) -> GuardedScene | None:
+        """What tells the follower's guard about the machine; None if this module guards nothing."""
+        if not isinstance(follower, LocalFollower) or not self._config.guarded:
+            return None
+        return ArmResource.here[_short(self._config.follower_arm)].guarded_scene
 
     def _sides(self) -> tuple[Leader, Follower, Clock, bool]:
         config = self._config

@@ -20,6 +20,8 @@ from so101_motion.common.attributes import (
 )
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_deg, to_rad
+from so101_motion.files.scene_file import scene_to
+from so101_motion.viam.conversion.convert import to_result
 
 Request = Mapping[str, object]
 
@@ -78,6 +80,17 @@ def _suggestion(request: Request, commands: Collection[str], names: tuple[str, .
         return f'"{first}" is a command, not a key: send {{"command": "{first}", ...}}'
     also = f" or one of {', '.join(names)}" if names else ""
     return f'send {{"command": ...}}{also}; ' + suggest(first, (*commands, *names))
+
+
+async def planning_setup(arm: Arm) -> dict[str, Any]:
+    """The scene and the joint ranges, for a planner outside this process."""
+    lower, upper = arm.range
+    setup = {
+        "scene": scene_to(arm.scene),
+        "joint_min_deg": to_deg(lower),
+        "joint_max_deg": to_deg(upper),
+    }
+    return to_result(setup)
 
 
 def motion_params(arm: Arm, request: Request) -> dict[str, Any]:

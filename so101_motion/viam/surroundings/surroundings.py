@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from concurrent.futures import Future
 from typing import NamedTuple, Protocol, TypeVar
 
@@ -80,6 +80,19 @@ class Surroundings:
         Raises:
             SurroundingsUnknown: They cannot be read.
         """
+        now = await self._collected(scene, (*self._sources, *also))
+        self._last[also] = (scene, now)
+        return now
+
+    async def standing(self, scene: Scene) -> Scene:
+        """Like ``around``, but without what changes all the time: the points of a camera.
+
+        Raises:
+            SurroundingsUnknown: They cannot be read.
+        """
+        return await self._collected(scene, [each for each in self._sources if each.is_steady])
+
+    async def _collected(self, scene: Scene, sources: Iterable[Source]) -> Scene:
         view = await self._machine.read()
         if self._machine.without and self._machine.without != self._said:
             self._logger.warning(
@@ -90,11 +103,10 @@ class Surroundings:
             now = scene
             if view.bodies:
                 now = await self._with_bodies(scene, view.bodies)
-            for source in (*self._sources, *also):
+            for source in sources:
                 now = await source.added_to(now, view)
         except ConfigError as error:
             raise SurroundingsUnknown(f"a thing around the arm is not valid: {error}") from error
-        self._last[also] = (scene, now)
         return now
 
     async def update_other_arms(self) -> None:

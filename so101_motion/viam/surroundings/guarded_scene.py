@@ -1,0 +1,140 @@
+"""Tell an arm's guard what the machine has around the arm.
+
+Targets that come one by one and teleoperation are not planned: a guard checks every setpoint, in
+the control cycle, so it must know the surroundings beforehand. They are the machine's components
+and the things in the arm's stores, where they are when they are read: before such a motion, and
+again while targets keep coming or the teleoperation goes on. Reading and building what the guard
+needs are done beside the motion, which goes on meanwhile.
+
+What a camera sees is not part of it: a picture takes long, is another one each time, and shows what
+the arm is led to.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Protocol
+
+from so101_motion.common.errors import ConfigError, Interrupted, SurroundingsUnknown
+from so101_motion.planning.collision.scene import Scene
+
+RENEWED = 1.0
+"""Surroundings that are older are read again while motions go on [s]; chosen: it takes
+milliseconds of the process whose other threads move the arm."""
+
+KNOWN_FOR = 5.0
+"""Surroundings that are older must be read before a motion begins [s]; chosen."""
+
+
+class GuardedArm(Protocol):
+    """An arm with a guard."""
+
+    scene: Scene
+    stops: int
+
+    def keep_off(self, own: Scene, around: Scene) -> None:
+        """Let followings keep off more than the arm's own scene."""
+
+
+class ReadSurroundings(Protocol):
+    """What reads an arm's surroundings, see ``Surroundings``."""
+
+    def is_asked(self) -> bool:
+        """Whether there is more to read than the arm's own scene."""
+
+    async def standing(self, scene: Scene) -> Scene:
+        """``scene`` with them, without what changes all the time."""
+
+
+class GuardedScene:
+    """Keeps one arm's guard informed. Lives in the event loop; ``close`` it.
+
+    Args:
+        arm: The arm.
+        surroundings: Reads its surroundings.
+        logger: Gets a warning, once, if they cannot be read.
+        now: The time [s].
+    """
+
+    def __init__(
+        self,
+        arm: GuardedArm,
+        surroundings: ReadSurroundings,
+        logger: logging.Logger,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._arm, self._surroundings, self._logger = arm, surroundings, logger
+        self._now = now
+        self._told: tuple[Scene, Scene] | None = None  # the arm's own, and that with the rest
+        self._t = 0.0  # of the last reading that succeeded
+        self._reading: asyncio.Task[None] | None = None
+        self._said = ""
+
+    async def known(self) -> None:
+        """Make sure that the guard knows the surroundings; waits only if it does not.
+
+        Raises:
+            SurroundingsUnknown: They cannot be read.
+            Interrupted: A stop was asked for meanwhile.
+        """
+        age = self._now() - self._t
+        if self._told is None or self._told[0] != self._arm.scene or age > KNOWN_FOR:
+            await self.read()
+        elif age > RENEWED:
+            self._begin()
+
+    async def read(self) -> None:
+        """Read the surroundings and tell the guard, also that of a following under way.
+
+        Raises:
+            SurroundingsUnknown: They cannot be read; the guard goes on with the last ones.
+            Interrupted: A stop was asked for meanwhile.
+        """
+        stops = self._arm.stops
+        while self._surroundings.is_asked():
+            await asyncio.shield(self._begin())
+            if self._arm.stops != stops:
+                raise Interrupted("stop")
+            if self._told is not None and self._told[0] == self._arm.scene:
+                return  # else it was begun before the arm had its present scene
+
+    async def keep_known(self, goes_on: Callable[[], bool]) -> None:
+        """Read the surroundings again and again as long as ``goes_on()``."""
+        while goes_on():
+            await asyncio.sleep(RENEWED)
+            with suppress(SurroundingsUnknown, Interrupted):  # the first is in the log
+                await self.read()
+
+    async def close(self) -> None:
+        """End a reading; may be called twice."""
+        if self._reading is not None:
+            self._reading.cancel()
+            await asyncio.wait([self._reading])
+
+    def _begin(self) -> asyncio.Task[None]:
+        """The reading under way, or a new one."""
+        if self._reading is None or self._reading.done():
+            self._reading = asyncio.ensure_future(self._read())
+            self._reading.add_done_callback(self._report)
+        return self._reading
+
+    async def _read(self) -> None:
+        t, own = self._now(), self._arm.scene
+        around = await self._surroundings.standing(own)
+        if self._told != (own, around):
+            try:
+                await asyncio.to_thread(self._arm.keep_off, own, around)
+            except ConfigError as error:
+                reason = f"a thing around the arm is not valid: {error}"
+                raise SurroundingsUnknown(reason) from error
+        self._told, self._t = (own, around), t
+
+    def _report(self, reading: asyncio.Task[None]) -> None:
+        error = None if reading.cancelled() else reading.exception()
+        if error is not None and str(error) != self._said:
+            self._logger.warning("the guard does not learn what is around the arm: %s", error)
+        self._said = "" if error is None else str(error)

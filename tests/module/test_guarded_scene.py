@@ -1,0 +1,220 @@
+"""What is not planned keeps off what the machine has, too: single targets and teleoperation."""
+
+import asyncio
+import logging
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from grpclib.testing import ChannelFor
+from harness.fake_machine import FakeMachine, Thing, a_box, hanging
+from harness.fake_parent import config_of, until
+from harness.in_process_module import advance, arm_client, in_time, new_arm
+from viam.components.arm import JointPositions
+from viam.resource.manager import ResourceManager
+from viam.services.generic.client import GenericClient
+from viam.services.generic.service import GenericRPCService
+
+from so101_motion.common.units import to_rad
+from so101_motion.planning.goals import JointGoal
+from so101_motion.viam.conversion.frames import set_machine
+from so101_motion.viam.models.teleop import So101Teleop
+
+LEFT, RIGHT = (60.0, -45.0, 45.0, 60.0, 0.0), (-60.0, -45.0, 45.0, 60.0, 0.0)
+CRATE = hanging("crate", geometry=a_box(400, 40, 400, x=300.0, z=200.0))
+AT_THE_SIDE = hanging("crate", geometry=a_box(400, 40, 400), x=212.0, y=212.0, z=200.0, theta=45.0)
+QUICK = {"speed_degs_per_sec": 90.0, "acceleration_degs_per_sec_per_sec": 400.0}
+
+
+def joints(degrees):
+    return JointPositions(values=degrees)
+
+
+@pytest.fixture
+async def machine():
+    """A machine with a crate between the left and the right of an arm."""
+    yield FakeMachine(hanging("arm", joints=5), CRATE, things=[Thing("crate")])
+    set_machine(lambda: None)
+
+
+@asynccontextmanager
+async def on_the_left(machine, **attributes):
+    """An arm to the left of the crate, its client, and where its pan is [deg]."""
+    set_machine(lambda: None)
+    arm = new_arm(simulate_time=False, **QUICK, **attributes)
+    async with arm_client(arm) as client:
+
+        async def pan():
+            return (await client.get_joint_positions()).values[0]
+
+        await in_time(client, client.move_to_joint_positions(joints(LEFT)))
+        set_machine(lambda: machine)
+        try:
+            yield arm, client, pan
+        finally:
+            await arm.close()
+
+
+async def sent(client, q, **extra):
+    """Send the arm straight towards angles; until it has arrived or rests."""
+    extra = {"interpolate": False, **extra}
+    await in_time(client, client.move_through_joint_positions([joints(q)], extra=extra))
+
+
+async def test_targets_without_a_plan_stop_short_of_a_component_until_it_is_gone(machine):
+    async with on_the_left(machine) as (_, client, pan):
+        with pytest.raises(GRPCError, match="close to 'crate'"):
+            await sent(client, RIGHT)
+        assert await pan() > 5.0
+        machine.configs.remove(CRATE)
+
+        async def passes():
+            try:
+                await sent(client, RIGHT)
+            except GRPCError as refused:
+                if "'crate'" not in refused.message:
+                    raise
+                return False
+            return True
+
+        await until(passes)
+        assert await pan() == pytest.approx(-60.0, abs=0.1)
+
+
+async def test_a_move_that_does_not_wait_says_in_the_log_what_it_met(machine, caplog):
+    async with on_the_left(machine) as (_, client, pan):
+        with caplog.at_level(logging.WARNING):
+            await client.move_to_joint_positions(joints(RIGHT), extra={"wait": False})
+            assert await client.is_moving()
+            while await client.is_moving():
+                await advance(client, 0.05)
+        assert "close to 'crate'" in caplog.text
+        assert await pan() > 5.0
+
+
+async def test_an_ignored_component_and_no_guard_are_no_obstacle(machine):
+    for attributes in ({"ignore_components": ["crate"]}, {"collision_guard": False}):
+        async with on_the_left(machine, **attributes) as (_, client, pan):
+            await sent(client, RIGHT)
+            assert await pan() == pytest.approx(-60.0, abs=0.1)
+
+
+async def test_without_the_guard_the_machine_is_not_asked(machine):
+    async with on_the_left(machine, collision_guard=False) as (_, client, _pan):
+        asked = machine.asked
+        await sent(client, RIGHT)
+        assert machine.asked == asked
+
+
+async def test_a_machine_that_cannot_be_read_is_an_error_as_for_plans(machine):
+    async with on_the_left(machine) as (_, client, pan):
+        machine.configs.append(hanging("shed"))
+        for extra in ({"waitAtEnd": False}, {}):
+            with pytest.raises(GRPCError, match='"shed" has a frame but does not run') as refused:
+                await sent(client, RIGHT, **extra)
+            assert refused.value.status is Status.UNAVAILABLE
+            assert '"ignore_components": ["shed"]' in refused.value.message
+        assert await pan() == pytest.approx(60.0, abs=0.1)
+
+
+@asynccontextmanager
+async def led(machine, *also, **attributes):
+    """A teleoperation of an arm beside a crate that stands where its leader is going to be."""
+    arms = [new_arm(name=name, **QUICK) for name in ("arm", "leader")]
+    machine.configs = [
+        hanging("arm", joints=5),
+        hanging("leader", x=2000.0, joints=5),
+        AT_THE_SIDE,
+        *also,
+    ]
+    set_machine(lambda: machine)
+    named = {"leader_arm": "leader", "follower_arm": "arm", "manage_leader_torque": False}
+    config = config_of("rdk:service:generic", "devrel:so101:teleop", named | attributes, "teleop")
+    teleop = So101Teleop.new(config, {})
+    services = [GenericRPCService(ResourceManager([teleop]))]
+    async with ChannelFor(services) as channel, arm_client(arms[0]) as follower:
+        client = GenericClient(teleop.name, channel)
+        try:
+            yield client, arms[1].rig.arm, follower
+        finally:
+            await teleop.close()
+            for arm in arms:
+                await arm.close()
+
+
+async def goes_to(leader, pan):
+    """Let the leader turn its pan, slowly enough for a follower on a busy machine."""
+    slowly = leader.limits.scaled_to(to_rad(20.0), to_rad(100.0))
+    goal = JointGoal(q=np.radians([pan, 0.0, 0.0, 0.0, 0.0]))
+    await asyncio.wrap_future(leader.start_move(goal, limits=slowly).future)
+
+
+async def test_a_led_arm_keeps_off_a_component_until_it_is_gone(machine):
+    async with led(machine) as (client, leader, follower):
+
+        async def pan():
+            return (await follower.get_joint_positions()).values[0]
+
+        async def status():
+            return await client.do_command({"command": "status"})
+
+        async def is_held():
+            return any("'crate'" in each for each in (await status())["held_by"])
+
+        async def has_passed():
+            return abs(await pan() + 90.0) < 2.0
+
+        async def comes_to(is_there):
+            """A busy machine may part them; then the leader goes back to the follower."""
+            while True:
+                await goes_to(leader, -90.0)
+                await until(lambda: any_of(is_there(), is_in("waiting")))
+                if await is_there():
+                    return
+                await goes_to(leader, await pan())
+                await until(lambda: is_in("mirroring"))
+
+        async def any_of(*asked):
+            return any([await each for each in asked])
+
+        async def is_in(state):
+            return (await status())["state"] == state
+
+        await client.do_command({"command": "start"})
+        await until(lambda: is_in("mirroring"))
+        await comes_to(is_held)
+        assert await pan() > -45.0
+        machine.configs.remove(AT_THE_SIDE)
+        await comes_to(has_passed)
+
+
+async def test_a_teleoperation_is_refused_beside_what_cannot_be_read(machine):
+    async with led(machine, hanging("shed")) as (client, *_):
+        with pytest.raises(GRPCError, match='"shed" has a frame but does not run'):
+            await client.do_command({"command": "start"})
+        assert not (await client.do_command({"command": "status"}))["running"]
+
+
+WAITS = "teleoperation waits for the machine"
+
+
+async def test_one_that_starts_by_itself_waits_for_the_machine(machine, caplog):
+    async with led(machine, hanging("shed"), auto_start=True) as (client, *_):
+        await until(lambda: WAITS in caplog.text)
+        machine.things["shed"] = Thing("shed")
+
+        async def is_running():
+            return (await client.do_command({"command": "status"}))["running"]
+
+        await until(is_running)
+        assert caplog.text.count(WAITS) == 1
+
+
+async def test_a_stop_ends_one_that_waits_to_start_by_itself(machine, caplog):
+    async with led(machine, hanging("shed"), auto_start=True) as (client, *_):
+        await until(lambda: WAITS in caplog.text)
+        assert await client.do_command({"command": "stop"}) == {"running": False}
+        machine.things["shed"] = Thing("shed")
+        await asyncio.sleep(1.5)
+        assert not (await client.do_command({"command": "status"}))["running"]
