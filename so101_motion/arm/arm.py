@@ -173,7 +173,11 @@ class Arm(PlannedArm):
         return self._retarget(q_goal, limits, guarded=False)
 
     def start_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
-        """Open a stream of time-stamped points once the arm rests; supersedes what is under way."""
+        """Open a stream of time-stamped points once the arm rests; supersedes what is under way.
+
+        The points are played as they come: limits are checked, and other arms of a cell kept off,
+        but not contact with the arm itself, the table or its scene.
+        """
         caps, dt = self.effective_limits(limits), self._executor.dt
         return self._lead(lambda: Stream(q_start=self.state.q_ref, limits=caps, dt=dt))
 
