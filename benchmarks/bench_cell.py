@@ -5,6 +5,11 @@ in straight joint lines at the same pace would meet halfway. The benchmark measu
 are solved, how long planning and proof take, and how much sooner both arrive than one after the
 other. ``bench_led.py`` measures arms that are led into each other.
 
+The makespan, when both have arrived, is also compared with the shortest that a long search
+(``long_search.py``) finds for the first tasks of the same draw: ``--searched`` says for how many,
+``--search-seconds`` for how much processor time each. ``--only-search`` measures nothing else and
+keeps the other rows of the file.
+
 Contact is judged by other means than planning (``solids.py``): polytopes around the official
 solids, looked at by coal at single instants, every 5 ms of a plan.
 
@@ -19,11 +24,13 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 
-from benchmarks._common import single_thread, summary, write
+from benchmarks._common import single_thread, summary, update, write
+from benchmarks.long_search import LongSearch, Plans, makespan
 from benchmarks.solids import Solids
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array, rot_z
@@ -79,26 +86,83 @@ class Tasks:
                 return starts, goals
 
 
-def plans(count: int, seed: int) -> list[dict[str, object]]:
-    """Tasks planned together."""
-    caps = MotionLimits.uniform(velocity=np.pi / 2, acceleration=6.0, jerk=60.0)
+CAPS = MotionLimits.uniform(velocity=np.pi / 2, acceleration=6.0, jerk=60.0)
+
+
+def team_of(starts: list[Array], goals: list[Array], budget: float) -> list[TeamMember]:
+    """Both arms with their starts and goals, and so much time for a search [s]."""
+    return [
+        TeamMember(
+            name=name,
+            T_cell_base=T,
+            request=PlanRequest(q_start=a, goal=JointGoal(q=b), limits=CAPS, time_budget=budget),
+        )
+        for name, T, a, b in zip(
+            ("left", "right"), (SE3.identity(), T_LEFT_RIGHT), starts, goals, strict=True
+        )
+    ]
+
+
+def touching(solids: Solids, plans: Plans) -> tuple[int, int]:
+    """At how many instants of a plan, every 5 ms, the arms touch; and how many there are."""
+    left, right = (plans[name].trajectory for name in ("left", "right"))
+    instants = np.arange(0.0, left.duration + 0.005, 0.005)
+    found = 0
+    for t in instants:
+        found += solids.touch(*(np.append(each.at([t])[0][0], 0.0) for each in (left, right)))
+    return found, len(instants)
+
+
+def searched(count: int, seconds: float, seed: int) -> list[dict[str, object]]:
+    """How much longer motions take than the shortest that a long search finds."""
     tasks, solids = Tasks(seed), Solids(SE3.identity(), T_LEFT_RIGHT)
     planner = Planner(tasks.model)
     planner.warm_up()
+    ratios: list[float] = []
+    tries: list[int] = []
+    by: Counter[str] = Counter()
+    at_bound = refused = 0
+    while len(ratios) < count:
+        starts, goals = tasks.draw()
+        members = team_of(starts, goals, 5.0)
+        try:
+            ours = plan_together(planner, members)
+        except PlanningError:
+            continue
+        search = LongSearch(
+            planner, members, lambda plans: touching(solids, plans)[0] == 0, len(ratios)
+        )
+        found = search.run(ours, seconds)
+        ratios.append(makespan(ours) / makespan(found.best))
+        tries.append(sum(found.tries.values()))
+        by[found.by] += 1
+        at_bound, refused = at_bound + found.at_bound, refused + found.refused
+        print(
+            f"task {len(ratios)}: {makespan(ours):.2f} s, {ratios[-1]:.3f} of the shortest,"
+            f" {found.by}, {tries[-1]} tries",
+            flush=True,
+        )
+    return [
+        {
+            "what": "makespan over the shortest of a long search",
+            "n": count,
+            "median ratio": float(np.median(ratios)),
+            "p90 ratio": float(np.percentile(ratios, 90.0)),
+            "max ratio": max(ratios),
+            "processor time of a search [s]": seconds,
+            "tries, median": float(np.median(tries)),
+            "nothing can be shorter": at_bound,
+            "refused by the independent check": refused,
+            **{f"shortest by {name}": number for name, number in sorted(by.items())},
+        }
+    ]
 
-    def team(starts: list[Array], goals: list[Array], budget: float) -> list[TeamMember]:
-        return [
-            TeamMember(
-                name=name,
-                T_cell_base=T,
-                request=PlanRequest(
-                    q_start=a, goal=JointGoal(q=b), limits=caps, time_budget=budget
-                ),
-            )
-            for name, T, a, b in zip(
-                ("left", "right"), (SE3.identity(), T_LEFT_RIGHT), starts, goals, strict=True
-            )
-        ]
+
+def plans(count: int, seed: int) -> list[dict[str, object]]:
+    """Tasks planned together."""
+    tasks, solids = Tasks(seed), Solids(SE3.identity(), T_LEFT_RIGHT)
+    planner = Planner(tasks.model)
+    planner.warm_up()
 
     def one_by_one(members: list[TeamMember]) -> float | None:
         """How long it takes one after the other [s]; None if that is impossible."""
@@ -126,17 +190,17 @@ def plans(count: int, seed: int) -> list[dict[str, object]]:
     wall: list[float] = []
     cpu: list[float] = []
     ratios: list[float] = []
-    touching = failed = long = instants = 0
+    touched = failed = long = instants = 0
     for _ in range(count):
         starts, goals = tasks.draw()
-        members = team(starts, goals, 5.0)
+        members = team_of(starts, goals, 5.0)
         begin, begin_cpu = time.perf_counter(), time.process_time()
         try:
             found = plan_together(planner, members)
         except PlanningError:
             failed += 1
             try:
-                plan_together(planner, team(starts, goals, 60.0))
+                plan_together(planner, team_of(starts, goals, 60.0))
                 long += 1
             except PlanningError:
                 pass
@@ -144,14 +208,11 @@ def plans(count: int, seed: int) -> list[dict[str, object]]:
         finally:
             wall.append(time.perf_counter() - begin)
             cpu.append(time.process_time() - begin_cpu)
-        left, right = (found[name].trajectory for name in ("left", "right"))
-        for t in np.arange(0.0, left.duration + 0.005, 0.005):
-            q = [np.append(each.at([t])[0][0], 0.0) for each in (left, right)]
-            touching += solids.touch(*q)
-            instants += 1
+        touches, looks = touching(solids, found)
+        touched, instants = touched + touches, instants + looks
         apart = one_by_one(members)
         if apart is not None:
-            ratios.append(max(each.duration for each in found.values()) / apart)
+            ratios.append(makespan(found) / apart)
     solved = count - failed
     return [
         {
@@ -166,7 +227,7 @@ def plans(count: int, seed: int) -> list[dict[str, object]]:
             "solved": solved,
             "only in 60 s": long,
             "instants": instants,
-            "touching": touching,
+            "touching": touched,
             "makespan over one by one": float(np.median(ratios)) if ratios else float("nan"),
             "easier in turn impossible": solved - len(ratios),
         },
@@ -175,7 +236,6 @@ def plans(count: int, seed: int) -> list[dict[str, object]]:
 
 def components(count: int, seed: int) -> list[dict[str, object]]:
     """How much longer plans of one arm take with 30 components around it."""
-    caps = MotionLimits.uniform(velocity=np.pi / 2, acceleration=6.0, jerk=60.0)
     tasks = Tasks(seed)
     planner, random = Planner(tasks.model), np.random.default_rng(seed)
     planner.warm_up()
@@ -199,7 +259,7 @@ def components(count: int, seed: int) -> list[dict[str, object]]:
         return Scene(obstacles=tuple(boxes))
 
     def plan(q_start: Array, q_goal: Array, scene: Scene) -> tuple[float, Array]:
-        request = PlanRequest(q_start=q_start, goal=JointGoal(q=q_goal), limits=caps, scene=scene)
+        request = PlanRequest(q_start=q_start, goal=JointGoal(q=q_goal), limits=CAPS, scene=scene)
         begin = time.process_time()
         made = planner.plan(request)
         return time.process_time() - begin, made.trajectory.q
@@ -238,9 +298,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tasks", type=int, default=500)
     parser.add_argument("--motions", type=int, default=200)
+    parser.add_argument("--searched", type=int, default=40)
+    parser.add_argument("--search-seconds", type=float, default=15.0)
+    parser.add_argument("--only-search", action="store_true")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
-    rows = [*plans(asked.tasks, asked.seed), *components(asked.motions, asked.seed)]
+    rows = searched(asked.searched, asked.search_seconds, asked.seed)
+    if asked.only_search:
+        update("bench_cell", rows)
+        return
+    rows = [*plans(asked.tasks, asked.seed), *rows, *components(asked.motions, asked.seed)]
     write("bench_cell", rows)
 
 
