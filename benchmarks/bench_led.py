@@ -9,6 +9,10 @@ following asks its guard and its cell. Beside it the whole of both setpoints, an
 followings that are led alike with nothing to keep them off anything. As in the module, the garbage
 collector ignores what was there before.
 
+The same with emulated arms (``emulated_led.py``): the referee of the tests listens on both wires
+and objects to nothing, and distances are those of the true poses of the joints. ``--emulated``
+says for how many ticks; ``--only-emulated`` does nothing else and keeps the file's other rows.
+
     python -m benchmarks.bench_led --ticks 100000
 """
 
@@ -23,8 +27,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from benchmarks._common import single_thread, summary, write
+from benchmarks._common import single_thread, summary, update, write
 from benchmarks.bench_cell import T_LEFT_RIGHT, Tasks
+from benchmarks.emulated_led import emulated_followings
 from benchmarks.solids import Solids
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.place import Place
@@ -170,14 +175,20 @@ def _time_asking(owner: type, name: str) -> None:
 
 
 def main() -> None:
-    """Lead them, with two seeds."""
+    """Lead them, simulated with two seeds, and emulated."""
     single_thread()
-    for owner, name in ASKED:
-        _time_asking(owner, name)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--ticks", type=int, default=100_000)
+    parser.add_argument("--emulated", type=int, default=50_000)
+    parser.add_argument("--only-emulated", action="store_true")
     asked = parser.parse_args()
-    write("bench_led", [row for seed in (1, 2) for row in followings(asked.ticks // 2, seed)])
+    if asked.only_emulated:
+        update("bench_led", emulated_followings(asked.emulated))
+        return
+    for owner, name in ASKED:
+        _time_asking(owner, name)
+    rows = [row for seed in (1, 2) for row in followings(asked.ticks // 2, seed)]
+    write("bench_led", [*rows, *emulated_followings(asked.emulated)])
 
 
 if __name__ == "__main__":
