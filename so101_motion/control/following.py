@@ -319,9 +319,7 @@ class Following(LedMotion):
         self._start = self.now = now
         # Joints that begin a little outside may stay there, and come in.
         self._least, self._most = np.minimum(self._lower, now.q), np.maximum(self._upper, now.q)
-        self._bounds = JointBounds(
-            self._least, self._most, self.limits.acceleration, self._stop_limits
-        )
+        self._bounds = JointBounds(self._least, self._most, self.limits, self._stop_limits, now)
         self._braked = self._stops.to_rest(now).after
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
@@ -388,11 +386,12 @@ class Following(LedMotion):
             # From rest close to things, joints that do not set off together come closer first.
             arrival = "straight" if is_gentle else "together"
         try:
-            if qdd is None:
-                led = self._pursuit.towards(self.now, q, qd, limits, arrival=arrival)
-            else:
-                aimed = Setpoint(q=q, qd=qd, qdd=qdd)
-                led, qdd = self._pursuit.alongside(self.now, aimed, limits)
+            led, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
+            if self._bounds.too_fast(
+                led
+            ):  # near the cap, no more than a stop can take back in time
+                limits = gentle(limits, self._stop_limits)
+                led, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
             led, rest = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
@@ -409,7 +408,7 @@ class Following(LedMotion):
         if aim.qdd is None:
             self.foreseen.unknown()
         else:
-            self.foreseen.beside(led, led.qdd if qdd is None else qdd)
+            self.foreseen.beside(led, led.qdd if onward is None else onward)
 
     def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
         """``led``, with joints braking that could not stop in time, and the path to rest."""

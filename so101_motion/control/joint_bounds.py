@@ -59,18 +59,23 @@ def landed(led: Setpoint, q: Array, qd: Array) -> Setpoint:
 
 
 class JointBounds:
-    """Says which joints could not stop within their range and below the speed of a stop.
+    """Says which joints could not stop within their range and below their speed cap.
 
     Args:
         least: Lowest angles, shape (n,), [rad].
         most: Highest angles, shape (n,), [rad].
-        acceleration: How hard the joints are led at most, shape (n,), [rad/s^2].
+        limits: Largest caps with which they are led.
         stop: How hard they brake.
+        begin: Where they begin; joints that are faster there may be as fast.
     """
 
-    def __init__(self, least: Array, most: Array, acceleration: Array, stop: MotionLimits) -> None:
-        hardest = acceleration + _ROUNDING
-        rows = least - _ROUNDING, most + _ROUNDING, hardest, stop.jerk, stop.velocity
+    def __init__(
+        self, least: Array, most: Array, limits: MotionLimits, stop: MotionLimits, begin: Setpoint
+    ) -> None:
+        hardest = limits.acceleration + _ROUNDING
+        there = np.abs(begin.qd + 0.5 * begin.qdd * np.abs(begin.qdd) / stop.jerk)
+        fastest = np.maximum(limits.velocity, there) + _ROUNDING
+        rows = least - _ROUNDING, most + _ROUNDING, hardest, stop.jerk, fastest
         self._rows = np.column_stack(rows).tolist()
 
     def outside(
@@ -101,3 +106,12 @@ class JointBounds:
                 or abs(qd + more / stop_jerk) > fastest
             )
         return found
+
+    def too_fast(self, led: Setpoint) -> bool:
+        """Whether a joint would exceed its speed cap while its acceleration is taken back."""
+        return any(
+            abs(qd + 0.5 * qdd * abs(qdd) / stop_jerk) > fastest
+            for qd, qdd, (_, _, _, stop_jerk, fastest) in zip(
+                led.qd.tolist(), led.qdd.tolist(), self._rows, strict=True
+            )
+        )

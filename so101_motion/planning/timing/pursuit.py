@@ -54,6 +54,32 @@ class Pursuit:
         self._limits: MotionLimits | None = None
         self._rate = list[float]()
 
+    def step(
+        self,
+        now: Setpoint,
+        target: tuple[Array, Array, Array | None],
+        limits: MotionLimits,
+        arrival: Arrival,
+    ) -> tuple[Setpoint, Array | None]:
+        """``alongside`` of a target whose acceleration is known, ``towards`` any other.
+
+        Args:
+            now: The present state, shapes (n,).
+            target: Its position, velocity and acceleration; None for one that is not known.
+            limits: Caps of the n joints.
+            arrival: As for ``towards``.
+
+        Returns:
+            The setpoint, and the acceleration that ``alongside`` expects from there on.
+
+        Raises:
+            PlanningError: ruckig finds no motion.
+        """
+        q, qd, qdd = target
+        if qdd is None:
+            return self.towards(now, q, qd, limits, arrival=arrival), None
+        return self.alongside(now, Setpoint(q=q, qd=qd, qdd=qdd), limits)
+
     def towards(
         self,
         now: Setpoint,
