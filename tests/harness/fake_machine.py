@@ -74,14 +74,21 @@ class FakeStore(WorldStateStore):
     """A store whose streams a test writes to, behind viam-server.
 
     That opens its own stream, waits for the first message and drops it, and sends an empty one.
+
+    Attributes:
+        things: Its content, by id.
+        streams: The changes that each open stream has still to send.
+        trouble: Raised when its list is read; None for none.
+        asked: How often its list or one of its things was read.
     """
 
     def __init__(self, *things):
         super().__init__("seen")
         self.things = {each.uuid: each for each in things}
-        self.streams, self.trouble = [], None
+        self.streams, self.trouble, self.asked = [], None, 0
 
     async def list_uuids(self, **kwargs):
+        self.asked += 1
         if self.trouble is not None:
             raise self.trouble
         if not self.things:
@@ -89,6 +96,7 @@ class FakeStore(WorldStateStore):
         return list(self.things)
 
     async def get_transform(self, uuid, **kwargs):
+        self.asked += 1
         if uuid not in self.things:
             raise GRPCError(Status.NOT_FOUND, "gone")
         return self.things[uuid]
@@ -100,6 +108,9 @@ class FakeStore(WorldStateStore):
             yield StreamTransformChangesResponse()
             while (change := await queue.get()) is not None:
                 yield change
+
+    async def do_command(self, command, **kwargs):
+        return {}
 
     def say(self, kind, thing):
         for queue in self.streams:

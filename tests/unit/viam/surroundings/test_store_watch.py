@@ -17,6 +17,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.conversion.shown_things import shown_id
+from so101_motion.viam.surroundings import store_watch
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
 from so101_motion.viam.surroundings.store_watch import StoreWatch
 
@@ -38,16 +39,22 @@ class Still:
 
 @asynccontextmanager
 async def watched(store, **how):
-    """What a plan would be made in, by name, when it is asked for."""
+    """What a plan would be made in, by name, when it is asked for.
+
+    As a plan of the module does, it first asks the machine something over the store's connection.
+    So what the store has sent before that was heard.
+    """
     machine = FakeMachine(
         hanging("arm", x=100.0, joints=5), hanging("camera"), things=[Thing("camera")]
     )
     set_machine(lambda: machine)
     reader = MachineBodies("arm", (), {"arm": Still()}, ())
     async with ChannelFor([WorldStateStoreService(ResourceManager([store]))]) as channel:
-        watch = StoreWatch("seen", WorldStateStoreClient("seen", channel), LOGGER, **how)
+        client = WorldStateStoreClient("seen", channel)
+        watch = StoreWatch("seen", client, LOGGER, **how)
 
         async def scene():
+            await client.do_command({})
             return await watch.added_to(Scene(), await reader.read())
 
         try:
@@ -73,6 +80,27 @@ async def test_what_comes_moves_and_goes_is_in_the_next_scene():
         await until(lambda: has(scene, {"crate": 0.2, "mug": 0.45}))
         store.forget("crate")
         await until(lambda: has(scene, {"mug": 0.45}))
+
+
+async def test_what_comes_moves_and_goes_is_in_the_next_scene_without_being_looked_for(
+    monkeypatch,
+):
+    """The list is not compared, so a change comes through the stream or not at all."""
+    monkeypatch.setattr(store_watch, "_COMPARED", 3600.0)
+    store = FakeStore(seen_thing("crate"))
+    async with watched(store) as scene:
+        assert places(await scene()) == {"crate": 0.2}
+        await until(lambda: store.streams)
+        store.has(seen_thing("crate", x=310.0))  # the message that viam-server drops
+        assert places(await scene()) == {"crate": 0.21}
+        asked = store.asked
+        store.has(seen_thing("mug", x=500.0))
+        assert places(await scene()) == {"crate": 0.21, "mug": 0.4}
+        store.has(seen_thing("mug", x=550.0))
+        assert places(await scene()) == {"crate": 0.21, "mug": 0.45}
+        store.forget("crate")
+        assert places(await scene()) == {"mug": 0.45}
+    assert store.asked == asked
 
 
 async def has(scene, wanted):
