@@ -16,7 +16,8 @@ The arms share a cell (``viam/surroundings/machine_cell.py``).
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ from viam.proto.common import Pose
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes, suggest
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.files.scene_file import attached_from, attached_to
 from so101_motion.planning.goals import Goal, JointGoal
@@ -52,6 +53,7 @@ async def move_together(
 
     Raises:
         ConfigError: A goal is not valid, or the arms do not share a cell.
+        OutsideLimits: A goal is outside an arm's joint limits.
         So101Error: One of the motions failed.
     """
     goals = _goals(asked, arms)
@@ -103,7 +105,8 @@ async def set_held(asked: object, arms: Mapping[str, ArmResource]) -> None:
     scenes = {}
     for name, entries in asked.items():
         arm = arms[_known(str(name), arms, "holds")].rig.arm
-        held = await asyncio.to_thread(attached_from, entries, folder=None)
+        with _about(str(name)):
+            held = await asyncio.to_thread(attached_from, entries, folder=None)
         scenes[name] = replace(arm.scene, attached=held)
     for name, scene in scenes.items():
         arms[name].rig.arm.scene = scene
@@ -155,14 +158,25 @@ def _goals(asked: object, arms: Mapping[str, ArmResource]) -> dict[str, Goal]:
     goals = {}
     for name, value in asked.items():
         _known(str(name), arms, "move_together")
-        if not isinstance(value, Mapping):
-            raise ConfigError(name, value, 'must be {"joints_deg": [...]} or {"pose": {...}}')
-        given = Attributes(value, ("joints_deg", "pose"), kind="key")
-        goals[name] = _goal(given, value.get("pose"), arms[name])
+        with _about(str(name)):
+            goals[name] = _goal(value, arms[name])
     return goals
 
 
-def _goal(given: Attributes, wanted: object, arm: ArmResource) -> Goal:
+@contextmanager
+def _about(arm: str) -> Iterator[None]:
+    """Put the name of an arm in front of the message of an error."""
+    try:
+        yield
+    except So101Error as error:
+        raise error.about(arm) from None
+
+
+def _goal(value: object, arm: ArmResource) -> Goal:
+    if not isinstance(value, Mapping):
+        raise ConfigError("goal", value, 'must be {"joints_deg": [...]} or {"pose": {...}}')
+    given = Attributes(value, ("joints_deg", "pose"), kind="key")
+    wanted = value.get("pose")
     if given.given("joints_deg") == given.given("pose"):
         raise ConfigError("goal", "...", "must have one of joints_deg and pose")
     if given.given("joints_deg"):

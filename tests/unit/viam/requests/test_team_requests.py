@@ -10,12 +10,12 @@ from harness.facing_arms import T_LEFT_RIGHT
 
 from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, OutsideLimits
 from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
 from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.viam.requests.together import hand_over, set_held
+from so101_motion.viam.requests.together import hand_over, move_together, set_held
 
 ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
 STICK = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
@@ -77,6 +77,31 @@ async def test_what_an_arm_holds_is_said_and_passed_on(arms):
     np.testing.assert_allclose(1e3 * held.T_tool_object.p, taken["position_mm"], atol=1e-3)
     await set_held({"right": []}, arms)
     assert arms["right"].rig.arm.scene.attached == ()
+
+
+@pytest.mark.parametrize(
+    ("goal", "error", "says"),
+    [
+        ([0.0], ConfigError, "must be"),
+        ({}, ConfigError, "one of joints_deg and pose"),
+        ({"joint_deg": [0, 0, 0, 0, 0]}, ConfigError, 'did you mean "joints_deg"'),
+        ({"joints_deg": [0, 0]}, ConfigError, '"joints_deg"'),
+        ({"joints_deg": [0, 0, 0, 0, 300]}, OutsideLimits, "wrist_roll"),
+        ({"pose": [200, 0, 150]}, ConfigError, '"pose"'),
+        ({"pose": {"z_mm": 150}}, ConfigError, '"z_mm"'),
+        ({"pose": {"o_z": "up"}}, ConfigError, '"o_z"'),
+    ],
+)
+async def test_an_invalid_goal_is_refused_with_the_name_of_its_arm(arms, goal, error, says):
+    valid = {"joints_deg": [0, 0, 0, 0, 0]}
+    with pytest.raises(error, match=f"^right: .*{says}"):
+        await move_together({"left": valid, "right": goal}, arms, seen_through)
+
+
+async def test_an_invalid_thing_in_a_hand_is_refused_with_the_name_of_its_arm(arms):
+    with pytest.raises(ConfigError, match=r"^right: .*mass_kg"):
+        await set_held({"left": [STICK], "right": [STICK | {"mass_kg": -1}]}, arms)
+    assert arms["left"].rig.arm.scene.attached == ()
 
 
 async def test_an_invalid_handover_is_refused(arms):
