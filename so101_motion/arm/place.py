@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from so101_motion.common.clock import Clock
     from so101_motion.control.executor import Executor
     from so101_motion.planning.timing.trajectory import Trajectory
+
+_log = logging.getLogger(__name__)
 
 ALL = "*"
 """The name that stands for all arms."""
@@ -133,11 +136,13 @@ class Place:
         with self.cell.entry:
             with self.cell.lock:
                 self._beside.clear()  # a plan begins where the arm rests, and only leads away
-            planned, expected, wait = self._planned, self._expected, 0.0
+            planned, expected, wait, other = self._planned, self._expected, 0.0, ""
             self._expected = None
             if expected is not trajectory or planned is None or self._now() > planned.t + PROMPT:
-                wait = self._wait_for(trajectory)
+                wait, other = self._wait_for(trajectory)
                 self._planned = self.along(trajectory, self._now() + wait)
+        if wait:
+            _log.info("%s waits %.1f s more before it moves, for %s", self.name, wait, other)
         try:
             yield delayed(trajectory, wait)
         finally:
@@ -147,15 +152,16 @@ class Place:
         """Publish a motion that begins at once and was checked together with those of others."""
         self._planned, self._expected = self.along(trajectory, self._now()), trajectory
 
-    def _wait_for(self, trajectory: Trajectory) -> float:
+    def _wait_for(self, trajectory: Trajectory) -> tuple[float, str]:
+        """How long a motion must still wait [s], and for which arm; nobody if it need not."""
         met = None
         for wait in np.arange(0.0, LATEST, LATER):
             now = self._now()
             others = [each.seen_from(self, each.plan_at(now)) for each in self._neighbours()]
             course = self.along(trajectory, now + float(wait))
-            met = crossing(self.attached_to(self), course, others, since=now)
+            before, met = met, crossing(self.attached_to(self), course, others, since=now)
             if met is None:
-                return float(wait)
+                return float(wait), "" if before is None else before[0]
         assert met is not None
         raise crosses(*met)
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from so101_motion.arm.cell import Cell
     from so101_motion.arm.motion_handle import Motion
     from so101_motion.common.geometry import Array
+    from so101_motion.planning.request import Plan
     from so101_motion.rig.rig import Rig
     from so101_motion.setup.base_fit import BaseFit
 
@@ -138,6 +139,7 @@ def move(
         plans = opened.cell.plan_together(goals)
         duration = max(plan.duration for plan in plans.values())
         click.echo(f"{' and '.join(plans)}: one motion of {duration:.2f} s", err=True)
+        _say_what_is_done_for_others(plans)
         if not yes:
             have_agreed("Move all of them?")
         _wait_for_all(opened.cell, opened.cell.start_together(goals))
@@ -179,6 +181,7 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
         for index, step in enumerate(rehearsal.first):
             duration = max(plan.duration for plan in step.plans.values())
             click.echo(f"  {made.called(index)}  {duration:.2f} s", err=True)
+            _say_what_is_done_for_others(step.plans)
         if not yes:
             have_agreed("Move the arms?")
         running = start_cell_program(opened.cell, rehearsal)
@@ -235,6 +238,12 @@ def handover(
         facts = {"duration_s": plan.duration, "taken": attached_to([plan.taken])[0]}
         print_json("cell-handover", facts)
     click.echo(f"{taker} holds {thing} now; in {file} it is still with {giver}", err=True)
+
+
+def _say_what_is_done_for_others(plans: Mapping[str, Plan]) -> None:
+    for name, plan in plans.items():
+        if plan.report.for_others:
+            click.echo(f"  {name} {plan.report.for_others}", err=True)
 
 
 def _joints_deg(rigs: Mapping[str, Rig]) -> dict[str, list[float]]:

@@ -133,6 +133,14 @@ class PlanReport:
     waits: float = 0.0
     waits_for: tuple[str, ...] = ()
 
+    @property
+    def for_others(self) -> str:
+        """What the arm does for others, in words: it waits or goes around; empty if nothing."""
+        names = " and ".join(self.waits_for)
+        if self.waits:
+            return f"waits {self.waits:.2f} s for {names}"
+        return names and f"goes around {names}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plan:

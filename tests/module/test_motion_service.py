@@ -269,6 +269,7 @@ async def test_a_plan_can_be_asked_for_looked_at_and_executed(arm, motion):
     before = await tool(arm)
     told = (await motion.do_command({"preview": request}))["preview"]
     np.testing.assert_allclose(told["tool_path_mm"][-1], (220, 90, 120), atol=0.2)
+    assert (told["waits_s"], told["waits_for"]) == (0.0, [])
     np.testing.assert_allclose(await tool(arm), before, atol=0.01)  # it may be settling still
     steps = (await motion.do_command({"plan": request}))["plan"]
     assert (await in_time(arm, motion.do_command({"execute": steps})))["execute"]

@@ -89,9 +89,9 @@ class Bench:
         await in_the_end(lambda: self.left.move_to_joint_positions(there))
 
     @asynccontextmanager
-    async def left_under_way(self, *q_goal):
+    async def left_under_way(self, *q_goal, speed_deg=4.0):
         """While the left arm has begun a slow motion to some angles [deg]."""
-        slowly, goal = MoveOptions(max_vel_degs_per_sec=4.0), [JointPositions(values=q_goal)]
+        slowly, goal = MoveOptions(max_vel_degs_per_sec=speed_deg), [JointPositions(values=q_goal)]
         first = (await self.left_angles())[0]
         going = asyncio.create_task(self.left.move_through_joint_positions(goal, slowly))
         try:
@@ -161,6 +161,13 @@ async def test_the_machine_is_planned_around(process):
     except_it = {"collisionSpecification": [{"allows": allows}]}
     with pytest.raises(GRPCError, match="contact with it cannot be allowed"):
         await bench.plan(*(1000.0 * met.p), constraints=except_it)
+
+    # It is leaving: the next plan waits for that and says so.
+    await bench.turn_left_arm(*goal)
+    async with bench.left_under_way(100, 60, -60, 0, 0, speed_deg=1.0):
+        waiting = await bench.plan(*(1000.0 * met.p))
+    assert waiting["waits_for"] == ["left"]
+    assert 0.0 < waiting["waits_s"] < waiting["duration_s"]
 
     # Both in one motion.
     there = {"left": {"joints_deg": [60, 0, 0, 0, 0]}, "arm": {"pose": {"x": 200, "z": 200}}}

@@ -201,11 +201,13 @@ class CellPart(Part):
             self._plan.set_duration(plan.duration)
         self._plots.name(plan, is_current=screen.plan_is_current)
         self._plan.show(screen, self._plots.uuids)
-        self._facts.content = markup.facts(_facts(plan if screen.plan_is_current else None))
+        self._facts.content = markup.facts(plan_facts(plan if screen.plan_is_current else None))
 
 
-def _facts(plan: CommonPlan | None) -> tuple[tuple[str, str], ...]:
+def plan_facts(plan: CommonPlan | None) -> tuple[tuple[str, str], ...]:
+    """The figures of a plan for all arms: duration, who waits for whom, clearances."""
     if plan is None:
         return (("Duration", "–"),)
     pairs = (texts.between(each.first, each.second, each.least) for each in plan.clearances)
-    return (("Duration", f"{plan.duration:.2f} s"), *pairs)
+    others = [(name, each.report.for_others) for name, each in plan.plans.items()]
+    return (("Duration", f"{plan.duration:.2f} s"), *(each for each in others if each[1]), *pairs)

@@ -422,6 +422,8 @@ def _plan_json(plan: Plan, name: str) -> dict[str, Any]:
     return {
         "plan": _steps(plan, name),
         "duration_s": plan.duration,
+        "waits_s": report.waits,
+        "waits_for": list(report.waits_for),
         "tool_path_mm": [[float(x) for x in to_mm(point)] for point in plan.tool_path],
         "clearance_mm": float(to_mm(report.clearance)),
         "closest": list(report.closest),

@@ -1,5 +1,7 @@
 """Arms of one cell keep apart when motions are planned: simulated joints on a pretended clock."""
 
+import re
+
 import numpy as np
 import pytest
 from harness.cell_pair import crossing_task
@@ -42,6 +44,27 @@ def test_a_move_that_begins_while_another_arm_moves_arrives_without_coming_near(
     first.result()
     second.result()
     np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
+
+
+def test_an_arm_that_waits_longer_than_planned_says_so_once_and_for_whom(pair_of, caplog):
+    """Its plan was made while the other stood at its goal, and is carried out while that moves."""
+    caplog.set_level("INFO", "so101_motion.arm.place")
+    facing = Facing(38)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, goals[0], starts[1])
+    plan = pair.right.plan(JointGoal(q=goals[1]))
+    pair.finish(pair.left.start_move(JointGoal(q=starts[0])))
+    first = pair.left.start_move(JointGoal(q=goals[0]))
+    while not pair.left.is_moving:
+        pair.advance(0.0)
+    second = pair.right.start_execute(plan)
+    while not (pair.right.is_moving or second.future.done()):
+        pair.advance(0.0)
+    pair.finish(first, second)
+    first.result()
+    second.result()
+    [said] = caplog.messages
+    assert re.fullmatch(r"right waits \d\.\d s more before it moves, for left", said)
 
 
 def comes_near(facing, q_left, path, room):

@@ -1,6 +1,7 @@
 """``so101 cell``: its questions and its output."""
 
 import json
+import re
 
 from click.testing import CliRunner
 
@@ -43,6 +44,16 @@ def test_arms_are_moved_together(tmp_path):
     refused = CliRunner().invoke(main, [*asked, "--joints", "middle", "3,0,0,0,0"])
     assert "left, right" in refused.output
     assert CliRunner().invoke(main, asked).exit_code == 2
+
+
+def test_an_arm_that_waits_for_another_says_so_before_anything_moves(tmp_path):
+    path = tmp_path / "cell.json"
+    right = {"name": "right", "position_mm": [350, 0, 0], "rpy_deg": [0, 0, 180]}
+    path.write_text(json.dumps({"arms": [{"name": "left"}, right]}))
+    goals = ["--joints", "left", "-60,-30,50,20,0", "--joints", "right", "-50,20,0,20,0"]
+    result = CliRunner().invoke(main, ["cell", "move", str(path), *goals], input="n\n")
+    assert "nothing moved" in result.output
+    assert re.search(r"^  (left waits .* for right|right waits .* for left)$", result.output, re.M)
 
 
 def test_a_handover_needs_a_thing_in_the_hand(tmp_path):

@@ -59,7 +59,12 @@ def test_a_plan_keeps_off_an_arm_that_moves_and_the_earlier_of_two_paths_is_take
             assert np.all(second.trajectory.q[: still + 1] == starts[1])
             assert report.waits_for == ("left",)
             assert report.waits <= first.duration + 0.1
+            assert report.for_others == f"waits {report.waits:.2f} s for left"
             waited += 1
+            report = replace(report, waits=0.0)
+            assert report.for_others == "goes around left"
+        elif not report.waits_for:
+            assert report.for_others == ""
     assert waited
 
 
