@@ -69,6 +69,22 @@ def test_a_handover_needs_a_thing_in_the_hand(tmp_path):
     assert "'ball' is too small" in result.output
 
 
+def test_a_stick_is_passed_from_hand_to_hand(tmp_path):
+    path = tmp_path / "cell.json"
+    right = {"name": "right", "position_mm": [350, 0, 0], "rpy_deg": [0, 0, 180]}
+    stick = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
+    path.write_text(json.dumps({"arms": [{"name": "left", "attached": [stick]}, right]}))
+    asked = ["cell", "handover", str(path), "left", "right", "--yes", "--json"]
+    result = CliRunner().invoke(main, asked)
+    assert result.exit_code == 0, result.output
+    assert "stick from left to right: " in result.stderr
+    assert "right holds stick now" in result.stderr
+    told = json.loads(result.stdout)
+    assert told["duration_s"] > 1.0
+    assert (told["taken"]["name"], told["taken"]["mass_kg"]) == ("stick", 0.04)
+    assert told["taken"]["position_mm"] != stick["position_mm"]
+
+
 def test_a_program_of_several_arms_is_run(tmp_path):
     cell, program = tmp_path / "cell.json", tmp_path / "wave.json"
     far = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
