@@ -119,6 +119,9 @@ def move(
 ) -> None:
     """Move several arms of FILE in one motion, which they begin and end together.
 
+    What runs is the motion that was planned before the question. If an arm has moved since, none
+    moves.
+
     \b
     so101 cell move cell.json --xyz left 150,0,150 --joints right 60,0,0,30,0
     """  # noqa: D301
@@ -142,7 +145,7 @@ def move(
         _say_what_is_done_for_others(plans)
         if not yes:
             have_agreed("Move all of them?")
-        _wait_for_all(opened.cell, opened.cell.start_together(goals))
+        _wait_for_all(opened.cell, opened.cell.start_execute(plans))
         reached = _joints_deg(opened.rigs)
     if as_json:
         print_json("cell-move", {"duration_s": duration, "joints_deg": reached})
@@ -256,11 +259,11 @@ def _wait_for_all(cell: Cell, motions: Mapping[str, Motion]) -> None:
     from so101_motion.common.errors import Interrupted, So101Error
 
     problems = []
-    for motion in motions.values():
+    for name, motion in motions.items():
         try:
             motion.result()
         except So101Error as error:
-            problems.append(error)
+            problems.append(error if name in str(error) else error.about(name))
         except KeyboardInterrupt:
             cell.stop()
             raise

@@ -1,11 +1,17 @@
 """``so101 cell``: its questions and its output."""
 
+import io
 import json
 import re
 
+import numpy as np
+import pytest
 from click.testing import CliRunner
 
 from so101_motion.cli.verbs import main
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig import cell_rigs
+from so101_motion.rig.cell_rigs import open_cell
 
 
 def test_one_arm_alone_has_nothing_to_find_out(tmp_path):
@@ -44,6 +50,57 @@ def test_arms_are_moved_together(tmp_path):
     refused = CliRunner().invoke(main, [*asked, "--joints", "middle", "3,0,0,0,0"])
     assert "left, right" in refused.output
     assert CliRunner().invoke(main, asked).exit_code == 2
+
+
+class AnswersYes(io.RawIOBase):
+    """A person at the terminal who says yes, after ``first()``."""
+
+    def __init__(self, first):
+        self.first, self.left = first, b"y\n"
+
+    def readable(self):
+        return True
+
+    def readinto(self, buffer):
+        if self.left:
+            self.first()
+        count = len(self.left)
+        buffer[:count], self.left = self.left, b""
+        return count
+
+
+@pytest.fixture
+def opened_cells(monkeypatch):
+    """The cells that a command has opened."""
+    opened = []
+
+    def noted(file):
+        opened.append(open_cell(file))
+        return opened[-1]
+
+    monkeypatch.setattr(cell_rigs, "open_cell", noted)
+    return opened
+
+
+def test_the_motion_that_was_agreed_to_runs_or_none(tmp_path, opened_cells):
+    path = tmp_path / "cell.json"
+    far = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
+    path.write_text(json.dumps({"arms": [{"name": "left"}, far]}))
+    goals = ["--joints", "left", "3,0,0,0,0", "--joints", "right", "0,0,0,3,0"]
+    asked = ["cell", "move", str(path), *goals]
+
+    def move_one_away():
+        right = opened_cells[-1].rigs["right"].arm
+        right.start_move(JointGoal(q=right.state.q_ref + 0.05)).result()
+
+    result = CliRunner().invoke(main, asked, input=io.BufferedReader(AnswersYes(move_one_away)))
+    assert result.exit_code != 0
+    assert "right: the arm is 2.9 deg away from where this plan starts\n" in result.output
+    left = opened_cells[-1].rigs["left"].arm
+    np.testing.assert_array_equal(left.state.q_ref, np.zeros(5))
+    result = CliRunner().invoke(main, asked, input="y\n")
+    assert result.exit_code == 0, result.output
+    np.testing.assert_allclose(opened_cells[-1].rigs["left"].arm.state.q_ref[0], np.radians(3.0))
 
 
 def test_an_arm_that_waits_for_another_says_so_before_anything_moves(tmp_path):
