@@ -2,6 +2,7 @@
 
 import numpy as np
 import so101_description
+from grpclib import GRPCError, Status
 from viam.components.camera import Camera
 from viam.proto.common import GeometriesInFrame, PointCloudObject
 from viam.services.vision import Vision
@@ -68,6 +69,9 @@ class FakeCamera(Camera):
         if isinstance(points, Exception):
             raise points
         return pcd(points), "pointcloud/pcd"
+
+    async def get_geometries(self, **kwargs):
+        raise GRPCError(Status.UNIMPLEMENTED, "no geometries")
 
     async def get_images(self, **kwargs):
         raise NotImplementedError
