@@ -387,9 +387,7 @@ class Following(LedMotion):
             arrival = "straight" if is_gentle else "together"
         try:
             led, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
-            if self._bounds.too_fast(
-                led
-            ):  # near the cap, no more than a stop can take back in time
+            if self._bounds.too_fast(led):  # speed up no harder than a stop can take back in time
                 limits = gentle(limits, self._stop_limits)
                 led, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
             led, rest = self._inside(landed(led, q, qd), limits)
