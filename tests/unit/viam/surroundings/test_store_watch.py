@@ -163,7 +163,7 @@ async def test_an_empty_store_is_no_trouble():
 async def test_a_store_that_fails_is_not_planned_without_and_comes_back():
     store = FakeStore(seen_thing("crate"))
     store.trouble = GRPCError(Status.UNAVAILABLE, "unplugged")
-    async with watched(store, patience=0.05) as scene:
+    async with watched(store, patience=0.15) as scene:
         with pytest.raises(SurroundingsUnknown, match=r'store "seen" does not answer.*unplugged'):
             await scene()
         store.trouble = None
