@@ -118,7 +118,7 @@ class StoreWatch:
                 await self._follow_once(store)
                 self._trouble = "has ended its stream of changes"
             except _GONE as error:
-                reason = error.message if isinstance(error, GRPCError) else error
+                reason = error.message if isinstance(error, GRPCError) else str(error)
                 self._trouble = f"does not answer: {reason or type(error).__name__}"
             self._known.clear()
             if self._trouble != said:
