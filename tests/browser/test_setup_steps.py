@@ -144,7 +144,7 @@ def test_a_motor_that_was_swapped_too_early_gives_its_id_back(
     with serve(kit, tmp_path) as app:
         hand = hand_on(app)
         hand.press("Motor Setup Only")
-        hand.expect("One motor with the id 1 answers, as a new one does")
+        hand.expect("One new motor answers: the setup gives it its id")
         hand.press("Next")
         set_up(hand, kit, "gripper")
         kit.set_id("gripper", 1)  # the other one was on the cable when the id was written

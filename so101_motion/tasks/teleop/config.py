@@ -77,8 +77,8 @@ ATTRIBUTES = (
         range=(1.0, 90.0), default=30.0, ours=True,
     ),
     Attribute(
-        "collision_guard", "whether the follower keeps clear of itself and what its configuration"
-        " says is around", kind="flag", default=True, ours=True,
+        "collision_guard", "whether the follower keeps clear of itself and what is around",
+        kind="flag", default=True, ours=True,
     ),
     Attribute(
         "max_consecutive_errors", "checked, without effect", range=(0.0, 1e9), default=0.0,
