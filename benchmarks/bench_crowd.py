@@ -159,7 +159,7 @@ class Crowd:
                 self.tick()
             else:
                 wait([each.future for each in motions], timeout=0.001)
-                self._clock.advance(0.0)  # who has begun waits for the threads of the others
+                self._clock.advance(0.0002)  # they begin at one moment, some milliseconds later
             if moving > LONGEST:
                 return False
         return True

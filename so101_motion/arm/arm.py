@@ -310,7 +310,11 @@ class Arm(PlannedArm):
             )
         self._range.check_path(plan.trajectory.q)
         place, planned = self.place, plan.trajectory
-        with nullcontext(planned) if place is None else place.entered(planned) as trajectory:
+        with (
+            nullcontext(planned)
+            if place is None
+            else place.entered(planned, partial(motion.pause, place.clock))
+        ) as trajectory:
             motion.plan = plan
             execute = partial(self._executor.execute, trajectory, channel=Channel.ARM)
             motion.begin(execute, self._executor.interrupt).result()

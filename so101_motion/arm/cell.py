@@ -25,7 +25,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from so101_motion.arm.handover import HandoverRun
-from so101_motion.arm.place import Place, RigWithExecutor, Stand
+from so101_motion.arm.place import LEAD, Place, RigWithExecutor, Stand
 from so101_motion.arm.team_motion import TeamPlanning, TeamSeries, TeamStep, end_together
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
@@ -310,8 +310,9 @@ class Cell:
 
     def _expect(self, plans: Mapping[str, Plan]) -> None:
         with self.entry:
+            begin = next(iter(self._places.values())).clock.now() + LEAD
             for name, plan in plans.items():
-                self._places[name].expect(plan.trajectory)
+                self._places[name].expect(plan.trajectory, begin)
 
     def stop(self) -> None:
         """Bring all arms to rest at once; returns when they are."""

@@ -41,6 +41,7 @@ push points, set targets and set velocities; the rest runs on this file's thread
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -116,6 +117,7 @@ class Executor:
         self._wake = threading.Event()
         self._ready: Future[None] = Future()
         self._holding = True
+        self._awaits_until = -math.inf  # a motion [s]
         self._thread = threading.Thread(target=self._live, name=name, daemon=True)
         self.requests = RequestQueue(self._wake)
         self._lock = threading.Lock()  # guards what follows, for moments only
@@ -189,6 +191,13 @@ class Executor:
         motion = PlannedMotion(trajectory)
         begin = partial(self._control.play, motion, channel)
         return self.requests.ask(begin, motion.future, channel)
+
+    def await_motion(self, until: float) -> None:
+        """Do not look at joints that rest until a request comes, or until ``until`` [s].
+
+        A look takes some milliseconds, for which a motion that comes meanwhile would have to wait.
+        """
+        self._awaits_until = until
 
     def turn(self, following: Following, *, channel: Channel = Channel.ARM) -> Future[None]:
         """Let ``following`` take over from the present motion without stopping.
@@ -332,6 +341,8 @@ class Executor:
         """Serve requests and the tick that is due; return when to run again [s]."""
         now = self._clock.now()
         if not self._control.is_moving:
+            if now < self._awaits_until and self.requests.is_empty:
+                return self._awaits_until
             self._beat.restart(now)
         elif not self._beat.is_due(now):
             return self._beat.deadline

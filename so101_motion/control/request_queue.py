@@ -135,6 +135,11 @@ class RequestQueue:
 
     # For the thread that serves
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing to serve."""
+        return not self._stops and not self._requests
+
     def take(self) -> list[Request]:
         """Take the new requests, stops first."""
         with self._lock:

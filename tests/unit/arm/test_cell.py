@@ -1,6 +1,7 @@
 """Arms of one cell keep apart when motions are planned: simulated joints on a pretended clock."""
 
 import re
+from concurrent.futures import wait
 
 import numpy as np
 import pytest
@@ -181,6 +182,13 @@ def test_one_stop_brings_all_arms_to_rest(pair_of):
         motion.result()
 
 
+def until_both_move(pair, *motions):
+    """They begin at one moment, some milliseconds after their plan."""
+    while not (pair.left.is_moving and pair.right.is_moving):
+        wait([each.future for each in motions], timeout=0.001)
+        pair.advance(0.0002)
+
+
 @pytest.mark.parametrize("seed", [31, 33])
 def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
     facing = Facing(seed)
@@ -188,8 +196,7 @@ def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
     pair = pair_of(facing, *starts)
     wanted = {name: JointGoal(q=q) for name, q in zip(("left", "right"), goals, strict=True)}
     motions = pair.cell.start_together(wanted)
-    while not (pair.left.is_moving and pair.right.is_moving):
-        pair.advance(0.0)  # no time passes until both have begun
+    until_both_move(pair, *motions.values())
     moving = []
     while not all(each.future.done() for each in motions.values()):
         moving.append((pair.left.is_moving, pair.right.is_moving))
@@ -253,8 +260,7 @@ def test_stopping_one_arm_of_a_common_motion_stops_all(pair_of, name):
     pair = pair_of(facing, *starts)
     wanted = {each: JointGoal(q=q) for each, q in zip(("left", "right"), goals, strict=True)}
     motions = pair.cell.start_together(wanted)
-    while not (pair.left.is_moving and pair.right.is_moving):
-        pair.advance(0.0)
+    until_both_move(pair, *motions.values())
     for _ in range(20):
         pair.advance()
     pair.cell.places[name].arm.start_stop()
