@@ -136,6 +136,7 @@ def test_the_tool_is_led_along_the_axes_of_the_base_and_its_own(jogging: Guest, 
     jogging.until(lambda: jaw.is_visible() and sum_of(jaw, "y", "height") <= 844.0)
     jogging.page.set_viewport_size({"width": 1280, "height": 720})
     jogging.until(lambda: jogging.page.locator("[data-dock-tab]").count() > 6 and jaw.is_visible())
+    switch_on(jogging)  # a busy machine may have ended it
     jogging.press("End jogging")
     jogging.until(lambda: not jogging.page.get_by_label("gripper, open").is_enabled())
     jogging.page.keyboard.down("s")  # viser's own keys fly through the picture, these do not

@@ -100,6 +100,7 @@ def test_the_follower_comes_mirrors_and_holds():
     with pair() as both:
         both.start()
         assert both.leader.arm.state.mode is Mode.LIMP
+        both.advance(0.05)  # the leader has been read before somebody leads it
         both.push(AWAY, 0.5)
         both.advance(0.2)
         assert both.phase is Phase.WAITING, "so far so quickly: nobody leads like that"
