@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import pytest_asyncio
 from grpclib import GRPCError, Status
-from harness.emulated_port import emulated_port
+from harness.emulated_port import emulated_port, patiently
 from harness.fake_parent import (
     ARM,
     GRIPPER,
@@ -274,7 +274,7 @@ async def others_are_read(bench, silent=()):
 
 async def test_an_overloaded_gripper_is_named_and_the_arm_goes_on(bench):
     await until(bench.is_well)
-    await bench.gripper.open()
+    await patiently(bench.gripper.open)
     await bench.type("object=0.03")
     assert await bench.gripper.grab() is True
     await bench.type("end object=0.03\nobject=0.06")  # it is forced open
@@ -291,7 +291,7 @@ async def test_an_overloaded_gripper_is_named_and_the_arm_goes_on(bench):
     await bench.go([start[0] - 5.0, *start[1:]])
 
     await bench.type("end object=0.06")
-    await bench.gripper.open()
+    await patiently(bench.gripper.open)
     await until(bench.is_well)
     own = await bench.gripper.do_command({"command": "health"})
     assert own["faults"] == []
@@ -306,7 +306,7 @@ async def test_on_a_wire_that_loses_and_garbles_moves_complete(bench, start):
             goal = [start[0] + degrees, *start[1:4], start[4] + 2.0 * degrees]
             await bench.go(goal)
             assert await bench.joints() == pytest.approx(goal, abs=0.5)
-        await bench.gripper.open()
+        await patiently(bench.gripper.open)
     finally:
         await bench.type("end loss=0.05\nend corrupt=0.02")
     after = await bench.health()
