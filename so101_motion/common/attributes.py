@@ -321,7 +321,7 @@ Chosen."""
 
 def suggest(word: str, known: Iterable[str]) -> str:
     """Text that suggests the known word that was probably meant, and lists all known words."""
-    names = tuple(known)
+    names = tuple(dict.fromkeys(known))
     if not names:
         return "none is known here"
     if len(names) > _MOST_WORDS:

@@ -128,6 +128,8 @@ async def test_an_unknown_request_is_answered_with_the_known_ones(client, reques
 
     assert caught.value.status is Status.INVALID_ARGUMENT
     assert says in caught.value.message, caught.value.message
+    listed = caught.value.message.partition("known: ")[2].split(", ")
+    assert len(set(listed)) == len(listed), "no word twice"
 
 
 @pytest.mark.parametrize("seconds", [-1.0, math.nan, 1e9, "soon"])
