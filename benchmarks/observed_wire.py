@@ -3,7 +3,8 @@
 The notes are taken on the emulator's side of the pseudo-terminal, and read by a parser that shares
 no code with the driver (``tests/referee/packets.py``). Times are those of ``CLOCK_MONOTONIC``,
 which is one clock for all processes of a machine. They are written when the process is told to end,
-so that writing disturbs nobody.
+so that writing disturbs nobody. The process keeps on time as the module does (``reduce_jitter``):
+real servos do not wait for the processor of the program that drives them.
 
     python -m benchmarks.observed_wire NOTES HAND
 """
@@ -96,11 +97,13 @@ def observed_wire(folder: Path, name: str, hand: str) -> Iterator[ObservedWire]:
 
 def main() -> None:
     """Emulate an arm until terminated; then write the notes."""
+    from so101_motion.common.realtime import reduce_jitter
     from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
     from so101_motion.drivers.emulator.pty_port import Pacing
     from so101_motion.drivers.emulator.run import run_emulator
     from so101_motion.planning.kinematics.model import RobotModel
 
+    reduce_jitter()
     notes, hand = map(Path, sys.argv[1:])
     seen: list[tuple[float, bytes]] = []
     Emulator.on_open.append(
