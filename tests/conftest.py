@@ -60,6 +60,7 @@ def pytest_xdist_make_scheduler(config, log):
 
 def pytest_collection_modifyitems(config, items):
     """With an arm, only what is written for one: it uses ``arm_port`` and troubles no servo."""
+    lanes.run_once_more(items)
     if hasattr(config, "workerinput"):
         items[:] = lanes.longest_first(items)
     if not config.getoption("--hardware"):
