@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
-from benchmarks.direct_ports import direct_ports
 from so101_motion.common.errors import FollowingError, ServoAlarm
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
@@ -59,7 +58,6 @@ def contacts(seed: int, speed: float, held_kg: float) -> list[Contact]:
     found: list[Contact] = []
     with (
         _referee.refereed(("motion",)),
-        direct_ports(),
         tempfile.TemporaryDirectory() as folder,
         _harness.hardware_bench(
             Path(folder), reply_timeout=2.0, spread=0.2, seed=seed, held_kg=held_kg
@@ -125,7 +123,6 @@ def undisturbed(seed: int, seconds: float) -> tuple[float, int, int]:
     load = LOADS_KG[seed % len(LOADS_KG)]
     with (
         _referee.refereed(("motion",)),
-        direct_ports(),
         tempfile.TemporaryDirectory() as folder,
         _harness.hardware_bench(
             Path(folder), reply_timeout=2.0, spread=0.2, seed=seed, held_kg=load

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
-from benchmarks.direct_ports import direct_ports
 from so101_motion.drivers.emulator.hand import jaw_angle_for_gap
 from so101_motion.drivers.feetech.servo_judgement import HOT_C, WARM_C
 
@@ -41,7 +40,6 @@ def held(seed: int, stiffness: float) -> tuple[list[float], float, float, bool]:
     """Grip and hold; torques [N m], the highest temperature [degC], duty, and if it still holds."""
     with (
         _referee.refereed(("motion",)),
-        direct_ports(),
         tempfile.TemporaryDirectory() as folder,
         _harness.hardware_bench(Path(folder), reply_timeout=2.0, spread=0.2, seed=seed) as bench,
     ):

@@ -25,7 +25,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks import _common
-from benchmarks.direct_ports import direct_ports
 from so101_motion.calib.record import servo_file, store
 from so101_motion.calib.record.servo_file import ServoRecord
 from so101_motion.common.state import ARM_JOINTS
@@ -137,7 +136,6 @@ def found_by(seed: int) -> dict[str, Any]:
     options = {"reply_timeout": 2.0, "spread": 0.2, "seed": seed}
     with (
         _referee.refereed(("motion",)),
-        direct_ports(),
         tempfile.TemporaryDirectory() as folder,
     ):
         file = Path(folder) / "arm.json"
@@ -184,7 +182,6 @@ def followed(seed: int, plans: int, known: dict[str, Any] | None) -> float:
     load = LOADS_KG[seed % len(LOADS_KG)]
     with (
         _referee.refereed(("motion",)),
-        direct_ports(),
         tempfile.TemporaryDirectory() as folder,
         _harness.hardware_bench(
             Path(folder), held_kg=load, reply_timeout=2.0, spread=0.2, seed=seed

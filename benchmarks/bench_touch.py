@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
-from benchmarks.direct_ports import direct_ports
 from so101_motion.calib.record import store, zero
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.clock import ManualClock
@@ -171,7 +170,6 @@ def found(seed: int, touches: int) -> dict[str, Any]:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         stack.enter_context(_referee.refereed(("motion",)))
-        stack.enter_context(direct_ports())
         pair = Pair(stack, folder, seed)
         with ThreadPoolExecutor(1) as pool:
             done = pool.submit(measure_bases, pair.arms, touches, pair.touch)

@@ -24,7 +24,6 @@ from unittest import mock
 import numpy as np
 
 from benchmarks import _common
-from benchmarks.direct_ports import direct_ports
 from so101_motion.drivers.goal_limiter import GoalLimiter
 from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoType
 from so101_motion.planning.kinematics.model import RobotModel
@@ -61,7 +60,6 @@ def seen(seed: int, plans: int, kind: ServoType) -> dict[str, list[float]]:
     options = {"kind": kind, "spread": 0.2, "seed": seed, "held_kg": LOADS_KG[seed % len(LOADS_KG)]}
     with (
         _referee.refereed(("motion",)) as referee,
-        direct_ports(),
         tempfile.TemporaryDirectory() as folder,
         _harness.hardware_bench(Path(folder), reply_timeout=2.0, **options) as bench,
     ):
