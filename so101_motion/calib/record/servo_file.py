@@ -110,8 +110,15 @@ def save(path: Path, found: ServoRecord) -> Path:
 
 
 def before(path: Path) -> ServoRecord | None:
-    """The version before the present file; None if there is none."""
-    for version in history.versions(servos_path(path))[1:]:
+    """What was found before the present figures were; None if nothing was.
+
+    Restored figures follow what they once followed.
+    """
+    file = servos_path(path)
+    kept = history.versions(file)
+    now = file.read_bytes() if file.exists() else b""
+    same = (i for i, each in enumerate(kept) if each.path.read_bytes() == now)
+    for version in kept[next(same, -1) + 1 :]:
         try:
             return read_file(version.path)
         except CalibrationError:

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -48,6 +49,17 @@ def test_one_can_go_back_to_the_figures_of_before(path):
     assert servo_file.before(path).servos["elbow_flex"].torque == 0.9
     assert servo_file.restore(path).servos["elbow_flex"].torque == 0.9
     assert servo_file.read(path).servos["elbow_flex"].torque == 0.9
+
+
+def test_restored_figures_follow_what_they_once_followed(path):
+    for torque in (0.8, 0.9, 1.0):
+        servo_file.save(path, record({"elbow_flex": replace(ELBOW, torque=torque)}))
+    servo_file.restore(path)
+    assert servo_file.read(path).servos["elbow_flex"].torque == 0.9
+    assert servo_file.before(path).servos["elbow_flex"].torque == 0.8
+    servo_file.restore(path)
+    assert servo_file.read(path).servos["elbow_flex"].torque == 1.0
+    assert servo_file.before(path).servos["elbow_flex"].torque == 0.9
 
 
 def test_with_nothing_to_go_back_to_that_is_said(path):
