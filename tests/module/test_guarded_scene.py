@@ -292,3 +292,32 @@ async def test_a_machine_that_cannot_be_read_refuses_a_stream(machine):
         with pytest.raises(GRPCError, match='"shed" has a frame but does not run'):
             await streamed(client, LEFT, RIGHT)
         assert await pan() == pytest.approx(60.0, abs=0.1)
+
+
+async def test_an_arm_that_a_hand_leads_into_a_component_says_what_it_touches(machine, caplog):
+    async with on_the_left(machine) as (arm, client, _pan):
+
+        def push(q):
+            return asyncio.wrap_future(arm.rig.executor.call(lambda driver: driver.push(q)))
+
+        async def touching():
+            return (await client.get_status())["touching"]
+
+        await client.set_manual_mode(True)
+        assert await touching() == ""
+        inside = np.radians([5.0, *LEFT[1:]])
+        await push(inside)
+
+        async def says(wanted):
+            await advance(client, 0.1)
+            return wanted in await touching() if wanted else not await touching()
+
+        with caplog.at_level(logging.WARNING):
+            await until(lambda: says("close to 'crate'"))
+        assert "that a hand guides has the" in caplog.text
+        await push(np.radians(LEFT))
+        await until(lambda: says(""))
+        await push(inside)
+        await until(lambda: says("close to 'crate'"))
+        await client.set_manual_mode(False)
+        assert await touching() == ""

@@ -96,7 +96,6 @@ class ArmResource(Configured, Arm):
         self.settings, arm = settings, rig.arm
         self._retarget = arm.start_retarget if settings.guarded else arm.start_unguarded_retarget
         self._start_stream = arm.start_stream if settings.guarded else arm.start_unguarded_stream
-        self._manual = ManualMode(rig.arm, self.logger)
         self._ignored = OptionWarnings(self.logger)
         machine = MachineBodies(
             self.short_name, settings.ignored, self.here, GripperResource.here, self.cell
@@ -106,6 +105,7 @@ class ArmResource(Configured, Arm):
         self.guarded_scene = GuardedScene(
             arm, self.surroundings, self.logger, is_used=settings.guarded
         )
+        self._manual = ManualMode(arm, self.logger, self.guarded_scene)
         self.paths = PathCommands(self)
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
@@ -397,6 +397,7 @@ class ArmResource(Configured, Arm):
             "joint_positions_deg": dict(zip(ARM_JOINTS, to_deg(state.q), strict=True)),
             "late_ticks": state.late_ticks,
             "stops": self._arm.stops,
+            "touching": self._manual.touching,
             "fault": state.fault,
         }
         return convert.to_result(status)
