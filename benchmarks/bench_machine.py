@@ -6,9 +6,9 @@ components 20 have a geometry in their frame, 5 answer with their geometries, an
 stand around the arm, within its reach or a little beyond. Wall clock; of each plan the quickest of
 some rounds, because the machine is shared.
 
-What takes longer with 30 components is reading them, five calls of ``GetGeometries`` above all: they
-take as much processor time of the stand-in, which is written in Python and shares this process with
-whoever asks, as of the module. A genuine viam-server answers from a process of its own.
+What takes longer with 30 components is reading them, five calls of ``GetGeometries`` above all.
+They take two thirds as much processor time of the stand-in, which is written in Python and shares
+this process with whoever asks, as of the module. A genuine viam-server answers from its own.
 """
 
 from __future__ import annotations
