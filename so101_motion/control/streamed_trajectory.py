@@ -14,10 +14,11 @@ Three things make that smooth without knowing what comes next:
 
 At the end the smoothed motion is still a little behind, and a further one goes to the last point.
 
-A stop follows the points as far as they are known; if it would take longer, each joint stops by
-itself. With a guard, the points ahead are looked at in every tick. When they lead into contact, the
-stop begins early enough to end before it, as far as servos need that stop inexactly. Points that
-pass closely by something are played: whoever planned them may keep less distance than we do.
+A stop follows the points as far as they are known. If it would take longer, it ends at the last
+one, or, if more are to come, each joint stops by itself. With a guard, the points ahead are looked
+at in every tick. When they lead into contact, the stop begins early enough to end before it, as far
+as servos need that stop inexactly. Points that pass closely by something are played: whoever
+planned them may keep less distance than we do.
 
 ``push`` and ``finish`` may be called from any thread; the knots are replaced whole, so the I/O
 thread never waits.
@@ -212,25 +213,26 @@ class Stream:
         ahead = self._ahead(self._t_played)
         if self._tail is not None or len(ahead) > self._needed(ahead):
             return stop_along(ahead, self._dt)
-        return self._stop_by_joint(), self._dt
+        return self._to_rest(self._now, self._stop_limits).q, self._dt
 
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
-        """Brake along the points as far as they are known, else each joint by itself."""
+        """Brake along the points; where too few are left or known, see ``_to_rest``."""
         if self._leads_into is not None:
             limits = self._softer(limits)
         if self._tail is not None:
             return self._tail[1].brake(now, limits)
+        if not now.qd.any():
+            return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
         # ``now`` is the sample before the last one if that was refused.
         t = self._t_played if now is self._now else self._t_before
-        if now.qd.any() and t > 0.0:
-            q, dt = self._ahead(t - self._dt, LOOK_AHEAD + 2), self._dt
-            if len(q) > 3:
-                qd, qdd = (q[2:] - q[:-2]) / (2.0 * dt), np.diff(q, 2, axis=0) / dt**2
-                known = Trajectory(dt=dt, q=q[1:-1], qd=qd, qdd=qdd, duration=(len(qd) - 1) * dt)
-                stopped = online.stop_on_path(known, 0.0, limits, dt)
-                if not stopped.qd[-1].any():  # else the points end before the joints rest
-                    return stopped
-        return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
+        q, dt = self._ahead(t - self._dt, LOOK_AHEAD + 2), self._dt
+        if len(q) > 3:
+            qd, qdd = (q[2:] - q[:-2]) / (2.0 * dt), np.diff(q, 2, axis=0) / dt**2
+            known = Trajectory(dt=dt, q=q[1:-1], qd=qd, qdd=qdd, duration=(len(qd) - 1) * dt)
+            stopped = online.stop_on_path(known, 0.0, limits, dt)
+            if not stopped.qd[-1].any():  # else the points end before the joints rest
+                return stopped
+        return self._to_rest(now, limits)
 
     def _refuse_contact(self) -> None:
         """Refuse the last sample if the joints must have stopped by then to keep out of contact."""
@@ -245,8 +247,14 @@ class Stream:
         met = guard.contact(np.concatenate((ahead[:-1:2], ahead[-1:])))
         if met is None and stays:
             return
-        stop = ahead[: needed + 1] if stays else self._stop_by_joint()
-        if len(stop) < 2 or guard.is_free(stop):
+        stop = ahead[: needed + 1] if stays else self._to_rest(self._now, self._stop_limits).q
+        if len(stop) < 2:
+            return
+        if met is None and self._finished:  # it goes to the last point in any case
+            met = guard.contact(stop)
+            if met is None:
+                return
+        elif guard.is_free(stop) if met else guard.keeps_clear(stop):
             return
         self._leads_into = met or guard.nearest(stop)
         first, second = self._leads_into
@@ -272,9 +280,12 @@ class Stream:
         """How many of the ticks ahead a stop along them passes."""
         return math.ceil(0.5 * stop_time(ahead, self._dt) / self._dt)
 
-    def _stop_by_joint(self) -> Array:
-        now = self._now
-        return online.stop(now.q, now.qd, now.qdd, self._stop_limits, self._dt).q
+    def _to_rest(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
+        """To the last point if it is known, which is near then; else each joint stops by itself."""
+        if self._finished and self._leads_into is None:
+            q_last = self._knots[1][-1]
+            return online.from_state(now.q, now.qd, now.qdd, q_last, self.limits, self._dt)
+        return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
 
     def _softer(self, limits: MotionLimits) -> MotionLimits:
         """``limits``, no harder than a stop needs to be that follows the points."""
@@ -296,8 +307,7 @@ class Stream:
                     f"the stream ran dry: its last point was for {self.t_last:.3f} s and no newer"
                     " one came in time; send points further ahead, or finish the stream"
                 )
-            now, q_last = self._now, self._knots[1][-1]
-            tail = online.from_state(now.q, now.qd, now.qdd, q_last, self.limits, self._dt)
+            tail = self._to_rest(self._now, self.limits)
             self._tail = (self._k, PlannedMotion(tail, self.future))
         since, motion = self._tail
         return motion.sample(k - since)

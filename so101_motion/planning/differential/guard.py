@@ -214,7 +214,7 @@ class Guard:
         """
         self._see(path[0])
         collision, q_jaw = self._collision, self._q_jaw()
-        if float(np.maximum.reduce(np.abs(path - path[0])) @ collision.reach) <= self._free:
+        if self._span(path) <= self._free:
             return None
         blocked = collision.first_blocked(path, q_jaw, tolerance=1.0 - CONTACT)
         if blocked is None:
@@ -230,6 +230,18 @@ class Guard:
         else:
             k = int(np.argmax(collision.lacking(blocked, q_jaw, margins)))
         return self._called(k)
+
+    def keeps_clear(self, path: Array) -> bool:
+        """Whether a stop along a path keeps out of contact; from speed it must be free as well.
+
+        Args:
+            path: As for ``is_free``.
+        """
+        return self.contact(path) is None if self._span(path) <= FAST else self.is_free(path)
+
+    def _span(self, path: Array) -> float:
+        """A bound on how far any point of the arm is from where a path begins [m]."""
+        return float(np.maximum.reduce(np.abs(path - path[0])) @ self._collision.reach)
 
     def nearest(self, path: Array) -> tuple[str, str]:
         """The two bodies that come nearest to their margin on a path that is not free, in words."""

@@ -237,3 +237,26 @@ def test_a_stop_that_takes_longer_than_the_points_reach_stops_each_joint():
     np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
     assert not stop.qd[-1].any()
     assert np.abs(np.diff(stop.q, 2, axis=0)).max() / DT**2 < 1.02 * LIMITS.acceleration[0]
+
+
+def test_a_stop_at_rest_stays_there_although_the_last_point_is_known():
+    stream = make_stream()
+    stream.push(points(*smooth(duration=1.0)))
+    stream.finish()
+    now = stream.sample(0)
+    stop = stream.brake(now, LIMITS)
+    np.testing.assert_allclose(stop.q[-1], HOME, atol=1e-3)
+
+
+def test_a_stop_near_the_end_goes_on_to_the_last_point():
+    stream = make_stream()
+    t = np.arange(26) * 0.02
+    q = HOME + 0.7 * t[:, None] ** 2 * np.ones(5)  # ends at speed
+    stream.push(points(t, q))
+    stream.finish()
+    for k in range(50):
+        now = stream.sample(k)
+    assert now.qd[0] > 0.4
+    stop = stream.brake(now, LIMITS)
+    np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
+    np.testing.assert_allclose(stop.q[-1], q[-1], atol=1e-9)
