@@ -189,3 +189,13 @@ def test_what_is_held_longer_counts_from_the_next_following_on(arm, around, cloc
     newer = in_time(clock, arm.open_following)
     assert newer.guard is not before
     finish(clock, newer.close())
+
+
+def test_an_arm_says_what_it_touches_where_it_was_measured(arm, around, clock):
+    inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
+    finish(clock, arm.start_retarget(inside).future)
+    assert arm.touching() == ""
+    arm.keep_off(arm.scene, around)
+    assert arm.touching().endswith(" close to 'crate'")
+    finish(clock, arm.start_retarget(LEFT).future)
+    assert arm.touching() == ""
