@@ -5,6 +5,10 @@ The real module process, with a stand-in for viam-server as its parent; every pl
 components 20 have a geometry in their frame, 5 answer with their geometries, and 5 have none; they
 stand around the arm, within its reach or a little beyond. Wall clock; of each plan the quickest of
 some rounds, because the machine is shared.
+
+What takes longer with 30 components is reading them, five calls of ``GetGeometries`` above all.
+They take two thirds as much processor time of the stand-in, which is written in Python and shares
+this process with whoever asks, as of the module. A genuine viam-server answers from its own.
 """
 
 from __future__ import annotations

@@ -175,11 +175,15 @@ class Arm(PlannedArm):
     def start_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
         """Open a stream of time-stamped points once the arm rests; supersedes what is under way.
 
-        The points are played as they come: limits are checked, and other arms of a cell kept off,
-        but not contact with the arm itself, the table or its scene.
+        The points are played as they come, within the limits. If they lead into contact with the
+        arm itself, the table, the scene (and what ``keep_off`` adds) or another arm of its cell,
+        the arm stops before that, and the stream's future raises what is in the way.
         """
-        caps, dt = self.effective_limits(limits), self._executor.dt
-        return self._lead(lambda: Stream(q_start=self.state.q_ref, limits=caps, dt=dt))
+        return self._stream(limits, guarded=True)
+
+    def start_unguarded_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
+        """Like ``start_stream``, but nothing keeps the arm off itself or what is around it."""
+        return self._stream(limits, guarded=False)
 
     def open_stream(self, *, limits: MotionLimits | None = None) -> Stream:
         """Like ``start_stream``, but blocks until points can be pushed; raises as ``open_jog``."""
@@ -244,10 +248,10 @@ class Arm(PlannedArm):
         return self._follow(limits, guarded=False, **how)
 
     def keep_off(self, own: Scene, around: Scene) -> None:
-        """Let followings and jogs keep off more than the arm's own scene, from now on.
+        """Let followings, streams and jogs keep off more than the arm's own scene, from now on.
 
-        A following under way begins to keep off it, too; a jog under way does not. Plans do not
-        know it. Takes some hundredths of a second.
+        What is under way begins to keep off it, too. Plans do not know it. Takes some hundredths of
+        a second.
 
         Args:
             own: The arm's scene that ``around`` was made from. When the arm has another scene, that
@@ -324,6 +328,10 @@ class Arm(PlannedArm):
     ) -> Following:
         how = {"approach": APPROACH, **how}
         return self._lead(self._maker(limits, guarded=guarded, **how)).opened.result()
+
+    def _stream(self, limits: MotionLimits | None, *, guarded: bool) -> Opening[Stream]:
+        caps = self.effective_limits(limits)
+        return self._lead(lambda: self._led.stream(self._situation, caps, guarded=guarded))
 
     def _maker(
         self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]

@@ -1,4 +1,4 @@
-"""Make the followings and jogs of an arm, and the collision guard that followings share."""
+"""Make the followings, streams and jogs of an arm, and the collision guard that most share."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import Following, FollowingSettings
 from so101_motion.control.joint_group import Channel
+from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.differential.guard import Guard
 from so101_motion.planning.differential.servo import Servo
@@ -55,10 +56,10 @@ class Situation(NamedTuple):
 
 
 class LedMotions:
-    """Makes the followings and jogs of one arm.
+    """Makes the followings, streams and jogs of one arm.
 
-    Its followings share a guard: only the I/O thread uses it, and plays one of them at a time.
-    Making it takes some hundredths of a second, so other threads do that.
+    Followings and streams share a guard: only the I/O thread uses it, and plays one of them at a
+    time. Making it takes some hundredths of a second, so other threads do that.
 
     Args:
         model: The arm.
@@ -72,7 +73,7 @@ class LedMotions:
         self._model, self._executor = model, executor
         self._lock = threading.Lock()
         self._made: tuple[Situation, Guard] | None = None
-        self._newest: Following | None = None  # of those with the guard
+        self._newest: Following | Stream | Jog | None = None  # of those that are guarded
         self.neighbours: Neighbours | None = None
 
     def has_guard(self, now: Situation) -> bool:
@@ -108,31 +109,51 @@ class LedMotions:
             self._newest = following
         return following
 
+    def stream(self, now: Situation, limits: MotionLimits, *, guarded: bool) -> Stream:
+        """A stream from where the arm rests."""
+        executor = self._executor
+        stream = Stream(
+            q_start=executor.state.q_ref,
+            limits=limits,
+            dt=executor.dt,
+            stop_limits=GUARDED_STOP if guarded else executor.stop_limits(Channel.ARM),
+            guard=self._guard(now) if guarded else None,
+        )
+        if guarded:
+            self._newest = stream
+        return stream
+
     def jog(self, now: Situation, limits: MotionLimits, frame: str) -> Jog:
         """A jog of one of the gripper's frames from where the arm rests."""
         executor = self._executor
         q = executor.state.q_ref
-        model = self._model.narrowed(*now.range)  # the I/O thread's own
-        collision, load = CollisionModel(model, now.scene), now.load(model, q)
+        model, collision, load = self._checks(now)
         servo = Servo(
             model, collision, limits, executor.dt, q, frame=frame, load=load,
             neighbours=self.neighbours,
         )  # fmt: skip
-        return Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
+        jog = self._newest = Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
+        return jog
 
     def renewal(self, now: Situation) -> Callable[[], None]:
         """Make a guard for this situation; the function returned takes it into use at once.
 
-        The following under way is guarded by it, too, unless what is held has become so much longer
-        that the following does not look often enough; then only those after it are.
+        What is under way is guarded by it, too; but not a following if what is held has become so
+        much longer that it does not look often enough. Then only those after it are.
         """
         guard = self._new_guard(now)
 
         def use() -> None:
             self._made = now, guard
             led = self._newest
-            before = None if led is None else led.guard
-            if led is not None and before is not None and guard.look_every >= before.look_every:
+            if isinstance(led, Jog) and not led.future.done():
+                _, collision, load = self._checks(now)  # a jog does not share its guard
+                led.keep_off(collision, load)
+            elif isinstance(led, Stream) or (
+                isinstance(led, Following)
+                and led.guard is not None
+                and guard.look_every >= led.guard.look_every
+            ):
                 led.guard = guard
 
         return use
@@ -146,10 +167,16 @@ class LedMotions:
 
     def _new_guard(self, now: Situation) -> Guard:
         executor = self._executor
-        model = self._model.narrowed(*now.range)  # the I/O thread's own
+        _, collision, load = self._checks(now)
         return Guard(
-            CollisionModel(model, now.scene),
+            collision,
             lambda: executor.state.q_jaw_ref,
-            now.load(model, executor.state.q_ref),
+            load,
             acceleration=GUARDED_STOP.acceleration,
         )
+
+    def _checks(self, now: Situation) -> tuple[RobotModel, CollisionModel, Load]:
+        """The I/O thread's own model, and checks for contact and load."""
+        model = self._model.narrowed(*now.range)
+        load = now.load(model, self._executor.state.q_ref)
+        return model, CollisionModel(model, now.scene), load

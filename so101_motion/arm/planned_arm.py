@@ -18,6 +18,7 @@ from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
+from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal
 from so101_motion.planning.request import Plan, PlanRequest, Search
@@ -73,6 +74,8 @@ class PlannedArm(CappedJoints):
         self._kept_off: tuple[Scene, Scene] | None = None  # made from which scene, and which
         self.place: Place | None = None
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
+        self._looking = threading.Lock()  # guards what follows
+        self._looked_with: CollisionModel | None = None
 
     @property
     def state(self) -> JointState:
@@ -99,6 +102,20 @@ class PlannedArm(CappedJoints):
         state = self.state
         with self._kinematics:
             return self.model.link_placements(state.q, state.q_jaw)
+
+    def touching(self) -> str:
+        """What is nearer to each other now than it may be, such as ``"the jaw close to 'crate'"``.
+
+        From the measured joints, with the scene and what ``keep_off`` adds; empty if nothing is.
+        May take some hundredths of a second.
+        """
+        state, scene = self.state, self._situation.scene
+        with self._looking:
+            collision = self._looked_with
+            if collision is None or collision.scene != scene:
+                collision = self._looked_with = CollisionModel(self.model, scene)
+            close = collision.first_contact(state.q, state.q_jaw)
+        return "" if close is None else " close to ".join(map(scene.called, close))
 
     def set_load(self, load: LoadConfig) -> None:
         """Set what the gripper always carries and how strong the servos are, for plans from now on.

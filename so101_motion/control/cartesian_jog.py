@@ -26,7 +26,9 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 if TYPE_CHECKING:  # it brings Pinocchio along, which the I/O thread has no use for otherwise
+    from so101_motion.planning.collision.collision import CollisionModel
     from so101_motion.planning.differential.servo import Servo
+    from so101_motion.planning.timing.torque import Load
 
 DEADMAN = 0.25
 """How long a velocity that is not repeated is kept up [s]. Chosen: a few periods of a page that
@@ -126,6 +128,15 @@ class Jog(LedMotion):
     def _ask(self, target: Target) -> None:
         self._refuse_if_over()
         self._asked = (target, self._asked[1] + 1)
+
+    def keep_off(self, collision: CollisionModel, load: Load | None) -> None:
+        """Check for contact and load with these from the next tick on; only this jog may use them.
+
+        Args:
+            collision: Checks for contact.
+            load: Load of the servos; None not to check it.
+        """
+        self._servo.keep_off(collision, load)
 
     # The I/O thread
 

@@ -41,6 +41,7 @@ from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.limit_recovery import RECOVERY_TIME, LimitRecovery
 from so101_motion.control.motion_errors import barred, left_behind, refuse_jump, unsettled
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
+from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -345,7 +346,7 @@ class ChannelPlayer:
         source, neighbours = motion.source, self.neighbours
         if neighbours is None or motion.ending is not None:
             return
-        if isinstance(source, PlannedMotion):
+        if isinstance(source, (PlannedMotion, Stream)):
             admitted = neighbours.admits(*source.stop_ahead())
         elif isinstance(source, LedMotion) and source.keeps_apart:
             return

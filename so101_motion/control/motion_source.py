@@ -22,7 +22,7 @@ FORESIGHT = 0.06
 """How far ahead the acceleration for the driver is averaged [s]: after its delay and its lag, a
 servo does by then what it is sent now."""
 
-_LOOK_AHEAD = 60
+LOOK_AHEAD = 60
 """Setpoints that are looked at for a stop; chosen, more than a stop needs."""
 
 
@@ -71,7 +71,8 @@ class PlannedMotion:
 
     def __init__(self, trajectory: Trajectory, future: Future[None] | None = None) -> None:
         self.future = future or running_future()
-        self._trajectory, self._k = trajectory, 0
+        self._trajectory, self._k, self._k_before = trajectory, 0, 0
+        self._now: Setpoint | None = None
 
     @property
     def start(self) -> Setpoint:
@@ -80,8 +81,9 @@ class PlannedMotion:
 
     def sample(self, k: int) -> Setpoint:
         """The setpoint of tick ``k``."""
-        self._k = k
-        return self._trajectory.sample(k * self._trajectory.dt)
+        self._k_before, self._k = self._k, k
+        self._now = self._trajectory.sample(k * self._trajectory.dt)
+        return self._now
 
     @property
     def acceleration(self) -> Array:
@@ -97,10 +99,15 @@ class PlannedMotion:
         """Whether the last sample was the last setpoint."""
         return self._k >= len(self._trajectory) - 1
 
+    @property
+    def ahead(self) -> Array:
+        """Joint angles of the next setpoints from the last one on, shape (m, n), [rad]."""
+        k = min(self._k, len(self._trajectory) - 1)  # ticks may be missed at the end
+        return self._trajectory.q[k : k + LOOK_AHEAD]
+
     def stop_ahead(self) -> tuple[Array, float]:
         """Joint angles while they stop on this path, (m, n), roughly, and the time step [s]."""
-        k = min(self._k, len(self._trajectory) - 1)  # ticks may be missed at the end
-        return stop_along(self._trajectory.q[k : k + _LOOK_AHEAD], self._trajectory.dt)
+        return stop_along(self.ahead, self._trajectory.dt)
 
     def resumed(self) -> PlannedMotion | None:
         """The rest of the motion, from rest at the last setpoint; None if that cannot be."""
@@ -122,5 +129,7 @@ class PlannedMotion:
         """Brake along the trajectory's path if possible, else each joint by itself."""
         dt = self._trajectory.dt
         if now.qd.any():
-            return online.stop_on_path(self._trajectory, self._k * dt, limits, dt)
+            # The last sample may have been refused; then the joints are at the one before.
+            k = self._k if self._now is None or now is self._now else self._k_before
+            return online.stop_on_path(self._trajectory, k * dt, limits, dt)
         return online.stop(now.q, now.qd, now.qdd, limits, dt)

@@ -13,6 +13,13 @@ Three things make that smooth without knowing what comes next:
   step, slowly enough to add at most a tenth to what the limits allow.
 
 At the end the smoothed motion is still a little behind, and a further one goes to the last point.
+
+A stop follows the points as far as they are known. If it would take longer, it ends at the last
+one, or, if more are to come, each joint stops by itself. With a guard, the points ahead are looked
+at in every tick. When they lead into contact, the stop begins early enough to end before it, as far
+as servos need that stop inexactly. Points that pass closely by something are played: whoever
+planned them may keep less distance than we do.
+
 ``push`` and ``finish`` may be called from any thread; the knots are replaced whole, so the I/O
 thread never waits.
 """
@@ -24,6 +31,7 @@ import threading
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,11 +39,15 @@ from so101_motion.common.errors import MotionError, OutsideLimits
 from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.control.motion_source import PlannedMotion
+from so101_motion.control.motion_source import LOOK_AHEAD, PlannedMotion
 from so101_motion.control.request_queue import running_future
+from so101_motion.planning.collision.course import stop_along, stop_time
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+
+if TYPE_CHECKING:  # it brings Pinocchio along, which an unguarded stream has no use for
+    from so101_motion.planning.differential.guard import Guard
 
 LEAD = 0.2
 """How far ahead the points must reach before playing begins [s]; rides out an uneven network.
@@ -46,6 +58,9 @@ START_GATE = to_rad(5.0)
 
 _BLEND_SHARE = 0.1  # of the velocity and acceleration limits, for the fading difference; chosen
 _SHORTEST_WINDOW = 0.05  # first moving average [s]; chosen, evens out points 20 ms apart
+_HARDER = (1.2, 1.5)
+"""A stop can follow the points if it may accelerate and jerk so many times as hard as they do; see
+``online.stop_on_path``."""
 _SLACK = 1.01  # what rounding of the sender's times and angles may add to a figure; chosen
 
 
@@ -74,23 +89,37 @@ class Stream:
         q_start: The arm's reference when the stream opens, shape (5,), [rad].
         limits: Caps of the motion.
         dt: The period of the setpoints [s].
+        stop_limits: How hard each joint stops by itself, and a stop before contact where points
+            can be followed with that; by default ``limits``.
+        guard: Looks for contact; None to check nothing. Only the I/O thread may use it.
 
     Attributes:
         future: Completes when the arm has arrived at the last point, or raises why it did not.
+        guard: As given; any thread may set another one.
     """
 
     can_wait = False
 
-    def __init__(self, *, q_start: Array, limits: MotionLimits, dt: float) -> None:
+    def __init__(
+        self,
+        *,
+        q_start: Array,
+        limits: MotionLimits,
+        dt: float,
+        stop_limits: MotionLimits | None = None,
+        guard: Guard | None = None,
+    ) -> None:
         self.future: Future[None] = running_future()
         self.limits = limits
         self._q_start, self._dt = q_start, dt
+        self.guard, self._stop_limits = guard, stop_limits or limits
+        self._leads_into: tuple[str, str] | None = None  # the bodies for which it stops
         self._lock = threading.Lock()  # one push at a time
         self._knots: tuple[Array, Array] = (np.empty(0), np.empty((0, len(q_start))))
         self._finished = False
         self._kernel: Array | None = None  # of both averages, newest first; set when primed
         self._window = 0  # ticks of the first average
-        self._t_played = 0.0
+        self._t_played = self._t_before = 0.0  # on the stream's clock: of the last two samples
         self.start = self._now = Setpoint(
             q=q_start, qd=np.zeros(len(q_start)), qdd=np.zeros(len(q_start))
         )
@@ -169,19 +198,105 @@ class Stream:
         """The setpoint of tick ``k``; the start until there are enough points.
 
         Raises:
-            MotionError: The points have run out.
+            MotionError: The points have run out, or lead into contact.
         """
         if self._kernel is not None:
             self._k_first = k if self._k_first is None else self._k_first
+            self._t_before = self._t_played
             self._now = self._next(k, (k - self._k_first) * self._dt)
+            self._refuse_contact()
         self._k = k
         return self._now
 
+    def stop_ahead(self) -> tuple[Array, float]:
+        """Joint angles while they stop from the last sample, (m, n), and the time step [s]."""
+        ahead = self._ahead(self._t_played)
+        if self._tail is not None or len(ahead) > self._needed(ahead):
+            return stop_along(ahead, self._dt)
+        return self._to_rest(self._now, self._stop_limits).q, self._dt
+
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
-        """Brake each joint by itself, because the coming points are not known."""
+        """Brake along the points; where too few are left or known, see ``_to_rest``."""
+        if self._leads_into is not None:
+            limits = self._softer(limits)
         if self._tail is not None:
             return self._tail[1].brake(now, limits)
+        if not now.qd.any():
+            return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
+        # ``now`` is the sample before the last one if that was refused.
+        t = self._t_played if now is self._now else self._t_before
+        q, dt = self._ahead(t - self._dt, LOOK_AHEAD + 2), self._dt
+        if len(q) > 3:
+            qd, qdd = (q[2:] - q[:-2]) / (2.0 * dt), np.diff(q, 2, axis=0) / dt**2
+            known = Trajectory(dt=dt, q=q[1:-1], qd=qd, qdd=qdd, duration=(len(qd) - 1) * dt)
+            stopped = online.stop_on_path(known, 0.0, limits, dt)
+            if not stopped.qd[-1].any():  # else the points end before the joints rest
+                return stopped
+        return self._to_rest(now, limits)
+
+    def _refuse_contact(self) -> None:
+        """Refuse the last sample if the joints must have stopped by then to keep out of contact."""
+        guard = self.guard
+        if guard is None:
+            return
+        ahead = self._ahead(self._t_played)
+        if len(ahead) < 2:
+            return
+        needed = self._needed(ahead)
+        stays = self._tail is not None or len(ahead) > needed
+        met = guard.contact(np.concatenate((ahead[:-1:2], ahead[-1:])))
+        if met is None and stays:
+            return
+        stop = ahead[: needed + 1] if stays else self._to_rest(self._now, self._stop_limits).q
+        if len(stop) < 2:
+            return
+        if met is None and self._finished:  # it goes to the last point in any case
+            met = guard.contact(stop)
+            if met is None:
+                return
+        elif guard.is_free(stop) if met else guard.keeps_clear(stop):
+            return
+        self._leads_into = met or guard.nearest(stop)
+        first, second = self._leads_into
+        if met is None:
+            raise MotionError(
+                f"the arm stopped, because a stop could bring {first} into contact with {second}:"
+                f" the stream's points reach only {self.ahead:.2f} s ahead; send them further ahead"
+            )
+        raise MotionError(
+            f"the arm stopped, because the stream leads {first} into contact with {second}; move"
+            " that away, or send points that go around it"
+        )
+
+    def _ahead(self, t: float, most: int = LOOK_AHEAD) -> Array:
+        """Joint angles of the setpoints from ``t`` [s] on, as far as they are known, (n, 5)."""
+        if self._tail is not None:
+            return self._tail[1].ahead
+        if self._kernel is None:
+            return self._now.q[None]
+        return self._smoothed(t, max(1, min(most, int((self.t_last - t) / self._dt + 1e-9) + 1)))
+
+    def _needed(self, ahead: Array) -> int:
+        """How many of the ticks ahead a stop along them passes."""
+        return math.ceil(0.5 * stop_time(ahead, self._dt) / self._dt)
+
+    def _to_rest(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
+        """To the last point if it is known, which is near then; else each joint stops by itself."""
+        if self._finished and self._leads_into is None:
+            q_last = self._knots[1][-1]
+            return online.from_state(now.q, now.qd, now.qdd, q_last, self.limits, self._dt)
         return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
+
+    def _softer(self, limits: MotionLimits) -> MotionLimits:
+        """``limits``, no harder than a stop needs to be that follows the points."""
+        own, soft = self.limits, self._stop_limits
+        return MotionLimits(
+            velocity=limits.velocity,
+            acceleration=np.minimum(
+                limits.acceleration, np.maximum(soft.acceleration, _HARDER[0] * own.acceleration)
+            ),
+            jerk=np.minimum(limits.jerk, np.maximum(soft.jerk, _HARDER[1] * own.jerk)),
+        )
 
     def _next(self, k: int, t: float) -> Setpoint:
         if self._tail is None and t <= self.t_last:
@@ -192,8 +307,7 @@ class Stream:
                     f"the stream ran dry: its last point was for {self.t_last:.3f} s and no newer"
                     " one came in time; send points further ahead, or finish the stream"
                 )
-            now, q_last = self._now, self._knots[1][-1]
-            tail = online.from_state(now.q, now.qd, now.qdd, q_last, self.limits, self._dt)
+            tail = self._to_rest(self._now, self.limits)
             self._tail = (self._k, PlannedMotion(tail, self.future))
         since, motion = self._tail
         return motion.sample(k - since)
@@ -203,12 +317,19 @@ class Stream:
         self._t_played = t
         if self._kernel is None:
             return self.start
-        m, dt = len(self._kernel), self._dt
-        q_raw = self._straight(t - dt * np.arange(m + 2.0))
-        q = [self._kernel @ q_raw[i : i + m] for i in range(3)]
-        return Setpoint(q=q[0], qd=(q[0] - q[1]) / dt, qdd=(q[0] - 2.0 * q[1] + q[2]) / dt**2)
+        dt = self._dt
+        q = self._smoothed(t - 2.0 * dt, 3)
+        return Setpoint(q=q[2], qd=(q[2] - q[1]) / dt, qdd=(q[2] - 2.0 * q[1] + q[0]) / dt**2)
 
     # How
+
+    def _smoothed(self, t: float, count: int) -> Array:
+        """The averaged joint angles from ``t`` [s] on, one a tick, shape (count, 5)."""
+        assert self._kernel is not None
+        m = len(self._kernel)
+        q_raw = self._straight(t + self._dt * np.arange(1.0 - m, count))
+        columns = [np.convolve(each, self._kernel, "valid") for each in q_raw.T]
+        return np.column_stack(columns)
 
     def _straight(self, t: Array) -> Array:
         """Straight lines between the points, from ``q_start`` on; shape (len(t), 5)."""

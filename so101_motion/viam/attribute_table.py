@@ -125,8 +125,8 @@ _SURROUNDINGS = (
     ),
     Attribute("visualize_ee_frame", "draw the tool frame", kind="flag", default=False),
     Attribute(
-        "collision_guard", "whether moves that do not wait keep clear of the arm itself and what"
-        " is around", kind="flag", default=True, ours=True,
+        "collision_guard", "whether moves that do not wait, and streamed points, keep clear of the"
+        " arm itself and what is around", kind="flag", default=True, ours=True,
     ),
     Attribute(
         "mesh_decimation_ratios", "checked, without effect", kind="numbers", range=(0.0, 1.0),

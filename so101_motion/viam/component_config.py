@@ -131,7 +131,7 @@ class ArmConfig:
     max_acceleration: float  # no request may ask for more [rad/s^2]
     motion: str | None  # the service that plans MoveToPosition; None for our planner
     visualize_ee_frame: bool
-    guarded: bool  # whether moves that do not wait keep clear of the arm and its surroundings
+    guarded: bool  # whether what is not planned keeps clear of the arm and its surroundings
     use_urdf: bool
     floor_z: float  # [m]
     obstacles: tuple[Mapping[str, object], ...]  # as in a scene file

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from contextlib import asynccontextmanager
+from datetime import timedelta
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from grpclib.testing import ChannelFor
 from harness.fake_machine import FakeMachine, Thing, a_box, hanging
 from harness.fake_parent import config_of, until
 from harness.in_process_module import advance, arm_client, in_time, new_arm
-from viam.components.arm import JointPositions
+from viam.components.arm import Arm, JointPositions
 from viam.resource.manager import ResourceManager
 from viam.services.generic.client import GenericClient
 from viam.services.generic.service import GenericRPCService
@@ -218,3 +219,105 @@ async def test_a_stop_ends_one_that_waits_to_start_by_itself(machine, caplog):
         machine.things["shed"] = Thing("shed")
         await asyncio.sleep(1.5)
         assert not (await client.do_command({"command": "status"}))["running"]
+
+
+async def streamed(client, begin, end, seconds=4.0, updates=None):
+    """Send a smooth swing as time-stamped points, half a second in each batch."""
+    u = np.linspace(0.0, 1.0, round(seconds / 0.02) + 1)
+    share = 10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5
+    q = np.asarray(begin) + share[:, None] * (np.asarray(end) - begin)
+    points = [
+        Arm.TrajectoryPoint(time=timedelta(seconds=0.02 * k), positions=each.tolist())
+        for k, each in enumerate(q)
+    ]
+
+    async def batches():
+        for k in range(0, len(points), 25):
+            yield points[k : k + 25]
+
+    async def play():
+        async for update in client.move_through_joint_positions_streamed(batches()):
+            if updates is not None:
+                updates.append(update)
+
+    await in_time(client, play())
+
+
+async def test_a_stream_stops_before_a_component_until_it_is_gone(machine):
+    async with on_the_left(machine) as (arm, client, pan):
+        with pytest.raises(GRPCError, match="into contact with 'crate'; move that away") as refused:
+            await streamed(client, LEFT, RIGHT)
+        assert refused.value.status is Status.ABORTED
+        assert await pan() > 5.0
+        await in_time(client, client.move_to_joint_positions(joints(LEFT)))
+        machine.configs.remove(CRATE)
+        await arm.guarded_scene.read()
+        await streamed(client, LEFT, RIGHT)
+        assert await pan() == pytest.approx(-60.0, abs=0.1)
+
+
+async def test_a_component_that_comes_while_a_stream_is_played_stops_it(machine):
+    machine.configs.remove(CRATE)
+    async with on_the_left(machine) as (_, client, pan):
+        updates = []
+        playing = asyncio.ensure_future(streamed(client, LEFT, RIGHT, 20.0, updates))
+        await until(lambda: updates)
+        machine.configs.append(CRATE)
+        with pytest.raises(GRPCError, match="'crate'"):
+            await playing
+        assert await pan() > 5.0
+
+
+async def test_a_stream_is_not_kept_from_what_is_ignored_or_without_a_guard(machine):
+    for attributes in ({"ignore_components": ["crate"]}, {"collision_guard": False}):
+        async with on_the_left(machine, **attributes) as (_, client, pan):
+            await streamed(client, LEFT, RIGHT)
+            assert await pan() == pytest.approx(-60.0, abs=0.1)
+
+
+async def test_a_stream_is_kept_from_the_arms_own_table_and_itself(machine):
+    machine.configs.remove(CRATE)
+    low = (60.0, 60.0, 0.0, 60.0, 0.0)
+    async with on_the_left(machine) as (_, client, _pan):
+        with pytest.raises(GRPCError, match="into contact with the floor"):
+            await streamed(client, LEFT, low)
+        await in_time(client, client.move_to_joint_positions(joints(LEFT)))
+        with pytest.raises(GRPCError, match="the gripper into contact with the shoulder"):
+            await streamed(client, LEFT, (60.0, -50.0, 80.0, 90.0, 0.0))
+
+
+async def test_a_machine_that_cannot_be_read_refuses_a_stream(machine):
+    async with on_the_left(machine) as (_, client, pan):
+        machine.configs.append(hanging("shed"))
+        with pytest.raises(GRPCError, match='"shed" has a frame but does not run'):
+            await streamed(client, LEFT, RIGHT)
+        assert await pan() == pytest.approx(60.0, abs=0.1)
+
+
+async def test_an_arm_that_a_hand_leads_into_a_component_says_what_it_touches(machine, caplog):
+    async with on_the_left(machine) as (arm, client, _pan):
+
+        def push(q):
+            return asyncio.wrap_future(arm.rig.executor.call(lambda driver: driver.push(q)))
+
+        async def touching():
+            return (await client.get_status())["touching"]
+
+        await client.set_manual_mode(True)
+        assert await touching() == ""
+        inside = np.radians([5.0, *LEFT[1:]])
+        await push(inside)
+
+        async def says(wanted):
+            await advance(client, 0.1)
+            return wanted in await touching() if wanted else not await touching()
+
+        with caplog.at_level(logging.WARNING):
+            await until(lambda: says("close to 'crate'"))
+        assert "that a hand guides has the" in caplog.text
+        await push(np.radians(LEFT))
+        await until(lambda: says(""))
+        await push(inside)
+        await until(lambda: says("close to 'crate'"))
+        await client.set_manual_mode(False)
+        assert await touching() == ""

@@ -89,8 +89,10 @@ class _Planning:
             reason = f"is not in the hand of {request.giver}, which holds: {known}"
             raise ConfigError("thing", request.thing, reason)
         self._thing = held[request.thing]
-        self._at_giver = planner.context(self._giver.request)
-        self._at_taker = planner.context(self._taker.request)
+        with self._giver.named():
+            self._at_giver = planner.context(self._giver.request)
+        with self._taker.named():
+            self._at_taker = planner.context(self._taker.request)
         self._of_giver, self._of_taker = self._at_giver.model, self._at_taker.model
         self._jaw = JawGeometry(self._of_giver)
         self._q_jaw_free = min(self._giver.request.q_jaw + WIDER, self._jaw.opened)
@@ -283,7 +285,8 @@ class _Planning:
     ) -> Plan:
         """A motion of one arm while the others stand where they start."""
         seen = tuple(each.seen_from(mover, each.resting(each.request.q_start)) for each in others)
-        return self._planner.plan(replace(mover.request, goal=goal, others=seen))
+        with mover.named():
+            return self._planner.plan(replace(mover.request, goal=goal, others=seen))
 
     def _check_left(self, giver: TeamMember, taker: TeamMember) -> None:
         """Check that the giver has left the object's surroundings.

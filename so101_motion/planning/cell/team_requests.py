@@ -6,10 +6,12 @@ they plan (``together.py``, ``handover.py``), so that other processes need not l
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import Attached, as_seen_by
@@ -42,6 +44,14 @@ class TeamMember:
     name: str
     T_cell_base: SE3
     request: PlanRequest
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Put its name in front of the planning errors of a block."""
+        try:
+            yield
+        except PlanningError as error:
+            raise error.about(self.name) from None
 
     def resting(self, q: Array) -> Course:
         """The arm at rest at ``q``, shape (5,), [rad]."""

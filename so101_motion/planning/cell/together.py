@@ -101,10 +101,8 @@ def _with_goals(planner: Planner, team: Sequence[TeamMember]) -> list[TeamMember
             q_goal = goal.q
         else:
             others = tuple(each.seen_from(member, each.resting(_goal_of(each))) for each in fixed)
-            try:
+            with member.named():
                 q_goal = planner.plan(replace(member.request, others=others)).q_goal
-            except PlanningError as error:
-                raise error.about(member.name) from None
         request = replace(member.request, goal=JointGoal(q=q_goal), others=())
         fixed.append(replace(member, request=request))
     for a, b in combinations(fixed, 2):
@@ -138,12 +136,13 @@ def _alone(planner: Planner, member: TeamMember) -> Plan | None:
     Raises:
         PlanningError: The arm cannot be at its start or its goal, whatever the others do.
     """
-    try:
-        return planner.plan(member.request)
-    except (InCollision, OutsideLimits, Overloaded) as error:  # no motion of the others helps
-        raise error.about(member.name) from None
-    except PlanningError:
-        return None
+    with member.named():
+        try:
+            return planner.plan(member.request)
+        except (InCollision, OutsideLimits, Overloaded):  # no motion of the others helps
+            raise
+        except PlanningError:
+            return None
 
 
 def _at_once(team: Sequence[TeamMember], alone: Sequence[Plan | None]) -> dict[str, Plan] | None:
@@ -234,10 +233,13 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
     """Search one path for all joints together, and time it as one motion.
 
     Raises:
-        NoPath: None was found in time.
+        PlanningError: None was found in time, or one arm cannot do its part of it.
     """
     first = team[0].request
-    contexts = [planner.context(each.request) for each in team]
+    contexts = []
+    for member in team:
+        with member.named():
+            contexts.append(planner.context(member.request))
     checker, deadline = _check_of(team, contexts), Deadline(first.time_budget)
     start = np.concatenate([each.request.q_start for each in team])
     goal = np.concatenate([_goal_of(each) for each in team])
@@ -274,7 +276,7 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
             if not _keep_apart(team, parts):
                 continue
             try:
-                _check(parts, contexts)
+                _check(team, parts, contexts)
             except PlanningError as error:
                 problem = error
                 continue
@@ -364,10 +366,13 @@ def _borne(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> Traje
     return slowed(trajectory, slower) if slower > 1.0 else trajectory
 
 
-def _check(parts: Sequence[Trajectory], contexts: Sequence[PlanningContext]) -> None:
-    """Check each arm's motion by itself; raises the errors of a plan."""
-    for part, context in zip(parts, contexts, strict=True):
-        context.check([part])
+def _check(
+    team: Sequence[TeamMember], parts: Sequence[Trajectory], contexts: Sequence[PlanningContext]
+) -> None:
+    """Check each arm's motion by itself; raises the errors of a plan, with the arm's name."""
+    for member, part, context in zip(team, parts, contexts, strict=True):
+        with member.named():
+            context.check([part])
 
 
 def _split(trajectory: Trajectory) -> list[Trajectory]:

@@ -97,6 +97,12 @@ _PLACES = 10
 """Number of samples of a stop."""
 
 
+def stop_time(q: Array, dt: float) -> float:
+    """How long a stop takes from the beginning of a path [s]; arguments as for ``stop_along``."""
+    speed = float(np.abs(q[min(1, len(q) - 1), :5] - q[0, :5]).max()) / dt
+    return speed / HARDEST + AT_LEAST
+
+
 def stop_along(q: Array, dt: float) -> tuple[Array, float]:
     """A stop along the path that the joints follow.
 
@@ -107,8 +113,7 @@ def stop_along(q: Array, dt: float) -> tuple[Array, float]:
     Returns:
         Joint angles while they slow down, shape (m, k), and the time between them [s].
     """
-    speed = float(np.abs(q[min(1, len(q) - 1), :5] - q[0, :5]).max()) / dt
-    duration = speed / HARDEST + AT_LEAST
+    duration = stop_time(q, dt)
     passed = np.linspace(0.0, duration, _PLACES)
     place = np.minimum((passed - passed**2 / (2.0 * duration)) / dt, len(q) - 1.0)
     k = place.astype(np.intp)

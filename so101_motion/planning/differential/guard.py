@@ -1,12 +1,13 @@
 """Keep an arm that follows a target clear of itself and its surroundings, one short path at a time.
 
-A control cycle asks three questions:
+A control cycle asks four questions:
 
 * ``look``: which bodies are near, and which joints are near their torque limit?
 * ``within_reach``: which configuration nearest to a target is free? An estimate, from distances
   that are linearised in the joint angles: the arm slides along obstacles.
 * ``admits``: is a path free, and can the servos bear it? A proof. An arm that only takes steps from
   which an admitted path leads to rest never touches anything, however wrong the estimate was.
+* ``contact``: which bodies does a path bring into contact that somebody else has planned?
 
 Belongs to one thread, like the ``CollisionModel``.
 """
@@ -49,6 +50,10 @@ deg/s, a joint came 21 mm nearer to the table than its command."""
 
 AHEAD_STEP = 0.002
 """That margin is rounded up to multiples of this [m]; chosen, small beside ``INEXACT``."""
+
+CONTACT = 1.0 / 3.0
+"""Bodies that are nearer than this share of their margin count as in contact for ``contact``: 1 mm
+of 3. Chosen: a proof needs some distance, and whoever planned the path may keep less than we do."""
 
 PLACES = 4
 """Approximate number of samples of a path at which it is checked whether bodies part; chosen."""
@@ -95,6 +100,9 @@ class Guard:
             steps = range(round(AHEAD / AHEAD_STEP) + 1)
             for extra in (0.0, *(INEXACT + min(AHEAD_STEP * k, AHEAD) for k in steps)):
                 collision.first_blocked(np.zeros((1, 5)), bend=self._bend, extra=extra)
+            collision.first_blocked(np.zeros((1, 5)), tolerance=1.0 - CONTACT)
+        else:
+            collision.first_blocked(np.zeros((1, 5)))
         self._widest = float(collision.margins.max(initial=collision.margin))
         self._range = min(NEAR, self._widest + RANGE)
         self._reach: list[float] = collision.reach.tolist()
@@ -158,16 +166,23 @@ class Guard:
         return self.words(heavy[k])
 
     def admits(self, path: Array, *, ahead: bool = False) -> bool:
-        """Whether a path is proven free and bearable.
-
-        Args:
-            path: Its samples, with straight lines between, shape (m, 5), m >= 2, [rad].
-            ahead: Whether the servos are driven ahead of the command.
-        """
+        """Whether a path is proven free and bearable; arguments as for ``is_free``."""
         low, high = np.minimum.reduce(path).tolist(), np.maximum.reduce(path).tolist()
         load = self._load
         if load is not None and not (load.surely_admits(low, high) or load.admits(path)):
             return False
+        return self._is_free(path, low, high, ahead=ahead)
+
+    def is_free(self, path: Array) -> bool:
+        """Whether a path is proven free, whatever the load.
+
+        Args:
+            path: Its samples, with straight lines between, shape (m, 5), m >= 2, [rad].
+        """
+        low, high = np.minimum.reduce(path).tolist(), np.maximum.reduce(path).tolist()
+        return self._is_free(path, low, high, ahead=False)
+
+    def _is_free(self, path: Array, low: list[float], high: list[float], *, ahead: bool) -> bool:
         extra = 0.0
         if self._looked is not None:
             spans = zip(low, high, self._looked.tolist(), self._reach, strict=True)
@@ -187,6 +202,59 @@ class Guard:
             return False
         places = path[: 0 : -max(1, len(path) // PLACES)]
         return not self._collision.lacks_more(places, q_jaw, margins, lack + _CLOSER)
+
+    def contact(self, path: Array) -> tuple[str, str] | None:
+        """The first two bodies that a path brings into contact, in words; None is a proof.
+
+        Bodies that are in contact where it begins may part. Nearness is no contact, and the load is
+        not checked: the path is somebody else's plan.
+
+        Args:
+            path: Its samples, with straight lines between, shape (m, 5), m >= 2, [rad].
+        """
+        self._see(path[0])
+        collision, q_jaw = self._collision, self._q_jaw()
+        if self._span(path) <= self._free:
+            return None
+        blocked = collision.first_blocked(path, q_jaw, tolerance=1.0 - CONTACT)
+        if blocked is None:
+            return None
+        margins = CONTACT * collision.margins
+        lack = collision.lacking(path[0], q_jaw, margins)
+        if lack.any():
+            places = path[: 0 : -max(1, len(path) // PLACES)]
+            if not collision.lacks_more(places, q_jaw, margins, lack + _CLOSER):
+                return None
+            worse = [collision.lacking(q, q_jaw, margins) - lack for q in places]
+            k = int(np.argmax(np.max(worse, axis=0)))
+        else:
+            k = int(np.argmax(collision.lacking(blocked, q_jaw, margins)))
+        return self._called(k)
+
+    def keeps_clear(self, path: Array) -> bool:
+        """Whether a stop along a path keeps out of contact; from speed it must be free as well.
+
+        Args:
+            path: As for ``is_free``.
+        """
+        return self.contact(path) is None if self._span(path) <= FAST else self.is_free(path)
+
+    def _span(self, path: Array) -> float:
+        """A bound on how far any point of the arm is from where a path begins [m]."""
+        return float(np.maximum.reduce(np.abs(path - path[0])) @ self._collision.reach)
+
+    def nearest(self, path: Array) -> tuple[str, str]:
+        """The two bodies that come nearest to their margin on a path that is not free, in words."""
+        lack = [
+            self._collision.lacking(q, self._q_jaw(), self._collision.margins + self._range)
+            for q in path
+        ]
+        return self._called(int(np.argmax(np.max(lack, axis=0))))
+
+    def _called(self, pair: int) -> tuple[str, str]:
+        called = self._collision.scene.called
+        first, second = self._collision.pairs[pair]
+        return called(first), called(second)
 
     def _lacking(self, q: Array, q_jaw: float, margins: Array) -> Array:
         """Like ``CollisionModel.lacking``, but uses the result of ``look`` at the same ``q``."""

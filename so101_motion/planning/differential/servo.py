@@ -164,13 +164,18 @@ class Servo:
         self._follower = MovingAverage(self.q, limits, dt)
         self._model, self._limits, self._dt = model, limits, dt
         self._q_jaw = 0.0
-        self._guard = Guard(collision, lambda: self._q_jaw, load)
         self._task, self._qp = TaskControl(model, limits, dt, frame), ServoQp()
         self._lower, self._upper = _range_with(model, self.q)
-        # With an acceleration a, a path bends by a t^2 / 8 from the straight line over a time t.
-        bend = float(limits.acceleration @ collision.reach) / 8.0
-        self._every = max(1, math.floor(math.sqrt(BENT * self._guard.margin / bend) / dt))
         self._last: tuple[TaskVelocity, _Room] | None = None
+        self.keep_off(collision, load)
+
+    def keep_off(self, collision: CollisionModel, load: Load | None) -> None:
+        """Check with these from the next step on; any thread may call. Arguments as above."""
+        guard = Guard(collision, lambda: self._q_jaw, load)
+        # With an acceleration a, a path bends by a t^2 / 8 from the straight line over a time t.
+        bend = float(self._limits.acceleration @ collision.reach) / 8.0
+        every = max(1, math.floor(math.sqrt(BENT * guard.margin / bend) / self._dt))
+        self._checked_by = guard, every  # replaced whole
 
     def path_to_rest(self) -> Array:
         """Setpoints if the arm stops now, step by step, shape (m, 5), [rad].
@@ -225,6 +230,10 @@ class Servo:
         if self._arm_near:
             reasons.append(self._arm_near)
         return tuple(dict.fromkeys(reasons))
+
+    @property
+    def _guard(self) -> Guard:
+        return self._checked_by[0]
 
     def _approached(self, q: Array) -> Sequence[_Approached]:
         """Torque limits, then bodies, that the arm is nearest to at ``q``, shape (5,), [rad].
@@ -282,9 +291,9 @@ class Servo:
         if (lead[-1] < self._lower - SAME).any() or (lead[-1] > self._upper + SAME).any():
             return False
         ahead = self._follower.ahead(lead)
-        every = self._every
+        guard, every = self._checked_by
         path = np.concatenate((self.q[None], ahead[every - 1 : -1 : every], ahead[-1:]))
-        if not self._guard.admits(path):
+        if not guard.admits(path):
             return False
         if self.neighbours is None or self.neighbours.admits(ahead, self._dt):
             return True

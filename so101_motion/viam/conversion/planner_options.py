@@ -128,11 +128,9 @@ class PlannerOptions:
             scene: The surroundings; the requested margin replaces theirs if it is wider.
             frames: Frames that the goal may name.
         """
-        search = Search(
-            scene=replace(scene, margin=max(scene.margin, self.margin or 0.0)),
-            frames=frames or {},
-            seed=self.seed,
-        )
+        if self.margin is not None and self.margin > scene.margin:  # a copy takes 0.2 ms and more
+            scene = replace(scene, margin=self.margin)
+        search = Search(scene=scene, frames=frames or {}, seed=self.seed)
         return replace(search, time_budget=self.time_budget or search.time_budget)
 
 

@@ -95,14 +95,17 @@ class ArmResource(Configured, Arm):
         self._arm = rig.arm
         self.settings, arm = settings, rig.arm
         self._retarget = arm.start_retarget if settings.guarded else arm.start_unguarded_retarget
-        self._manual = ManualMode(rig.arm, self.logger)
+        self._start_stream = arm.start_stream if settings.guarded else arm.start_unguarded_stream
         self._ignored = OptionWarnings(self.logger)
         machine = MachineBodies(
             self.short_name, settings.ignored, self.here, GripperResource.here, self.cell
         )
         senses = sources(settings.senses, settings.dependencies, self.logger)
         self.surroundings = Surroundings(machine, senses, self.logger)
-        self.guarded_scene = GuardedScene(arm, self.surroundings, self.logger)
+        self.guarded_scene = GuardedScene(
+            arm, self.surroundings, self.logger, is_used=settings.guarded
+        )
+        self._manual = ManualMode(arm, self.logger, self.guarded_scene)
         self.paths = PathCommands(self)
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
@@ -220,7 +223,7 @@ class ArmResource(Configured, Arm):
             if convert.flag(extra or {}, "wait", True):
                 await self.arrived(self._start_move(JointGoal(q=q_goal), Search()))
             else:
-                await self._informed_guard()
+                await self.guarded_scene.known()
                 left_alone(self._retarget(q_goal), self.logger)
 
     async def move_through_joint_positions(
@@ -253,7 +256,7 @@ class ArmResource(Configured, Arm):
                 goal = PathGoal(waypoints=waypoints)
                 motion = self._arm.start_move(goal, limits=limits)
             else:
-                await self._informed_guard()
+                await self.guarded_scene.known()
                 motion = self._retarget(waypoints[-1], limits=limits)
             if waits:
                 await self.arrived(motion)
@@ -271,11 +274,11 @@ class ArmResource(Configured, Arm):
         """Play time-stamped points as they come in; yields an acknowledgement for each batch."""
         await self.ready()
         with grpc_statuses():
-            opening = self._arm.start_stream()
-            playing = played(opening, batches, self._point, self._come_to_rest)
-            async with aclosing(playing) as updates:
-                async for update in updates:
-                    yield update
+            async with self.guarded_scene.kept_known():
+                playing = played(self._start_stream(), batches, self._point, self._come_to_rest)
+                async with aclosing(playing) as updates:
+                    async for update in updates:
+                        yield update
 
     def _point(self, point: Arm.TrajectoryPoint) -> Array:
         q = convert.from_joint_values(point.positions)
@@ -330,11 +333,6 @@ class ArmResource(Configured, Arm):
     async def ready(self) -> None:
         """Read the other arms' positions, for a request that moves this arm."""
         await self.surroundings.update_other_arms()
-
-    async def _informed_guard(self) -> None:
-        """Let the guard know the surroundings, for a request that is not planned."""
-        if self.settings.guarded:
-            await self.guarded_scene.known()
 
     async def ended(self, motion: Motion, by: str) -> None:
         """End a motion of this arm, and wait until it is over."""
@@ -399,6 +397,7 @@ class ArmResource(Configured, Arm):
             "joint_positions_deg": dict(zip(ARM_JOINTS, to_deg(state.q), strict=True)),
             "late_ticks": state.late_ticks,
             "stops": self._arm.stops,
+            "touching": self._manual.touching,
             "fault": state.fault,
         }
         return convert.to_result(status)

@@ -44,7 +44,8 @@ class ArmSettings:
     Attributes:
         motion: The motion service that plans MoveToPosition; None for our planner.
         visualize_ee_frame: Whether the tool frame is drawn.
-        guarded: Whether moves that do not wait keep clear of the arm and its surroundings.
+        guarded: Whether moves that do not wait and streams keep clear of the arm and of what is
+            around it.
         use_urdf: Whether kinematics are served as URDF instead of SVA.
         position_tolerance: Largest position error that counts as arrived [m]; None for the
             planner's.

@@ -1,16 +1,25 @@
-"""Switch manual mode, in which the arm is guided by hand, for some time or until it is ended."""
+"""Switch manual mode, in which the arm is guided by hand, for some time or until it is ended.
+
+Joints that yield to a hand push back with little force, whatever is in the way: so nothing keeps
+the arm from what a hand leads it into. It is looked at, and said.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+from contextlib import suppress
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.compliance import Compliance
-from so101_motion.common.errors import So101Error
+from so101_motion.common.errors import Interrupted, So101Error, SurroundingsUnknown
 from so101_motion.common.modes import Mode
 from so101_motion.viam.requests.await_motion import finished, in_own_thread
+from so101_motion.viam.surroundings.guarded_scene import GuardedScene
+
+LOOK_EVERY = 0.5
+"""Time between two looks at what a guided arm touches [s]; chosen."""
 
 LONGEST = 86400.0
 """Longest time manual mode can be limited to [s]; chosen, a day."""
@@ -21,12 +30,19 @@ class ManualMode:
 
     Args:
         arm: The arm.
-        logger: Gets a warning if the arm cannot hold when the time is up.
+        logger: Gets a warning if the arm cannot hold when the time is up, and one for each thing
+            that the arm is led into.
+        surroundings: Lets the arm know what is around it.
+
+    Attributes:
+        touching: What the guided arm touches, see ``Arm.touching``; empty if nothing.
     """
 
-    def __init__(self, arm: Arm, logger: logging.Logger) -> None:
-        self._arm = arm
+    def __init__(self, arm: Arm, logger: logging.Logger, surroundings: GuardedScene) -> None:
+        self._arm, self._surroundings = arm, surroundings
         self._logger = logger
+        self.touching = ""
+        self._looking: asyncio.Task[None] | None = None
         self._timer: asyncio.Task[None] | None = None
         self._one_at_a_time = asyncio.Lock()
 
@@ -53,14 +69,28 @@ class ManualMode:
         async with self._one_at_a_time:
             await in_own_thread(lambda: self._arm.set_manual(enabled, compliance))
             self.forget()
+            if enabled:
+                self._looking = asyncio.create_task(self._look())
             if enabled and enabled_for > 0.0:
                 self._timer = asyncio.create_task(self._hold_after(enabled_for))
 
     def forget(self) -> None:
-        """Cancel the time limit."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+        """Cancel the time limit, and look no more."""
+        for task in (self._timer, self._looking):
+            if task is not None:
+                task.cancel()
+        self._timer, self._looking, self.touching = None, None, ""
+
+    async def _look(self) -> None:
+        while self._arm.state.mode is Mode.GUIDING:
+            with suppress(SurroundingsUnknown, Interrupted):  # the first is in the log
+                await self._surroundings.known()
+            touching = await in_own_thread(self._arm.touching)
+            if touching and touching != self.touching:
+                self._logger.warning("the arm that a hand guides has %s", touching)
+            self.touching = touching
+            await asyncio.sleep(LOOK_EVERY)
+        self.touching = ""
 
     async def _hold_after(self, seconds: float) -> None:
         await asyncio.sleep(seconds)

@@ -1,7 +1,8 @@
 """Ask components of the machine for their geometries.
 
 A call takes a third of a millisecond of this process, and all calls together most of what a look at
-the machine takes. Components without geometries are asked again only after a while.
+the machine takes. Components without geometries are asked again only after a while. A call has no
+time limit of its own, which would take a tenth more: whoever looks at the machine has one.
 """
 
 from __future__ import annotations
@@ -27,14 +28,9 @@ _HAS_NONE = ("unimplemented", "not implemented", "unsupported")
 
 
 class ComponentGeometries:
-    """The answers of components to ``GetGeometries``. Belongs to the event loop.
+    """The answers of components to ``GetGeometries``. Belongs to the event loop."""
 
-    Args:
-        patience: How long one may take to answer [s].
-    """
-
-    def __init__(self, patience: float) -> None:
-        self._patience = patience
+    def __init__(self) -> None:
         self._shapeless: dict[str, float] = {}  # who has no geometries, and since when
 
     def forget(self) -> None:
@@ -86,7 +82,7 @@ class ComponentGeometries:
         except ResourceNotFoundError:
             return []  # of an API that this SDK does not know
         try:
-            return list(await client.get_geometries(timeout=self._patience))
+            return list(await client.get_geometries())
         except NotImplementedError:
             return []
         except GRPCError as error:

@@ -1,10 +1,10 @@
 """Tell an arm's guard what the machine has around the arm.
 
-Targets that come one by one and teleoperation are not planned: a guard checks every setpoint, in
-the control cycle, so it must know the surroundings beforehand. They are the machine's components
-and the things in the arm's stores, where they are when they are read: before such a motion, and
-again while targets keep coming or the teleoperation goes on. Reading and building what the guard
-needs are done beside the motion, which goes on meanwhile.
+Targets that come one by one, streams and teleoperation are not planned: a guard checks every
+setpoint, in the control cycle, so it must know the surroundings beforehand. They are the machine's
+components and the things in the arm's stores, where they are when they are read: before such a
+motion, and again while targets keep coming or the stream or teleoperation goes on. Reading and
+building what the guard needs are done beside the motion, which goes on meanwhile.
 
 What a camera sees is not part of it: a picture takes long, is another one each time, and shows what
 the arm is led to.
@@ -15,8 +15,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
 from typing import Protocol
 
 from so101_motion.common.errors import ConfigError, Interrupted, SurroundingsUnknown
@@ -57,6 +57,7 @@ class GuardedScene:
         arm: The arm.
         surroundings: Reads its surroundings.
         logger: Gets a warning, once, if they cannot be read.
+        is_used: Whether the arm's own motions are guarded; else only ``read`` reads anything.
         now: The time [s].
     """
 
@@ -65,10 +66,12 @@ class GuardedScene:
         arm: GuardedArm,
         surroundings: ReadSurroundings,
         logger: logging.Logger,
+        *,
+        is_used: bool = True,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self._arm, self._surroundings, self._logger = arm, surroundings, logger
-        self._now = now
+        self._is_used, self._now = is_used, now
         self._told: tuple[Scene, Scene] | None = None  # the arm's own, and that with the rest
         self._t = 0.0  # of the last reading that succeeded
         self._reading: asyncio.Task[None] | None = None
@@ -81,6 +84,8 @@ class GuardedScene:
             SurroundingsUnknown: They cannot be read.
             Interrupted: A stop was asked for meanwhile.
         """
+        if not self._is_used:
+            return
         age = self._now() - self._t
         if self._told is None or self._told[0] != self._arm.scene or age > KNOWN_FOR:
             await self.read()
@@ -108,6 +113,17 @@ class GuardedScene:
             await asyncio.sleep(RENEWED)
             with suppress(SurroundingsUnknown, Interrupted):  # the first is in the log
                 await self.read()
+
+    @asynccontextmanager
+    async def kept_known(self) -> AsyncIterator[None]:
+        """Make sure that the guard knows the surroundings until the block ends; see ``known``."""
+        await self.known()
+        reading = asyncio.ensure_future(self.keep_known(lambda: self._is_used))
+        try:
+            yield
+        finally:
+            reading.cancel()
+            await asyncio.wait([reading])
 
     async def close(self) -> None:
         """End a reading; may be called twice."""

@@ -93,7 +93,7 @@ class MachineBodies:
         self._arms, self._grippers = arms, grippers
         self._configs: list[FrameSystemConfig] | None = None
         self._tree = FrameTree(())
-        self._components = ComponentGeometries(patience)
+        self._components = ComponentGeometries()
         self._counted: list[Part] = []  # the components that are not left out
         self._ends: dict[str, SE3] = {}
         self._links: dict[str, Mapping[str, SE3]] = {}

@@ -125,6 +125,54 @@ def test_a_jog_keeps_off_it(arm, around, clock):
     finish(clock, jog.close())
 
 
+def test_a_jog_under_way_keeps_off_what_comes_and_passes_where_it_was(arm, around, clock):
+    jog = in_time(clock, arm.open_jog)
+    beyond = arm.model.frame(RIGHT).p
+
+    def jogged(seconds):
+        nearest = np.inf
+        for _ in range(round(100 * seconds)):
+            jog.to_point(beyond)
+            clock.advance(0.01)
+            nearest = min(nearest, clearance(arm))
+        return nearest
+
+    jogged(0.3)
+    arm.keep_off(arm.scene, around)
+    assert 0.0 < jogged(4.0) < 0.02
+    assert any("'crate'" in each for each in jog.held_by)
+    arm.keep_off(arm.scene, arm.scene)
+    jogged(6.0)
+    assert arm.T_base("tool").p == pytest.approx(beyond, abs=2e-3)
+    finish(clock, jog.close())
+
+
+def test_a_jog_that_something_comes_over_is_led_out_of_it(arm, around, clock):
+    inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
+    finish(clock, arm.start_retarget(inside).future)
+    jog = in_time(clock, arm.open_jog)
+    arm.keep_off(arm.scene, around)
+    before = clearance(arm)
+    for _ in range(600):
+        jog.to_point(arm.model.frame(LEFT).p)
+        clock.advance(0.01)
+        assert clearance(arm) > before - 1e-3
+    assert clearance(arm) > 0.0
+    finish(clock, jog.close())
+
+
+def test_what_is_held_longer_counts_for_a_jog_under_way(arm, around, clock):
+    jog = in_time(clock, arm.open_jog)
+    far = SE3.from_translation((0.0, 0.0, 0.3))
+    pole = Attached(name="pole", shape=Box(size=(0.01, 0.01, 0.4)), T_tool_object=far)
+    arm.keep_off(arm.scene, replace(around, attached=(pole,)))
+    for _ in range(300):
+        jog.to_point(arm.model.frame(RIGHT).p)
+        clock.advance(0.01)
+    assert any("'pole'" in each for each in jog.held_by)
+    finish(clock, jog.close())
+
+
 def test_plans_do_not_know_it(arm, around):
     arm.keep_off(arm.scene, around)
     assert arm.plan(JointGoal(q=RIGHT)).report.straight
@@ -141,3 +189,13 @@ def test_what_is_held_longer_counts_from_the_next_following_on(arm, around, cloc
     newer = in_time(clock, arm.open_following)
     assert newer.guard is not before
     finish(clock, newer.close())
+
+
+def test_an_arm_says_what_it_touches_where_it_was_measured(arm, around, clock):
+    inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
+    finish(clock, arm.start_retarget(inside).future)
+    assert arm.touching() == ""
+    arm.keep_off(arm.scene, around)
+    assert arm.touching().endswith(" close to 'crate'")
+    finish(clock, arm.start_retarget(LEFT).future)
+    assert arm.touching() == ""

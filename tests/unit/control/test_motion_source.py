@@ -35,3 +35,14 @@ def test_the_acceleration_ahead_ends_at_the_speed_that_will_be_had():
         now = motion.sample(k)
         later = trajectory.sample(k * 0.01 + FORESIGHT)
         np.testing.assert_allclose(now.qd + FORESIGHT * motion.acceleration, later.qd, atol=1e-12)
+
+
+def test_a_setpoint_that_was_refused_is_not_skipped_by_the_stop():
+    """The stop begins where the joints are, so they do not take two steps in one cycle."""
+    trajectory = point_to_point(np.zeros(5), np.full(5, 0.8), CAPS, 0.01)
+    motion = PlannedMotion(trajectory)
+    now = motion.sample(40)
+    motion.sample(41)
+    stop = motion.brake(now, CAPS)
+    np.testing.assert_array_equal(stop.q[0], now.q)
+    assert np.abs(stop.q[1] - now.q).max() <= 1.5 * 0.01

@@ -201,3 +201,62 @@ def test_an_empty_batch_changes_nothing():
     stream = make_stream()
     stream.push([])
     assert not stream.is_primed
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_a_stop_stays_on_the_points_that_are_known(refused):
+    """Joints that turn at different times would leave them if each stopped by itself."""
+    stream = make_stream()
+    t = np.arange(151) * 0.02
+    u = np.clip((t[:, None] - np.array([0.0, 0.15, 0.3, 0.45, 0.6])) / 2.0, 0.0, 1.0)
+    q = HOME + 0.8 * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
+    stream.push(points(t, q))
+    for k in range(100):
+        now = stream.sample(k)
+    if refused:
+        stream.sample(100)
+    hard = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=200.0)
+    stop = stream.brake(now, hard)
+    np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
+    assert np.abs(stop.q[1] - now.q).max() < 1.5 * DT
+    assert not stop.qd[-1].any()
+    path = np.array([stream.at(at).q for at in np.arange(0.9, 2.0, 0.001)])
+    off = [np.abs(path - each).max(axis=1).min() for each in stop.q]
+    assert max(off) < 1e-3
+    assert np.abs(np.diff(stop.q, 2, axis=0)).max() / DT**2 < 1.1 * 10.0
+
+
+def test_a_stop_that_takes_longer_than_the_points_reach_stops_each_joint():
+    stream = make_stream()
+    t = np.arange(41) * 0.02
+    stream.push(points(t, HOME + 0.7 * t[:, None] ** 2 * np.ones(5)))
+    for k in range(79):
+        now = stream.sample(k)
+    assert now.qd[0] > 0.5
+    stop = stream.brake(now, LIMITS)
+    np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
+    assert not stop.qd[-1].any()
+    assert np.abs(np.diff(stop.q, 2, axis=0)).max() / DT**2 < 1.02 * LIMITS.acceleration[0]
+
+
+def test_a_stop_at_rest_stays_there_although_the_last_point_is_known():
+    stream = make_stream()
+    stream.push(points(*smooth(duration=1.0)))
+    stream.finish()
+    now = stream.sample(0)
+    stop = stream.brake(now, LIMITS)
+    np.testing.assert_allclose(stop.q[-1], HOME, atol=1e-3)
+
+
+def test_a_stop_near_the_end_goes_on_to_the_last_point():
+    stream = make_stream()
+    t = np.arange(26) * 0.02
+    q = HOME + 0.7 * t[:, None] ** 2 * np.ones(5)  # ends at speed
+    stream.push(points(t, q))
+    stream.finish()
+    for k in range(50):
+        now = stream.sample(k)
+    assert now.qd[0] > 0.4
+    stop = stream.brake(now, LIMITS)
+    np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
+    np.testing.assert_allclose(stop.q[-1], q[-1], atol=1e-9)

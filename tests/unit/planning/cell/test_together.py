@@ -1,12 +1,13 @@
 """Plans for several arms at once: they begin and end together and keep apart all the way."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
-from so101_motion.common.errors import InCollision, Unreachable
+from so101_motion.common.errors import InCollision, Overloaded, Unreachable
 from so101_motion.common.geometry import SE3, rot_z
 from so101_motion.planning.cell.team_requests import TeamMember
 from so101_motion.planning.cell.together import plan_together
@@ -17,6 +18,7 @@ from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Strength
 
 CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
 PLACES = (SE3.identity(), T_LEFT_RIGHT)
@@ -117,3 +119,14 @@ def test_a_point_out_of_reach_names_the_arm(planner):
     goals = [JointGoal(q=0.9 * aside), PoseGoal.at_point([0.9, 0.0, 0.1])]
     with pytest.raises(Unreachable, match=r"^arm 1: "):
         plan_together(planner, team_of([aside, aside], goals))
+
+
+def test_an_arm_too_weak_to_make_room_for_the_other_is_named(planner):
+    """It could go to its goal alone, but not on the path of both."""
+    starts, goals = swapping(Facing(46))
+    weak = replace(Strength.of_servos(12.0), shares=(0.25,) * 5)
+    one, other = team_of(starts, [JointGoal(q=q) for q in goals])
+    planner.plan(replace(other.request, strength=weak))
+    team = [one, replace(other, request=replace(other.request, strength=weak))]
+    with pytest.raises(Overloaded, match=r"^arm 1: shoulder_lift .* on the way"):
+        plan_together(planner, team)

@@ -9,6 +9,7 @@ from harness.fake_parent import until
 
 from so101_motion.common.errors import Interrupted, SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
+from so101_motion.viam.surroundings import guarded_scene
 from so101_motion.viam.surroundings.guarded_scene import KNOWN_FOR, RENEWED, GuardedScene
 from so101_motion.viam.surroundings.surroundings import Surroundings
 
@@ -163,3 +164,25 @@ async def test_what_a_store_has_counts_and_what_a_camera_sees_does_not():
     surroundings = Surroundings(Machine(), [store, camera], logging.getLogger("test"))
     assert await surroundings.standing(OWN) == FULL
     assert await surroundings.around(OWN) == EMPTIER
+
+
+async def test_a_block_of_motion_has_it_read_again_and_again(bench, monkeypatch):
+    monkeypatch.setattr(guarded_scene, "RENEWED", 0.01)
+    async with bench.guarded.kept_known():
+        assert bench.arm.told == [(OWN, FULL)]
+        bench.around.scene = EMPTIER
+        await until(lambda: bench.arm.told == [(OWN, FULL), (OWN, EMPTIER)])
+    asked = bench.around.asked
+    await asyncio.sleep(0.05)
+    assert bench.around.asked == asked
+
+
+async def test_without_a_guard_only_a_teleoperation_with_one_reads(bench):
+    unused = GuardedScene(bench.arm, bench.around, logging.getLogger("test"), is_used=False)
+    async with unused.kept_known():
+        await unused.known()
+        await asyncio.sleep(0)
+    assert bench.around.asked == 0
+    await unused.read()
+    assert bench.arm.told == [(OWN, FULL)]
+    await unused.close()
