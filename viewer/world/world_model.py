@@ -33,6 +33,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.world_state_json import world_state_json
 
 from ..page.history import History
+from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 from ..scene import scene_edits
@@ -58,6 +59,7 @@ class WorldModel:
         sentence: The outcome of the last edit.
         dragging: Whether somebody holds a thing by its handles.
         voxel: Edge of the cubes of a cloud that is loaded [m].
+        saved_files: Undoes ``save``.
     """
 
     def __init__(self, scene: Scene, *, file: Path, now: Callable[[], float] | None = None) -> None:
@@ -66,6 +68,7 @@ class WorldModel:
         self.sentence = INVITATION
         self.dragging = False
         self.voxel = VOXEL
+        self.saved_files = SavedFiles(lambda _name: self.file, lambda: (), self._tell)
         self._history = History(scene, now)
         self._given, self._given_at = scene, float("-inf")
 
@@ -214,7 +217,8 @@ class WorldModel:
             raise ConfigError(
                 "scene", str(self.file), f"has no folder that can be made: {error}"
             ) from error
-        write_scene(self.scene, self.file)
+        with self.saved_files.changing(self.file.name):
+            write_scene(self.scene, self.file)
         self.sentence = Sentence(text=f"Saved to {self.file}", tone=Tone.GOOD)
 
     def as_file(self) -> bytes:
@@ -261,6 +265,9 @@ class WorldModel:
         self.select(self.selected)
 
     # Helpers
+
+    def _tell(self, sentence: Sentence) -> None:
+        self.sentence = sentence
 
     def _name(self) -> str:
         if self.selected is None:

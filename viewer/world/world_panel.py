@@ -36,7 +36,7 @@ from ..page import markup, texts
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.screen_state import Tone
-from ..page.shared_fields import SharedField, grey, tenth, tenths
+from ..page.shared_fields import SharedField, UndoButtons, grey, tenth, tenths
 from ..scene.scene_edits import NEW_SHAPES, Thing, pose_of
 from ..scene.scene_view import SceneView
 from .loaded_files import ENDINGS
@@ -112,10 +112,7 @@ class WorldPart(Part):
             "Change", _LOOSE, hint="attach: the gripper holds it from now on"
         )
         context.on_choice(self._acts, self._act)
-        self._edits = gui.add_button_group("Edits", ("undo", "redo"))
-        context.on_choice(
-            self._edits, lambda name: world.undo() if name == "undo" else world.redo()
-        )
+        self._edits = UndoButtons(context, "Edits", world)
         gui.add_divider()
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),
@@ -163,6 +160,7 @@ class WorldPart(Part):
         )
         self._context.on_choice(self._files, self._keep)
         self._context.on_asked(self._files, self._download)
+        self._undo_save = UndoButtons(self._context, "Files", self.world.saved_files)
         self._for_viam = gui.add_html("", visible=False)
         self._viam_scene: Scene | None = None
         bring = gui.add_upload_button(
@@ -311,7 +309,8 @@ class WorldPart(Part):
         if acts != self._acts.options:
             self._acts.options = acts
         grey(self._acts, thing is None)
-        grey(self._edits, not (self.world.can_undo or self.world.can_redo))
+        self._edits.show()
+        self._undo_save.show()
         self._gizmo.visible, self._gizmo.disable_rotations = pose is not None, not turns
         if pose is not None and not self.world.dragging:
             pose = self._T_tool @ pose if is_held else pose
