@@ -62,6 +62,7 @@ class CellSource:
     Attributes:
         title: Which arms they are, in words that can stand alone.
         file: Where they stand and what surrounds them.
+        path: Where Save writes them; the user's own ``cell.json`` if not given.
         open: Opens them; raises ``So101Error`` while that is not possible.
         lasts: Whether they stay open when the page is closed; else the page closes them.
     """
@@ -69,6 +70,7 @@ class CellSource:
     title: str
     file: CellFile
     open: Callable[[], CellRigs]
+    path: Path | None = None
     lasts: bool = False
 
 

@@ -225,7 +225,9 @@ def show_cell(source: CellSource, page: Page) -> None:
         ConfigError: The page cannot be served there.
     """
     viewer = import_preview()
-    arms = viewer.CellSource(title=source.title, file=source.file, open=source.open)
+    arms = viewer.CellSource(
+        title=source.title, file=source.file, open=source.open, path=source.path
+    )
     with in_lines(), viewer.serve_cell(arms, **page.server(source.title)) as served:
         click.echo(f"so101: {', '.join(each.name for each in source.file.arms)}", err=True)
         keep_open(served, page)

@@ -15,7 +15,7 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.files.scene_file import scene_to, write_scene
 from so101_motion.planning.collision.collision import CollisionModel
@@ -32,6 +32,7 @@ from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.world_state_json import world_state_json
 
+from ..page import texts
 from ..page.history import History
 from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence, Tone
@@ -51,6 +52,7 @@ class WorldModel:
 
     Args:
         file: Where ``save`` writes.
+        write: Writes it.
         now: The time [s]; without it each edit is undone by itself, also while somebody types.
 
     Attributes:
@@ -62,8 +64,15 @@ class WorldModel:
         saved_files: Undoes ``save``.
     """
 
-    def __init__(self, scene: Scene, *, file: Path, now: Callable[[], float] | None = None) -> None:
-        self.scene, self.file = scene, file
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        file: Path,
+        write: Callable[[Scene, Path], None] = write_scene,
+        now: Callable[[], float] | None = None,
+    ) -> None:
+        self.scene, self.file, self._write = scene, file, write
         self.selected: str | None = None
         self.sentence = INVITATION
         self.dragging = False
@@ -218,7 +227,7 @@ class WorldModel:
                 "scene", str(self.file), f"has no folder that can be made: {error}"
             ) from error
         with self.saved_files.changing(self.file.name):
-            write_scene(self.scene, self.file)
+            self._write(self.scene, self.file)
         self.sentence = Sentence(text=f"Saved to {self.file}", tone=Tone.GOOD)
 
     def as_file(self) -> bytes:
@@ -257,6 +266,11 @@ class WorldModel:
         if thing is not None and isinstance(thing.shape, PointCloud):
             self._put(replace(thing, shape=thinned(thing.shape.points, voxel)), "Resized.")
         self.voxel = voxel
+
+    def refuse(self, error: So101Error) -> None:
+        """Take back an edit that cannot be planned with, and say why."""
+        self.undo()
+        self.sentence = texts.ended(error)
 
     def adopt(self, scene: Scene) -> None:
         """Use a scene that another program gave the arm; it can be undone."""
