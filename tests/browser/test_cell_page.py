@@ -149,6 +149,9 @@ def test_a_program_for_both_arms_is_recorded_edited_and_planned(
     before = guest.pose_of(ghost)
     guest.press("2×")
     guest.until(lambda: guest.pose_of(ghost) != before)
+    page.locator(".so101-steps:visible button").last.click()
+    guest.press("this step")
+    guest.comes_to(["2"], line.locator("b").all_inner_texts)
     for rig, q in zip(rigs, stood, strict=True):
         np.testing.assert_array_equal(rig.arm.state.q, q)  # only ghosts have moved
     page.get_by_role("tab", name="Move", exact=True).click()
