@@ -9,6 +9,7 @@ from so101_motion.files import user_storage
 from so101_motion.planning.request import Plan
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
+from so101_motion.viam.client import MachineRig
 
 from .page.events import ArmEvents
 from .page.page_context import ArmContext
@@ -85,7 +86,8 @@ class Preview(SearchingPage[RigLike]):
             atlas = AtlasPart(context, self._source.atlas, move.page.set_target_joints)
             host.add_parts(atlas)
         if self._source.camera is not None:
-            host.add_parts(CameraPart(context, self._source.camera))
+            machine = rig if isinstance(rig, MachineRig) else None
+            host.add_parts(CameraPart(context, self._source.camera, machine))
 
     def _about_the_arm(
         self, context: ArmContext, move: MovePart, program: ProgramPart

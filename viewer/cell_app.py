@@ -11,6 +11,7 @@ from so101_motion.rig.cell_rigs import CellRigs
 from .page import texts
 from .page.events import ArmEvents
 from .page.screen_state import Sentence, Tone
+from .panels.camera_panel import CameraPart
 from .panels.cell_part import CellPart
 from .panels.health_panel import EventsPart, HealthPart
 from .panels.hold_buttons import HoldButtons
@@ -72,6 +73,8 @@ class CellPage(SearchingPage[CellRigs]):
             for name, rig in rigs.items()
         ]
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
+        if self._source.camera is not None:
+            host.add_parts(CameraPart(context, self._source.camera))
         host.add_parts(part, program, world, *health, events, hold, *logs, *jogs)
 
     def _log(self, name: str, text: str, tone: Tone) -> None:
