@@ -5,9 +5,11 @@ The page is up at once; its arm may come later (``source.py``).
 
 from __future__ import annotations
 
+from so101_motion.files import user_storage
 from so101_motion.planning.request import Plan
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
+from so101_motion.viam.client import MachineRig
 
 from .page.events import ArmEvents
 from .page.page_context import ArmContext
@@ -27,6 +29,7 @@ from .setup.part import setup_parts
 from .source import Source
 from .teach.teach_panel import TeachPart
 from .world.atlas_panel import AtlasPart
+from .world.scene_user import OneArm
 from .world.world_panel import WorldPart
 
 
@@ -67,7 +70,9 @@ class Preview(SearchingPage[RigLike]):
             program,
             WorldPart(
                 context,
-                file=self._source.scene_file,
+                OneArm(rig),
+                file=self._source.scene_file or user_storage.folder() / "scene.json",
+                now=rig.clock.now,
                 on_handles=lambda shown: move.set_handles(not shown),
             ),
             SharePart(context, move.page, title=title),
@@ -81,7 +86,8 @@ class Preview(SearchingPage[RigLike]):
             atlas = AtlasPart(context, self._source.atlas, move.page.set_target_joints)
             host.add_parts(atlas)
         if self._source.camera is not None:
-            host.add_parts(CameraPart(context, self._source.camera))
+            machine = rig if isinstance(rig, MachineRig) else None
+            host.add_parts(CameraPart(context, self._source.camera, machine))
 
     def _about_the_arm(
         self, context: ArmContext, move: MovePart, program: ProgramPart

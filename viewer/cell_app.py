@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
+from so101_motion.files import user_storage
 from so101_motion.rig.cell_rigs import CellRigs
 
 from .page import texts
 from .page.events import ArmEvents
 from .page.screen_state import Sentence, Tone
+from .panels.camera_panel import CameraPart
 from .panels.cell_part import CellPart
 from .panels.health_panel import EventsPart, HealthPart
 from .panels.hold_buttons import HoldButtons
@@ -19,6 +21,8 @@ from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.kept_key import KeyOf, new_key
 from .source import CellSource
+from .world.scene_user import ArmsOfCell
+from .world.world_panel import WorldPart
 
 
 class CellPage(SearchingPage[CellRigs]):
@@ -55,6 +59,13 @@ class CellPage(SearchingPage[CellRigs]):
         panel.dock_below(part.panel)
         hold = HoldButtons(context, title=title, rigs=rigs, guide=part.guide, fade=part.fade)
         program = CellProgramPart(context, opened.cell, part.model.arms, part.nodes)
+        world = WorldPart(
+            context,
+            ArmsOfCell(rigs, self._source.file),
+            file=self._source.path or user_storage.folder() / "cell.json",
+            now=next(iter(rigs.values())).clock.now,
+            on_handles=lambda shown: part.set_handles(not shown),
+        )
         with context.tabs.add_tab("Jog"):
             arms = host.gui.add_tab_group()
         jogs = [
@@ -62,7 +73,9 @@ class CellPage(SearchingPage[CellRigs]):
             for name, rig in rigs.items()
         ]
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
-        host.add_parts(part, program, *health, events, hold, *logs, *jogs)
+        if self._source.camera is not None:
+            host.add_parts(CameraPart(context, self._source.camera))
+        host.add_parts(part, program, world, *health, events, hold, *logs, *jogs)
 
     def _log(self, name: str, text: str, tone: Tone) -> None:
         said = texts.named(name, Sentence(text=text, tone=tone))

@@ -62,6 +62,8 @@ class CellSource:
     Attributes:
         title: Which arms they are, in words that can stand alone.
         file: Where they stand and what surrounds them.
+        path: Where Save writes them; the user's own ``cell.json`` if not given.
+        camera: The device or address of a camera that is shown, if there is one.
         open: Opens them; raises ``So101Error`` while that is not possible.
         lasts: Whether they stay open when the page is closed; else the page closes them.
     """
@@ -69,6 +71,8 @@ class CellSource:
     title: str
     file: CellFile
     open: Callable[[], CellRigs]
+    path: Path | None = None
+    camera: str | None = None
     lasts: bool = False
 
 

@@ -233,10 +233,12 @@ class CellSource:
     Attributes:
         file: The content of a cell file.
         title: A heading.
+        path: Where it was read; None for arms that no file names.
     """
 
     file: CellFile
     title: str
+    path: Path | None = None
 
     def open(self) -> CellRigs:
         """Open all arms; raises as ``open_cell``."""
@@ -249,7 +251,7 @@ def read_cell_source(path: Path) -> CellSource:
     """The arms of a cell file; raises as ``read_cell``."""
     from so101_motion.files.cell_file import read_cell
 
-    return CellSource(file=read_cell(path), title=f"Arms of {path.name}")
+    return CellSource(file=read_cell(path), title=f"Arms of {path.name}", path=path)
 
 
 def cell_option(verb: F) -> F:

@@ -156,11 +156,11 @@ def view(
     The page opens even if the arm is not connected yet, and reconnects when it was lost.
     """  # noqa: D301
     if isinstance(source, CellSource):
-        if any((scene_file, leader, camera, atlas)):
+        if any((scene_file, leader, atlas)):
             raise click.UsageError(
-                "--scene, --leader, --camera and --atlas need a single arm; leave them out"
+                "--scene, --leader and --atlas need a single arm; leave them out"
             )
-        return show_cell(source, page)
+        return show_cell(source, page, camera=camera)
     leads = None
     if leader is not None:
         if not isinstance(source, Source):
@@ -198,10 +198,7 @@ def show(
     from so101_motion.files.scene_file import read_scene
 
     viewer = import_preview()
-    if camera is not None:
-        from so101_viewer.page.camera_feed import check_camera
-
-        check_camera(camera, has_machine=not isinstance(source, Source))
+    _check_camera(camera, has_machine=not isinstance(source, Source))
     scene = None if scene_file is None else read_scene(scene_file)
     if scene is not None and isinstance(source, Source) and source.port is None:
         source = replace(source, q_start=_free_pose(scene))
@@ -218,17 +215,27 @@ def show(
         keep_open(preview, page)
 
 
-def show_cell(source: CellSource, page: Page) -> None:
+def show_cell(source: CellSource, page: Page, *, camera: str | None = None) -> None:
     """Serve one page for all arms of a cell until Ctrl-C.
 
     Raises:
-        ConfigError: The page cannot be served there.
+        ConfigError: The page cannot be served there, or the camera is no device or address.
     """
     viewer = import_preview()
-    arms = viewer.CellSource(title=source.title, file=source.file, open=source.open)
+    _check_camera(camera, has_machine=False)
+    arms = viewer.CellSource(
+        title=source.title, file=source.file, open=source.open, path=source.path, camera=camera
+    )
     with in_lines(), viewer.serve_cell(arms, **page.server(source.title)) as served:
         click.echo(f"so101: {', '.join(each.name for each in source.file.arms)}", err=True)
         keep_open(served, page)
+
+
+def _check_camera(camera: str | None, *, has_machine: bool) -> None:
+    if camera is not None:
+        from so101_viewer.page.camera_feed import check_camera
+
+        check_camera(camera, has_machine=has_machine)
 
 
 def keep_open(served: Any, page: Page) -> None:

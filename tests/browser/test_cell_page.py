@@ -1,19 +1,22 @@
-"""Several simulated arms in one page: common motions, jogging one arm, and programs."""
+"""Several simulated arms in one page: common motions, jogging one arm, programs, their world."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import Visit
 from harness.browser_user import Guest
+from harness.web_camera import web_camera
 from so101_viewer import CellPage, CellSource, serve_cell
 
+from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
-from so101_motion.files.cell_file import arms_in_a_circle
+from so101_motion.files.cell_file import arms_in_a_circle, read_cell
 from so101_motion.rig.cell_rigs import CellRigs, open_cell
 from so101_motion.rig.rig import Rig
 
@@ -147,7 +150,81 @@ def test_a_program_for_both_arms_is_recorded_edited_and_planned(
     before = guest.pose_of(ghost)
     guest.press("2×")
     guest.until(lambda: guest.pose_of(ghost) != before)
+    page.locator(".so101-steps:visible button").last.click()
+    guest.press("this step")
+    guest.comes_to(["2"], line.locator("b").all_inner_texts)
     for rig, q in zip(rigs, stood, strict=True):
         np.testing.assert_array_equal(rig.arm.state.q, q)  # only ghosts have moved
     page.get_by_role("tab", name="Move", exact=True).click()
     assert guest.problems == []
+
+
+def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_them(
+    guest: Guest, arms: CellRigs, own_files: Path
+) -> None:
+    page, rigs = guest.page, arms.rigs
+
+    def seen() -> list[list[str]]:
+        return [[each.name for each in rig.arm.scene.obstacles] for rig in rigs.values()]
+
+    page.get_by_role("tab", name="World", exact=True).click()
+    guest.press("box")
+    guest.until(lambda: seen() == [["box 1"], ["box 1"]])
+    guest.until(lambda: any(re.fullmatch("/world/[0-9]+", node) for node in guest.nodes()))
+    in_cell = [
+        (arm.T_cell_base @ rigs[arm.name].arm.scene.obstacles[0].T_base_obstacle).matrix
+        for arm in FILE.arms
+    ]
+    np.testing.assert_allclose(in_cell[0], in_cell[1], atol=1e-9)
+    guest.until(lambda: guest.button("delete").filter(visible=True).is_enabled())
+    assert guest.button("attach").filter(visible=True).count() == 0
+    assert guest.button("for Viam").filter(visible=True).count() == 0
+    guest.comes_to([], guest.barriers)
+    stood = [rig.arm.state.q for rig in rigs.values()]
+    second = list(rigs)[1]
+    inside = rigs[second].arm.T_base().p
+    p = (FILE.arms[1].T_cell_base @ SE3.from_translation(inside)).p
+    fields = guest.fields("Position (mm)").filter(visible=True)
+    guest.until(lambda: fields.count() == 3)
+    for k, value in enumerate(1000.0 * p):
+        fields.nth(k).fill(f"{value:.1f}")
+        fields.nth(k).press("Enter")
+        page.wait_for_timeout(80)
+    guest.until(lambda: guest.says(f"{second}: ") and guest.says("is inside"))
+    for rig, q in zip(rigs.values(), stood, strict=True):
+        np.testing.assert_array_equal(rig.arm.state.q, q)  # an edit moves nothing
+    guest.press("save")
+    file = own_files / "cell.json"
+    guest.until(file.exists)
+    saved = read_cell(file)
+    assert [each.name for each in saved.scene.obstacles] == ["box 1"]
+    assert [each.name for each in saved.arms] == list(rigs)
+    guest.press("delete")
+    guest.until(lambda: seen() == [[], []])
+    guest.button("undo").filter(visible=True).first.click()
+    guest.until(lambda: seen() == [["box 1"], ["box 1"]])
+    guest.button("redo").filter(visible=True).first.click()
+    guest.until(lambda: seen() == [[], []])
+    guest.button("undo").filter(visible=True).last.click()
+    guest.until(lambda: not file.exists())
+    page.get_by_role("tab", name="Move", exact=True).click()
+    assert guest.problems == []
+
+
+def test_the_pictures_of_a_camera_are_shown_over_the_scene(visit: Visit, arms: CellRigs) -> None:
+    with web_camera() as camera:
+        source = CellSource(
+            title="Two arms",
+            file=FILE,
+            open=lambda: arms,
+            lasts=True,
+            camera=f"{camera}/picture",
+        )
+        with serve_cell(source, port=0) as served:
+            window = visit()
+            window.page.goto(served.url)
+            picture = window.page.get_by_alt_text("The camera's picture")
+            window.until(lambda: picture.count() == 1)
+            first = picture.get_attribute("src")
+            window.until(lambda: picture.get_attribute("src") != first)
+            window.leave()

@@ -347,6 +347,13 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             _, turn, end = (model.frame(q, "gripper_link").p for q in WAVE)
             assert min(np.linalg.norm(p - turn) for p in seen) < 0.03
             guest.until(lambda: np.allclose(hand(guest), end, atol=0.005))
+            kept = tmp_path / "paths" / "wave.json"
+            guest.button("delete").filter(visible=True).first.click()
+            guest.until(lambda: guest.says("Deleted wave."))
+            assert not kept.exists()
+            guest.button("undo").filter(visible=True).last.click()
+            guest.until(lambda: guest.says("Undone: the saved files are as before."))
+            assert kept.exists()
             machine.cut()
             guest.until(lambda: guest.says("Lost the machine"))
             guest.until(lambda: guest.color_of(BASE) != in_color)

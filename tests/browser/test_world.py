@@ -164,7 +164,7 @@ def test_a_drag_moves_the_thing_and_one_undo_takes_it_back(
             world.pose_of(node)["position"], rig.arm.scene.obstacles[0].T_base_obstacle.p, atol=1e-4
         )
     )
-    world.press("undo")
+    world.button("undo").first.click()
     world.until(lambda: np.allclose(rig.arm.scene.obstacles[0].T_base_obstacle.p, before))
     world.until(lambda: np.allclose(world.pose_of("/world-handles")["position"], before))
 
@@ -239,7 +239,13 @@ def test_a_saved_scene_is_planned_with_and_comes_back_by_load(
     world.until(lambda: [o.name for o in rig.arm.scene.obstacles] == [HOSTILE])
     world.press("save")
     world.until(lambda: world.says(str(scene_file)))
+    before = read_scene(scene_file)
+    world.button("undo").last.click()
+    world.until(lambda: not scene_file.exists())
+    world.button("redo").last.click()
+    world.until(lambda: scene_file.exists())
     saved = read_scene(scene_file)
+    assert scene_to(saved) == scene_to(before)
     assert scene_to(saved) == scene_to(rig.arm.scene)
     plan = CliRunner().invoke(
         main, ["plan", "--sim", "--pose", "ready", "--scene", str(scene_file), "--json"]

@@ -35,7 +35,7 @@ async def ask(client, command, **arguments):
     return await client.do_command({"command": command, **arguments})
 
 
-async def test_a_path_is_taught_saved_listed_replayed_and_deleted(arm, client, tmp_path):
+async def test_a_path_is_taught_saved_listed_replayed_deleted_and_restored(arm, client, tmp_path):
     assert await ask(client, "record_path", name="wave") == {"recording": "wave", "mode": "manual"}
     assert await client.get_manual_mode()
     await lead(arm, client, *CORNERS)
@@ -64,8 +64,12 @@ async def test_a_path_is_taught_saved_listed_replayed_and_deleted(arm, client, t
     listed = await ask(client, "list_paths")
     assert [each["name"] for each in listed["paths"]] == ["wave"]
     assert listed["recording"] == ""
-    assert await ask(client, "delete_path", name="wave") == {"deleted": "wave"}
+    deleted = await ask(client, "delete_path", name="wave")
+    assert deleted == {"deleted": "wave", "kept_as": "1 wave"}
     assert (await ask(client, "list_paths"))["paths"] == []
+    assert await ask(client, "restore_path", kept_as="1 wave") == {"restored": "wave"}
+    assert await ask(client, "list_paths") == listed
+    assert json.loads((tmp_path / "paths" / "wave.json").read_text()) == content
 
 
 async def test_the_time_limit_of_manual_mode_ends_the_recording_and_it_is_kept(
@@ -137,6 +141,10 @@ async def test_a_stop_a_cancelled_call_and_a_newer_move_end_a_replay(arm, client
         ({"command": "replay_path", "name": "a", "outline": "yes"}, "outline"),
         ({"command": "replay_path", "name": "a", "speed_degs_per_sec": 900}, "speed_degs_per_sec"),
         ({"command": "delete_path", "name": "nobody"}, "no such path"),
+        ({"command": "restore_path"}, "is not kept"),
+        ({"command": "restore_path", "kept_as": "1 nobody"}, "is not kept"),
+        ({"command": "restore_path", "kept_as": "1 ../x"}, "letters, digits"),
+        ({"command": "restore_path", "kept_as": "../1 x"}, "is not kept"),
         ({"command": "play_path", "name": "a"}, "replay_path"),
     ],
 )

@@ -10,7 +10,7 @@ from so101_motion.viam.client import MachineRig
 
 from ..page import markup
 from ..page.camera_feed import CameraFeed
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.part import Part
 
 OLD = 2.0
@@ -24,18 +24,20 @@ class CameraPart(Part):
 
     Args:
         camera: Its device or address, or the machine's name of it.
+        machine: The machine with cameras, if there is one.
 
     Raises:
         ConfigError: It is none of these.
     """
 
-    def __init__(self, context: ArmContext, camera: str) -> None:
+    def __init__(
+        self, context: PageContext, camera: str, machine: MachineRig | None = None
+    ) -> None:
         server = context.server
-        rig = context.rig
         self.feed = CameraFeed(
             camera,
             wanted=lambda: bool(server.get_clients()),
-            ask=rig.picture if isinstance(rig, MachineRig) else None,
+            ask=None if machine is None else machine.picture,
         )
         self._shown: object = None
         panel = context.gui.add_panel()

@@ -8,7 +8,7 @@ from dataclasses import replace
 import viser
 
 from so101_motion.common.errors import So101Error
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import Array
 from so101_motion.files.cell_file import CellFile
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.cell_rigs import CellRigs
@@ -41,7 +41,7 @@ class CellPart(Part):
 
     Args:
         cell: The arms.
-        file: Where they stand and what surrounds them.
+        file: Where they stand.
         stops: What Stop calls, each in a thread of its own.
 
     Attributes:
@@ -84,7 +84,6 @@ class CellPart(Part):
         self._bases = {each.name: each.T_cell_base for each in file.arms}
         self.nodes = {name: f"/arms/{k}" for k, name in enumerate(rigs)}
         self._set_up_view()
-        self._scene, self._around = file.scene, SceneView(context.server.scene)
         self._robot = RobotModel.load()
         self._stages = {name: self._stage(name, arm) for name, arm in self.model.arms.items()}
         self._held = {
@@ -153,6 +152,11 @@ class CellPart(Part):
         for each in self._guiding:
             each.start()
 
+    def set_handles(self, shown: bool) -> None:
+        """Show the targets' arrows, or hide each until its target changes."""
+        for stage in self._stages.values():
+            stage.set_handles(shown)
+
     def fade(self, name: str, faded: bool) -> None:
         """Show an arm in grey, or in its own colours."""
         self._stages[name].fade(faded)
@@ -175,7 +179,6 @@ class CellPart(Part):
         """Draw the arms; update their figures now and then."""
         screen, self._drawn = self.model.screen(), self._context.front.drawn
         self._pictures += 1
-        self._around.show(self._scene, SE3.identity())
         for name, each in screen.arms.items():
             self._stages[name].show(each)
             self._show_held(name, each)

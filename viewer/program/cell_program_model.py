@@ -38,7 +38,7 @@ from ..page.screen_state import Sentence
 from ..view_model import ViewModel
 from . import program_texts as words
 from .cell_rehearsal_time import CellRehearsalTime
-from .program_model import SAME_JAW, next_letter, same_things, things_around
+from .program_model import ALL, SAME_JAW, STEP, next_letter, same_things, things_around
 
 Step = Mapping[str, Waypoint]
 Steps = tuple[Step, ...]
@@ -205,10 +205,17 @@ class CellProgramModel:
 
     # Planning, running
 
-    def plan(self) -> None:
-        """Plan all of the program; nothing moves."""
+    def plan(self, part: str = ALL) -> None:
+        """Plan the program, or a part of it; nothing moves.
+
+        Args:
+            part: ``ALL``, ``REST`` from the selected step on, or ``STEP``: that one alone.
+        """
         if self.can_plan:
             self._made_for, cell, program = self._things(), self._cell, self._program()
+            if part != ALL:
+                first = self._chosen_index()
+                program = program.part(first, first + 1 if part == STEP else len(self.steps))
 
             def plan_all() -> CellRehearsalTime:
                 return CellRehearsalTime(rehearse_cell(cell, program), cell.places)
@@ -250,7 +257,7 @@ class CellProgramModel:
     def active(self) -> int | None:
         """Index of the step that is being done, or rehearsed; None if none is."""
         if self._run is not None:
-            return self._run.where[1]
+            return self._run.where[1] + self._run.program.before
         timeline = self.timeline
         if timeline is None or not 0.0 < self.t < timeline.duration:
             return None

@@ -19,6 +19,7 @@ from ..view_model import ViewModel
 from . import program_texts as words
 from .cell_program_model import ArmInStep, CellProgramModel
 from .program_fields import FileFields, RehearsalFields, RoundsFields, RowList, WaypointFields
+from .program_model import REST, STEP
 from .program_view import Ghost, GhostView
 
 _ALL = "all arms"
@@ -78,12 +79,19 @@ class CellProgramPart(Part):
         orders = {"up": partial(model.move, -1), "down": partial(model.move, 1)}
         self._context.on_choice(self._order, partial(_do, orders | {"delete": model.remove}))
         self._undo = UndoButtons(self._context, "Edits", model)
+        self._add_parts(gui)
         self._rehearsal = RehearsalFields(
             self._context,
             model,
             hint="Only the ghosts move. Pauses are cut to 2 s. Press again to hold it.",
         )
         self._facts = gui.add_html("")
+
+    def _add_parts(self, gui: viser.GuiApi) -> None:
+        self._plan_part = gui.add_button_group(
+            "Plan only", (REST, STEP), hint="From the chosen step on, or only that one"
+        )
+        self._context.on_choice(self._plan_part, self.model.plan)
 
     def _add_arms(self, gui: viser.GuiApi) -> None:
         model, tabs = self.model, gui.add_tab_group()
@@ -130,6 +138,7 @@ class CellProgramPart(Part):
         self._undo.show()
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
+        grey(self._plan_part, not model.can_plan or model.chosen is None)
         self._facts.content = markup.facts(words.cell_facts(timeline))
         self._rehearsal.show(timeline, model.t, words.cell_timeline)
         self._rounds.show(model.rounds)

@@ -31,7 +31,7 @@ class _Span:
     Once all arms have arrived, jaws go to an angle [rad] in a time [s], by the name of their arm.
     """
 
-    index: int
+    index: int  # in the whole program
     begins: float
     arrived: float
     ends: float
@@ -64,7 +64,7 @@ class CellRehearsalTime:
     Attributes:
         rehearsal: What was planned.
         clearances: The clearance of every two arms over the whole program.
-        nearest: How near two arms come to each other in each step [m].
+        nearest: How near two arms come to each other in each step of the whole program [m].
     """
 
     def __init__(self, rehearsal: CellRehearsal, places: Mapping[str, Place]) -> None:
@@ -84,7 +84,7 @@ class CellRehearsalTime:
         return self._spans[-1].ends
 
     def at(self, t: float) -> tuple[int, dict[str, Stand]]:
-        """Which step is done, and where the arms stand, at a time [s]."""
+        """Which step of the whole program is done, and where the arms stand, at a time [s]."""
         span = self._spans[self._place(t)]
         return span.index, span.at(t)
 
@@ -108,7 +108,7 @@ class CellRehearsalTime:
             ends = max(ends, arrived + lasts + min(waypoint.pause, SHOWN_PAUSE))
         self._spans.append(
             _Span(
-                index=index,
+                index=self.rehearsal.program.before + index,
                 begins=begins,
                 arrived=arrived,
                 ends=ends,

@@ -28,6 +28,7 @@ from so101_motion.tasks.program.rehearsal import stands_at
 from ..page import texts
 from ..page.guiding import GUIDED_FOR
 from ..page.screen_state import Sentence, Tone
+from .machine_deletions import MachineDeletions
 from .teaching import ARM_MOVED, BEGINS, DONE, PLAN, PLANNING, WELCOME, Doing, holds_again, planned
 
 MOST_NAMES = 500
@@ -83,6 +84,7 @@ class _Recording(NamedTuple):
 class _Question(NamedTuple):
     answer: Future[Mapping[str, Any]]
     take: Callable[[Mapping[str, Any]], None]
+    refused: Callable[[], None]
 
 
 class MachineTeaching:
@@ -94,15 +96,13 @@ class MachineTeaching:
 
     Attributes:
         line: Where the tool is along the chosen path; None before it was planned.
-        saved_files: None: a path is saved on the machine as soon as its recording ends.
+        saved_files: Undoes deletions. A path is saved as soon as its recording ends.
         doing: What is going on.
         sentence: What to know or to do now.
         name: What the next path will be called; a number is added if that name is taken.
         names: The saved paths.
         chosen: The path to replay; empty for none.
     """
-
-    saved_files = None
 
     def __init__(
         self, rig: TeachingMachine, submit: Callable[[Callable[[], Any]], Future[Any]]
@@ -117,8 +117,8 @@ class MachineTeaching:
         self._motion: Motion | None = None
         self._q_plan = rig.arm.state.q_ref
         self._is_planned = False
-        self._to_delete = ""
         self._can_teach = False
+        self.saved_files = MachineDeletions(self._ask_if_idle, self._take_change)
         self.doing = Doing.NOTHING
         self.sentence = WELCOME
         self.name = ""
@@ -188,15 +188,9 @@ class MachineTeaching:
             self.sentence = Sentence(text=f'"{name}" is chosen. {PLAN.text}', tone=Tone.GOOD)
 
     def delete(self, name: str) -> None:
-        """Delete a saved path on the machine, when this is called a second time."""
-        if name not in self.names or not self._is_idle:
-            return
-        if self._to_delete != name:
-            self._to_delete = name
-            text = f'Press delete again to delete "{name}" on the machine. It cannot be undone.'
-            self.sentence = Sentence(text=text, tone=Tone.WARM)
-            return
-        self._ask({"command": "delete_path", "name": name}, lambda _: self._take_deletion(name))
+        """Delete a saved path on the machine."""
+        if name in self.names:
+            self.saved_files.delete(name)
 
     def report(self, error: BaseException) -> None:
         """Show that a command failed."""
@@ -239,7 +233,12 @@ class MachineTeaching:
     def _send(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
         return self._rig.do_command(self._rig.arm_name, command)
 
-    def _ask(self, command: Mapping[str, Any], take: Callable[[Mapping[str, Any]], None]) -> None:
+    def _ask(
+        self,
+        command: Mapping[str, Any],
+        take: Callable[[Mapping[str, Any]], None],
+        refused: Callable[[], None] = lambda: None,
+    ) -> None:
         """Send a request; ``take`` gets its answer once the state after it has been read."""
 
         def ask() -> Mapping[str, Any]:
@@ -247,16 +246,26 @@ class MachineTeaching:
             self._rig.refresh()
             return answer
 
-        self._put(ask, take)
+        self._put(ask, take, refused)
+
+    def _ask_if_idle(
+        self,
+        command: Mapping[str, Any],
+        take: Callable[[Mapping[str, Any]], None],
+        *,
+        refused: Callable[[], None],
+    ) -> None:
+        if self._is_idle:
+            self._ask(command, take, refused)
 
     def _put(
         self,
         ask: Callable[[], Mapping[str, Any]],
         take: Callable[[Mapping[str, Any]], None],
+        refused: Callable[[], None] = lambda: None,
     ) -> None:
-        self._to_delete = ""
         self._asked += 1
-        self._question = _Question(self._submit(ask), take)
+        self._question = _Question(self._submit(ask), take, refused)
 
     def _replay(self) -> dict[str, Any]:
         return {"command": "replay_path", "name": self.chosen}
@@ -282,7 +291,7 @@ class MachineTeaching:
         self._drop_plan()
 
     def _drop_plan(self) -> None:
-        self._is_planned, self._to_delete = False, ""
+        self._is_planned = False
 
     def _show_recording(self) -> None:
         assert self._recording is not None  # set with what is being done
@@ -299,11 +308,13 @@ class MachineTeaching:
     def _collect_answer(self) -> None:
         if self._question is None or not self._question.answer.done():
             return
-        (answer, take), self._question = self._question, None
+        (answer, take, refused), self._question = self._question, None
         self.doing, self._list_due = Doing.NOTHING, True
         try:
             take(answer.result())
         except So101Error as error:
+            if isinstance(error, MachineRefused):
+                refused()
             self.report(error)
 
     def _collect_run(self) -> None:
@@ -378,11 +389,13 @@ class MachineTeaching:
         self.line, self._is_planned = _line(answer), True
         self.sentence = planned(approach, max(total - approach, 0.0))
 
-    def _take_deletion(self, name: str) -> None:
-        self.names = tuple(each for each in self.names if each != name)
-        if name == self.chosen:
+    def _take_change(self, sentence: Sentence, name: str, is_there: bool) -> None:
+        """A path was deleted, or is there again."""
+        names = {*self.names, name} if is_there else {*self.names} - {name}
+        self.names = tuple(sorted(names))
+        if self.chosen not in self.names:
             self._choose("")
-        self.sentence = texts.deleted(name)
+        self.sentence = sentence
 
 
 def _name(answer: Mapping[str, Any], key: str) -> str:

@@ -66,8 +66,7 @@ class TeachPart(Part):
                 context.on_choice(self._write, lambda _name: teaching.save())
             self._saved = gui.add_dropdown("Saved", (_NONE,))
             self._use = gui.add_button_group("Saved one", ("load", "delete"))
-            files = teaching.saved_files
-            self._undo = None if files is None else UndoButtons(context, "Files", files)
+            self._undo = UndoButtons(context, "Files", teaching.saved_files)
         use = {"load": teaching.load, "delete": teaching.delete}
         context.on_choice(self._use, lambda what: use[what](self._saved.value))
 
@@ -122,8 +121,7 @@ class TeachPart(Part):
         if self._saved.options != (saved or (_NONE,)):
             self._saved.options = saved or (_NONE,)
         grey(self._use, not saved)
-        if self._undo is not None:
-            self._undo.show()
+        self._undo.show()
         if teaching.line is not self._drawn:
             self._drawn = teaching.line
             self._draw(teaching.line)

@@ -11,8 +11,8 @@ from typing import Protocol
 
 from so101_motion.common.geometry import Array
 
-from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence, Tone
+from ..page.shared_fields import CanUndo
 
 WELCOME = Sentence(text="Press Record a path: the arm goes soft, and you guide it by hand.")
 BEGINS = Sentence(text="The arm goes soft …", tone=Tone.WARM)
@@ -57,8 +57,8 @@ class Teaching(Protocol):
         """The names of the saved paths."""
 
     @property
-    def saved_files(self) -> SavedFiles | None:
-        """The files of saved paths; None if they are not on this computer."""
+    def saved_files(self) -> CanUndo:
+        """Undoes what was done to the saved paths."""
 
     @property
     def can_record(self) -> bool:

@@ -15,7 +15,7 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.files.scene_file import scene_to, write_scene
 from so101_motion.planning.collision.collision import CollisionModel
@@ -32,7 +32,9 @@ from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.world_state_json import world_state_json
 
+from ..page import texts
 from ..page.history import History
+from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 from ..scene import scene_edits
@@ -50,6 +52,7 @@ class WorldModel:
 
     Args:
         file: Where ``save`` writes.
+        write: Writes it.
         now: The time [s]; without it each edit is undone by itself, also while somebody types.
 
     Attributes:
@@ -58,14 +61,23 @@ class WorldModel:
         sentence: The outcome of the last edit.
         dragging: Whether somebody holds a thing by its handles.
         voxel: Edge of the cubes of a cloud that is loaded [m].
+        saved_files: Undoes ``save``.
     """
 
-    def __init__(self, scene: Scene, *, file: Path, now: Callable[[], float] | None = None) -> None:
-        self.scene, self.file = scene, file
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        file: Path,
+        write: Callable[[Scene, Path], None] = write_scene,
+        now: Callable[[], float] | None = None,
+    ) -> None:
+        self.scene, self.file, self._write = scene, file, write
         self.selected: str | None = None
         self.sentence = INVITATION
         self.dragging = False
         self.voxel = VOXEL
+        self.saved_files = SavedFiles(lambda _name: self.file, lambda: (), self._tell)
         self._history = History(scene, now)
         self._given, self._given_at = scene, float("-inf")
 
@@ -214,7 +226,8 @@ class WorldModel:
             raise ConfigError(
                 "scene", str(self.file), f"has no folder that can be made: {error}"
             ) from error
-        write_scene(self.scene, self.file)
+        with self.saved_files.changing(self.file.name):
+            self._write(self.scene, self.file)
         self.sentence = Sentence(text=f"Saved to {self.file}", tone=Tone.GOOD)
 
     def as_file(self) -> bytes:
@@ -254,6 +267,11 @@ class WorldModel:
             self._put(replace(thing, shape=thinned(thing.shape.points, voxel)), "Resized.")
         self.voxel = voxel
 
+    def refuse(self, error: So101Error) -> None:
+        """Take back an edit that cannot be planned with, and say why."""
+        self.undo()
+        self.sentence = texts.ended(error)
+
     def adopt(self, scene: Scene) -> None:
         """Use a scene that another program gave the arm; it can be undone."""
         self._change(scene, "The scene was changed elsewhere.")
@@ -261,6 +279,9 @@ class WorldModel:
         self.select(self.selected)
 
     # Helpers
+
+    def _tell(self, sentence: Sentence) -> None:
+        self.sentence = sentence
 
     def _name(self) -> str:
         if self.selected is None:

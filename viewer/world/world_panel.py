@@ -16,9 +16,7 @@ import viser
 
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.common.state import JointState
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
-from so101_motion.files import user_storage
 from so101_motion.planning.collision.scene import (
     FLOOR_Z,
     Attached,
@@ -30,16 +28,16 @@ from so101_motion.planning.collision.scene import (
     Sphere,
 )
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.viam.client import MachineRig
 
 from ..page import markup, texts
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.part import Part
-from ..page.screen_state import Tone
-from ..page.shared_fields import SharedField, grey, tenth, tenths
+from ..page.screen_state import Sentence, Tone
+from ..page.shared_fields import SharedField, UndoButtons, grey, tenth, tenths
 from ..scene.scene_edits import NEW_SHAPES, Thing, pose_of
 from ..scene.scene_view import SceneView
 from .loaded_files import ENDINGS
+from .scene_user import SceneUser
 from .world_model import OverlapCheck, WorldModel, in_each_other
 
 _GIZMO = "/world-handles"
@@ -51,8 +49,9 @@ _TURNED = 0.01
 """Turns of a joint below this do not repeat the overlap check [rad]; chosen: a real arm at rest
 flickers by a tick or two."""
 
-_LOOSE, _HELD = ("attach", "delete"), ("detach", "delete")
-"""Buttons for a thing; a keep-out zone says why it cannot be attached."""
+_LOOSE, _HELD, _SHARED = ("attach", "delete"), ("detach", "delete"), ("delete",)
+"""Buttons for a thing; a keep-out zone says why it cannot be attached. Among several arms nothing
+is attached."""
 
 _SAME = 1e-5
 
@@ -66,27 +65,30 @@ class WorldPart(Part):
     """Add, drag, resize, name, delete, attach, save and load things.
 
     Args:
-        context: Its arm's scene is edited.
-        file: Where Save writes; the user's own scene file if not given.
+        user: Plans with the scene.
+        file: Where Save writes.
+        now: The time [s].
         on_handles: Called with whether a thing is selected, when that changes.
     """
 
     def __init__(
         self,
-        context: ArmContext,
+        context: PageContext,
+        user: SceneUser,
         *,
-        file: Path | None = None,
+        file: Path,
+        now: Callable[[], float],
         on_handles: Callable[[bool], None] = lambda _shown: None,
     ) -> None:
-        self._context, self._arm = context.reporting(self._report), context.rig.arm
-        self._known: Scene = self._arm.scene
-        file = file or user_storage.folder() / "scene.json"
-        self.world = WorldModel(self._known, file=file, now=context.rig.clock.now)
-        self._contacts = OverlapCheck(RobotModel.load())
-        self._inside: tuple[str, str] | None = None
+        self._context, self._user = context.reporting(self._report), user
+        self._known: Scene = user.scene
+        self.world = WorldModel(self._known, file=file, write=user.write, now=now)
+        model = RobotModel.load()
+        self._contacts = {name: OverlapCheck(model) for name in user.arms}
+        self._inside: Sentence | None = None
         self._checked: tuple[Scene, Array] | None = None
-        self._q = self._arm.state.q
-        self._T_tool = self._arm.T_base()
+        self._q = self._q_all()
+        self._T_tool = self._T_now()
         self._view = SceneView(context.server.scene, on_pick=self._pickable)
         self._gizmo = context.server.scene.add_transform_controls(
             _GIZMO, scale=0.09, depth_test=False, visible=False
@@ -108,14 +110,11 @@ class WorldPart(Part):
         context.on_choice(kinds, world.add)
         self._list = gui.add_dropdown("Selected", (_nothing(()),))
         self._selected = self._field(self._list, self._choose, shown=str)
-        self._acts = gui.add_button_group(
-            "Change", _LOOSE, hint="attach: the gripper holds it from now on"
-        )
+        self._loose = _SHARED if self._user.holder is None else _LOOSE
+        hint = None if self._user.holder is None else "attach: the gripper holds it from now on"
+        self._acts = gui.add_button_group("Change", self._loose, hint=hint)
         context.on_choice(self._acts, self._act)
-        self._edits = gui.add_button_group("Edits", ("undo", "redo"))
-        context.on_choice(
-            self._edits, lambda name: world.undo() if name == "undo" else world.redo()
-        )
+        self._edits = UndoButtons(context, "Edits", world)
         gui.add_divider()
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),
@@ -156,13 +155,17 @@ class WorldPart(Part):
         self._zone = self._field(zone, world.set_keep_out, shown=bool)
 
     def _add_files(self, gui: viser.GuiApi) -> None:
+        is_for_viam = self._user.viam_name is not None
         self._files = gui.add_button_group(
             "Scene file",
-            ("save", "download", "for Viam"),
-            hint="so101 plan --scene reads what save writes; for Viam: a WorldState to copy",
+            ("save", "download", "for Viam") if is_for_viam else ("save", "download"),
+            hint="so101 plan --scene reads what save writes; for Viam: a WorldState to copy"
+            if is_for_viam
+            else "so101 view --cell reads what save writes; download is the scene alone",
         )
         self._context.on_choice(self._files, self._keep)
         self._context.on_asked(self._files, self._download)
+        self._undo_save = UndoButtons(self._context, "Files", self.world.saved_files)
         self._for_viam = gui.add_html("", visible=False)
         self._viam_scene: Scene | None = None
         bring = gui.add_upload_button(
@@ -193,9 +196,9 @@ class WorldPart(Part):
     def _act(self, name: str) -> None:
         world = self.world
         if name == "attach":
-            world.hold(self._arm.T_base())
+            world.hold(self._T_now())
         elif name == "detach":
-            world.let_go(self._arm.T_base())
+            world.let_go(self._T_now())
         elif name == "delete":
             world.remove()
 
@@ -207,12 +210,11 @@ class WorldPart(Part):
 
     def _show_for_viam(self) -> None:
         """Show the scene as a Viam WorldState, until it changes or the button is pressed again."""
-        world, rig = self.world, self._context.rig
-        if self._viam_scene is world.scene:
+        world, arm = self.world, self._user.viam_name
+        if arm is None or self._viam_scene is world.scene:
             self._viam_scene = None
             return
         self._viam_scene = world.scene
-        arm = rig.arm_name if isinstance(rig, MachineRig) else "arm"
         self._for_viam.content = markup.to_copy(_FOR_VIAM.format(arm=arm), world.for_viam(arm=arm))
 
     def _download(self, client: viser.ClientHandle) -> None:
@@ -235,32 +237,59 @@ class WorldPart(Part):
     # The page
 
     def refresh(self) -> bool:
-        """Pass on edits, and take in changes of arm and scene."""
-        adopted = self._arm.scene is not self._known
+        """Pass on edits, and take in changes of arms and scene."""
+        adopted = self._user.scene is not self._known
         if adopted:
-            self._known = self._arm.scene
+            self._known = self._user.scene
             self.world.adopt(self._known)
         due = self.world.due(time.monotonic())
-        if due is not None:
-            self._arm.scene = self._known = due
-        state = self._arm.state
-        moved = float(np.max(np.abs(state.q - self._q))) > _MOVED
+        refused = due is not None and not self._pass_on(due)
+        q = self._q_all()
+        moved = float(np.max(np.abs(q - self._q))) > _MOVED
         if moved:
-            self._q, self._T_tool = state.q, self._arm.T_base()
+            self._q, self._T_tool = q, self._T_now()
         inside = self._inside
-        if self._is_stale(state):
-            self._checked = self._known, state.q
-            inside = self._contacts.overlap(self._known, state.q, state.q_jaw)
+        if self._is_stale(q):
+            self._checked = self._known, q
+            inside = self._overlap()
         changed, self._inside = inside != self._inside, inside
-        return adopted or changed or (moved and bool(self.world.scene.attached))
+        return adopted or refused or changed or (moved and bool(self.world.scene.attached))
 
-    def _is_stale(self, state: JointState) -> bool:
+    def _pass_on(self, scene: Scene) -> bool:
+        """Have ``scene`` planned with; returns whether that is possible."""
+        try:
+            self._user.use(scene)
+        except So101Error as error:
+            self.world.refuse(error)
+            return False
+        self._known = self._user.scene
+        return True
+
+    def _q_all(self) -> Array:
+        """Where all arms are, a row for each, [rad]."""
+        return np.array([arm.state.q for arm in self._user.arms.values()])
+
+    def _T_now(self) -> SE3:
+        """Where the gripper that holds things is."""
+        holder = self._user.holder
+        return SE3.identity() if holder is None else holder.T_base()
+
+    def _overlap(self) -> Sentence | None:
+        """The sentence about the first arm that overlaps something."""
+        for name, arm in self._user.arms.items():
+            pair = self._contacts[name].overlap(arm.scene, arm.state.q, arm.state.q_jaw)
+            if pair is not None:
+                sentence = in_each_other(pair)
+                return texts.named(name, sentence) if name else sentence
+        return None
+
+    def _is_stale(self, q: Array) -> bool:
         """Whether to repeat the overlap check; not while anything moves."""
-        if self.world.dragging or state.arm_moving:
+        if self.world.dragging or any(arm.state.arm_moving for arm in self._user.arms.values()):
             return False
         if self._checked is None or self._checked[0] is not self._known:
             return True
-        return bool(np.max(np.abs(state.q - self._checked[1])) > _TURNED)
+        return bool(np.max(np.abs(q - self._checked[1])) > _TURNED)
 
     def show(self) -> None:
         """Draw the scene and update the tab; viser sends only what differs."""
@@ -268,7 +297,7 @@ class WorldPart(Part):
         self._view.show(world.scene, self._T_tool, chosen=world.selected)
         sentence = world.sentence
         if self._inside is not None and sentence.tone is not Tone.BAD:
-            sentence = in_each_other(self._inside)
+            sentence = self._inside
         self._sentence.content = markup.sentence(sentence)
         self._show_list()
         floor_z = world.scene.floor_z
@@ -307,11 +336,12 @@ class WorldPart(Part):
         self._voxel.show(to_mm(self.world.voxel if cloud is None else cloud.resolution))
         self._mass.show(1000.0 * thing.mass if isinstance(thing, Attached) else None)
         self._zone.show(thing.keep_out if isinstance(thing, Obstacle) else None)
-        acts = _HELD if is_held else _LOOSE
+        acts = _HELD if is_held else self._loose
         if acts != self._acts.options:
             self._acts.options = acts
         grey(self._acts, thing is None)
-        grey(self._edits, not (self.world.can_undo or self.world.can_redo))
+        self._edits.show()
+        self._undo_save.show()
         self._gizmo.visible, self._gizmo.disable_rotations = pose is not None, not turns
         if pose is not None and not self.world.dragging:
             pose = self._T_tool @ pose if is_held else pose

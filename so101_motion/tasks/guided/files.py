@@ -40,6 +40,11 @@ _DECIMALS = 4  # of times in a file [s]
 LARGEST = 20_000_000
 """Largest file that is read [byte]; the longest recording has a fifth of that."""
 
+KEPT = 20
+"""How many deleted paths can be restored; chosen, a long one is a file of megabytes."""
+
+_DELETED = "deleted"  # the folder beside the paths for those
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SavedPath:
@@ -137,6 +142,65 @@ def delete(file: Path) -> None:
         file.unlink()
     except OSError as error:
         raise ConfigError("path", str(file), f"cannot be removed: {error.strerror}") from error
+
+
+def set_aside(file: Path) -> str:
+    """Delete a path, but keep its file for ``restore``; the last ``KEPT`` are kept.
+
+    Returns:
+        What it is kept as.
+
+    Raises:
+        ConfigError: There is none, or it cannot be moved.
+    """
+    _read(file)  # refuses files that are not ours
+    folder = file.parent / _DELETED
+    with user_storage.locked(folder / file.name):
+        kept = sorted((k, each) for each in folder.glob("*.json") if (k := _number(each.stem)))
+        kept_as = f"{kept[-1][0] + 1 if kept else 1} {file.stem}"
+        _move(file, folder / f"{kept_as}.json")
+        for _, each in kept[: max(len(kept) + 1 - KEPT, 0)]:
+            each.unlink(missing_ok=True)
+    return kept_as
+
+
+def restore(folder: Path, kept_as: str) -> Path:
+    """Put a path that was set aside back under its name.
+
+    Args:
+        folder: The folder that it was in.
+        kept_as: What ``set_aside`` has returned.
+
+    Returns:
+        Its file.
+
+    Raises:
+        ConfigError: It is not kept, another path has that name now, or it cannot be moved.
+    """
+    reason = f"is not kept; only the last {KEPT} paths that were deleted are"
+    if not _number(kept_as):
+        raise ConfigError("kept_as", kept_as, reason)
+    file = file_of(folder, kept_as.partition(" ")[2])
+    kept = folder / _DELETED / f"{kept_as}.json"
+    with user_storage.locked(kept):
+        if not kept.exists():
+            raise ConfigError("kept_as", kept_as, reason)
+        refuse_taken(file)
+        _move(kept, file)
+    return file
+
+
+def _number(kept_as: str) -> int:
+    """The number that a path is kept with; 0 if it has none."""
+    number, _, name = kept_as.partition(" ")
+    return int(number) if name and re.fullmatch("[1-9][0-9]{0,8}", number) else 0
+
+
+def _move(file: Path, to: Path) -> None:
+    try:
+        file.rename(to)
+    except OSError as error:
+        raise ConfigError("path", str(file), f"cannot be moved: {error.strerror}") from error
 
 
 def _read(file: Path) -> SavedPath:

@@ -39,6 +39,7 @@ class CellProgram:
     Attributes:
         steps: At most ``MOST``; each has the waypoints of the arms that move, by name.
         rounds: How often they are repeated; None until it is stopped.
+        before: How many steps of the whole program come before these, in a part of one.
 
     Raises:
         ConfigError: There are too many steps, one is empty, or a waypoint is to be passed.
@@ -46,6 +47,7 @@ class CellProgram:
 
     steps: tuple[Mapping[str, Waypoint], ...]
     rounds: int | None = 1
+    before: int = 0
 
     def __post_init__(self) -> None:
         if not 0 < len(self.steps) <= MOST:
@@ -59,13 +61,18 @@ class CellProgram:
                     reason = "cannot be passed; arms of a cell stop at each step"
                     raise ConfigError(f"step {number}: {name}", waypoint.name, reason)
 
+    def part(self, begin: int, end: int) -> CellProgram:
+        """The steps from ``begin`` to before ``end``, once."""
+        return CellProgram(steps=self.steps[begin:end], before=self.before + begin)
+
     def called(self, index: int) -> str:
         """What messages call a step: its number, and which arm goes where, if that has a name."""
+        number = self.before + index + 1
         goals = ", ".join(
-            name if each.name == _nameless(index + 1, name) else f"{name} to {each.name}"
+            name if each.name == _nameless(number, name) else f"{name} to {each.name}"
             for name, each in self.steps[index].items()
         )
-        return f"step {index + 1} ({goals})"
+        return f"step {number} ({goals})"
 
 
 def cell_folder() -> Path:

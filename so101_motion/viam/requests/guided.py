@@ -1,4 +1,4 @@
-"""Answer the commands that record, replay, list and delete paths guided by hand.
+"""Answer the commands that record, replay, list, delete and restore paths guided by hand.
 
 A path is recorded while a person moves the arm in manual mode. It is saved in the folder ``paths``
 of the module's data when the recording ends: by ``end_path``, by leaving manual mode, when its time
@@ -75,6 +75,7 @@ class PathCommands:
             "list_paths": self._list,
             "replay_path": Taking(self._replay, _REPLAYED),
             "delete_path": Taking(self._delete, ("name",)),
+            "restore_path": Taking(self._restore, ("kept_as",)),
         }
 
     async def close(self) -> None:
@@ -181,8 +182,13 @@ class PathCommands:
 
     async def _delete(self, given: Attributes) -> dict[str, Any]:
         file = _file(given)
-        await asyncio.to_thread(files.delete, file)
-        return {"deleted": file.stem}
+        kept_as = await asyncio.to_thread(files.set_aside, file)
+        return {"deleted": file.stem, "kept_as": kept_as}
+
+    async def _restore(self, given: Attributes) -> dict[str, Any]:
+        kept_as = given.text("kept_as", "")
+        file = await asyncio.to_thread(files.restore, store.resolve(PATHS), kept_as)
+        return {"restored": file.stem}
 
 
 def _file(given: Attributes) -> Path:

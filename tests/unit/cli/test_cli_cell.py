@@ -52,6 +52,21 @@ def test_arms_are_moved_together(tmp_path):
     assert CliRunner().invoke(main, asked).exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--camera", "overhead"], "must be an address that begins with http://"),
+        (["--leader", "sim"], "need a single arm"),
+    ],
+)
+def test_the_page_of_several_arms_refuses_what_it_cannot_show(tmp_path, options, says):
+    path = tmp_path / "cell.json"
+    path.write_text(json.dumps({"arms": [{"name": "left"}]}))
+    result = CliRunner().invoke(main, ["view", "--cell", str(path), *options])
+    assert result.exit_code != 0
+    assert says in " ".join(result.output.split())
+
+
 class AnswersYes(io.RawIOBase):
     """A person at the terminal who says yes, after ``first()``."""
 

@@ -122,3 +122,22 @@ def test_one_file_with_a_number_beyond_all_floats_does_not_hide_the_others(tmp_p
     with pytest.raises(ConfigError, match=key):
         files.read(tmp_path / "bad.json")
     assert [kept.name for kept in files.listed(tmp_path)] == ["good"]
+
+
+def test_the_last_deleted_paths_can_be_restored_also_of_one_name(tmp_path):
+    file = files.file_of(tmp_path, "wave")
+    kept = []
+    for length in range(1, files.KEPT + 3):
+        files.write(WAVE.taken(slice(0, 1 + length % 2)), file)
+        kept.append(files.set_aside(file))
+        assert files.listed(tmp_path) == []
+    for lost in kept[:2]:
+        with pytest.raises(ConfigError, match="is not kept"):
+            files.restore(tmp_path, lost)
+    assert files.restore(tmp_path, kept[3]) == file
+    assert len(files.read(file)) == 1
+    with pytest.raises(ConfigError, match="is there already"):
+        files.restore(tmp_path, kept[2])
+    assert files.set_aside(file) == f"{files.KEPT + 3} wave"
+    assert files.restore(tmp_path, kept[2]) == file
+    assert len(files.read(file)) == 2

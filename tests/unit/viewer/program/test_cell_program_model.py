@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from harness.pretended_page import aside, pages_of, run_at_once
 from so101_viewer.program.cell_program_model import ArmInStep, CellProgramModel
+from so101_viewer.program.program_model import REST, STEP
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
@@ -138,6 +139,32 @@ def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
     assert (between.first, between.second) == (FIRST, SECOND)
     assert 0.0 < min(timeline.nearest.values()) == between.least.distance
     np.testing.assert_array_equal(bench.q(FIRST), timeline.rehearsal.first[0].stands[FIRST].q)
+
+
+def test_a_part_is_planned_and_run_from_the_chosen_step_on_or_that_step_alone(bench):
+    model = bench.model
+    bench.record(first=aside(55.0))
+    bench.record(second=aside(55.0))
+    bench.record(first=aside(65.0))
+    model.set_rounds(3)
+    model.choose(1)
+    model.plan(REST)
+    model.refresh()
+    assert [index for index, _, _ in model.timeline.spans()] == [1, 2]
+    assert set(model.timeline.nearest) == {1, 2}
+    model.preview(0.5 * model.timeline.duration)
+    assert model.active in (1, 2)
+    model.plan(STEP)
+    model.refresh()
+    assert [index for index, _, _ in model.timeline.spans()] == [1]
+    q_first = bench.q(FIRST)
+    model.run()
+    bench.move(lambda: model.active == 1)
+    assert "Doing step 2 (arm 2" in model.sentence.text
+    bench.move(lambda: not model.runs)
+    np.testing.assert_allclose(bench.q(SECOND), aside(55.0), atol=1e-3)
+    np.testing.assert_allclose(bench.q(FIRST), q_first, atol=1e-6)
+    assert model.rounds == 3, "the program itself is as before"
 
 
 def test_steps_are_edited_arm_by_arm_and_edits_are_undone(bench):

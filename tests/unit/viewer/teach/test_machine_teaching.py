@@ -226,19 +226,29 @@ def test_a_machine_that_tells_no_line_or_a_wrong_one_has_its_replay_planned_all_
     assert teaching.line is None
 
 
-def test_what_is_saved_on_the_machine_is_deleted_by_the_second_press_only(bench: Bench) -> None:
-    teaching = bench.teaching
+def test_what_is_deleted_on_the_machine_comes_back_by_undo_and_goes_by_redo(bench: Bench) -> None:
+    teaching, files = bench.teaching, bench.teaching.saved_files
+
+    def do(what: Callable[[], None], names: tuple[str, ...]) -> str:
+        bench.until(lambda: teaching.can_record)
+        what()
+        bench.until(lambda: teaching.names == names)
+        return teaching.sentence.text
+
     bench.record()
-    teaching.delete("path")
-    assert "Press delete again" in teaching.sentence.text
-    teaching.load("path")
-    teaching.delete("path")  # asks again: something else was pressed meanwhile
-    bench.until(lambda: teaching.can_record)
-    assert "delete_path" not in commands(bench.machine)
-    teaching.delete("path")
-    bench.until(lambda: teaching.names == ())
-    assert teaching.sentence.text == "Deleted path."
+    assert not files.can_undo
+    assert do(lambda: teaching.delete("path"), ()) == "Deleted path."
     assert not teaching.can_plan
+    assert do(files.undo, ("path",)) == "Undone: the saved files are as before."
+    assert (files.can_undo, files.can_redo) == (False, True)
+    assert do(files.redo, ()) == "Redone."
+    assert (files.can_undo, files.can_redo) == (True, False)
+
+    bench.record()  # another one of the same name
+    bench.until(lambda: teaching.can_record)
+    files.undo()
+    bench.until(lambda: "is there already" in teaching.sentence.text)
+    assert not files.can_undo, "what the machine refuses once is not asked again"
 
 
 def test_a_recording_that_the_machine_ends_is_kept_and_it_is_said_why(bench: Bench) -> None:

@@ -160,6 +160,31 @@ def test_a_saved_scene_is_what_a_plan_reads(world):
     assert json.loads(world.as_file()) == json.loads(world.file.read_bytes())
 
 
+def test_a_scene_that_was_saved_over_comes_back_by_undo_of_the_files(world):
+    world.save()
+    world.add("box")
+    world.save()
+    world.saved_files.undo()
+    assert read_scene(world.file) == Scene()
+    assert world.names == ("box 1",), "the edits stay"
+    assert "Undone" in world.sentence.text
+    world.saved_files.redo()
+    assert [each.name for each in read_scene(world.file).obstacles] == ["box 1"]
+    world.saved_files.undo()
+    world.saved_files.undo()
+    assert not world.file.exists()
+    assert not world.saved_files.can_undo
+
+
+def test_an_edit_that_cannot_be_planned_with_is_taken_back_and_it_is_said_why(world):
+    world.set_floor(None)
+    world.set_floor(0.02)
+    world.refuse(ConfigError("rpy_deg", [10, 0, 0], '"left" does not stand upright'))
+    assert world.scene.floor_z is None
+    assert "does not stand upright" in world.sentence.text
+    assert world.sentence.tone is Tone.BAD
+
+
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "kept").write_text("a file where a folder should be")
     with pytest.raises(ConfigError, match=r"scene\.json"):
