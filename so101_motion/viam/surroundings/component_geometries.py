@@ -1,8 +1,9 @@
 """Ask components of the machine for their geometries.
 
 A call takes a third of a millisecond of this process, and all calls together most of what a look at
-the machine takes. Components without geometries are asked again only after a while. A call has no
-time limit of its own, which would take a tenth more: whoever looks at the machine has one.
+the machine takes. A component whose answer adds nothing to the configuration of its frame is asked
+again only after a while. A call has no time limit of its own, which would take a tenth more: who
+looks at the machine has one.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from so101_motion.common.errors import SurroundingsUnknown
 from so101_motion.viam.conversion.frames import machine_here
 
 _ASK_AGAIN = 5.0
-"""How long until a component without geometries is asked again [s]; chosen."""
+"""How long until a component is asked again whose answer added nothing [s]; chosen."""
 
 REMOTE = "_world"
 """The end of the frame's name of a remote machine, which is no component."""
@@ -31,15 +32,15 @@ class ComponentGeometries:
     """The answers of components to ``GetGeometries``. Belongs to the event loop."""
 
     def __init__(self) -> None:
-        self._shapeless: dict[str, float] = {}  # who has no geometries, and since when
+        self._plain: dict[str, float] = {}  # whose answers added nothing, and when
 
     def forget(self) -> None:
         """Ask all components again, because the configuration has changed."""
-        self._shapeless.clear()
+        self._plain.clear()
 
     def has_to_be_asked(self, name: str) -> bool:
-        """Whether a component has to be asked: not if it had no geometries a moment ago."""
-        since = self._shapeless.get(name)
+        """Whether a component has to be asked: not if its answer added nothing a moment ago."""
+        since = self._plain.get(name)
         return since is None or time.monotonic() - since >= _ASK_AGAIN
 
     async def geometries(self, name: str, own: list[Geometry]) -> list[Geometry]:
@@ -58,10 +59,10 @@ class ComponentGeometries:
             if own:
                 return own
             raise
-        if answer:
-            self._shapeless.pop(name, None)
-        else:
-            self._shapeless[name] = time.monotonic()
+        if all(_is_among(each, own) for each in answer):
+            self._plain[name] = time.monotonic()
+            return own
+        self._plain.pop(name, None)
         # Of a component without a geometry in its configuration viam-server takes the first answer.
         return [*(each for each in own if not _is_among(each, answer)), *answer]
 
@@ -102,10 +103,10 @@ def _component(names: list[ResourceName], name: str) -> ResourceName | None:
     return wanted[0] if wanted else None
 
 
-def _is_among(geometry: Geometry, answer: Iterable[Geometry]) -> bool:
-    """Whether an answer has the same geometry under any label."""
+def _is_among(geometry: Geometry, others: Iterable[Geometry]) -> bool:
+    """Whether others have the same geometry under any label."""
     bare = Geometry()
-    for each in answer:
+    for each in others:
         bare.CopyFrom(each)
         bare.label = geometry.label
         if bare == geometry:

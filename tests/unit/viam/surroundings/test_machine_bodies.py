@@ -12,7 +12,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.frames import set_machine
-from so101_motion.viam.surroundings import frame_tree
+from so101_motion.viam.surroundings import component_geometries, frame_tree
 from so101_motion.viam.surroundings.machine_bodies import ALL, MachineBodies
 from so101_motion.viam.surroundings.machine_view import scene_around
 
@@ -149,14 +149,27 @@ async def test_a_changed_configuration_counts_from_the_next_plan_on(around):
     np.testing.assert_allclose(body.T.p, (-0.1, 0.03, 0), atol=1e-9)
 
 
-async def test_moving_components_are_asked_each_time_and_those_without_geometries_never(around):
+async def test_components_are_asked_each_time_unless_their_answer_adds_nothing(around, monkeypatch):
     board, door = Thing("board"), Thing("door", [a_box(10, 10, 10)])
-    reader = around(FakeMachine(ARM, hanging("board"), hanging("door"), things=[board, door]))
-    await reader.read()
+    desk = Thing("desk", [a_box(20, 20, 20, "desk:body")])
+    machine = FakeMachine(
+        ARM,
+        hanging("board"),
+        hanging("door"),
+        hanging("desk", y=500.0, geometry=a_box(20, 20, 20)),
+        things=[board, door, desk],
+    )
+    reader = around(machine)
+    first = (await reader.read()).bodies
     door.geometries = [a_box(10, 10, 10, y=70.0)]
-    [body] = (await reader.read()).bodies
+    bodies = (await reader.read()).bodies
+    assert [each.name for each in bodies] == [each.name for each in first]
+    [body] = [each for each in bodies if each.component == "door"]
     np.testing.assert_allclose(body.T.p, (-0.1, 0.07, 0), atol=1e-9)
-    assert (board.asked, door.asked) == (1, 2)
+    assert (board.asked, door.asked, desk.asked) == (1, 2, 1)
+    desk.geometries = [a_box(30, 30, 30, "desk:body")]
+    monkeypatch.setattr(component_geometries, "_ASK_AGAIN", 0.0)
+    assert len((await reader.read()).bodies) == 3, "both that of the frame and what it says now"
 
 
 async def test_what_is_as_it_was_makes_the_same_scene(around):
