@@ -271,6 +271,12 @@ def test_the_joints_go_limp_when_that_is_asked_for(person: Newcomer, kit: Kit) -
     person.insists("Let go of the joints", until=lambda: person.guest.says(matches))
     assert not any(kit.driven)
     person.sees("Torque off: the joints are limp")
+    under_way = "A calibration is under way: the joints stay limp until you save or abort it."
+    limp = "The joints are limp already."
+    for name, why in (("Hold", under_way), ("Guide by hand", under_way), ("Let go", limp)):
+        assert not person.can(name)
+        person.guest.button(name).click(force=True)
+        person.sees(f"{name}: {why}")
     person.reloads(matches)
     person.guest.until(lambda: "/setup/ghost/gripper_link" in person.guest.nodes())
 
@@ -373,11 +379,14 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person.insists("Hold the joints", "Back", "Next", until=lambda: person.guest.says(plans))
     assert not person.can("Move and measure")
     person.reloads("This will move:")
-    person.presses("Let go to change the pose")
-    person.presses("It will sink: press again to let go")
-    person.sees("Move the arm to a pose like the blue ghost's")
-    assert not any(kit.driven)
-    person.insists("Hold the joints", until=lambda: person.guest.says("This will move:"))
+    person.presses("Guide by hand")
+    person.sees("Guided by hand")
+    person.sees("Move it by hand to a pose like the blue ghost's")
+    assert all(kit.driven)
+    person.guest.let_go(lambda: not any(kit.driven))
+    person.sees("Torque off: the joints are limp")
+    assert not person.can("Let go")
+    person.insists("Hold", until=lambda: person.guest.says("This will move:"))
     person.ticks_the_box()
     person.presses("Move and measure")
     person.sees("Moving shoulder_pan")

@@ -24,13 +24,13 @@ class BarButton:
     Attributes:
         label: What it says.
         button: The invisible widget that is pressed.
-        can: Whether it may be pressed now.
+        why_not: Why it cannot be pressed now, as a sentence; None if it can.
         asks: What it asks before it does anything; None if it does not ask.
     """
 
     label: str
     button: viser.GuiButtonHandle
-    can: bool = False
+    why_not: str | None = "Looking for the arm."
     asks: str | None = None
 
 
@@ -77,7 +77,7 @@ class Bar:
                 {
                     "label": each.label,
                     "press": uuid_of(each.button),
-                    "can": each.can,
+                    "why_not": each.why_not,
                     "asks": each.asks,
                 }
                 for each in self.buttons

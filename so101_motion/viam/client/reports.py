@@ -91,7 +91,7 @@ def _outside(status: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, flo
     """
     here: dict[str, float] = {}
     limits: dict[str, float] = {}
-    told = status.get("out_of_range")
+    told: Any = status.get("out_of_range")
     for joint in (*ARM_JOINTS, GRIPPER_JOINT):
         try:
             at, limit = (to_rad(float(told[joint][key])) for key in ("at_deg", "limit_deg"))
