@@ -18,13 +18,11 @@ from so101_motion.rig.protocols import ArmConnection, RigLike
 from so101_motion.rig.rig import Rig
 
 from ..page import texts
-from ..page.bar import Bar, BarButton
+from ..page.bar import CONNECTION, Bar, BarButton
 from ..page.page_context import PageContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
-
-_SOURCE = "connection"
 
 
 def waiting(bar: Bar, title: str, error: Exception | None = None) -> None:
@@ -34,7 +32,7 @@ def waiting(bar: Bar, title: str, error: Exception | None = None) -> None:
         said = Sentence(text="Looking for the arm …", tone=Tone.WARM)
     else:
         said = Sentence(text=f"{capital(str(error))} Still looking.", tone=Tone.BAD)
-    bar.alert(_SOURCE, [said])
+    bar.alert(CONNECTION, [said])
 
 
 def notice(
@@ -133,7 +131,7 @@ class HoldButtons(Part):
             if one
             else "; ".join(f"{name}: {words}" for name, words in states.items())
         )
-        self._bar.alert(_SOURCE, alerts)
+        self._bar.alert(CONNECTION, alerts)
         connected = [mode for mode in modes.values() if mode is not None]
         self._hold.why_not = _why_not(connected, texts.CANNOT_HOLD)
         self._guide.why_not = _why_not(connected, texts.CANNOT_GUIDE)

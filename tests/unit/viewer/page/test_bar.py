@@ -25,6 +25,19 @@ def test_the_bar_names_its_buttons_by_their_widgets() -> None:
     assert told["buttons"] == [{"label": "Hold", "press": "h", "why_not": why, "asks": None}]
 
 
+def test_a_fault_is_said_first_and_what_only_warns_last() -> None:
+    bar = Bar()
+    bar.alert(
+        "alarms", [Sentence(text="Late.", tone=Tone.WARM), Sentence(text="Hot.", tone=Tone.BAD)]
+    )
+    bar.alert("connection", [Sentence(text="Fault.", tone=Tone.BAD)])
+    assert [each["text"] for each in json.loads(bar.text())["alerts"]] == [
+        "Fault.",
+        "Hot.",
+        "Late.",
+    ]
+
+
 def test_what_is_wrong_stays_until_its_source_takes_it_back() -> None:
     bar = Bar()
     bar.alert("alarms", [Sentence(text="Hot.", tone=Tone.BAD)])
