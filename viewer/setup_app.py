@@ -17,8 +17,8 @@ from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key
 from .setup.part import SetupPart
+from .setup.setup_bar import SetupBar
 from .setup.setup_target import FixedArm, Ports, fixed_machine
-from .setup.stop import SetupStop
 
 _SIGHT = Sight(middle=np.array([0.1, 0.0, 0.17]))
 """Higher than for other pages, so that an arm stretched upwards is in the picture."""
@@ -41,9 +41,9 @@ class SetupApp(ServedPage):
         setup = SetupPart(
             context, ports=ports, fixed=fixed, progress=progress, preview=serve, resumes=True
         )
-        stop = SetupStop(context, setup.setup, drop=self.host.drop_commands)
-        self.host.windows.leave_open_as_stop(stop.button)
-        self.host.add_parts(setup, stop)
+        bar = SetupBar(context, setup.setup, drop=self.host.drop_commands)
+        self.host.windows.leave_open_as_stop(bar.button)
+        self.host.add_parts(setup, bar)
         self.host.start()
 
 

@@ -54,6 +54,12 @@ class JointReading:
         object.__setattr__(self, "q", frozen_array(self.q, (5,)))
         object.__setattr__(self, "qd", frozen_array(self.qd, (5,)))
 
+    @property
+    def angles(self) -> dict[str, float]:
+        """The measured angle of each joint by name, the jaw's as well [rad]."""
+        arm = zip(ARM_JOINTS, map(float, self.q), strict=True)
+        return {**dict(arm), GRIPPER_JOINT: float(self.q_jaw)}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointState:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from so101_motion.common.errors import MotionError
 from so101_motion.common.geometry import Array
-from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
+from so101_motion.common.state import JointReading
 from so101_motion.common.units import to_deg, to_rad
 
 FARTHEST_OUT = to_rad(10.0)
@@ -103,10 +103,9 @@ class LimitRecovery:
 
 def remarks(reading: JointReading) -> list[str]:
     """Describe joints outside their limits to the user, one sentence each."""
-    here = {**dict(zip(ARM_JOINTS, reading.q, strict=True)), GRIPPER_JOINT: reading.q_jaw}
-    found = []
+    here, found = reading.angles, []
     for joint, inside in reading.out_of_range.items():
-        off = abs(float(here[joint]) - inside)
+        off = abs(here[joint] - inside)
         then = (
             "the next move brings it in, slowly"
             if off <= FARTHEST_OUT

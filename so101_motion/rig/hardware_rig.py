@@ -84,6 +84,12 @@ class HardwareRig(Rig):
         return self._shared.failures.latest
 
     @property
+    def uncalibrated(self) -> tuple[str, ...]:
+        """The joints that were never calibrated, so that their angles are guesses."""
+        setups = self.servos.setups
+        return tuple(joint for joint, setup in setups.items() if setup.is_guessed(joint))
+
+    @property
     def connection(self) -> ArmConnection:
         """Whether the servos can be reached."""
         problem = None

@@ -23,6 +23,7 @@ from typing import Protocol
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.calib.motors.setup_view import SetupView, Verification
+from so101_motion.calib.procedure import jobs
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.steps import Command, State
 from so101_motion.calib.procedure.view import CalibrationView, JointView
@@ -148,6 +149,10 @@ class BaseCalibrator(ABC):
         """Hold the joints where they stand."""
 
     @abstractmethod
+    def let_go(self) -> None:
+        """Switch the torque of all joints off; they sink at once. Ends a motion under way."""
+
+    @abstractmethod
     def restore(self, number: int | None = None) -> StepResult:
         """Restore an earlier version in file and servos; the last one that differs by default."""
 
@@ -250,14 +255,36 @@ class Calibrator(BaseCalibrator):
     def hold(self) -> StepResult:
         """Hold the joints where they stand, even if no component asks for the servos.
 
+        This ends hand guiding.
+
         Raises:
             CalibrationError: A calibration is under way.
             MotionError: Something moves, or the bus is lent already.
         """
         with self._lock:
             self._refuse_active("hold the joints")
+            self._rig.arm.stop()
             self._loan = self._rig.lend_bus("holding")
             return self._give_back(hold=True)
+
+    def let_go(self) -> None:
+        """Switch torque off, even if no component asks for the servos; silent ones are left out.
+
+        Raises:
+            BusError: A servo cannot be reached; try again.
+            MotionError: The bus is lent already.
+        """
+        with self._lock:
+            if self._session.is_active:
+                self._session.let_go()
+                return
+            self._rig.arm.stop()
+            self._rig.gripper.stop()
+            loan = self._rig.lend_bus("letting go")
+            try:
+                loan.call(jobs.let_go)
+            finally:
+                loan.abandon()
 
     def restore(self, number: int | None = None) -> StepResult:
         """Restore an earlier version of the calibration, in the file and in the servos.

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import move_to
+from conftest import Visit, move_to
 from harness.browser_user import HOME, READY, Guest
-from playwright.sync_api import Locator, TimeoutError
+from playwright.sync_api import Locator
 from so101_viewer import Preview, Source, serve_source
 
 from so101_motion.arm.gripper import GENTLEST
@@ -251,27 +250,32 @@ def test_letting_go_asks_first_and_hold_holds_again(guest: Guest, rig: Rig) -> N
     asks = guest.page.locator("#so101-buttons .asks")
     guest.until(lambda: asks.count() == 1)
     assert rig.arm.state.mode is Mode.HOLDING
-
-    def answers() -> bool:
-        """Whether the answer counts; the page asks for five seconds only."""
-        if not asks.count():
-            guest.press("Let go")
-        guest.page.wait_for_timeout(800)  # a double click is no answer
-        with suppress(TimeoutError):
-            asks.click(timeout=5000)
-        for _ in range(100):
-            if rig.arm.state.mode is Mode.LIMP:
-                return True
-            guest.page.wait_for_timeout(50)
-        return False
-
-    guest.until(answers)
+    guest.let_go(lambda: rig.arm.state.mode is Mode.LIMP)
     guest.until(lambda: guest.says("The arm is limp. Press Hold to keep it where it is."))
     guest.until(lambda: guest.button("Hold").is_enabled())
     guest.press("Hold")
     guest.until(lambda: rig.arm.state.mode is Mode.HOLDING)
     guest.until(lambda: guest.says("Idle, holding"))
     guest.until(lambda: guest.says("The arm holds again. Set a target, then press Plan."))
+
+
+def test_a_grey_button_of_the_bar_says_why_it_is_grey(
+    guest: Guest, visit: Visit, preview: Preview, rig: Rig
+) -> None:
+    guest.until(lambda: guest.button("Hold").is_disabled())
+    guest.button("Hold").click(force=True)
+    guest.until(lambda: guest.says("Hold: The joints are held already."))
+    assert guest.button("Hold").get_attribute("title") == "The joints are held already."
+    assert rig.arm.state.mode is Mode.HOLDING
+    guest.until(lambda: not guest.says("Hold: The joints are held already."))
+
+    watcher = visit()  # has no control
+    watcher.open(preview.url)
+    watcher.until(lambda: watcher.button("Let go").is_disabled())
+    watcher.button("Let go").click(force=True)
+    watcher.until(lambda: watcher.says("Let go: Another window has control: here only STOP works."))
+    assert guest.button("Let go").is_enabled()
+    watcher.leave()
 
 
 def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(

@@ -32,10 +32,7 @@ from so101_motion.drivers.emulator import registers as reg
 
 pytestmark = pytest.mark.browser
 
-PATIENCE = 0.1
-"""Servos, page and test share a processor with the browser; a servo is silent after eight of these
-[s]."""
-
+PATIENCE = 0.1  # [s]; a servo is silent after eight of these: the browser needs a processor, too
 SMALL = (760, 480)  # drawn without a GPU, every pixel takes its time
 PHONE: ViewportSize = {"width": 390, "height": 844}
 WAYS = ("Next", "Back", "Abort the setup")
@@ -137,15 +134,13 @@ class Newcomer:
             return False
 
     def color(self, name: str) -> str:
-        """The colour of a button."""
         look = "button => getComputedStyle(button).backgroundColor"
         return str(self.guest.button(name).evaluate(look))
 
     def sees_lit(self, link: str, colour: int) -> None:
         self.guest.until(lambda: self.guest.color_of(f"/setup/arm/{link}/") == colour)
 
-    def bar(self, joint: str) -> float:
-        """How much of a joint's bar is filled, in per cent."""
+    def bar(self, joint: str) -> float:  # in per cent
         meter = self.guest.page.get_by_role("meter", name=joint, exact=True)
         self.guest.until(lambda: meter.count() == 1)
         return float(meter.get_attribute("aria-valuenow") or "nan")
@@ -271,6 +266,9 @@ def test_the_joints_go_limp_when_that_is_asked_for(person: Newcomer, kit: Kit) -
     person.insists("Let go of the joints", until=lambda: person.guest.says(matches))
     assert not any(kit.driven)
     person.sees("Torque off: the joints are limp")
+    for name, why in (("Hold", "A calibration is under way: "), ("Let go", "The joints are limp")):
+        person.guest.button(name).click(force=True)
+        person.sees(f"{name}: {why}")
     person.reloads(matches)
     person.guest.until(lambda: "/setup/ghost/gripper_link" in person.guest.nodes())
 
@@ -373,11 +371,12 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person.insists("Hold the joints", "Back", "Next", until=lambda: person.guest.says(plans))
     assert not person.can("Move and measure")
     person.reloads("This will move:")
-    person.presses("Let go to change the pose")
-    person.presses("It will sink: press again to let go")
-    person.sees("Move the arm to a pose like the blue ghost's")
-    assert not any(kit.driven)
-    person.insists("Hold the joints", until=lambda: person.guest.says("This will move:"))
+    person.presses("Guide by hand")
+    person.sees("Guided by hand")
+    person.guest.let_go(lambda: not any(kit.driven))
+    person.sees("Torque off: the joints are limp")
+    assert not person.can("Let go")
+    person.insists("Hold", until=lambda: person.guest.says("This will move:"))
     person.ticks_the_box()
     person.presses("Move and measure")
     person.sees("Moving shoulder_pan")
@@ -391,6 +390,8 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person.guest.until(lambda: person.color("Test again") != pale)  # only this shines
     person.sees("Torque on: the joints are held")
     assert all(kit.driven)
+    person.guest.let_go(lambda: not any(kit.driven))
+    person.guest.until(lambda: not person.guest.says("it was stopped, and the arm holds"))
 
 
 def test_the_test_done_to_its_end_asks_how_the_arm_has_moved(person: Newcomer, kit: Kit) -> None:

@@ -218,7 +218,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -
         hand = Hand(preview.host.page_context().server)
         hand.press("Calibration Only")
         hand.expect("Step 1 of 7")
-        hand.expect("Torque: not connected yet")
+        hand.expect("Torque not known: no arm yet")
         hand.press("Next")
         hand.expect("Torque on: the joints are held")
         hand.until(lambda: hand.can("Next"), "going on")

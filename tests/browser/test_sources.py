@@ -138,7 +138,7 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
 
     cable.type("end unplug")
     guest.until(lambda: guest.says("was lost and is back. Nothing moves. Press Hold to go on."))
-    assert not any("no such port" in text for _, text in alerts(guest))
+    assert not any("no such port" in text for _, text in guest.alerts())
     guest.until(lambda: guest.color_of(BASE) == in_color)
     guest.until(lambda: guest.button("Plan").is_disabled())
     guest.press("Hold")
@@ -169,22 +169,8 @@ def test_the_servos_tab_says_what_will_move_and_stop_ends_it(
     assert guest.problems == []
 
 
-def alerts(guest: Guest) -> list[tuple[str, str]]:
-    """What the bar says is wrong: each sentence and how bad it is."""
-    found: list[tuple[str, str]] = guest.page.evaluate(
-        "[...document.querySelectorAll('#so101-alerts p')].map((p) => [p.className, p.innerText])"
-    )
-    return [(tone, text) for tone, text in found]
-
-
 def events(guest: Guest) -> list[str]:
     return guest.page.get_by_role("region", name="Events").locator("span").all_inner_texts()
-
-
-def has_badge(guest: Guest) -> bool:
-    """Whether the Health tab carries the sign of an alarm."""
-    tab = guest.page.get_by_role("tab", name="Health")
-    return tab.locator(".icon-tabler-alert-triangle").count() == 1
 
 
 @pytest.fixture
@@ -194,7 +180,7 @@ def well(in_background: Guest, cable: Cable) -> Guest:
     if arm.state.reading.out_of_range:
         arm.start_move(JointGoal(q=np.zeros(5))).result(60.0)
     guest.page.get_by_role("tab", name="Events").click()
-    guest.until(lambda: alerts(guest) == [] and not has_badge(guest))
+    guest.until(lambda: guest.alerts() == [] and not guest.has_badge())
     return guest
 
 
@@ -216,7 +202,7 @@ def test_an_alarm_is_a_headline_a_badge_a_coloured_joint_and_one_event(
     said: list[tuple[str, str]] = []
 
     def is_said() -> bool:
-        said[:] = [each for each in alerts(well) if words in each[1]]
+        said[:] = [each for each in well.alerts() if words in each[1]]
         return bool(said)
 
     well.until(is_said)
@@ -224,7 +210,7 @@ def test_an_alarm_is_a_headline_a_badge_a_coloured_joint_and_one_event(
     assert found == tone
     assert text.startswith(f"{joint}: ")
     assert to_do in text
-    well.until(lambda: has_badge(well))
+    well.until(lambda: well.has_badge())
     well.until(lambda: well.color_of(part) != in_color)
 
     def new_events() -> int:
@@ -236,7 +222,7 @@ def test_an_alarm_is_a_headline_a_badge_a_coloured_joint_and_one_event(
     assert new_events() == 1
 
     cable.type("hot:elbow_flex=30" if "hot" in fault else f"end {fault}")
-    well.until(lambda: alerts(well) == [] and not has_badge(well))
+    well.until(lambda: well.alerts() == [] and not well.has_badge())
     well.until(lambda: well.color_of(part) == in_color)
     assert well.problems == []
 

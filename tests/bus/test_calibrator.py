@@ -1,4 +1,4 @@
-"""Going back to an earlier calibration, and holding an arm that has no component."""
+"""Going back to an earlier calibration; holding an arm that has no component, letting it go."""
 
 import math
 
@@ -146,3 +146,44 @@ def test_servos_that_have_fallen_silent_are_named_when_the_others_are_held(arm):
     assert arm.driven == [True, True, True, False, True, True]
     assert ended.holds
     assert "wrist_flex does not answer" in ended.trouble
+
+
+def drive(arm):
+    """Another program has left the torque of all servos on."""
+    for servo in arm.emulator.world.servos:
+        servo.memory.set(emu.TORQUE_ENABLE, 1)
+
+
+def test_a_held_arm_is_let_go_of_and_can_be_held_again(arm):
+    arm.calibrator.hold()
+    arm.calibrator.let_go()
+    assert not any(arm.driven)
+    assert arm.rig.arm.state.mode is Mode.LIMP
+    arm.pass_time(0.2)
+    assert arm.calibrator.situation.holds is False
+    assert arm.calibrator.hold().holds
+    assert all(arm.driven)
+
+
+def test_letting_go_ends_hand_guiding_and_so_does_holding(arm):
+    arm.calibrate()
+    arm.rig.arm.set_manual(True)
+    assert arm.calibrator.hold().holds
+    assert arm.rig.arm.state.mode is Mode.HOLDING
+    arm.rig.arm.set_manual(True)
+    arm.calibrator.let_go()
+    assert arm.rig.arm.state.mode is Mode.LIMP
+    assert not any(arm.driven)
+
+
+def test_joints_that_another_program_drives_are_let_go_of_also_in_a_calibration(arm):
+    drive(arm)
+    arm.calibrator.let_go()
+    assert not any(arm.driven)
+    arm.calibrator.step(Command.START)
+    drive(arm)
+    arm.emulator.world.disconnect("wrist_flex")
+    arm.calibrator.let_go()
+    assert arm.driven == [False, False, False, True, False, False]  # nobody can reach that one
+    arm.emulator.world.connect("wrist_flex")
+    arm.calibrator.step(Command.ABORT)

@@ -1,12 +1,14 @@
 """An arm that rests outside the limits viam-server knows: the machine goes on, and is told."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from harness.emulated_rig import ModelBench, arm_client
 from viam.components.arm import JointPositions
 
+from so101_motion.calib.record import record, store
 from so101_motion.viam.conversion import served_joints
 
 ELBOW = 2
@@ -50,6 +52,34 @@ async def test_a_joint_outside_is_reported_at_its_limit_and_its_place_is_in_the_
     values = list((await client.get_joint_positions()).values)
     assert values[ELBOW] == pytest.approx(60.0, abs=0.5)
     assert (await client.get_status())["notes"] == []
+
+
+async def test_the_status_names_joints_outside_their_range_and_those_never_calibrated(
+    tmp_path, planning_process
+):
+    entries = {
+        joint: replace(record.default(joint), id=i)
+        for i, joint in enumerate(record.JOINTS, start=1)
+        if joint != "elbow_flex"
+    }
+    for joint in ("shoulder_pan", "gripper"):  # they stand at 2048
+        entries[joint] = replace(entries[joint], range_min=2130, range_max=3000)
+    store.save(tmp_path / "calibration.json", entries)
+    bench = ModelBench(tmp_path, calibrated=False)
+    try:
+        arm = bench.new_arm(calibration_file=str(tmp_path / "calibration.json"))
+        bench.new_gripper(calibration_file=str(tmp_path / "calibration.json"))
+        await bench.pass_time(1.0)
+        async with arm_client(arm) as client:
+            status = await client.get_status()
+    finally:
+        await bench.end()
+    assert status["uncalibrated"] == ["elbow_flex"]
+    outside = status["out_of_range"]
+    assert set(outside) == {"shoulder_pan", "gripper"}
+    for each in outside.values():
+        off_deg = each["limit_deg"] - each["at_deg"]
+        assert off_deg == pytest.approx((2130 - 2048) * 360.0 / 4096.0, abs=0.6)
 
 
 def test_a_joint_far_outside_is_reported_where_it_is():

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 from axe_playwright_python.base import AXE_SCRIPT
-from playwright.sync_api import Locator, Page
+from playwright.sync_api import Locator, Page, TimeoutError
 
 from so101_motion.common.named_poses import POSES
 
@@ -132,6 +132,37 @@ class Guest:
 
     def says(self, words: str) -> bool:
         return self.page.get_by_text(words).count() > 0
+
+    def alerts(self) -> list[tuple[str, str]]:
+        """What the bar says is wrong: each sentence and how bad it is."""
+        found: list[list[str]] = self.page.evaluate(
+            "[...document.querySelectorAll('#so101-alerts p')]"
+            ".map((line) => [line.className, line.innerText])"
+        )
+        return [(tone, text) for tone, text in found]
+
+    def has_badge(self) -> bool:
+        """Whether the Health tab carries the sign of an alarm."""
+        tab = self.page.get_by_role("tab", name="Health")
+        return tab.locator(".icon-tabler-alert-triangle").count() == 1
+
+    def let_go(self, is_limp: Callable[[], bool]) -> None:
+        """Press Let go and answer its question; again where the page asks no longer."""
+        asks = self.page.locator("#so101-buttons .asks")
+
+        def is_answered() -> bool:
+            if not asks.count():
+                self.press("Let go")
+            self.page.wait_for_timeout(800)  # a double click is no answer
+            with suppress(TimeoutError):
+                asks.click(timeout=5000)
+            for _ in range(100):
+                if is_limp():
+                    return True
+                self.page.wait_for_timeout(50)
+            return False
+
+        self.until(is_answered)
 
     def has_stalled(self) -> bool:
         """Whether the page says that a busy machine kept the arm from moving on."""

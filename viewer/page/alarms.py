@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
+from so101_motion.common.state import JointState
 from so101_motion.common.units import to_deg
 from so101_motion.control.limit_recovery import FARTHEST_OUT
 from so101_motion.drivers.feetech.health import JointHealth
@@ -58,21 +58,21 @@ def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
     return tuple(_alarm(cause, cases) for cause, cases in found.items())
 
 
-def state_alarms(state: JointState, guessed: Iterable[str]) -> tuple[Alarm, ...]:
+def state_alarms(state: JointState, uncalibrated: Iterable[str]) -> tuple[Alarm, ...]:
     """What is wrong with the joints' places and calibration.
 
     Args:
         state: The arm.
-        guessed: The joints that were never calibrated.
+        uncalibrated: The joints that were never calibrated.
     """
     found = []
-    plain = tuple(guessed)
-    if plain:
+    unknown = tuple(uncalibrated)
+    if unknown:
         text = (
-            f"No calibration: {_listed(plain)} may not be where the picture shows it. Calibrate on"
-            " the Setup tab before you move the arm."
+            f"No calibration: {_listed(unknown)} may not be where the picture shows it. Calibrate"
+            " on the Setup tab before you move the arm."
         )
-        found.append(_warm("calibration", plain, text))
+        found.append(_warm("calibration", unknown, text))
     outside = tuple(state.reading.out_of_range)
     if outside:
         found.append(_warm("range", outside, _about_range(state)))
@@ -81,9 +81,8 @@ def state_alarms(state: JointState, guessed: Iterable[str]) -> tuple[Alarm, ...]
 
 def _about_range(state: JointState) -> str:
     """How far joints are outside their limits, and what brings them back."""
-    reading = state.reading
-    here = {**dict(zip(ARM_JOINTS, reading.q, strict=True)), GRIPPER_JOINT: reading.q_jaw}
-    off = {joint: abs(float(here[joint]) - at) for joint, at in reading.out_of_range.items()}
+    reading, here = state.reading, state.reading.angles
+    off = {joint: abs(here[joint] - at) for joint, at in reading.out_of_range.items()}
     where = ", ".join(
         f"{joint} by {to_deg(off[joint]):.0f}°, limit {to_deg(limit):.0f}°"
         for joint, limit in reading.out_of_range.items()
@@ -104,9 +103,14 @@ def not_said_yet(alarms: Iterable[Alarm], state: JointState) -> tuple[Alarm, ...
 
 
 class LateCycles:
-    """Counts late setpoints of the last ``LATE_WITHIN`` seconds."""
+    """Counts late setpoints of the last ``LATE_WITHIN`` seconds.
 
-    def __init__(self) -> None:
+    Args:
+        computer: What runs the control loop, in words.
+    """
+
+    def __init__(self, computer: str) -> None:
+        self._computer = computer
         self._seen: list[tuple[float, int]] = []
 
     def alarm(self, t: float, late_ticks: int) -> tuple[Alarm, ...]:
@@ -124,7 +128,7 @@ class LateCycles:
             return ()
         text = (
             f"{late} setpoints came late in the last {LATE_WITHIN:.0f} s, so motions may jerk."
-            " Close other programs on this computer."
+            f" Close other programs on {self._computer}."
         )
         return (_warm("late", (), text),)
 

@@ -14,7 +14,10 @@ from typing import Any
 
 import viser
 
-from .screen_state import Sentence
+from .screen_state import Sentence, Tone
+
+CONNECTION = "connection"
+"""The source of what is wrong with the connection or the mode of an arm; it is said first."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -24,13 +27,13 @@ class BarButton:
     Attributes:
         label: What it says.
         button: The invisible widget that is pressed.
-        can: Whether it may be pressed now.
+        why_not: Why it cannot be pressed now, as a sentence; None if it can.
         asks: What it asks before it does anything; None if it does not ask.
     """
 
     label: str
     button: viser.GuiButtonHandle
-    can: bool = False
+    why_not: str | None = "Looking for the arm."
     asks: str | None = None
 
 
@@ -52,7 +55,7 @@ class Bar:
         self.stop: viser.GuiButtonHandle | None = None
         self.plan: viser.GuiButtonHandle | None = None
         self.views: tuple[tuple[str, viser.GuiButtonHandle], ...] = ()
-        self._alerts: dict[str, tuple[Sentence, ...]] = {}
+        self._alerts: dict[str, tuple[Sentence, ...]] = {CONNECTION: ()}
 
     def alert(self, source: str, sentences: Iterable[Sentence] = ()) -> None:
         """Set what is wrong according to ``source``; nothing when all is well."""
@@ -60,11 +63,9 @@ class Bar:
 
     def text(self) -> str:
         """The content as the front end takes it."""
-        alerts = [
-            {"tone": each.tone.value, "text": each.text}
-            for sentences in self._alerts.values()
-            for each in sentences
-        ]
+        said = [each for sentences in self._alerts.values() for each in sentences]
+        said.sort(key=lambda each: each.tone is not Tone.BAD)  # a phone shows the first ones
+        alerts = [{"tone": each.tone.value, "text": each.text} for each in said]
         return board(
             "bar",
             state=self.state,
@@ -77,7 +78,7 @@ class Bar:
                 {
                     "label": each.label,
                     "press": uuid_of(each.button),
-                    "can": each.can,
+                    "why_not": each.why_not,
                     "asks": each.asks,
                 }
                 for each in self.buttons

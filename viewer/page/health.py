@@ -45,6 +45,7 @@ class Health:
         period: Of the control loop [s]; None when the source does not tell.
         late_ticks: Setpoints that came more than half a period late since the start.
         port_losses: How often the port went away; None when there is no port or it is unknown.
+        uncalibrated: The joints that were never calibrated.
         last_failure: The file with the second before the last failure; None when there is none.
     """
 
@@ -53,6 +54,7 @@ class Health:
     period: float | None
     late_ticks: int
     port_losses: int | None
+    uncalibrated: tuple[str, ...] = ()
     last_failure: str | None = None
 
 
@@ -60,18 +62,22 @@ def read_health(rig: RigLike) -> Health:
     """The newest figures of ``rig``; never waits."""
     servos: tuple[JointHealth, ...]
     silence, losses, failure = None, None, None
+    uncalibrated: tuple[str, ...] = ()
     period = rig.executor.dt if isinstance(rig, Rig) else None
     if isinstance(rig, HardwareRig):
         servos = rig.servos.health
         losses = rig.servos.port_losses
+        uncalibrated = rig.uncalibrated
         failure = rig.last_failure
         if not servos:
             silence = "No servo has answered yet."
     elif isinstance(rig, Rig):
         servos, silence = (), "Simulated: there are no servos to measure."
     else:
-        reported = getattr(rig, "status", {}).get("health")
+        status = getattr(rig, "status", {})
+        reported, unknown = status.get("health"), status.get("uncalibrated")
         servos = tuple(_from_status(reported)) if isinstance(reported, Mapping) else ()
+        uncalibrated = tuple(map(str, unknown)) if isinstance(unknown, list) else ()
         if not servos:
             silence = "The machine's arm reports no servo health."
     return Health(
@@ -80,6 +86,7 @@ def read_health(rig: RigLike) -> Health:
         period=period,
         late_ticks=rig.arm.state.late_ticks,
         port_losses=losses,
+        uncalibrated=uncalibrated,
         last_failure=None if failure is None else str(failure),
     )
 

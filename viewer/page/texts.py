@@ -37,6 +37,28 @@ ALL_PLANNED = Sentence(
 ALL_STOPPED = Sentence(text="Stopped. All arms hold where they are.")
 SURROUNDINGS_CHANGED = Sentence(text="The surroundings have changed. Press Plan again.")
 
+SINKS = "It will sink. Let go?"
+HELD_ALREADY = "The joints are held already."
+LIMP_ALREADY = "The joints are limp already."
+HOLD_FIRST = "The joints are limp: press Hold first."
+_MOVES = "Something moves: press STOP first."
+_IN_USE = {Mode.CALIBRATING: "The servos are in use for a calibration or a motor setup."}
+
+CANNOT_HOLD = dict.fromkeys((Mode.HOLDING, Mode.MOVING, Mode.STOPPING), HELD_ALREADY) | _IN_USE
+"""Why joints cannot be held, by mode; in the other modes they can."""
+
+CANNOT_GUIDE = {
+    Mode.GUIDING: "The arm is guided by hand already.",
+    Mode.MOVING: _MOVES,
+    Mode.STOPPING: _MOVES,
+    Mode.FAULT: "There is a fault: press Hold first.",
+    **_IN_USE,
+}
+"""Why an arm cannot be guided by hand."""
+
+CANNOT_LET_GO = {Mode.LIMP: LIMP_ALREADY, **_IN_USE}
+"""Why joints cannot be let go of."""
+
 _MODES = {
     Mode.LIMP: "Limp",
     Mode.GUIDING: "Guided by hand",

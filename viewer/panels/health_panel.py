@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 
 import viser
 
-from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
+from so101_motion.rig.rig import Rig
 
 from ..page import markup, texts
 from ..page.alarms import Alarm, LateCycles, not_said_yet, servo_alarms, state_alarms
@@ -45,7 +45,9 @@ class HealthPart(Part):
         self._rig: RigLike = context.rig
         self._name = name
         self._bar, self._mark = context.bar, mark
-        self._late = LateCycles()
+        self._late = LateCycles(
+            "this computer" if isinstance(context.rig, Rig) else "the machine's computer"
+        )
         self._alarms: tuple[Alarm, ...] = ()
         self._told: tuple[Alarm, ...] = ()
         self._log: EventLog = context.events
@@ -71,11 +73,9 @@ class HealthPart(Part):
         rig, state = self._rig, self._rig.arm.state
         found: tuple[Alarm, ...] = ()
         if rig.connection.problem is None:
-            setups = rig.servos.setups if isinstance(rig, HardwareRig) else {}
-            guessed = [joint for joint, setup in setups.items() if setup.is_guessed(joint)]
             found = (
                 *servo_alarms(health.servos),
-                *state_alarms(state, guessed),
+                *state_alarms(state, health.uncalibrated),
                 *self._late.alarm(time.monotonic(), health.late_ticks),
             )
         self._tell(not_said_yet(found, state))

@@ -18,14 +18,11 @@ from so101_motion.rig.protocols import ArmConnection, RigLike
 from so101_motion.rig.rig import Rig
 
 from ..page import texts
-from ..page.bar import Bar, BarButton
+from ..page.bar import CONNECTION, Bar, BarButton
 from ..page.page_context import PageContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
-
-_HELD = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
-_SOURCE = "connection"
 
 
 def waiting(bar: Bar, title: str, error: Exception | None = None) -> None:
@@ -35,7 +32,7 @@ def waiting(bar: Bar, title: str, error: Exception | None = None) -> None:
         said = Sentence(text="Looking for the arm …", tone=Tone.WARM)
     else:
         said = Sentence(text=f"{capital(str(error))} Still looking.", tone=Tone.BAD)
-    bar.alert(_SOURCE, [said])
+    bar.alert(CONNECTION, [said])
 
 
 def notice(
@@ -96,7 +93,7 @@ class HoldButtons(Part):
         self._hold = self._button("Hold", lambda: self._each("hold", hold))
         self._guide = self._button("Guide by hand", guide)
         self._let_go = self._button("Let go", lambda: self._each("let go", _release))
-        self._let_go.asks = "It will sink. Let go?" if len(rigs) == 1 else "All will sink. Let go?"
+        self._let_go.asks = texts.SINKS if len(rigs) == 1 else "All will sink. Let go?"
         bar.buttons = (self._hold, self._guide, self._let_go)
 
     def _button(self, label: str, command: Callable[[], None]) -> BarButton:
@@ -134,11 +131,11 @@ class HoldButtons(Part):
             if one
             else "; ".join(f"{name}: {words}" for name, words in states.items())
         )
-        self._bar.alert(_SOURCE, alerts)
+        self._bar.alert(CONNECTION, alerts)
         connected = [mode for mode in modes.values() if mode is not None]
-        self._hold.can = any(each in (Mode.LIMP, Mode.GUIDING, Mode.FAULT) for each in connected)
-        self._guide.can = any(each in (Mode.HOLDING, Mode.LIMP) for each in connected)
-        self._let_go.can = any(each in (*_HELD, Mode.GUIDING, Mode.FAULT) for each in connected)
+        self._hold.why_not = _why_not(connected, texts.CANNOT_HOLD)
+        self._guide.why_not = _why_not(connected, texts.CANNOT_GUIDE)
+        self._let_go.why_not = _why_not(connected, texts.CANNOT_LET_GO)
         return False
 
     def _called(self, name: str) -> str:
@@ -156,6 +153,13 @@ class HoldButtons(Part):
                 self._context.events.add(f"Could not {what}: {error}", Tone.BAD)
 
         self._context.in_background(call).add_done_callback(ended)
+
+
+def _why_not(modes: list[Mode], cannot: Mapping[Mode, str]) -> str | None:
+    """Why a button can be pressed for none of the connected arms; None if it can for one."""
+    if not modes:
+        return "No arm is connected."
+    return cannot.get(modes[0]) if all(mode in cannot for mode in modes) else None
 
 
 def _release(rig: RigLike) -> None:

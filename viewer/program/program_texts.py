@@ -10,6 +10,7 @@ from so101_motion.common.errors import Interrupted
 from so101_motion.common.units import to_mm
 from so101_motion.tasks.program import (
     CellProgramRun,
+    Loop,
     Program,
     ProgramRun,
     Rehearsal,
@@ -168,8 +169,9 @@ def cell_timeline(timeline: CellRehearsalTime) -> markup.Timeline:
 
 def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
     """The figures of a planned program as pairs of name and value."""
-    round_ = f"{rehearsal.duration:.1f} s plus gripper time"
     program = rehearsal.program
+    has_jaw = any(waypoint.aperture is not None for waypoint in program.waypoints)
+    round_ = f"{rehearsal.duration:.1f} s{' plus gripper time' if has_jaw else ''}"
     passed = sum(not program.stops_at(index) for index in range(len(program)))
     waypoints = f"{len(program)}, {passed} of them passed" if passed else f"{len(program)}"
     pairs = [("One round", round_), ("Waypoints", waypoints)]
@@ -216,8 +218,15 @@ def line(program: Program, index: int, clearance: float | None = None) -> str:
     if clearance is not None:
         parts.append(f"{to_mm(clearance):.0f} mm clear")
     ending = (loop for loop in reversed(program.loops) if loop.last == index)
-    parts += [f"steps {loop.called} run {loop.times}×" for loop in ending]
+    parts += [_repeats(loop) for loop in ending]
     return ", ".join(parts)
+
+
+def _repeats(loop: Loop) -> str:
+    """What a loop does, said at its last step."""
+    if loop.first == loop.last:
+        return f"this step runs {loop.times}×"
+    return f"steps {loop.called} run {loop.times}×"
 
 
 def _done_at(waypoint: Waypoint) -> list[str]:

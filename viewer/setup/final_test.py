@@ -24,7 +24,6 @@ from so101_motion.setup.setup_steps import TEST
 
 from ..page.shared_fields import SharedField, put
 from . import calibration_cards, cards
-from .asking_button import AskingButton
 from .page import StepPage
 from .setup_context import SetupContext
 from .setup_target import SetupTarget
@@ -33,12 +32,15 @@ OPEN_POSE = next(pose.q for pose in POSES if pose.name == "ready")
 """Where every joint has room for its test motion, shape (5,), [rad]."""
 
 _STANDS = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
-_LIMP = (
-    "The joints are limp. Move the arm to a pose like the blue ghost's, clear of everything, then"
-    " press Hold the joints."
+_LOOSE = (
+    "The arm is not held. Move it by hand to a pose like the blue ghost's, clear of everything,"
+    " then press Hold the joints."
 )
 _FIXED = "Once that is fixed, press Hold the joints. Keep a hand on the arm."
-_CLEAR = "Tick the box when nothing is in its way and no hand is near it."
+_CLEAR = (
+    "Tick the box when nothing is in its way and no hand is near it. To change its pose first,"
+    " press Guide by hand at the top."
+)
 _SEEN = "Did the arm move as in the picture: the same joints, in the same directions?"
 _AS_SHOWN, _NOT_AS_SHOWN = "Yes", "No, it differs"
 
@@ -98,6 +100,7 @@ class FinalTestPage(StepPage):
         self._test: FinalTest | None = None
         self._is_agreed = False
         self._was_ended = False  # whether the last test was stopped
+        self._is_planned = False  # whether there is a plan, or need be none, since the arm is held
         self._shown: tuple[object, ...] = ()
 
     def build(self, gui: viser.GuiApi) -> None:
@@ -108,10 +111,6 @@ class FinalTestPage(StepPage):
         self._start = gui.add_button(
             "Move and measure", icon=viser.Icon.PLAYER_PLAY, color="green", visible=False
         )
-        self._release = AskingButton(
-            self._setup.context, "Let go to change the pose", "It will sink: press again to let go",
-            self._let_go, viser.Icon.HAND_GRAB,
-        )  # fmt: skip
         self._stop = gui.add_button(
             "Stop the test", icon=viser.Icon.HAND_STOP, color="red", visible=False
         )
@@ -130,20 +129,17 @@ class FinalTestPage(StepPage):
         context.on_press(self._hold, self._hold_joints)
         context.on_press(self._start, self._move)
         context.on_press(self._stop, self._end)
-        context.on_press(self._again, self._plan)
+        context.on_press(self._again, self._test_again)
         context.on_choice(self._seen, self._answer)
         context.on_asked(self._keep, self._hand_over)
         self._agreed = SharedField(agree, self._agree_to, context, shown=bool)
 
     def enter(self) -> None:
-        """Plan the test motions, if the arm holds."""
+        """Show the last test, or plan another one."""
         self._is_agreed = False
-        target = self._setup.target
-        if target is None or target.rig is None:
-            return
         if self._setup.tested is None:  # the arm has changed since the last test, if any
             self._test = None
-            self._plan()
+        self._is_planned = self._test is not None
 
     def leave(self) -> None:
         """End a running test; the arm holds."""
@@ -151,13 +147,18 @@ class FinalTestPage(StepPage):
             self._test.end()
 
     def refresh(self) -> bool:
-        """Take in the state of arm and test."""
-        state, test = self._state(), self._test
+        """Take in the state of arm and test; plan the motions once the arm is held."""
+        state = self._state()
+        if state is not None and state.mode in _STANDS:
+            self._is_planned = self._is_planned or self._plan()
+        else:
+            self._forget_plan()
+        test = self._test
         found = None if test is None else (test.is_running, test.progress, test.report)
         seen = None if state is None else (state.mode, *np.round(state.q, 4), round(state.q_jaw, 3))
         before, self._shown = self._shown, (seen, test, found, self._is_agreed)
         self._conclude()
-        return self._release.refresh() or self._shown != before
+        return self._shown != before
 
     def show(self) -> None:
         """Show the planned motions, the running one, and the results."""
@@ -172,9 +173,8 @@ class FinalTestPage(StepPage):
         self._hold.visible = state is not None and not holds
         self._hold.disabled = busy
         can_begin = holds and not runs and outline is not None and report is None
-        self._release.show(shown=can_begin, can=not busy)
-        is_limp = state is not None and state.mode is Mode.LIMP
-        self._setup.picture.ghost(OPEN_POSE if is_limp else None, state.q_jaw if state else 0.0)
+        is_loose = state is not None and state.mode in (Mode.LIMP, Mode.GUIDING)
+        self._setup.picture.ghost(OPEN_POSE if is_loose else None, state.q_jaw if state else 0.0)
         self._start.visible = can_begin
         self._agreed.show(self._is_agreed if can_begin else None)
         self._start.disabled = not self._is_agreed or busy
@@ -197,7 +197,9 @@ class FinalTestPage(StepPage):
         self._asked.content = cards.instruction("", _SEEN) if asks else ""
         self._again.visible = self._keep.visible = is_over
         self._again.color = None if report is not None and not report.passed else "gray"
-        self._again.disabled = bool(self._setup.doing)
+        state = self._state()
+        holds = state is not None and state.mode in _STANDS
+        self._again.disabled = bool(self._setup.doing) or not holds
 
     def _words(self, *, holds: bool) -> str:
         target, test = self._setup.target, self._test
@@ -225,7 +227,7 @@ class FinalTestPage(StepPage):
         """Why the arm does not hold, and what to do."""
         state = self._state()
         if state is None or state.mode is not Mode.FAULT:
-            return cards.instruction(TEST.title, _LIMP)
+            return cards.instruction(TEST.title, _LOOSE)
         trouble = cards.failed(state.fault or "the arm has ended its motion by itself")
         return cards.instruction(TEST.title, "") + trouble + cards.note(_FIXED)
 
@@ -275,26 +277,32 @@ class FinalTestPage(StepPage):
 
     # What the widgets do
 
-    def _plan(self) -> None:
+    def _plan(self) -> bool:
+        """Plan the motions from where the arm is; return whether that has begun."""
         target, state = self._setup.target, self._state()
         if target is None or state is None or state.mode not in _STANDS:
-            return
+            return False
         test = FinalTest(target)
-        self._setup.do("planning the test", test.plan, self._take)
+        return self._setup.do("planning the test", test.plan, self._take)
+
+    def _forget_plan(self) -> None:
+        """Forget a plan that was not carried out to its end: a hand may move the arm now."""
+        test, state = self._test, self._state()
+        if test is not None and (test.is_running or (test.report and not test.report.ended_by)):
+            return
+        self._is_agreed = self._is_planned = False
+        is_told = test is not None and test.report is not None  # what ended it is shown with it
+        if not is_told or (state is not None and state.mode is not Mode.FAULT):
+            self._test = None
+
+    def _test_again(self) -> None:
+        self._plan()
 
     def _take(self, test: FinalTest) -> None:
         self._test = test
 
     def _hold_joints(self) -> None:
-        self._do(
-            "holding the joints", lambda target: target.calibrator.hold(), lambda _: self._plan()
-        )
-
-    def _let_go(self) -> None:
-        target, self._test = self._setup.target, None
-        if target is not None and target.rig is not None:
-            arm = target.rig.arm
-            self._setup.do("letting go of the joints", lambda: arm.set_torque(False))
+        self._do("holding the joints", lambda target: target.calibrator.hold())
 
     def _agree_to(self, is_clear: bool) -> None:
         self._is_agreed = is_clear

@@ -31,6 +31,8 @@ class MachineCalibrator(BaseCalibrator):
 
     Args:
         ask: Sends the calibration sensor a command; raises ``So101Error``.
+        read: Reads it.
+        set_torque: Holds the machine's arm or lets it go; None if there is no arm.
 
     Raises:
         So101Error: It does not answer, or is no calibration sensor.
@@ -41,9 +43,9 @@ class MachineCalibrator(BaseCalibrator):
         ask: Callable[[Json], Json],
         read: Callable[[], Json],
         *,
-        hold: Callable[[], None] | None = None,
+        set_torque: Callable[[bool], None] | None = None,
     ) -> None:
-        self._ask, self._read, self._hold = ask, read, hold
+        self._ask, self._read, self._set_torque = ask, read, set_torque
         self._situation = from_readings(read(), self._angles())
         self.motor_setup = MachineMotors(self._do, lambda: self._situation.setup)
         self._closing = threading.Event()
@@ -67,13 +69,15 @@ class MachineCalibrator(BaseCalibrator):
         Raises:
             CalibrationError: The machine's arm is not known here.
         """
-        if self._hold is None:
-            raise CalibrationError(
-                None,
-                "the machine's arm cannot be held from here",
-                "let the machine's arm hold itself",
-            )
-        self._hold()
+        self._torque(True)
+
+    def let_go(self) -> None:
+        """Let the joints sink.
+
+        Raises:
+            CalibrationError: The machine's arm is not known here.
+        """
+        self._torque(False)
 
     def restore(self, number: int | None = None) -> StepResult:
         """Restore an earlier version in the machine's file and motors."""
@@ -87,6 +91,15 @@ class MachineCalibrator(BaseCalibrator):
         self._thread.join()
 
     # Helpers
+
+    def _torque(self, on: bool) -> None:
+        if self._set_torque is None:
+            raise CalibrationError(
+                None,
+                "the machine has no arm yet, so its joints can neither be held nor let go of",
+                "add the arm to the machine's configuration",
+            )
+        self._set_torque(on)
 
     def _watch(self) -> None:
         while not self._closing.wait(PERIOD):

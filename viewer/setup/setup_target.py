@@ -145,7 +145,7 @@ def _open_machine(rig: MachineRig) -> SetupTarget:
                 calibrator=MachineCalibrator(
                     partial(rig.do_command, resource.name),
                     partial(rig.readings, resource.name),
-                    hold=lambda: rig.arm.set_torque(True),
+                    set_torque=rig.arm.set_torque,
                 ),
                 rig=rig,
                 is_remote=True,

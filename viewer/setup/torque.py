@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from so101_motion.common.modes import Mode
+
 from .setup_target import SetupTarget
 
 SETTLED = 0.4
@@ -29,12 +31,14 @@ class TorqueText:
 def torque(target: SetupTarget | None) -> TorqueText:
     """The text for the present target."""
     if target is None:
-        return TorqueText(text="Torque: not connected yet")
+        return TorqueText(text="Torque not known: no arm yet")
     now = target.calibrator.situation
     if not now.is_connected:
-        return TorqueText(text="Torque: not known, there is no connection")
+        return TorqueText(text="Torque not known: no connection")
     if now.holds is None:
-        return TorqueText(text="Torque: not known yet")
+        return TorqueText(text="Torque not known yet")
+    if target.rig is not None and target.rig.arm.state.mode is Mode.GUIDING:
+        return TorqueText(text="Guided by hand", is_on=True)
     if now.holds:
         return TorqueText(text="Torque on: the joints are held", is_on=True)
     return TorqueText(text="Torque off: the joints are limp", is_on=False)

@@ -47,6 +47,12 @@ def release(bus: Bus, joints: Sequence[str]) -> None:
         bus.write(SERVO_IDS[joint], reg.TORQUE_ENABLE, 0)
 
 
+def let_go(bus: Bus) -> None:
+    """Switch the torque of every servo off that answers, the jaw's as well."""
+    for servo_id in sorted(bus.answering(SERVO_IDS.values())):
+        bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+
+
 def require(bus: Bus, joints: Sequence[str]) -> None:
     """Check that the joints' servos answer."""
     answering = bus.answering(map(SERVO_IDS.__getitem__, joints))

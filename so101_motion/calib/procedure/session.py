@@ -144,6 +144,15 @@ class Session:
         assert self.stored is not None
         return self.stored
 
+    def let_go(self) -> None:
+        """Switch the torque of all servos off that answer, in any state of a calibration.
+
+        Raises:
+            BusError: A servo cannot be reached; try again.
+        """
+        with self._lock:
+            self._lent().call(jobs.let_go)
+
     def close(self) -> None:
         """Abort a running calibration; servos that cannot be put back now are at the next start."""
         with self._lock:

@@ -2,7 +2,8 @@
 
 A module that takes time-stamped points (ours does) gets all setpoints of the trajectory at once, so
 that no network delay can interrupt it; it plays them by its own clock, with the path and the speed
-of the plan. A module without such a call gets the corners of the path, one after the other, with
+of the plan. A module without such a call, and an arm with a joint outside its range, which takes no
+stream, gets the corners of the path, one after the other, with
 the caps of the plan: it stops at each and times each leg itself. All waypoints in one call would be
 shorter, but some modules go straight to the last one and cut every corner, and the path was planned
 around obstacles.
@@ -175,7 +176,7 @@ class MachineExecutor(MotionRunner):
 
     async def _execute(self, trajectory: Trajectory) -> None:
         arm = self._find()
-        if self.takes_streams:
+        if self.takes_streams and not self.state.reading.out_of_range:
             try:
                 with self._link.asking("the motion"):
                     await _stream(arm, trajectory)

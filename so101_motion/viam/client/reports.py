@@ -22,7 +22,7 @@ from viam.components.gripper import Gripper
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import ARM_JOINTS, JointReading, JointState
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, JointState
 from so101_motion.common.units import to_rad
 from so101_motion.viam.conversion import convert
 
@@ -84,6 +84,25 @@ async def ask_arm(arm: Arm) -> ArmReport:
     )
 
 
+def _outside(status: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float]]:
+    """Where joints outside their range are, and where each comes back inside, by name [rad].
+
+    An aperture ends at 0 and 1, so a jaw that is outside is known from here only.
+    """
+    here: dict[str, float] = {}
+    limits: dict[str, float] = {}
+    told: Any = status.get("out_of_range")
+    for joint in (*ARM_JOINTS, GRIPPER_JOINT):
+        try:
+            at, limit = (to_rad(float(told[joint][key])) for key in ("at_deg", "limit_deg"))
+        except (KeyError, TypeError, ValueError):
+            continue  # it is inside, or the module tells nothing of the kind
+        if not np.isfinite([at, limit]).all():
+            continue
+        here[joint], limits[joint] = at, limit
+    return here, limits
+
+
 def _mode(status: Mapping[str, Any]) -> Mode:
     try:
         return Mode(status["state"])
@@ -120,7 +139,8 @@ def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: f
     """
     status = arm.status
     moving = bool(status.get("is_moving", arm.mode in (Mode.MOVING, Mode.STOPPING)))
-    q_jaw = JAW_CLOSED + jaw.aperture * (JAW_OPEN - JAW_CLOSED)
+    here, limits = _outside(status)
+    q_jaw = here.get(GRIPPER_JOINT, JAW_CLOSED + jaw.aperture * (JAW_OPEN - JAW_CLOSED))
     qd, q_ref = np.zeros(5), arm.q
     if last is not None and moving and t > last.t:
         qd = (arm.q - last.q) / (t - last.t)
@@ -138,6 +158,7 @@ def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: f
             q_jaw=q_jaw,
             qd_jaw=0.0,
             alarms={str(k): str(v) for k, v in alarms.items()} if isinstance(alarms, dict) else {},
+            out_of_range=limits,
         ),
         q_ref=q_ref,
         qd_ref=qd,

@@ -24,7 +24,13 @@ from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.identify_commands import IdentifyCommands
 from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
-from so101_motion.viam.requests.servo_commands import ServoCommands, health, out_of_fault, ready
+from so101_motion.viam.requests.servo_commands import (
+    ServoCommands,
+    health,
+    out_of_fault,
+    out_of_range,
+    ready,
+)
 
 
 class HardwareArm(ArmResource):
@@ -147,6 +153,8 @@ class HardwareArm(ArmResource):
             *remarks(state.reading),
             *([] if missing else served_joints.remarks(state.q)),
         ]
+        status["out_of_range"] = out_of_range(state.reading)
+        status["uncalibrated"] = list(self.rig.uncalibrated)
         status["lent_to"] = state.lent_to
         status["health"] = health(self.rig.servos)
         return convert.to_result(status)

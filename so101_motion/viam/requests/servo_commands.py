@@ -15,7 +15,7 @@ from so101_motion.calib.record import store
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError, MotionError, NoReply, So101Error
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import ARM_JOINTS, lent_out
+from so101_motion.common.state import ARM_JOINTS, JointReading, lent_out
 from so101_motion.common.units import to_deg
 from so101_motion.control.limit_recovery import remarks
 from so101_motion.rig.hardware_rig import HardwareRig
@@ -104,6 +104,15 @@ def health(servos: ServoDriver) -> dict[str, Any]:
             "retries": joint.retries,
         }
         for joint in servos.health
+    }
+
+
+def out_of_range(reading: JointReading) -> dict[str, dict[str, float]]:
+    """The joints outside their calibrated range: where each is, and where it comes back inside."""
+    here = reading.angles
+    return {
+        joint: {"at_deg": to_deg(here[joint]), "limit_deg": to_deg(limit)}
+        for joint, limit in reading.out_of_range.items()
     }
 
 

@@ -3,6 +3,8 @@
   const link = window.so101;
   const SURE = 700;  // ms until a question may be answered, so that a double click is no answer
   const ASKED = 5000;  // ms for which it is asked
+  const READ = 6000;  // ms for which a grey button's reason is shown
+  const WATCHES = 'Another window has control: here only STOP works.';
   const board = () => link.boards.bar ?? {};
 
   const make = (tag, id, parent) => {
@@ -48,6 +50,9 @@
     views.setAttribute('aria-label', 'Views');
     const alerts = make('div', 'so101-alerts', document.body);
     const own = make('div', 'so101-window', alerts);
+    const reason = make('div', 'so101-why', alerts);
+    reason.setAttribute('role', 'status');
+    reason.hidden = true;
     const list = make('div', '', alerts);
     list.setAttribute('role', 'alert');
     const lost = make('div', 'so101-lost', document.body);
@@ -64,13 +69,27 @@
     button.addEventListener('pointerdown', () => { pressed = Date.now(); stop(); });
     button.addEventListener('click', () => { if (Date.now() - pressed > 400) stop(); });
 
+    // A grey button that is pressed says why it is grey.
+    let read = 0;
+    const tellReason = (text) => {
+      clearTimeout(read);
+      reason.textContent = text;
+      reason.hidden = !text;
+      if (text) read = setTimeout(tellReason, READ, '');
+    };
+
     // Buttons beside Stop: always in their places; some ask first.
-    const showButton = ({ label, press, can, asks }, k) => {
+    const showButton = ({ label, press, why_not, asks }, k) => {
       const node = buttons.children[k] ?? make('button', '', buttons);
-      node.disabled = !can || !link.connected;
-      if (node.disabled || !asks) node.classList.remove('asks');
+      const why = link.boards.window?.controls === false ? WATCHES : why_not;
+      node.disabled = !link.connected;
+      node.setAttribute('aria-disabled', String(node.disabled || Boolean(why)));
+      node.title = why ?? '';
+      if (node.disabled || why || !asks) node.classList.remove('asks');
       if (!node.classList.contains('asks')) node.textContent = label;
       node.onclick = () => {
+        tellReason(why ? `${label}: ${why}` : '');
+        if (why) return;
         if (asks && !node.classList.contains('asks')) {
           node.classList.add('asks');
           node.textContent = asks;

@@ -2,6 +2,7 @@
 
 import asyncio
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -72,6 +73,19 @@ def test_our_module_tells_everything_in_one_answer():
     assert (state.mode, state.fault, state.late_ticks) == (Mode.FAULT, "no power", 3)
     assert state.reading.alarms == {"elbow_flex": "hot"}
     assert state.lent_to == "calibration"
+
+
+def test_joints_outside_their_range_are_told_with_their_limits():
+    out = {"wrist_roll": {"at_deg": 170.0, "limit_deg": 165.0},
+           "gripper": {"at_deg": 110.0, "limit_deg": 100.0}}  # fmt: skip
+    state = next_state(None, told(q_deg=(0, 0, 0, 0, 170), out_of_range=out), JAW, 1.0)
+    limits = {"wrist_roll": to_rad(165.0), "gripper": to_rad(100.0)}
+    assert state.reading.out_of_range == pytest.approx(limits)
+    assert state.q_jaw == pytest.approx(to_rad(110.0))  # no aperture says this
+    for nonsense in (None, "all", {"elbow_flex": {}}, {"elbow_flex": {"at_deg": math.nan,
+                     "limit_deg": 1.0}}):  # fmt: skip
+        state = next_state(None, told(out_of_range=nonsense), JAW, 1.0)
+        assert state.reading.out_of_range == {}
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,9 @@ def test_a_joint_outside_its_range_says_how_far_and_what_brings_it_back(
 
 
 def test_many_late_cycles_are_an_alarm_until_they_have_stopped() -> None:
-    late = LateCycles()
+    late = LateCycles("the machine's computer")
     assert late.alarm(0.0, 3) == ()
-    assert late.alarm(5.0, 3 + LATE_MANY)[0].cause == "late"
+    (alarm,) = late.alarm(5.0, 3 + LATE_MANY)
+    assert alarm.cause == "late"
+    assert alarm.sentence.text.endswith("Close other programs on the machine's computer.")
     assert late.alarm(20.0, 3 + LATE_MANY) == ()

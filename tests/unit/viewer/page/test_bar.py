@@ -15,13 +15,27 @@ def widget(uuid: str) -> Any:
 def test_the_bar_names_its_buttons_by_their_widgets() -> None:
     bar = Bar()
     bar.state, bar.title, bar.stop = "Idle, holding", "Arm on X", widget("s")
-    bar.buttons = (BarButton(label="Hold", button=widget("h"), can=True),)
+    why = "The joints are held already."
+    bar.buttons = (BarButton(label="Hold", button=widget("h"), why_not=why),)
     told = json.loads(bar.text())
     assert told["so101"] == "bar"
     assert (told["state"], told["title"], told["stop"], told["plan"]) == (
         "Idle, holding", "Arm on X", "s", None,
     )  # fmt: skip
-    assert told["buttons"] == [{"label": "Hold", "press": "h", "can": True, "asks": None}]
+    assert told["buttons"] == [{"label": "Hold", "press": "h", "why_not": why, "asks": None}]
+
+
+def test_a_fault_is_said_first_and_what_only_warns_last() -> None:
+    bar = Bar()
+    bar.alert(
+        "alarms", [Sentence(text="Late.", tone=Tone.WARM), Sentence(text="Hot.", tone=Tone.BAD)]
+    )
+    bar.alert("connection", [Sentence(text="Fault.", tone=Tone.BAD)])
+    assert [each["text"] for each in json.loads(bar.text())["alerts"]] == [
+        "Fault.",
+        "Hot.",
+        "Late.",
+    ]
 
 
 def test_what_is_wrong_stays_until_its_source_takes_it_back() -> None:

@@ -75,6 +75,12 @@ def test_a_machine_tells_the_figures_of_its_servos_base_to_jaw() -> None:
     assert health.period is None
 
 
+def test_a_machine_tells_which_joints_were_never_calibrated() -> None:
+    assert read_health(machine({"uncalibrated": ["elbow_flex"]})).uncalibrated == ("elbow_flex",)
+    for told in ({}, {"uncalibrated": None}, {"uncalibrated": "all"}):
+        assert read_health(machine(told)).uncalibrated == ()
+
+
 @pytest.mark.parametrize(
     "told", [{}, {"health": {}}, {"health": "fine"}, {"health": {"elbow_flex": {"volts": "x"}}}]
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.tasks.program import files
+from so101_motion.tasks.program import Loop, files
 
 A = np.radians([20.0, -20.0, 20.0, 20.0, 0.0])
 B = np.radians([-20.0, -20.0, 20.0, 20.0, 30.0])
@@ -260,6 +261,8 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: T
     assert line.parts[-1].ends == pytest.approx(1.0)
     program = tab.model.screen().program
     assert [words.line(program, k) for k in range(3)] == ["", "steps 1 to 2 run 3×", ""]
+    alone = replace(program, loops=(Loop(first=2, last=2, times=4),))
+    assert words.line(alone, 2) == "this step runs 4×"
     html = markup.timeline(line._replace(parts=(markup.Span("<i>", 0.0, 1.0),)), "uuid")
     assert "<i>" not in html.replace('<i class="span deep0"', "")
     tab.model.run()
@@ -304,7 +307,9 @@ def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
     tab.model.set_passes(True)
     tab.plan()
     rehearsal = tab.planned.rehearsal
-    assert dict(words.facts(rehearsal))["Waypoints"] == "2, 1 of them passed"
+    facts = dict(words.facts(rehearsal))
+    assert facts["Waypoints"] == "2, 1 of them passed"
+    assert facts["One round"] == f"{rehearsal.duration:.1f} s"  # the gripper does nothing
     assert words.line(rehearsal.program, 0) == "passed"
     assert [tab.planned.at(t)[0] for t in (0.0, rehearsal.visits[0].leg.at[0] + 0.01)] == [0, 1]
 

@@ -1,6 +1,7 @@
 """A machine's calibration sensor, read back into the state a calibrator shows."""
 
 import json
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -139,6 +140,17 @@ def test_steps_are_the_sensors_commands(calibrator, machine):
         {"command": "restore_calibration"},
         {"command": "motor_setup_discover", "motor_name": "gripper"},
     ]
+
+
+def test_holding_and_letting_go_is_the_arms_and_refused_where_there_is_none(calibrator, machine):
+    asked = []
+    with closing(MachineCalibrator(machine.ask, machine.read, set_torque=asked.append)) as of_arm:
+        of_arm.hold()
+        of_arm.let_go()
+    assert asked == [True, False]
+    for call in (calibrator.hold, calibrator.let_go):
+        with pytest.raises(CalibrationError, match="add the arm to the machine's configuration"):
+            call()
 
 
 def test_a_machine_that_is_gone_leaves_what_was_seen_and_says_so(calibrator, machine):
