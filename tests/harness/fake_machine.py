@@ -176,8 +176,10 @@ class FakeMachine:
             await self.answer.wait()
         if isinstance(self.configs, Exception):
             raise self.configs
-        # What comes over a wire is never the same object.
-        return [FrameSystemConfig.FromString(each.SerializeToString()) for each in self.configs]
+        # What comes over a wire is never the same object, and viam-server lists in any order.
+        first = self.asked % max(len(self.configs), 1)
+        listed = [*self.configs[first:], *self.configs[:first]]
+        return [FrameSystemConfig.FromString(each.SerializeToString()) for each in listed]
 
     async def get_machine_status(self):
         return GetMachineStatusResponse(resources=self.statuses)

@@ -7,8 +7,8 @@ tool is held; all others stand where they are at that moment. Arms that share a 
 and what they hold, are left to the cell, which knows their motions.
 
 The machine is read for each plan. An unchanged answer gives the same body objects, so that the
-planner need not rebuild them. A component without geometries is asked again only when the
-configuration has changed, or after ``_ASK_AGAIN`` seconds.
+planner need not rebuild them. A component whose answer adds nothing to its frame's configuration is
+asked again only when the configuration has changed, or a few seconds later.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Attached, Shape, ShapeFile
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.frames import machine_here
+from so101_motion.viam.conversion.frames import Machine, machine_here
 from so101_motion.viam.conversion.geometries import from_geometry
 from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.surroundings.component_geometries import REMOTE, ComponentGeometries, words
@@ -229,7 +229,7 @@ class MachineBodies:
         """The frame system once every component that belongs into it runs."""
         machine = machine_here()
         assert machine is not None, "is_asked"
-        configs = await machine.get_frame_system_config()
+        configs = await _listed(machine)
         if configs == self._configs:
             return configs
         while missing := await missing_parts(machine, self._left_out):
@@ -238,7 +238,7 @@ class MachineBodies:
                     reason = f'"{name}" does not run, so its place is unknown: {why}'
                     raise SurroundingsUnknown(reason, component=name)
             await asyncio.sleep(_STARTING)
-        configs = await machine.get_frame_system_config()
+        configs = await _listed(machine)
         there = {*self._left_out, *(each.frame.reference_frame for each in configs)}
         before = self._tree.parts
         remote = {n: p.parent for n, p in before.items() if p.parent.endswith(REMOTE)}
@@ -383,6 +383,12 @@ class MachineBodies:
             before = self._links[name] = now
             self._changes += 1
         return before
+
+
+async def _listed(machine: Machine) -> list[FrameSystemConfig]:
+    """The frame system by name: viam-server lists it in another order each time."""
+    configs = await machine.get_frame_system_config()
+    return sorted(configs, key=lambda each: each.frame.reference_frame)
 
 
 async def _all(asked: Iterable[Coroutine[Any, Any, Answer]]) -> list[Answer]:
