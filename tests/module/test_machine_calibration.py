@@ -43,7 +43,7 @@ def test_an_arm_is_calibrated_over_the_network_and_the_network_may_fail(tmp_path
             calibrator = MachineCalibrator(
                 lambda command: rig.do_command("calibration", command),
                 lambda: rig.readings("calibration"),
-                hold=lambda: rig.arm.set_torque(True),
+                set_torque=rig.arm.set_torque,
             )
             try:
                 calibrate(calibrator, kit, machine, rig)
