@@ -235,14 +235,17 @@ class FollowingCheck:
             return held
         span = slice(len(seen) - 1 - stop - self._before, None)
         wanted, seen = wanted[span], seen[span]
+        then, least = self._before, self._tolerances.pressed_stray
         steps, stray = np.diff(wanted, axis=0), wanted - seen
-        then = self._before
+        before = stray[: then + 1]
         way, moved = wanted[then] - wanted[0], seen[then] - seen[0]
         held &= (steps.min(axis=0) > 0.0) & (steps[-1] >= 0.8 * steps.max(axis=0))
         held &= (way >= LEAST_WAY) & (way <= SLOW * FOLLOWED) & (moved >= 0.7 * way)
-        pressed = self._pressed > stop + self._one_side
-        most = np.where(pressed, self._tolerances.pressed_stray, self._in_play)
-        held &= wanted[-1] - farthest - stray[: then + 1].max(axis=0) > most
+        # One that ran ahead has fallen through its play, whatever the driver knew of its load.
+        ran_ahead = before.max(axis=0) - before.min(axis=0) > least
+        pressed = (self._pressed > stop + self._one_side) & ~ran_ahead
+        most = np.where(pressed, least, self._in_play)
+        held &= wanted[-1] - farthest - before.max(axis=0) > most
         return held
 
     def _may_stand(self, wanted: Array, q: Array) -> bool:

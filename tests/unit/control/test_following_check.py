@@ -55,6 +55,17 @@ def test_one_whose_load_came_to_that_side_just_now_may_stand_for_its_play():
     assert seen(way, crossing, pressed_from=0) is not None
 
 
+def test_one_that_fell_through_its_play_waits_for_its_motor_though_its_load_was_on_one_side():
+    # As an emulated shoulder_lift did near the place where it balances.
+    way = 5.0 * DT * np.arange(200.0)
+    falls = way.copy()
+    falls[100:103] = way[100] + 0.9
+    falls[103:] = np.maximum(way[100] + 0.6, way[103:] - 0.75)
+    assert seen(way, falls, pressed_from=0) is None
+    met = np.minimum(way, way[100])
+    assert seen(way, met, pressed_from=0) is not None
+
+
 def test_one_that_sticks_and_slips_by_little_is_not_held_up():
     way = 10.0 * DT * np.arange(200.0)
     slips = 0.4 * np.floor(way / 0.4)
