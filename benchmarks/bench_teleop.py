@@ -269,7 +269,7 @@ def lasting(minutes: float) -> dict[str, Any]:
     """A long run with one reply in a hundred lost on both wires."""
     gc.collect()
     with (
-        _referee.refereed(),
+        _referee.refereed(("motion",)) as referee,
         tempfile.TemporaryDirectory() as folder,
         _bench.teleop_bench(Path(folder), reply_timeout=IMPATIENT) as bench,
     ):
@@ -299,6 +299,7 @@ def lasting(minutes: float) -> dict[str, Any]:
         "replies lost by the follower": lost,
         "largest step [deg]": max(steps),
         "cap [deg]": 180.0 * PERIOD,
+        "objections to the motion": "; ".join(map(str, referee.findings)) or "none",
         "memory after 2 min [MB]": used[min(1, len(used) - 1)],
         "memory at the end [MB]": used[-1],
         "rows recorded": recorder.rows,
