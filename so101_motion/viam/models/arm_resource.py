@@ -312,9 +312,9 @@ class ArmResource(Configured, Arm):
         await self._at_rest(self._arm.start_stop(by=SUPERSEDED))
 
     async def removed(self) -> None:
-        """End the motion under way because the component is removed; returns at rest."""
+        """End the motion under way, the last one of this component; returns at rest."""
         with suppress(So101Error):  # the servos may not answer any more
-            await self._at_rest(self._arm.start_stop(by="the removal of its arm"))
+            await self._at_rest(self._arm.start_last_stop(by="the removal of its arm"))
 
     async def _at_rest(self, stop: Future[None]) -> None:
         """Wait until a stop is over, even if the client disconnects."""
