@@ -53,7 +53,7 @@ from so101_motion.viam.requests.commands import (
     Taking,
     answer,
     motion_params,
-    planning_setup,
+    planning_commands,
 )
 from so101_motion.viam.requests.guided import PathCommands
 from so101_motion.viam.requests.manual import LONGEST, ManualMode
@@ -110,7 +110,7 @@ class ArmResource(Configured, Arm):
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
             "exit_manual_mode": self._exit_manual_mode,
-            "get_planning_setup": partial(planning_setup, arm),
+            **planning_commands(arm, self.surroundings.standing),
             "leave_contact": self._leave_contact,
             **self.paths.commands,
             **ProgramCommands(self).commands,
