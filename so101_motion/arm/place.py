@@ -172,7 +172,7 @@ class Place:
 
     def _wait_for(self, trajectory: Trajectory) -> tuple[float, str]:
         """How long a motion must still wait [s], and for which arm; nobody if it need not."""
-        met = None
+        met, now = None, 0.0
         for wait in np.arange(0.0, LATEST, LATER):
             now = self._now()
             others = [each.seen_from(self, each.plan_at(now)) for each in self._neighbours()]
@@ -181,7 +181,7 @@ class Place:
             if met is None:
                 return float(wait), "" if before is None else before[0]
         assert met is not None
-        raise crosses(*met)
+        raise crosses(*met, since=now)
 
     def along(self, trajectory: Trajectory, t: float) -> Course:
         """The course of a motion that begins at ``t`` [s]."""

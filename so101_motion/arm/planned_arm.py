@@ -171,7 +171,7 @@ class PlannedArm(CappedJoints):
             goal=goal,
             limits=self.effective_limits(limits),
             q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
-            scene=search.scene or self.scene,
+            scene=self._with_surroundings(search.scene or self.scene),
             others=() if self.place is None else self.place.others(),
             payload=self._payload,
             strength=self._strength,
@@ -182,6 +182,10 @@ class PlannedArm(CappedJoints):
             seed=search.seed,
             time_budget=search.time_budget,
         )
+
+    def _with_surroundings(self, scene: Scene) -> Scene:
+        """The scene of a plan: ``scene`` and what else is known to be around the arm."""
+        return scene
 
     def _start_plan(
         self,

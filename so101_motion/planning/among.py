@@ -60,14 +60,30 @@ LEAVING = 0.1
 """Time between the instants at which two arms that were too near are tried to be apart [s]."""
 
 
-def crosses(arm: str, meeting: Meeting) -> InCollision:
-    """The error for a motion that comes too near to another arm, whenever it begins."""
+def crosses(arm: str, meeting: Meeting, *, since: float = 0.0) -> InCollision:
+    """The error for a motion that comes too near to another arm, whenever it begins.
+
+    Args:
+        arm: The other arm.
+        meeting: Where they come too near to each other.
+        since: When the motion would begin at the earliest [s].
+    """
+    first, second = meeting.first, f"{arm}'s {meeting.second}"
+    distance = f"{max(meeting.distance, 0.0) * 1e3:.0f} mm"
+    if meeting.t <= since:
+        goal = "" if meeting.distance <= PARTING else "choose a goal straight away from it, "
+        return InCollision(
+            f"at the start the {first} is {distance} from {second}; {goal}move one of the arms away"
+            " by hand (manual mode), or correct where their bases stand",
+            first=first,
+            second=second,
+            where="start",
+        )
     return InCollision(
-        f"on its path the {meeting.first} would come within"
-        f" {max(meeting.distance, 0.0) * 1e3:.0f} mm of {arm}'s {meeting.second} while {arm} moves;"
-        f" wait until {arm} rests, or choose another goal",
-        first=meeting.first,
-        second=f"{arm}'s {meeting.second}",
+        f"on its path the {first} would come within {distance} of {second} while {arm} moves; wait"
+        f" until {arm} rests, or choose another goal",
+        first=first,
+        second=second,
         where="path",
     )
 

@@ -50,6 +50,7 @@ STOPPED = (0.05, 0.5, 2.0, 10.0)  # [s]
 COMMANDS = (
     "ping", "controller_status", "diagnose", "verify_config", "test_servo_communication",
     "get_calibration", "reload_calibration", "health", "exit_manual_mode", "get_planning_setup",
+    "get_surroundings",
     "servo_capabilities", "reinitialize", "get_motion_params", "get_position", "",
 )  # fmt: skip
 

@@ -27,6 +27,7 @@ from pathlib import Path
 import viam.services.discovery  # noqa: F401  # importing registers the client
 
 from harness.emulated_port import emulated_port, works
+from harness.fake_machine import FakeMachine
 from harness.fake_parent import (
     ARM,
     CALIBRATION,
@@ -146,6 +147,10 @@ class Machine:
     def fault(self, line):
         """Let something happen to the emulated servos, e.g. ``unplug`` or ``end unplug``."""
         self._run(self._servos.fault(line))
+
+    def has_around(self, *frames):
+        """Set its frame system, of ``hanging`` components."""
+        self._module.parent.machine = FakeMachine(*frames)
 
     def remove(self, api, name):
         """Take a resource out of the machine's configuration."""

@@ -425,3 +425,21 @@ async def test_a_stop_ends_a_streamed_trajectory(client):
         await playing
     assert caught.value.status is Status.CANCELLED
     await at_rest(client)
+
+
+async def test_an_arm_that_is_being_removed_begins_no_other_move():
+    arm = new_arm()
+    try:
+        async with arm_client(arm) as client:
+            sweep = asyncio.ensure_future(client.move_to_joint_positions(joints(60, 0, 0, 0, 0)))
+            await until(client.is_moving)
+            await arm.removed()
+            again = client.move_to_joint_positions(joints(*HOME))
+            retarget = client.move_to_joint_positions(joints(*HOME), extra={"wait": False})
+            for move in (sweep, again, retarget):
+                with pytest.raises(GRPCError, match="removal of its arm") as caught:
+                    await move
+                assert caught.value.status is Status.CANCELLED
+            assert not await client.is_moving()
+    finally:
+        await arm.close()

@@ -3,14 +3,16 @@
 Goals are planned on this computer, by the same planner as for a local arm, from the joint angles
 that the machine reports and around the obstacles in ``arm.scene``.
 
-When the connection is first made and the machine runs our module, its surroundings, calibrated
+When the connection is first made and the machine runs our module, the arm's scene, calibrated
 ranges, speed and acceleration caps are read. Setting the caps here sets them on the machine;
-setting the scene here changes it only here.
+setting the scene here changes it only here. What the machine has around the arm besides is read
+once a second, and added to the scene of every plan.
 """
 
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -22,7 +24,6 @@ from viam.components.arm import Arm as ViamArm
 from viam.components.gripper import Gripper as ViamGripper
 from viam.robot.client import RobotClient
 
-from so101_motion.arm.arm import Arm
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.shared_worker import acquire_worker, release_worker
 from so101_motion.common.attributes import suggest
@@ -36,13 +37,18 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.client.arm import MachineArm
 from so101_motion.viam.client.executor import MachineExecutor
 from so101_motion.viam.client.gripper import MachineGripper
-from so101_motion.viam.client.link import PATIENCE, Access
+from so101_motion.viam.client.link import LOSSES, PATIENCE, Access
 from so101_motion.viam.client.machine import Machine
 from so101_motion.viam.client.reports import GripperReport, ask_arm, ask_gripper, next_state
 
 BUSY, IDLE = 1.0 / 30.0, 0.1
 """Time between two readings of the machine's state, while something moves and at rest [s]. Chosen:
 fast enough for the eye, and nearly free."""
+
+_LOOKED_AROUND = 1.0
+"""Time between two readings of what the machine has around the arm [s]; chosen, as its guard."""
+
+_SILENT = "what is around the arm is not known, because the machine has not answered in time"
 
 _RANGE_KEYS = ("joint_min_deg", "joint_max_deg")
 
@@ -68,6 +74,8 @@ class MachineRig(Machine):
         self._no_gripper = "the machine has none"
         self._params: Mapping[str, Any] = {}
         self._setup: Mapping[str, Any] = {}
+        self._around: Mapping[str, Any] = {}
+        self._looked = threading.Event()
         self._closed = False
         self._link.open()
         worker = acquire_worker()
@@ -80,7 +88,7 @@ class MachineRig(Machine):
             )
             speed = self._params.get("current_speed_degs_per_sec", 50.0)
             acceleration = self._params.get("current_acceleration_degs_per_sec_per_sec", 100.0)
-            self.arm: Arm = self._new_arm(to_rad(speed), to_rad(acceleration), worker.plan)
+            self.arm = self._new_arm(to_rad(speed), to_rad(acceleration), worker.plan)
             worker.start()
         except BaseException:
             release_worker()
@@ -113,7 +121,7 @@ class MachineRig(Machine):
         access = Access(address=address, api_key_id=api_key_id, api_key=api_key)
         return cls(access, arm=arm, gripper=gripper)
 
-    def _new_arm(self, speed: float, acceleration: float, planner: Any) -> Arm:
+    def _new_arm(self, speed: float, acceleration: float, planner: Any) -> MachineArm:
         arm = MachineArm(
             model=RobotModel.load(),
             executor=self._executor,
@@ -127,7 +135,13 @@ class MachineRig(Machine):
             arm.set_range(lower, upper)
         if self._params:
             arm.tell = lambda command: self.do_command(self._arm_name, command)
+        arm.surroundings = self._surroundings
         return arm
+
+    def _surroundings(self) -> Mapping[str, Any]:
+        if not self._looked.wait(4.0 * PATIENCE):  # for the first answer after connecting
+            return {"unknown": _SILENT}
+        return self._around
 
     # State
 
@@ -202,6 +216,29 @@ class MachineRig(Machine):
         if self._state is None:
             self._params = await _answer(arm, {"get_motion_params": True})
             self._setup = await _answer(arm, {"command": "get_planning_setup"})
+        looking = asyncio.ensure_future(self._look_around(arm))
+        try:
+            await self._keep_asking(client, connected, arm.name)
+        finally:
+            looking.cancel()
+
+    async def _look_around(self, arm: ViamArm) -> None:
+        """Read what is around the arm again and again, so that nobody waits for it but a plan."""
+        command = {"command": "get_surroundings"}
+        while self._setup:  # else it is no arm of our module
+            try:
+                self._around = await arm.do_command(command, timeout=3.0 * PATIENCE)
+            except GRPCError as error:
+                self._around = {"unknown": error.message or _SILENT}
+            except LOSSES:
+                self._around = {"unknown": _SILENT}
+            self._looked.set()
+            await asyncio.sleep(_LOOKED_AROUND)
+        self._looked.set()
+
+    async def _keep_asking(
+        self, client: RobotClient, connected: Callable[[], None], arm: str
+    ) -> None:
         while True:
             begin = self.clock.now()
             try:
@@ -209,9 +246,9 @@ class MachineRig(Machine):
             except GRPCError as error:
                 refusal = f"cannot report its state: {error.message}"
                 if self._state is None:
-                    raise MachineRefused(arm.name, error.status.name, refusal) from error
+                    raise MachineRefused(arm, error.status.name, refusal) from error
                 await _is_there(client)
-                self._fault(f'the arm "{arm.name}" of the machine {refusal}')
+                self._fault(f'the arm "{arm}" of the machine {refusal}')
             connected()
             moves = self.state.arm_moving or self.state.jaw_moving
             await asyncio.sleep(begin + (BUSY if moves else IDLE) - self.clock.now())

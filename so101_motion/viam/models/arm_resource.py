@@ -53,7 +53,7 @@ from so101_motion.viam.requests.commands import (
     Taking,
     answer,
     motion_params,
-    planning_setup,
+    planning_commands,
 )
 from so101_motion.viam.requests.guided import PathCommands
 from so101_motion.viam.requests.manual import LONGEST, ManualMode
@@ -110,7 +110,7 @@ class ArmResource(Configured, Arm):
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
             "exit_manual_mode": self._exit_manual_mode,
-            "get_planning_setup": partial(planning_setup, arm),
+            **planning_commands(arm, self.surroundings.standing),
             "leave_contact": self._leave_contact,
             **self.paths.commands,
             **ProgramCommands(self).commands,
@@ -312,9 +312,9 @@ class ArmResource(Configured, Arm):
         await self._at_rest(self._arm.start_stop(by=SUPERSEDED))
 
     async def removed(self) -> None:
-        """End the motion under way because the component is removed; returns at rest."""
+        """End the motion under way, the last one of this component; returns at rest."""
         with suppress(So101Error):  # the servos may not answer any more
-            await self._at_rest(self._arm.start_stop(by="the removal of its arm"))
+            await self._at_rest(self._arm.start_last_stop(by="the removal of its arm"))
 
     async def _at_rest(self, stop: Future[None]) -> None:
         """Wait until a stop is over, even if the client disconnects."""

@@ -7,7 +7,9 @@ Combined keys are all checked before any is applied, so a refused request change
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable, Collection, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 from so101_motion.arm.arm import Arm
@@ -18,9 +20,10 @@ from so101_motion.common.attributes import (
     checked_number,
     suggest,
 )
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, SurroundingsUnknown
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files.scene_file import scene_to
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.viam.conversion.convert import to_result
 
 Request = Mapping[str, object]
@@ -82,8 +85,23 @@ def _suggestion(request: Request, commands: Collection[str], names: tuple[str, .
     return f'send {{"command": ...}}{also}; ' + suggest(first, (*commands, *names))
 
 
-async def planning_setup(arm: Arm) -> dict[str, Any]:
-    """The scene and the joint ranges, for a planner outside this process."""
+def planning_commands(
+    arm: Arm, standing: Callable[[Scene], Awaitable[Scene]]
+) -> dict[str, Command]:
+    """What a planner outside this process asks for.
+
+    Args:
+        arm: The arm.
+        standing: Adds what the machine has around the arm to a scene.
+    """
+    return {
+        "get_planning_setup": partial(_setup, arm),
+        "get_surroundings": partial(_surroundings, arm, standing),
+    }
+
+
+async def _setup(arm: Arm) -> dict[str, Any]:
+    """The scene and the joint ranges."""
     lower, upper = arm.range
     setup = {
         "scene": scene_to(arm.scene),
@@ -91,6 +109,20 @@ async def planning_setup(arm: Arm) -> dict[str, Any]:
         "joint_max_deg": to_deg(upper),
     }
     return to_result(setup)
+
+
+async def _surroundings(arm: Arm, standing: Callable[[Scene], Awaitable[Scene]]) -> dict[str, Any]:
+    """What is around the arm besides its scene, as in a scene file; or why that is ``unknown``."""
+    own = arm.scene
+    try:
+        now = await standing(own)
+    except SurroundingsUnknown as error:
+        return {"unknown": str(error)}
+    added = Scene(
+        obstacles=now.obstacles[len(own.obstacles) :], attached=now.attached[len(own.attached) :]
+    )
+    told = await asyncio.to_thread(scene_to, added)
+    return to_result({key: told.get(key, []) for key in ("obstacles", "attached")})
 
 
 def motion_params(arm: Arm, request: Request) -> dict[str, Any]:

@@ -68,6 +68,7 @@ class CameraView:
         *,
         patience: float = LONGEST_LOOK,
     ) -> None:
+        self.origin = ("camera", camera, vision or "")
         self._camera, self._client = camera, client
         self._vision, self._finder = vision, finder
         self._patience = patience

@@ -14,7 +14,7 @@ from viam.proto.common import Geometry
 from viam.proto.robot import FrameSystemConfig
 
 from so101_motion.common.attributes import suggest
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
 from so101_motion.common.geometry import SE3
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.frames import LONGEST_CHAIN, WORLD
@@ -60,8 +60,9 @@ class FrameTree:
         parts: The components by name.
 
     Raises:
-        ConfigError: The frame system is not valid: too many components, two of one name, a pose
-            that is not finite, a missing parent, or a circle.
+        ConfigError: The frame system is not valid: too many components, a pose that is not finite,
+            a missing parent, or a circle.
+        SurroundingsUnknown: Two components have one name.
     """
 
     def __init__(
@@ -71,7 +72,11 @@ class FrameTree:
         for config in configs:
             part = _part(config)
             if part.name in self.parts:
-                raise ConfigError("frame", part.name, "is there twice in the frame system")
+                raise SurroundingsUnknown(
+                    f'two components of the machine are called "{clipped(part.name, 80)}"',
+                    component=part.name,
+                    remedy='rename one, or give the remote machine that has it a "prefix"',
+                )
             if len(self.parts) == MOST_PARTS:
                 given = f"more than {MOST_PARTS} components"
                 raise ConfigError("frame system", given, "are more than can be planned around")

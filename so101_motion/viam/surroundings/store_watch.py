@@ -1,8 +1,9 @@
 """Follow a world-state store, so that a plan uses its present content.
 
 The store's stream reports what comes, changes and goes; the earlier content is read once the stream
-is open. A thing whose change is incomplete is read again. The list of things is compared every few
-seconds, because a stream does not report that it has dropped a change.
+is open. A thing whose change is incomplete is read again. Every few seconds the list and all things
+are read again, one after the other, because a stream may lose a change without a word: a store that
+has one queue of changes for all its readers, as viam-server's own fake one, gives each to one only.
 
 The transforms of ``devrel:so101:world-state`` (goals, paths, the arm's own scene) are no obstacles;
 they are recognised by their ids.
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator, Awaitable
+from collections.abc import AsyncGenerator, Awaitable, Iterable
 from contextlib import aclosing, suppress
 from typing import TypeVar, cast
 
@@ -33,7 +34,7 @@ _AGAIN = 0.2
 """Pause before a store that failed is read again [s]; chosen."""
 
 _COMPARED = 5.0
-"""Time between two readings of the list [s]; chosen."""
+"""Time from one reading of the list and all things to the next [s]; chosen."""
 
 _GONE = (GRPCError, StreamTerminatedError, OSError, TimeoutError, asyncio.IncompleteReadError)
 
@@ -61,6 +62,7 @@ class StoreWatch:
         patience: float = LONGEST_READ,
     ) -> None:
         self._name, self._store, self._logger, self._patience = name, store, logger, patience
+        self.origin = ("world_state_store", name)
         self._things: dict[bytes, Transform] = {}
         self._trouble = "does not run"
         self._known = asyncio.Event()
@@ -131,71 +133,110 @@ class StoreWatch:
         opened = cast(
             AsyncGenerator[StreamTransformChangesResponse, None], store.stream_transform_changes()
         )
-        changes: asyncio.Queue[StreamTransformChangesResponse | None] = asyncio.Queue()
+        arrived: list[StreamTransformChangesResponse] = []
+        heard = asyncio.Event()
 
         async def listen() -> None:
             try:
                 async with aclosing(opened) as stream:
                     async for change in stream:
-                        changes.put_nowait(change)
+                        arrived.append(change)
                         self._known.clear()  # until the change has been applied
+                        heard.set()
             finally:
-                changes.put_nowait(None)
+                heard.set()
 
         listening = asyncio.ensure_future(listen())
         try:
             await asyncio.sleep(0)  # so that the stream is requested before the list
-            await self._compare(store, anew=True)
-            while True:
-                if changes.empty():
+            await self._read_all(store)
+            now = asyncio.get_running_loop().time
+            again: list[bytes] = []
+            compared = now()
+            while arrived or not listening.done():
+                heard.clear()
+                changes, arrived[:] = arrived[:], []
+                await self._take(store, changes)
+                if not arrived:
                     self._trouble = "is being read"
                     self._known.set()
-                try:
-                    async with asyncio.timeout(_COMPARED):
-                        change = await changes.get()
-                except TimeoutError:
-                    await self._compare(store)
-                    continue
-                if change is None:
-                    break
-                await self._take(store, change)
+                if again:
+                    await self._read(store, again.pop())
+                elif now() - compared >= _COMPARED:
+                    again, compared = await self._compare(store), now()
+                else:
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(compared + _COMPARED - now()):
+                            await heard.wait()
             await listening  # raises its error
         finally:
             listening.cancel()
             with suppress(asyncio.CancelledError, *_GONE):
                 await listening
 
-    async def _take(self, store: WorldStateStore, change: StreamTransformChangesResponse) -> None:
-        thing = change.transform
-        if change.change_type == TransformChangeType.TRANSFORM_CHANGE_TYPE_REMOVED:
-            self._things.pop(thing.uuid, None)
-        elif not thing.uuid:  # viam-server's first message, sent when it has dropped a change
-            await self._compare(store, anew=True)
-        else:
-            is_whole = thing.reference_frame and thing.HasField("pose_in_observer_frame")
-            if is_whole and thing.HasField("physical_object"):
+    async def _take(
+        self, store: WorldStateStore, changes: Iterable[StreamTransformChangesResponse]
+    ) -> None:
+        """Apply changes in their order; what they do not say is read once, after all of them."""
+        incomplete = set[bytes]()
+        is_all = False
+        for change in changes:
+            thing = change.transform
+            incomplete.discard(thing.uuid)
+            if change.change_type == TransformChangeType.TRANSFORM_CHANGE_TYPE_REMOVED:
+                self._things.pop(thing.uuid, None)
+            elif not thing.uuid:  # viam-server's first message, sent when it has dropped a change
+                is_all = True
+            elif _is_whole(thing):
                 self._things[thing.uuid] = thing
             else:
-                await self._read(store, thing.uuid)
+                incomplete.add(thing.uuid)
+        if is_all:
+            await self._read_all(store)
+        else:
+            await self._read_those(store, incomplete)
 
-    async def _compare(self, store: WorldStateStore, *, anew: bool = False) -> None:
-        """Read the listed things that are not known, or ``anew`` all, and drop those not listed."""
+    async def _read_all(self, store: WorldStateStore) -> None:
+        await self._read_those(store, await self._compare(store))
+
+    async def _compare(self, store: WorldStateStore) -> list[bytes]:
+        """Drop the things that are not listed, read the unknown ones, and return the others."""
+        listed = await self._listed(store)
+        for gone in self._things.keys() - listed:
+            del self._things[gone]
+        known = sorted(self._things)
+        await self._read_those(store, listed - self._things.keys())
+        return known
+
+    async def _listed(self, store: WorldStateStore) -> set[bytes]:
         try:
             listed = set(await _in_time(store.list_uuids(), self._patience))
         except GRPCError as error:
             if "nil response" not in (error.message or ""):  # viam-server's error for an empty list
                 raise
-            listed = set()
+            return set()
         if len(listed) > MOST_THINGS:
-            listed = set(sorted(listed)[: MOST_THINGS + 1])  # one too many: ``scene_with`` refuses
-        for gone in self._things.keys() - listed:
-            del self._things[gone]
-        new = sorted(listed if anew else listed - self._things.keys())
-        await asyncio.gather(*(self._read(store, uuid) for uuid in new))
+            return set(sorted(listed)[: MOST_THINGS + 1])  # one too many: ``scene_with`` refuses
+        return listed
+
+    async def _read_those(self, store: WorldStateStore, uuids: Iterable[bytes]) -> None:
+        await asyncio.gather(*(self._read(store, uuid) for uuid in sorted(uuids)))
 
     async def _read(self, store: WorldStateStore, uuid: bytes) -> None:
-        """Read one thing; one that has gone is an error, after which all are read again."""
-        self._things[uuid] = await _in_time(store.get_transform(uuid), self._patience)
+        """Read one thing; drop it if it has gone meanwhile."""
+        try:
+            thing = await _in_time(store.get_transform(uuid), self._patience)
+        except GRPCError:
+            if uuid in await self._listed(store):
+                raise
+            self._things.pop(uuid, None)
+        else:
+            self._things[uuid] = thing
+
+
+def _is_whole(thing: Transform) -> bool:
+    is_placed = thing.reference_frame and thing.HasField("pose_in_observer_frame")
+    return bool(is_placed and thing.HasField("physical_object"))
 
 
 def _renamed(thing: Transform, name: str) -> Transform:

@@ -30,6 +30,10 @@ class Source(Protocol):
     """A store or camera that reports things around the arm."""
 
     @property
+    def origin(self) -> tuple[str, ...]:
+        """The resources that it reads; two sources with the same origin report the same."""
+
+    @property
     def is_steady(self) -> bool:
         """Whether it reports the same while nothing changes; a camera does not."""
 
@@ -80,7 +84,9 @@ class Surroundings:
         Raises:
             SurroundingsUnknown: They cannot be read.
         """
-        now = await self._collected(scene, (*self._sources, *also))
+        own = {source.origin for source in self._sources}
+        others = [source for source in also if source.origin not in own]
+        now = await self._collected(scene, (*self._sources, *others))
         self._last[also] = (scene, now)
         return now
 

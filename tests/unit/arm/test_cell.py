@@ -8,6 +8,7 @@ import pytest
 from harness.cell_pair import crossing_task
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
+from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import (
     ConfigError,
@@ -154,6 +155,22 @@ def test_arms_that_are_too_near_already_may_part(pair_of):
     motion = pair.left.start_move(JointGoal(q=q_goal))
     pair.finish(motion, room=0.002)
     motion.result()
+
+
+def test_arms_that_touch_at_the_start_are_told_to_be_moved_apart():
+    """Neither moves, so that there is nobody to wait for."""
+    clock = ManualClock()
+    with open_simulated(clock=clock) as left, open_simulated(clock=clock) as right:
+        cell = Cell()
+        cell.add("left", left, SE3.identity())
+        cell.add("right", right, SE3.from_rpy((0.0, 0.0, np.pi), (0.72, 0.0, 0.0)))
+        goal = JointGoal(q=np.radians([60.0, 0.0, 0.0, 0.0, 0.0]))
+        motion = left.arm.start_move(goal)
+        wait([motion.future], timeout=60.0)
+        says = "at the start the jaw is 0 mm from right's jaw; move one of the arms away by hand"
+        with pytest.raises(InCollision, match=says) as caught:
+            motion.result(0.0)
+        assert caught.value.where == "start"
 
 
 def test_an_arm_that_left_the_cell_is_ignored(pair_of):

@@ -145,6 +145,7 @@ class Reporter:
 
     def __init__(self, scene, *, is_steady):
         self.scene, self.is_steady = scene, is_steady
+        self.origin = ("store" if is_steady else "camera",)
 
     async def added_to(self, scene, view):
         return self.scene

@@ -225,7 +225,6 @@ async def test_an_arm_whose_frame_is_called_otherwise_is_not_moved_through_thing
     [
         ([hanging("a", "b"), hanging("b", "a")], [], "is attached to itself"),
         ([hanging("a", "moon")], [], '"moon", which is not a frame'),
-        ([hanging("a"), hanging("a")], [], "twice"),
         ([hanging("a", x=float("nan"))], [], "finite"),
         ([hanging("a", geometry=a_box(10, float("nan"), 10))], [Thing("a")], '"a" is not valid'),
         ([hanging("a", geometry=a_box(10, 10, 10, x=float("inf")))], [Thing("a")], '"a" is not'),
@@ -242,6 +241,16 @@ async def test_invalid_and_unreadable_parts_are_refused_in_a_sentence(
         await around(FakeMachine(ARM, *configs, things=things)).read()
     assert "ignore_components" in str(refused.value)
     assert len(str(refused.value)) < 1001
+
+
+async def test_two_components_of_one_name_are_refused_with_what_helps(around):
+    """As a remote machine without a prefix brings along; none can be left out by its name."""
+    with pytest.raises(SurroundingsUnknown) as refused:
+        await around(FakeMachine(ARM, hanging("a"), hanging("a", x=300.0))).read()
+    assert str(refused.value) == (
+        'two components of the machine are called "a"; rename one, or give the remote machine'
+        ' that has it a "prefix"'
+    )
 
 
 async def test_a_chain_and_a_frame_system_without_end_are_refused(around):

@@ -28,7 +28,7 @@ class Machine:
 class Source:
     """Reports a scene, once it may."""
 
-    is_steady = True
+    is_steady, origin = True, ("store",)
 
     def __init__(self):
         self.scene = HIGHER

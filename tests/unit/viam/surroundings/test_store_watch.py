@@ -136,6 +136,50 @@ async def test_what_moved_while_the_stream_was_down_is_where_it_is_now():
         await until(lambda: has(scene, {"crate": 0.45}))
 
 
+async def test_what_the_stream_never_tells_is_found_also_while_other_things_change(monkeypatch):
+    """As with a store that divides its changes among its readers."""
+    monkeypatch.setattr(store_watch, "_COMPARED", 0.05)
+    store = FakeStore(seen_thing("crate"), seen_thing("mug"), seen_thing("ball"))
+
+    async def found_beside_the_moving_ball(wanted):
+        store.has(seen_thing("ball", x=500.0))
+        return await has(scene, wanted | {"ball": 0.4})
+
+    async with watched(store) as scene:
+        assert len(places(await scene())) == 3
+        store.say("added", Transform())  # the message that viam-server drops
+        await scene()
+        store.things[b"crate"] = seen_thing("crate", x=550.0)
+        del store.things[b"mug"]
+        await until(lambda: found_beside_the_moving_ball({"crate": 0.45}))
+
+
+async def test_many_changes_that_do_not_say_all_are_read_once_a_thing():
+    store = FakeStore(*(seen_thing(f"cup {i}") for i in range(5)))
+    async with watched(store) as scene:
+        await scene()
+        store.say("added", Transform())  # the message that viam-server drops
+        await scene()
+        asked = store.asked
+        for _ in range(100):
+            for uuid in store.things:
+                store.say("updated", Transform(uuid=uuid))
+        await scene()
+    assert store.asked - asked < 100
+
+
+async def test_a_thing_that_goes_while_it_is_read_is_no_trouble(caplog):
+    store = FakeStore(seen_thing("crate"), seen_thing("mug"))
+    async with watched(store) as scene:
+        await scene()
+        store.say("added", Transform())  # the message that viam-server drops
+        store.say("updated", Transform(uuid=b"crate"))
+        store.forget("crate")
+        assert places(await scene()) == {"mug": 0.2}
+    assert len(store.streams) == 1
+    assert not caplog.records
+
+
 async def test_what_hangs_from_the_tool_is_held():
     async with watched(FakeStore(seen_thing("screw", parent="arm"))) as scene:
         [held] = (await scene()).attached

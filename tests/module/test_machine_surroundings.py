@@ -1,0 +1,48 @@
+"""What a machine has around its arm, in plans that are made on another computer."""
+
+import time
+
+import numpy as np
+import pytest
+from harness.fake_machine import a_box, hanging
+from harness.viam_machine import running_machine
+
+from so101_motion.common.errors import InCollision, MachineRefused
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.viam.client import MachineRig
+
+ARM = hanging("arm", joints=5)
+CRATE = hanging("crate", x=300.0, z=40.0, geometry=a_box(100, 100, 80))
+HELD = hanging("stick", "arm", z=150.0, geometry=a_box(10, 10, 60))
+INSIDE = PoseGoal(T_base_tool=SE3.from_translation((0.3, 0.0, 0.06)))
+
+
+def until_it_is_read(plan):
+    """The outcome of ``plan()`` once it is no ``InCollision``."""
+    begin = time.monotonic()
+    while True:
+        try:
+            return plan()
+        except InCollision:
+            assert time.monotonic() - begin < 60.0, "it is not read"
+            time.sleep(0.05)
+
+
+def test_plans_go_around_it_as_it_is_now_and_not_at_all_if_it_is_not_known():
+    with running_machine() as machine:
+        machine.has_around(ARM, CRATE, HELD)
+        with MachineRig.connect(machine.address) as rig:
+            with pytest.raises(InCollision, match="crate"):
+                rig.arm.plan(INSIDE)
+            request = rig.arm.request(JointGoal(q=np.zeros(5)))
+            assert [each.name for each in request.scene.attached] == ["stick"]
+            assert rig.arm.scene.obstacles == ()
+
+            machine.has_around(ARM)
+            until_it_is_read(lambda: rig.arm.plan(INSIDE))
+        machine.has_around(ARM, hanging("gone"))
+        with MachineRig.connect(machine.address) as rig:
+            with pytest.raises(MachineRefused, match='"gone" has a frame but does not run'):
+                rig.arm.plan(INSIDE)
+            rig.arm.stop()
