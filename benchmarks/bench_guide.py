@@ -52,6 +52,9 @@ AFTER = 2.0
 ROOM = 0.015
 """Least distance of the arm from the obstacles when a case begins [m]."""
 
+READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
+"""A configuration that is clear of everything."""
+
 STRENGTHS = (1.5, 2.0, 4.0)
 """Torque of the hands that lead the arm into contact [N m]."""
 
@@ -167,8 +170,8 @@ def into_contact(seed: int, cases: int, strength: float, *, walls: bool) -> list
             rooms = [_room(collision, q, arm.state.q_jaw) for q in places]
             let_go = places[-round(AFTER / 0.01)]
             found.append((min(rooms), rooms[-1], float(abs(places[-1][i] - let_go[i]))))
-            arm.scene = Scene(floor_z=None)
             arm.set_manual(False)
+            guided.bench.finish(arm.start_unguarded_retarget(READY))  # out of contact
     return found
 
 
