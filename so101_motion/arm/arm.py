@@ -284,11 +284,15 @@ class Arm(PlannedArm):
     def set_manual(self, enabled: bool, compliance: Compliance | None = None) -> None:
         """Let a hand guide the arm (``compliance``: the arm's own by default), or hold it again.
 
-        A motion, a stop and letting go end manual mode as well.
+        The hand feels a wall where it leads the arm into itself, into the scene (and what
+        ``keep_off`` adds) or into another arm of its cell. A motion, a stop and letting go end
+        manual mode as well.
         """
         if enabled:
+            compliance = compliance or self.compliance
             self.stop()
-            self._executor.guide(compliance or self.compliance).result()
+            wall = self._led.wall(self._situation) if compliance.wall else None
+            self._executor.guide(compliance, wall).result()
         else:
             self._executor.hold().result()
 

@@ -1,4 +1,7 @@
-"""Make the followings, streams and jogs of an arm, and the collision guard that most share."""
+"""Make the followings, streams and jogs of an arm, and the collision guard that most share.
+
+The guard also holds back a hand that guides the arm.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from so101_motion.arm.joint_caps import JointRange
 from so101_motion.common.units import to_rad
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import Following, FollowingSettings
+from so101_motion.control.guiding_wall import GuidingWall
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.collision import CollisionModel
@@ -58,8 +62,8 @@ class Situation(NamedTuple):
 class LedMotions:
     """Makes the followings, streams and jogs of one arm.
 
-    Followings and streams share a guard: only the I/O thread uses it, and plays one of them at a
-    time. Making it takes some hundredths of a second, so other threads do that.
+    Followings, streams and hand guiding share a guard: only the I/O thread uses it, for one of them
+    at a time. Making it takes some hundredths of a second, so other threads do that.
 
     Args:
         model: The arm.
@@ -73,7 +77,9 @@ class LedMotions:
         self._model, self._executor = model, executor
         self._lock = threading.Lock()
         self._made: tuple[Situation, Guard] | None = None
-        self._newest: Following | Stream | Jog | None = None  # of those that are guarded
+        self._newest: Following | Stream | Jog | GuidingWall | None = (
+            None  # of those that are guarded
+        )
         self.neighbours: Neighbours | None = None
 
     def has_guard(self, now: Situation) -> bool:
@@ -135,6 +141,11 @@ class LedMotions:
         jog = self._newest = Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
         return jog
 
+    def wall(self, now: Situation) -> GuidingWall:
+        """A wall that a hand feels when it leads the arm into contact."""
+        wall = self._newest = GuidingWall(self._guard(now), self.neighbours, self._executor.dt)
+        return wall
+
     def renewal(self, now: Situation) -> Callable[[], None]:
         """Make a guard for this situation; the function returned takes it into use at once.
 
@@ -149,7 +160,7 @@ class LedMotions:
             if isinstance(led, Jog) and not led.future.done():
                 _, collision, load = self._checks(now)  # a jog does not share its guard
                 led.keep_off(collision, load)
-            elif isinstance(led, Stream) or (
+            elif isinstance(led, Stream | GuidingWall) or (
                 isinstance(led, Following)
                 and led.guard is not None
                 and guard.look_every >= led.guard.look_every

@@ -9,7 +9,7 @@ from __future__ import annotations
 from concurrent.futures import Future
 from typing import Any, Protocol
 
-from so101_motion.common.compliance import Compliance
+from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.state import JointState
 from so101_motion.control.following import Following
 from so101_motion.control.joint_group import Channel
@@ -54,8 +54,8 @@ class ArmExecutor(Protocol):
     def hold(self) -> Future[None]:
         """Drive the joints where they are."""
 
-    def guide(self, compliance: Compliance) -> Future[None]:
-        """Let the arm yield to a hand."""
+    def guide(self, compliance: Compliance, wall: Wall | None = None) -> Future[None]:
+        """Let the arm yield to a hand, up to a wall."""
 
     def release(self) -> Future[None]:
         """Switch torque off."""

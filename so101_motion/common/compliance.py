@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
+
+Wall = Callable[[Array, Array], Array]
+"""How far a hand may lead the joints without resistance. From where they are now and where it leads
+them, shapes (5,), [rad], to a configuration between the two."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,8 +26,13 @@ class Compliance:
             full drive per tick. A gain above the servo's own has no further effect.
         resistance: Largest drive with which a joint resists the hand, beyond what carries its
             weight, as a share of full drive.
+        wall: Largest drive with which a joint holds a hand off what the arm must not touch, as a
+            share of full drive; 0 for no such wall. Chosen: 0.9 N m at 12 V, a little less than
+            what leads a joint at 30 deg/s. A strong hand gets past it; a joint that holds has
+            three times as much.
     """
 
     dead_band: float = to_rad(0.5)
     p_gain: float = 8.0
     resistance: float = 0.03
+    wall: float = 0.3

@@ -49,7 +49,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from so101_motion.common.clock import Clock, Metronome
-from so101_motion.common.compliance import Compliance
+from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.control.following import Following
@@ -289,12 +289,13 @@ class Executor:
         """Drive the joints where they are: out of manual mode, or out of a fault."""
         return self.ask(JointController.hold)
 
-    def guide(self, compliance: Compliance) -> Future[None]:
+    def guide(self, compliance: Compliance, wall: Wall | None = None) -> Future[None]:
         """Let the arm yield to a hand until it is asked to hold, to stop or to let go.
 
-        The jaw holds on and may be moved meanwhile.
+        The jaw holds on and may be moved meanwhile. ``wall`` is called on the I/O thread; where it
+        holds the joints back, they resist the hand.
         """
-        return self.ask(lambda control: control.guide(compliance))
+        return self.ask(lambda control: control.guide(compliance, wall))
 
     def release(self) -> Future[None]:
         """Switch torque off, so that the joints can be moved by hand; refused while they move."""

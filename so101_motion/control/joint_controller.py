@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from so101_motion.common.compliance import Compliance
+from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.errors import (
     FollowingError,
     MotionError,
@@ -186,8 +186,8 @@ class JointController:
         if self._jaw.is_moving:
             self._enter(Event.MOVE)
 
-    def guide(self, compliance: Compliance) -> None:
-        """Let the arm yield to a hand; a limp one is held first, where it is.
+    def guide(self, compliance: Compliance, wall: Wall | None = None) -> None:
+        """Let the arm yield to a hand, up to ``wall``; a limp one is held first, where it is.
 
         Raises:
             MotionError: Something moves.
@@ -197,7 +197,7 @@ class JointController:
             if self.mode is Mode.LIMP:
                 self._seed()
             self._looked()
-            self._driver.guide(compliance)
+            self._driver.guide(compliance, wall)
         self._enter(Event.GUIDE)
 
     def release(self) -> None:

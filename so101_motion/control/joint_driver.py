@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from so101_motion.common.compliance import Compliance
+from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointReading
 
@@ -45,11 +45,12 @@ class JointDriver(Protocol):
     def set_torque(self, on: bool) -> None:
         """Drive the joints or release them; before ``True`` the goal has been seeded."""
 
-    def guide(self, compliance: Compliance | None) -> None:
+    def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
         """Let the arm joints yield to a hand and hold themselves up; None ends that.
 
         They are driven before and afterwards. Meanwhile ``read`` comes at every tick, and of what
-        is written only the jaw's goal counts.
+        is written only the jaw's goal counts. Joints that have force resist a hand that leads them
+        farther than ``wall`` says.
         """
 
     def close(self) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.common.clock import Clock
-from so101_motion.common.compliance import Compliance
+from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.drivers.command_record import CommandListener, SentCommand
@@ -134,8 +134,10 @@ class SimArm:
                 self._torque = on
                 self._inner, self._qd = self._q.copy(), np.zeros(6)
 
-    def guide(self, compliance: Compliance | None) -> None:
+    def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
         """Let the arm joints be pushed by hand; they stay where they are left.
+
+        These joints have no force, so no ``wall`` is felt.
 
         Raises:
             RuntimeError: The joints are not driven.

@@ -25,7 +25,7 @@ import numpy as np
 
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.clock import Clock
-from so101_motion.common.compliance import Compliance
+from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.errors import BusError, NotHolding, PortUnavailable
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointReading
@@ -187,9 +187,9 @@ class ServoDriver:
         else:
             self._driver().set_torque(on)
 
-    def guide(self, compliance: Compliance | None) -> None:
+    def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
         """Let the arm joints yield to a hand; see ``FeetechArm.guide``."""
-        self._driver().guide(compliance)
+        self._driver().guide(compliance, wall)
 
     def pull(self, pull: Pull) -> None:
         """Pull the limp joints of the arm softly; see ``FeetechArm.pull``."""

@@ -11,7 +11,7 @@ Crystallographica A 1976.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -127,7 +127,7 @@ def measure_bases(
     fits = {}
     try:
         for arm in arms.values():
-            arm.set_manual(True)
+            arm.set_manual(True, replace(arm.compliance, wall=0.0))  # the tips shall touch
         for other in others:
             met = []
             for number in range(1, count + 1):

@@ -233,7 +233,9 @@ class HardwareArmConfig(ArmConfig):
             "connection": PortConfig.of(given, attributes),
             "servo_ids": _servo_ids(given, attributes),
             "zero_offsets": {joint: to_rad(angle) for joint, angle in zeros_deg.items()} or None,
-            "compliance": compliance(manual),
+            "compliance": compliance(
+                manual, Compliance() if given.value("collision_guard") else Compliance(wall=0.0)
+            ),
             "releases_at_end": given.value("at_end") == "release",
             "unused": (*given.idle, *idle),
         }
@@ -337,7 +339,7 @@ def compliance(given: Attributes, otherwise: Compliance | None = None) -> Compli
 
     Args:
         given: With any of the keys of ``MANUAL_RANGES``; 0 counts as not given, as in the published
-            module.
+            module, but for ``wall_torque_limit``.
         otherwise: Used for keys that are not given; the defaults if None.
 
     Raises:
@@ -347,10 +349,12 @@ def compliance(given: Attributes, otherwise: Compliance | None = None) -> Compli
         key: given.number(key, 0.0, lower=0.0, upper=upper) for key, upper in MANUAL_RANGES.items()
     }
     base = otherwise or Compliance()
+    has_wall = given.given("wall_torque_limit")  # where 0 is for no wall
     return Compliance(
         dead_band=to_rad(asked["pos_deadband_deg"]) or base.dead_band,
         p_gain=asked["p_gain"] or base.p_gain,
         resistance=asked["torque_limit"] / 1000.0 or base.resistance,
+        wall=asked["wall_torque_limit"] / 1000.0 if has_wall else base.wall,
     )
 
 
@@ -360,9 +364,15 @@ def _manual_mode(value: object) -> Attributes:
     return Attributes(value or {}, MANUAL_RANGES, kind="key of manual_mode")
 
 
-MANUAL_RANGES = {"pos_deadband_deg": 45.0, "loop_hz": 200.0, "p_gain": 255.0, "torque_limit": 1e3}
-"""Keys of ``manual_mode`` and their largest values; the published module's. Ours follows the hand
-at the rate of the control loop, so ``loop_hz`` has no effect."""
+MANUAL_RANGES = {
+    "pos_deadband_deg": 45.0,
+    "loop_hz": 200.0,
+    "p_gain": 255.0,
+    "torque_limit": 1000.0,
+    "wall_torque_limit": 1000.0,
+}
+"""Keys of ``manual_mode`` and their largest values; the last is ours, the others are the published
+module's. Ours follows the hand at the rate of the control loop, so ``loop_hz`` has no effect."""
 
 
 def _servo_ids(given: Attributes, attributes: Mapping[str, object]) -> tuple[int, ...]:

@@ -101,6 +101,23 @@ def test_a_follower_of_teleoperation_stays_off_an_arm_beside_it(tmp_path):
         assert bench.leader.q_deg[0] == pytest.approx(bench.follower.q_deg[0], abs=2.0)
 
 
+def test_a_hand_is_held_back_before_it_leads_an_arm_into_another(arms, clock):
+    guided = arms[0]
+    with open_simulated(clock=clock, q_start=Q_BESIDE) as beside:
+        cell = Cell()
+        cell.add("guided", guided.rig, SE3.identity())
+        cell.add("beside", beside, T_BESIDE)
+        in_time(clock, lambda: guided.rig.arm.set_manual(True))
+        into, nearest = np.degrees(guided.world.q), np.inf
+        into[0] = -28.0  # in contact
+        guided.lead_to(into, 2.0)
+        for _ in range(300):
+            clock.advance(0.01)
+            nearest = min(nearest, true_distance(guided, beside))
+        assert np.degrees(guided.world.q[0]) < -10.0, "it was led"
+        assert 0.0 < nearest < GUARDED
+
+
 def test_an_arm_that_is_led_stays_off_one_that_a_hand_guides(arms, clock):
     guided = arms[0]
     with open_simulated(clock=clock, q_start=Q_BESIDE) as beside:

@@ -101,10 +101,13 @@ class Hand:
     Args:
         script: Waypoints of all joints, in order of time.
         t: When the script starts, on the emulator's clock [s].
+        strength: Its largest torque [N m].
     """
 
-    def __init__(self, script: Sequence[Waypoint] = (), t: float = 0.0) -> None:
-        self._start = t
+    def __init__(
+        self, script: Sequence[Waypoint] = (), t: float = 0.0, *, strength: float = STRENGTH
+    ) -> None:
+        self._start, self._strength = t, strength
         self._ahead = {
             joint: [waypoint for waypoint in script if waypoint.joint == joint]
             for joint in dict.fromkeys(waypoint.joint for waypoint in script)
@@ -134,7 +137,7 @@ class Hand:
             return 0.0
         wanted = self._wanted(joint, now)
         pull = STIFFNESS * (wanted - q) - _DAMPING * qd
-        return max(min(pull, STRENGTH), -STRENGTH)
+        return max(min(pull, self._strength), -self._strength)
 
     def _pass(self, joint: str, waypoint: Waypoint, q: float) -> None:
         if waypoint.release:

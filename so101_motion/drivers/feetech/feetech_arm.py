@@ -32,7 +32,7 @@ from contextlib import suppress
 import numpy as np
 
 from so101_motion.common.clock import Clock
-from so101_motion.common.compliance import Compliance
+from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.errors import BusError, ServoFault
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
@@ -250,13 +250,14 @@ class FeetechArm:
                 self._torque = False
                 self._switch.off(bus)
 
-    def guide(self, compliance: Compliance | None) -> None:
+    def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
         """Let the joints of the arm yield to a hand; the jaw holds on.
 
         ``read`` has to be called a hundred times a second then. Only RAM registers are written.
 
         Args:
             compliance: How stiff they are. None ends it: they hold where they are.
+            wall: How far a hand may lead them without resistance; None for anywhere.
 
         Raises:
             BusError: A servo did not obey.
@@ -271,7 +272,7 @@ class FeetechArm:
             else:
                 self._switch.refuse_unsure(bus, self._maps)
                 trim, now = self._compensation.trim, self._clock.now()
-                self._guide = HandGuiding(compliance, trim, self._at.q, now)
+                self._guide = HandGuiding(compliance, trim, self._at.q, now, wall)
 
     def pull(self, pull: Pull) -> None:
         """Pull the limp joints of the arm softly; see ``hand_pull.py``.

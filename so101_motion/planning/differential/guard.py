@@ -1,12 +1,13 @@
 """Keep an arm that follows a target clear of itself and its surroundings, one short path at a time.
 
-A control cycle asks four questions:
+A control cycle asks five questions:
 
 * ``look``: which bodies are near, and which joints are near their torque limit?
 * ``within_reach``: which configuration nearest to a target is free? An estimate, from distances
   that are linearised in the joint angles: the arm slides along obstacles.
 * ``admits``: is a path free, and can the servos bear it? A proof. An arm that only takes steps from
   which an admitted path leads to rest never touches anything, however wrong the estimate was.
+* ``led``: how far may a hand lead the joints? Those that bring bodies too near are held back.
 * ``contact``: which bodies does a path bring into contact that somebody else has planned?
 
 Belongs to one thread, like the ``CollisionModel``.
@@ -54,6 +55,14 @@ AHEAD_STEP = 0.002
 CONTACT = 1.0 / 3.0
 """Bodies that are nearer than this share of their margin count as in contact for ``contact``: 1 mm
 of 3. Chosen: a proof needs some distance, and whoever planned the path may keep less than we do."""
+
+ALONG = 0.001
+"""A joint that brings bodies nearer by less than this moves along them [m/rad]. Chosen: a hand that
+turns the pan above a table is not held back, nor is the margin used up by a turn of 90 degrees."""
+
+LED_GAP = 0.005
+"""Gap beyond the margin at which a hand is held back [m]. Chosen: fitted servos that were led at 30
+deg/s by a hand of 2 N m went 2 to 8 mm farther than that."""
 
 PLACES = 4
 """Approximate number of samples of a path at which it is checked whether bodies part; chosen."""
@@ -125,10 +134,13 @@ class Guard:
 
     def _see(self, q: Array) -> list[TorqueReserve]:
         """Find near bodies at ``q``; return the joints near their torque limit."""
-        near = self._collision.near_bounds(q, self._q_jaw(), within=self._range, gap=GAP)
+        self._find_near(q, GAP)
+        return [] if self._load is None else self._load.heavy(q)
+
+    def _find_near(self, q: Array, gap: float) -> None:
+        near = self._collision.near_bounds(q, self._q_jaw(), within=self._range, gap=gap)
         self._looked, (self._rows, self._bounds) = q, near
         self._free = min([self._range - self._widest, *self._bounds[:, -1].tolist()])
-        return [] if self._load is None else self._load.heavy(q)
 
     def within_reach(self, q: Array, q_target: Array, others: Sequence[NearArms] = ()) -> Array:
         """The configuration nearest to a target that is probably free, shape (5,), [rad].
@@ -150,6 +162,29 @@ class Guard:
         if nearest is None:
             return q
         return q + nearest if active else q_target
+
+    def led(self, q: Array, q_led: Array, others: Sequence[NearArms] = ()) -> Array:
+        """How far a hand may lead the joints, shape (5,), [rad]: between ``q`` and ``q_led``.
+
+        Each joint that brings near bodies nearer, by ``ALONG`` or more, goes as far as leaves them
+        their margins and ``LED_GAP`` if no other joint makes room; the others go all the way. An
+        estimate, from distances that are linearised in the joint angles. The load is not checked.
+
+        Args:
+            q: Present configuration, shape (5,), [rad].
+            q_led: Where the hand leads it, shape (5,), [rad]: a few degrees away.
+            others: Near bodies of other arms.
+        """
+        self._find_near(q, LED_GAP)
+        step, shares = q_led - q, np.ones(5)
+        for bounds in (self._bounds, *(each.bounds for each in others)):
+            rates = np.where(np.abs(bounds[:, :5]) < ALONG, 0.0, bounds[:, :5])
+            nearer = np.minimum(rates * step, 0.0)  # by each joint [m]
+            total, least = nearer.sum(axis=1), np.minimum(bounds[:, 5], 0.0)
+            for k in np.flatnonzero(total < least):
+                culprits = nearer[k] < 0.0
+                shares[culprits] = np.minimum(shares[culprits], least[k] / total[k])
+        return q + shares * step
 
     def _named(self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]) -> str:
         """Words for the obstacle or load of bound ``k``, counted as in ``within_reach``."""

@@ -23,7 +23,7 @@ import numpy as np
 from grpclib import GRPCError, Status
 from viam.components.arm import Arm
 
-from so101_motion.common.compliance import Compliance
+from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.errors import MotionError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointState
@@ -139,8 +139,8 @@ class MachineExecutor(MotionRunner):
         """Drive the joints where they are: out of manual mode, or out of a fault."""
         return self._link.run(self._then_look(self._hold()))
 
-    def guide(self, compliance: Compliance) -> Future[None]:
-        """Start manual mode, with the settings of the machine's own configuration."""
+    def guide(self, compliance: Compliance, wall: Wall | None = None) -> Future[None]:
+        """Start manual mode, with the settings and the walls of the machine itself."""
 
         async def guide() -> None:
             with self._link.asking("hand guiding"):

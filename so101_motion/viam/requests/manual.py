@@ -1,7 +1,7 @@
 """Switch manual mode, in which the arm is guided by hand, for some time or until it is ended.
 
-Joints that yield to a hand push back with little force, whatever is in the way: so nothing keeps
-the arm from what a hand leads it into. It is looked at, and said.
+A hand feels a wall where it leads the arm into contact, but it is stronger than the wall. So what
+the arm touches is looked at, and said.
 """
 
 from __future__ import annotations

@@ -61,6 +61,21 @@ def test_all_that_later_versions_know_is_taken():
 
 
 @pytest.mark.parametrize(
+    ("given", "wall"),
+    [({}, 0.3), ({"wall_torque_limit": 0}, 0.0), ({"wall_torque_limit": 500.0}, 0.5)],
+)
+def test_the_wall_that_a_hand_feels_can_be_switched_off(given, wall):
+    attributes = {**PORT, "manual_mode": given}
+    assert HardwareArmConfig.from_attributes(attributes).compliance.wall == wall
+
+
+def test_without_a_collision_guard_a_hand_feels_no_wall():
+    assert (
+        HardwareArmConfig.from_attributes({**PORT, "collision_guard": False}).compliance.wall == 0.0
+    )
+
+
+@pytest.mark.parametrize(
     ("attributes", "says"),
     [
         ({}, "port"),
@@ -84,6 +99,7 @@ def test_all_that_later_versions_know_is_taken():
         ({**PORT, "timeout": "soon"}, "500ms"),
         ({**PORT, "manual_mode": {"loop_hz": 201}}, "loop_hz"),
         ({**PORT, "manual_mode": 5}, "object"),
+        ({**PORT, "manual_mode": {"wall_torque_limit": -1}}, "wall_torque_limit"),
     ],
 )
 def test_what_an_arm_cannot_use_is_named(attributes, says):
