@@ -1,4 +1,4 @@
-"""The import contracts hold: an import in the wrong direction fails here."""
+"""Imports go in the right direction only; every benchmark answers `--help`."""
 
 import subprocess
 import sys
