@@ -10,6 +10,7 @@ the lag of the whole motion, one figure for all joints that fits best, has been 
 
 from __future__ import annotations
 
+import argparse
 import math
 import tempfile
 from pathlib import Path
@@ -48,6 +49,7 @@ def followed(speed: float, acceleration: float) -> list[Any]:
 
 def main() -> None:
     """Measure, print and write the results."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     _common.single_thread()
     rows: list[dict[str, Any]] = []
     for speed, acceleration in SPEEDS:

@@ -11,6 +11,7 @@ Run: ``python -m benchmarks.bench_give_up``.
 
 from __future__ import annotations
 
+import argparse
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -154,6 +155,7 @@ def closing_row() -> _common.Row:
 
 def main() -> None:
     """Run everything and write the result."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     model = RobotModel.load()
     process = PlanningProcess()
     process.wait_until_ready()

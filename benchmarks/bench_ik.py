@@ -14,6 +14,7 @@ if it is installed, its compiled Levenberg-Marquardt with joint limits and up to
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -47,6 +48,7 @@ FRAMES = ("tool", "jaw_tip")
 
 def main() -> None:
     """Run everything, print the table, write the results."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     _common.single_thread()
     model = RobotModel.load()
     solver = IkSolver(model)

@@ -11,6 +11,7 @@ Run: ``python -m benchmarks.bench_line``.
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Sequence
 
@@ -314,6 +315,7 @@ def speed_rows(bench: Bench) -> list[_common.Row]:
 
 def main() -> None:
     """Run everything and write the result."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     _common.single_thread()
     bench = Bench()
     begin = time.perf_counter()

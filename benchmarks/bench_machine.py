@@ -13,6 +13,7 @@ this process with whoever asks, as of the module. A genuine viam-server answers 
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import json
 import time
@@ -106,6 +107,7 @@ async def compared() -> list[dict[str, Any]]:
 
 def main() -> None:
     """Measure, print and write the results."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     _common.single_thread()
     rows = asyncio.run(compared())
     _common.write("bench_machine", rows)

@@ -8,6 +8,7 @@ machine with more processors could go.
 
 from __future__ import annotations
 
+import argparse
 import resource
 import time
 from collections.abc import Sequence
@@ -55,6 +56,7 @@ def attempt(worker: PlanningWorker, asked: Sequence[PlanRequest]) -> dict[str, f
 
 def main() -> None:
     """Run everything and write the result."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     model = RobotModel.load()
     rows: list[_common.Row] = []
     workers = {count: PlanningWorker(workers=count) for count in (1, 2)}

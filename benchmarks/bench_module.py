@@ -10,6 +10,7 @@ one such question: they are a little too long, never too short.
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import time
 from collections.abc import Awaitable
@@ -161,6 +162,7 @@ async def measure() -> list[dict[str, Any]]:
 
 def main() -> None:
     """Measure, print and write the results."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     _common.write("bench_module", asyncio.run(measure()))
 
 

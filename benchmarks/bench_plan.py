@@ -20,6 +20,7 @@ with the share of them that coal had to decide.
 
 from __future__ import annotations
 
+import argparse
 import gc
 import time
 from collections.abc import Callable
@@ -215,6 +216,7 @@ def _summary(times: Any) -> dict[str, float]:
 
 def main() -> None:
     """Run everything and write the result."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     _common.single_thread()
     model = RobotModel.load()
     planner = Planner(model)

@@ -17,6 +17,7 @@ The stops are from random instants of those motions, under limits a fifth (accel
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import math
 from collections.abc import Sequence
@@ -45,6 +46,7 @@ STOPS_PER_PATH = 10
 
 def main() -> None:
     """Run everything, print the table, write the results."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     _common.single_thread()
     waypoints = random_waypoints()
     paths = [spline_path(points) for points in waypoints]

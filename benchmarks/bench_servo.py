@@ -11,6 +11,7 @@ anew at each call.
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -172,6 +173,7 @@ def through_qpsolvers(programs: Sequence[tuple[Array, ...]]) -> tuple[list[float
 
 def main() -> None:
     """Run everything, print the table, write the results."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     _common.single_thread()
     rows: list[_common.Row] = []
     programs: list[tuple[Array, ...]] = []

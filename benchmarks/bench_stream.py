@@ -18,6 +18,7 @@ time. Cycles lost then are counted apart.
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import json
@@ -168,6 +169,9 @@ def lateness(writes: Array) -> Array:
 
 def main() -> None:
     """Measure, print and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--dry", action="store_true", help="print the table, write no results")
+    wanted = parser.parse_args()
     _common.single_thread()
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "record.json"
@@ -185,7 +189,10 @@ def main() -> None:
         {"what": "seconds on the way", "value": len(late) * PERIOD},
         {"what": "processor time of the module [s]", "value": seen["cpu"]},
     ]
-    _common.write("bench_stream", rows, peers=("feetech-servo-sdk", "pyserial"))
+    if wanted.dry:
+        _common.print_table("bench_stream", rows)
+    else:
+        _common.write("bench_stream", rows, peers=("feetech-servo-sdk", "pyserial"))
 
 
 if __name__ == "__main__":

@@ -227,6 +227,31 @@ def test_a_joint_that_stops_while_nobody_writes_is_not_taken_for_one_that_jerks(
     assert "motion" not in pitch.broken
 
 
+def to_and_fro(pitch, ticks):
+    """What the motion rule says of a pan whose servo takes it to and fro by itself."""
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.match.ask_caps(lambda: (Caps(speed=180.0, acceleration=600.0),) * 6)
+    middle, said = pitch.at(1), []
+    for side in (1, -1) * 3:
+        pitch.say(goal(1, middle + side * ticks))
+        pitch.wait(0.4)
+        said += [each.text for each in pitch.referee.findings if each.rule == "motion"]
+        pitch.referee.findings.clear()  # the goals jump, too
+    return said
+
+
+def test_a_motor_that_crosses_its_play_as_hard_as_its_servo_does_alone_is_not_objected_to(pitch):
+    assert not to_and_fro(pitch, 400)  # up to 983 deg/s^2
+
+
+def test_a_set_point_that_is_harder_than_the_cap_is_caught_in_the_play_and_beyond_it(pitch):
+    for register, units in ((85, 254), (41, 100)):
+        pitch.say(packet(1, 3, register, units))  # it accelerates by 1,168 deg/s^2
+    bounds = {round(float(text.split()[-2]), -1) for text in to_and_fro(pitch, 100)}
+    assert bounds == {960.0, 1250.0}  # the supply sags a little under the motor
+
+
 def test_a_joint_that_a_hand_pushes_is_nobody_s_fault(pitch):
     pitch.hold()
     pitch.wait(1.0)

@@ -52,13 +52,14 @@ class Motor:
     """Current and temperature of one servo.
 
     Attributes:
+        kind: The servo's type.
         current: Through the bridge, signed like the duty [A].
         temperature: The value of register 63, with decimals [degC].
         ambient: Temperature it cools down to [degC].
     """
 
     def __init__(self, kind: ServoType) -> None:
-        self._kind = kind
+        self.kind = kind
         self.current = 0.0
         self.temperature = self.ambient = ROOM_C
 
@@ -71,7 +72,7 @@ class Motor:
             volts: On the cable [V].
             velocity: Of the output [tick/s].
         """
-        kind = self._kind
+        kind = self.kind
         emf = kind.back_emf * velocity / TICKS_PER_RAD
         winding = (duty * volts - emf) / kind.resistance if duty else 0.0
         # The shunt sees the winding's current during the on-time only.
