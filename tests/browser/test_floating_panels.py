@@ -38,13 +38,11 @@ def test_a_cameras_picture_keeps_nobody_away_and_is_scrolled_by_keys_where_it_is
             window.until(lambda: image.evaluate("image => image.naturalWidth") > 0)
             window.until(lambda: (image.evaluate(CUT) > 0) == is_cut)
             window.comes_to([], window.barriers)  # a moment later, as names come
-            area = image.locator("xpath=ancestor::*[@data-scrollarea-viewport][1]")
             if is_cut:
+                area = image.locator("xpath=ancestor::*[@data-scrollarea-viewport][1]")
                 area.focus()
                 window.page.keyboard.press("End")
                 window.until(lambda: area.evaluate("area => area.scrollTop") > 0)
-            else:
-                assert area.get_attribute("tabindex") is None
             window.leave()
 
 
