@@ -20,7 +20,7 @@ from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
 from .film import MovedArm
-from .share import KINDS, PLAN, RUN, SharedMotion, content, file_name, kind_called
+from .share import FILM, KINDS, PLAN, RUN, SharedMotion, content, file_name, kind_called
 
 NOTHING = Sentence(text="Nothing to share yet: plan a motion first.")
 READY = "Choose a file type. The file goes to this browser's downloads."
@@ -68,9 +68,7 @@ class SharePart(Part):
             self._sentence = gui.add_html("")
             self._what = gui.add_dropdown("Motion", (PLAN, RUN), disabled=True)
             self._kind = gui.add_dropdown("File", tuple(kind.label for kind in KINDS))
-            self._arm = gui.add_dropdown(
-                "Of", tuple(arms), hint="A film shows all arms", visible=len(arms) > 1
-            )
+            self._arm = gui.add_dropdown("Of", tuple(arms), visible=False)
             self._download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD, disabled=True)
         context.on_asked(self._download, self._order)
         context.leave_open(self._what, self._kind, self._arm, self._download)
@@ -83,6 +81,7 @@ class SharePart(Part):
                 *(each.page.plan_view for each in self._arms.values()),
                 *(each.page.ran for each in self._arms.values()),
                 self._what.value,
+                self._kind.value,
             ),
         )
         is_news = len(before) != len(self._seen) or any(map(is_not, self._seen, before))
@@ -99,6 +98,7 @@ class SharePart(Part):
         """Update the widgets."""
         self._download.disabled = not self._moved(PLAN)
         self._what.disabled = not self._moved(RUN)
+        self._arm.visible = len(self._arms) > 1 and kind_called(self._kind.value) is not FILM
         self._sentence.content = markup.sentence(self._status or self._offer())
 
     def _has_current_plan(self) -> bool:

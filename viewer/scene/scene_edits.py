@@ -6,7 +6,7 @@ Renaming or removing a thing also updates references to it (``may_touch``).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import count
 from typing import Any
@@ -135,7 +135,14 @@ def resized(
     return shape
 
 
-def added(scene: Scene, shape: Shape, *, name: str, place: SE3 | None = None) -> Scene:
+def added(
+    scene: Scene,
+    shape: Shape,
+    *,
+    name: str,
+    place: SE3 | None = None,
+    held_at: Sequence[Array] = (),
+) -> Scene:
     """``scene`` with one more obstacle of this name, where there is room on the floor.
 
     Args:
@@ -143,6 +150,7 @@ def added(scene: Scene, shape: Shape, *, name: str, place: SE3 | None = None) ->
         shape: The shape of the new one.
         name: What it is called; a number follows.
         place: Where it is, seen from the base, if that is known.
+        held_at: Where things are that a gripper holds, shape (3,) each, [m].
     """
     floor = FLOOR_Z if scene.floor_z is None else scene.floor_z
     low, high = _extent(shape)
@@ -152,7 +160,7 @@ def added(scene: Scene, shape: Shape, *, name: str, place: SE3 | None = None) ->
         for level in range(3)
         for a in _ASIDE
     ]
-    taken = [each.T_base_obstacle.p for each in scene.obstacles]
+    taken = [*(each.T_base_obstacle.p for each in scene.obstacles), *held_at]
     room = (p for p in spots if all(np.linalg.norm(p - other) > _APART for other in taken))
     place = place or SE3.from_translation(np.round(next(room, spots[0]), 3))
     return scene.with_obstacles(

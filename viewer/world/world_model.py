@@ -9,7 +9,7 @@ moves no arm.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
 
@@ -121,9 +121,9 @@ class WorldModel:
         self.selected = name if name in self.names else None
         self.dragging = False
 
-    def add(self, kind: str) -> None:
-        """Add a thing of ``NEW_SHAPES`` and select it."""
-        self._add(scene_edits.NEW_SHAPES[kind], kind)
+    def add(self, kind: str, held_at: Sequence[Array] = ()) -> None:
+        """Add a thing of ``NEW_SHAPES``, clear of things held at some points, and select it."""
+        self._add(scene_edits.NEW_SHAPES[kind], kind, held_at=held_at)
 
     def remove(self) -> None:
         """Remove the selected thing."""
@@ -292,8 +292,15 @@ class WorldModel:
             raise ConfigError("name", None, "select an object first")
         return self.selected
 
-    def _add(self, shape: Shape, name: str, *, place: SE3 | None = None) -> None:
-        scene = scene_edits.added(self.scene, shape, name=name, place=place)
+    def _add(
+        self,
+        shape: Shape,
+        name: str,
+        *,
+        place: SE3 | None = None,
+        held_at: Sequence[Array] = (),
+    ) -> None:
+        scene = scene_edits.added(self.scene, shape, name=name, place=place, held_at=held_at)
         new = scene.obstacles[-1].name
         self._change(scene, f"Added {new}. Drag it by its arrows, or give numbers.")
         self.select(new)

@@ -106,7 +106,7 @@ class WorldPart(Part):
         context, world = self._context, self.world
         self._sentence = gui.add_html("")
         kinds = gui.add_button_group("Add", tuple(NEW_SHAPES))
-        context.on_choice(kinds, world.add)
+        context.on_choice(kinds, lambda kind: world.add(kind, self._held_at()))
         self._list = gui.add_dropdown("Selected", (_nothing(()),))
         self._selected = self._field(self._list, self._choose, shown=str)
         self._acts = gui.add_button_group(
@@ -274,6 +274,10 @@ class WorldPart(Part):
     def _q_all(self) -> Array:
         """Where all arms are, a row for each, [rad]."""
         return np.array([arm.state.q for arm in self._user.arms.values()])
+
+    def _held_at(self) -> list[Array]:
+        """Where the things are that a gripper holds."""
+        return [(self._T_of(each) @ pose_of(each)).p for each in self.world.scene.attached]
 
     def _T_of(self, thing: Thing | None) -> SE3:
         """What carries a thing, if anything does."""

@@ -136,6 +136,17 @@ def test_a_thing_that_went_away_during_a_drag_is_let_alone(world):
     assert world.names == ()
 
 
+def test_a_new_thing_keeps_clear_of_one_that_is_held(world):
+    world.add("box")
+    at = world.thing.T_base_obstacle.p
+    world.hold(TOOL)
+    world.add("box")
+    np.testing.assert_array_equal(world.thing.T_base_obstacle.p, at)
+    world.undo()
+    world.add("box", [at])
+    assert np.linalg.norm(world.thing.T_base_obstacle.p - at) > 0.1
+
+
 def test_what_one_of_several_arms_holds_outlasts_a_loaded_scene_and_is_not_in_its_file(world):
     world.add("sphere")
     world.hold(TOOL, "arm 2")
