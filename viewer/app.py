@@ -20,7 +20,7 @@ from .panels.hold_buttons import HoldButtons
 from .panels.identify_panel import IdentifyPart
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
-from .panels.share_panel import SharePart
+from .panels.share_panel import SharePart, SharingArm
 from .program.program_panel import ProgramPart
 from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded
@@ -75,7 +75,7 @@ class Preview(SearchingPage[RigLike]):
                 now=rig.clock.now,
                 on_handles=lambda shown: move.set_handles(not shown),
             ),
-            SharePart(context, move.page, title=title),
+            SharePart(context, {"": SharingArm(rig=rig, page=move.page)}, title=title),
             *self._about_the_arm(context, move, program),
             (teach := TeachPart(context, self._source.open_leader)),
             *setup_parts(context, on_stage=move.set_visible),

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
 from so101_motion.files import user_storage
 from so101_motion.rig.cell_rigs import CellRigs
+from so101_motion.rig.rig import Rig
 
 from .page import texts
 from .page.events import ArmEvents
+from .page.page_context import ArmContext
 from .page.screen_state import Sentence, Tone
 from .panels.camera_panel import CameraPart
 from .panels.cell_part import CellPart
 from .panels.health_panel import EventsPart, HealthPart
 from .panels.hold_buttons import HoldButtons
 from .panels.jog_panel import JogPart
+from .panels.share_panel import SharePart, SharingArm
 from .program.cell_program_panel import CellProgramPart
 from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.kept_key import KeyOf, new_key
 from .source import CellSource
+from .teach.teach_panel import TeachPart
 from .world.scene_user import ArmsOfCell
 from .world.world_panel import WorldPart
 
@@ -58,6 +63,10 @@ class CellPage(SearchingPage[CellRigs]):
         events = EventsPart(context, panel)
         panel.dock_below(part.panel)
         hold = HoldButtons(context, title=title, rigs=rigs, guide=part.guide, fade=part.fade)
+        jogs = [
+            JogPart(each, part.model.arms[name], title=name)
+            for name, each in self._tab_for_each("Jog", rigs)
+        ]
         program = CellProgramPart(context, opened.cell, part.model.arms, part.nodes)
         world = WorldPart(
             context,
@@ -66,16 +75,32 @@ class CellPage(SearchingPage[CellRigs]):
             now=next(iter(rigs.values())).clock.now,
             on_handles=lambda shown: part.set_handles(not shown),
         )
-        with context.tabs.add_tab("Jog"):
-            arms = host.gui.add_tab_group()
-        jogs = [
-            JogPart(replace(host.arm_context(rig), tabs=arms), part.model.arms[name], title=name)
-            for name, rig in rigs.items()
+        bases = {each.name: each.T_cell_base for each in self._source.file.arms}
+        share = SharePart(
+            context,
+            {
+                name: SharingArm(rig=rig, page=part.model.arms[name], T_scene_base=bases[name])
+                for name, rig in rigs.items()
+            },
+            title=title,
+        )
+        teaches = [
+            TeachPart(each, title=name, node=part.nodes[name])
+            for name, each in self._tab_for_each("Teach", rigs)
         ]
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
         if self._source.camera is not None:
             host.add_parts(CameraPart(context, self._source.camera))
-        host.add_parts(part, program, world, *health, events, hold, *logs, *jogs)
+        host.add_parts(part, program, world, share, *health, events, hold, *logs, *jogs, *teaches)
+
+    def _tab_for_each(
+        self, title: str, rigs: Mapping[str, Rig]
+    ) -> Iterator[tuple[str, ArmContext]]:
+        """A tab with one tab in it for each arm: its name, and where its widgets go."""
+        with self.host.page_context().tabs.add_tab(title):
+            arms = self.host.gui.add_tab_group()
+        for name, rig in rigs.items():
+            yield name, replace(self.host.arm_context(rig), tabs=arms)
 
     def _log(self, name: str, text: str, tone: Tone) -> None:
         said = texts.named(name, Sentence(text=text, tone=tone))

@@ -268,7 +268,7 @@ class CellModel:
             return True
         self._plan = future.result()
         for name, arm in self.arms.items():
-            arm.take_plan(self._plan.plans[name])
+            arm.take_plan(self._plan.plans[name], self._plan.name)
         self._playback.load(self._plan.duration)
         self._sentence = texts.ALL_PLANNED
         return True

@@ -109,8 +109,8 @@ class ViewModel(TargetEditor):
         self._targets.add((self._target, self._kind))
         self.take_plan(plan)
 
-    def take_plan(self, plan: Plan) -> None:
-        """Show a plan to the target that is set."""
+    def take_plan(self, plan: Plan, name: str = "") -> None:
+        """Show a plan to the target that is set, under a name or its number."""
         newest, self._count = self._arm.newest, self._count + 1
         made_for = newest[0] if newest is not None and newest[1] is plan else None
         view = plan_view(
@@ -119,7 +119,7 @@ class ViewModel(TargetEditor):
             self._target.frame,
             scene=self._arm.scene if made_for is None else made_for.scene,
             q_jaw=self._state.q_jaw_ref if made_for is None else made_for.q_jaw,
-            name=f"Plan {self._count}",
+            name=name or f"Plan {self._count}",
         )
         self._plan, self._plan_is_current = view, True
         self._path = view.path

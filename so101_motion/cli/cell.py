@@ -181,9 +181,9 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
     with quietly(), open_cell(read_cell(file)) as opened:
         with busy_message("planning the program ..."):
             rehearsal = rehearse_cell(opened.cell, made)
-        for index, step in enumerate(rehearsal.first):
-            duration = max(plan.duration for plan in step.plans.values())
-            click.echo(f"  {made.called(index)}  {duration:.2f} s", err=True)
+        for step in rehearsal.first_round:
+            times = f", {step.times} times" if step.times > 1 else ""
+            click.echo(f"  {made.called(step.step_index)}  {step.duration:.2f} s{times}", err=True)
             _say_what_is_done_for_others(step.plans)
         if not yes:
             have_agreed("Move the arms?")

@@ -11,6 +11,7 @@ import pytest
 from conftest import Visit
 from harness.browser_user import Guest
 from harness.web_camera import web_camera
+from playwright.sync_api import Download, Locator
 from so101_viewer import CellPage, CellSource, serve_cell
 
 from so101_motion.common.geometry import SE3
@@ -57,6 +58,32 @@ def guest(visit: Visit, page: CellPage) -> Guest:
     return guest
 
 
+def record(guest: Guest, row: str, arms: str) -> None:
+    """Press the button for ``arms`` in a row of the Program tab."""
+    row_at = f"xpath=//*[text()='{row}']/ancestor::*[.//button][1]//button"
+    guest.page.locator(row_at).filter(has_text=re.compile(f"^{arms}$")).click()
+
+
+def press_unfolded(guest: Guest, folder: str, button: str) -> None:
+    """Press a button in a folder, and fold that again."""
+    for act in (folder, button, folder):
+        if act == folder:
+            guest.page.get_by_text(folder).filter(visible=True).click()
+        else:
+            guest.button(button).filter(visible=True).click()
+
+
+def arm_tab(guest: Guest, name: str) -> Locator:
+    """The tab of an arm within the tab in front."""
+    tabs = guest.page.get_by_role("tablist").filter(has_text=re.compile("^arm 1arm 2$"))
+    return tabs.get_by_role("tab", name=name, exact=True).filter(visible=True)
+
+
+def push(rig: Rig, q: np.ndarray) -> None:
+    """What a hand does with a soft arm."""
+    rig.executor.call(lambda driver: driver.push(q))  # type: ignore[attr-defined]
+
+
 @pytest.mark.timeout(400)
 def test_a_common_motion_is_planned_executed_and_stopped(guest: Guest, arms: CellRigs) -> None:
     rigs = list(arms.rigs.values())
@@ -77,6 +104,35 @@ def test_a_common_motion_is_planned_executed_and_stopped(guest: Guest, arms: Cel
             break
     else:
         pytest.skip("this machine is too busy to let a simulated arm move")
+    assert guest.problems == []
+
+
+def test_the_plan_is_downloaded_as_a_film_of_all_arms_and_as_a_table_of_one(
+    guest: Guest, tmp_path: Path
+) -> None:
+    page = guest.page
+
+    def take(kind: str) -> Download:
+        page.get_by_role("tab", name="Share", exact=True).click()
+        for label, wanted in (("File", kind), *([] if kind == "Film" else [("Of", "arm 2")])):
+            field = page.get_by_role("combobox", name=label, exact=True).filter(visible=True)
+            field.click()
+            page.get_by_role("option", name=wanted).filter(visible=True).click()
+            guest.until(lambda field=field, wanted=wanted: wanted in field.input_value())
+            page.wait_for_timeout(300)  # the page sends one message per panel every 50 ms
+        with page.expect_download() as download:
+            guest.press("Download")
+        download.value.save_as(tmp_path / download.value.suggested_filename)
+        return download.value
+
+    table = take("Table, degrees (CSV)").suggested_filename
+    assert table.endswith("-arm-2.csv")
+    assert "shoulder_pan" in (tmp_path / table).read_text()
+    guest.comes_to([], guest.barriers)
+    film = (tmp_path / take("Film").suggested_filename).read_text()
+    assert "<i>arm 1</i>" in film
+    assert "<i>arm 2</i>" in film
+    page.get_by_role("tab", name="Move", exact=True).click()
     assert guest.problems == []
 
 
@@ -116,16 +172,14 @@ def test_a_program_for_both_arms_is_recorded_edited_and_planned(
     guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in rigs))
     page.get_by_role("tab", name="Program", exact=True).click()
     guest.until(lambda: guest.button("Plan program").is_disabled())
-    guest.press("all arms")
+    record(guest, "Record target", "all arms")
     guest.until(lambda: guest.says("Recorded step 1."))
-    guest.press("arm 2")
+    record(guest, "Record target", "arm 2")
     guest.until(lambda: guest.says("Recorded step 2."))
     rows = page.locator(".so101-steps span")
     guest.comes_to(["arm 1, arm 2", "arm 2"], rows.all_inner_texts)
     page.locator(".so101-steps:visible button").first.click()
-    page.get_by_role("tablist").filter(has_text=re.compile("^arm 1arm 2$")).get_by_role(
-        "tab", name="arm 1", exact=True
-    ).click()
+    arm_tab(guest, "arm 1").click()
     guest.press("leave out")
     guest.until(lambda: rows.all_inner_texts() == ["arm 2"] * 2)
     stood = [rig.arm.state.q for rig in rigs]
@@ -159,6 +213,65 @@ def test_a_program_for_both_arms_is_recorded_edited_and_planned(
     assert guest.problems == []
 
 
+def test_steps_are_recorded_by_hand_and_repeated_in_a_loop(guest: Guest, arms: CellRigs) -> None:
+    page, (first, second) = guest.page, arms.rigs.values()
+    page.get_by_role("tab", name="Program", exact=True).click()
+    press_unfolded(guest, "Save and load", "new")
+    rows = page.locator(".so101-steps:visible button")
+    guest.until(lambda: rows.count() == 0)
+    guest.press("Guide by hand")
+    guest.until(lambda: guest.says("Move arm 1 and arm 2 by hand, then record where they stand."))
+    q = second.arm.state.q + np.radians([15.0, 0.0, 0.0, 0.0, 0.0])
+    push(second, q)
+    guest.until(lambda: np.allclose(second.arm.state.q, q, atol=to_rad(0.5)))
+    record(guest, "Record arm", "arm 2")
+    guest.until(lambda: rows.count() == 1)
+    record(guest, "Record arm", "arm 1")
+    guest.until(lambda: rows.count() == 2)
+    guest.press("Hold")
+    guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in (first, second)))
+    page.get_by_text("Loops").filter(visible=True).click()
+    for label, value in (("From step", "1"), ("To step", "2"), ("Times", "3")):
+        guest.fields(label).fill(value)
+        guest.fields(label).press("Enter")
+        page.wait_for_timeout(80)
+    guest.press("repeat")
+    guest.until(lambda: guest.says("steps 1 to 2 run 3×"))
+    guest.until(lambda: guest.button("Plan program").is_enabled())
+    guest.press("Plan program")
+    loops = page.locator(".so101-timeline:visible i.span")
+    guest.comes_to(["3×"], loops.all_inner_texts)
+    guest.comes_to([], guest.barriers)
+    guest.press("end")
+    guest.until(lambda: not guest.says("steps 1 to 2 run 3×"))
+    page.get_by_role("tab", name="Move", exact=True).click()
+    assert guest.problems == []
+
+
+def test_a_path_is_taught_to_one_arm_while_the_other_holds(guest: Guest, arms: CellRigs) -> None:
+    page, (first, second) = guest.page, arms.rigs.values()
+    guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in (first, second)))
+    page.get_by_role("tab", name="Teach", exact=True).click()
+    guest.until(lambda: guest.button("Record a path").count() == 1)
+    arm_tab(guest, "arm 2").click()
+    start = second.arm.state.q
+    guest.press("Record a path")
+    guest.until(lambda: guest.says("Recording, "))
+    assert second.arm.state.mode is Mode.GUIDING
+    assert first.arm.state.mode is Mode.HOLDING
+    for share in np.linspace(0.0, 1.0, 8):
+        push(second, start + share * np.radians([8.0, 0.0, 0.0, 5.0, 0.0]))
+        page.wait_for_timeout(60)
+    guest.press("End the recording")
+    guest.until(lambda: "/arms/1/teach/path" in guest.nodes())
+    guest.until(lambda: guest.button("Plan replay").is_enabled())
+    guest.press("Plan replay")
+    guest.until(lambda: guest.button("Replay").is_enabled())
+    guest.comes_to([], guest.barriers)
+    page.get_by_role("tab", name="Move", exact=True).click()
+    assert guest.problems == []
+
+
 def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_them(
     guest: Guest, arms: CellRigs, own_files: Path
 ) -> None:
@@ -177,11 +290,25 @@ def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_th
     ]
     np.testing.assert_allclose(in_cell[0], in_cell[1], atol=1e-9)
     guest.until(lambda: guest.button("delete").filter(visible=True).is_enabled())
-    assert guest.button("attach").filter(visible=True).count() == 0
     assert guest.button("for Viam").filter(visible=True).count() == 0
     guest.comes_to([], guest.barriers)
     stood = [rig.arm.state.q for rig in rigs.values()]
     second = list(rigs)[1]
+
+    def held() -> list[list[str]]:
+        return [[each.name for each in rig.arm.scene.attached] for rig in rigs.values()]
+
+    gripper = page.get_by_role("combobox", name="Gripper of").filter(visible=True)
+    gripper.click()
+    page.get_by_role("option", name=second, exact=True).filter(visible=True).click()
+    guest.until(lambda: gripper.input_value() == second)
+    guest.button("attach").filter(visible=True).click()
+    guest.until(lambda: (seen(), held()) == ([[], []], [[], ["box 1"]]))
+    guest.until(lambda: guest.says(f"{second} holds box 1"))
+    guest.until(lambda: gripper.is_disabled())
+    guest.comes_to([], guest.barriers)
+    guest.button("detach").filter(visible=True).click()
+    guest.until(lambda: (seen(), held()) == ([["box 1"], ["box 1"]], [[], []]))
     inside = rigs[second].arm.T_base().p
     p = (FILE.arms[1].T_cell_base @ SE3.from_translation(inside)).p
     fields = guest.fields("Position (mm)").filter(visible=True)

@@ -10,16 +10,18 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from PIL import Image
 
+WIDE, UPRIGHT = (32, 24), (24, 32)
 
-def jpeg(number: int) -> bytes:
+
+def jpeg(number: int, size: tuple[int, int] = WIDE) -> bytes:
     """A picture that differs from the one before."""
     file = io.BytesIO()
-    Image.new("RGB", (32, 24), (40 * number % 256, 90, 160)).save(file, "JPEG")
+    Image.new("RGB", size, (40 * number % 256, 90, 160)).save(file, "JPEG")
     return file.getvalue()
 
 
 class WebCamera(BaseHTTPRequestHandler):
-    """Answers ``/picture``, ``/stream``, ``/page`` (no picture) and ``/lost``.
+    """Answers ``/picture``, ``/upright``, ``/stream``, ``/page`` (no picture) and ``/lost``.
 
     Attributes:
         count: How often it was asked.
@@ -44,7 +46,8 @@ class WebCamera(BaseHTTPRequestHandler):
                 head = b"--x\r\nContent-Type: image/jpeg\r\n\r\n"
                 self.wfile.write(head + jpeg(number) + b"\r\n")
         else:
-            self.wfile.write(jpeg(WebCamera.count))
+            size = UPRIGHT if self.path == "/upright" else WIDE
+            self.wfile.write(jpeg(WebCamera.count, size))
 
     def log_message(self, *_: object) -> None:
         """Say nothing."""

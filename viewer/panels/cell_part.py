@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import viser
 
@@ -19,11 +18,10 @@ from ..page.front_tab import Drawn
 from ..page.guiding import Guiding
 from ..page.page_context import PageContext
 from ..page.part import Part
-from ..page.screen_state import Screen, Tone
+from ..page.screen_state import Tone
 from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, Views, set_up_view
-from ..scene.scene_view import SceneView
 from ..scene.stage import Stage
 from ..view_model import ViewModel
 from .arm_panel import ArmPanel, docked_left
@@ -80,16 +78,11 @@ class CellPart(Part):
             welcome=f"{title}. Drag the arrows of each arm, then press Plan.",
         )
         self._context = context.reporting(self.model.report)
-        self._rigs = rigs
         self._bases = {each.name: each.T_cell_base for each in file.arms}
         self.nodes = {name: f"/arms/{k}" for k, name in enumerate(rigs)}
         self._set_up_view()
         self._robot = RobotModel.load()
         self._stages = {name: self._stage(name, arm) for name, arm in self.model.arms.items()}
-        self._held = {
-            name: SceneView(context.server.scene, f"{node}/held")
-            for name, node in self.nodes.items()
-        }
         self.stop_button = add_stop(context.gui, *stops)
         self.panel = docked_left(context.gui)
         self._joints = {name: ArmPanel(context.gui, self.panel, name) for name in rigs}
@@ -181,14 +174,9 @@ class CellPart(Part):
         self._pictures += 1
         for name, each in screen.arms.items():
             self._stages[name].show(each)
-            self._show_held(name, each)
         moves = any(each.state.arm_moving for each in screen.arms.values())
         if not moves or self._pictures % _WORDS_EVERY == 0:
             self._show_words(screen)
-
-    def _show_held(self, name: str, screen: Screen) -> None:
-        held = replace(self._rigs[name].arm.scene, obstacles=(), floor_z=None)
-        self._held[name].show(held, self._robot.frame(screen.state.q, "tool"))
 
     def _show_words(self, screen: CellScreen) -> None:
         self._sentence.content = markup.sentence(screen.sentence)

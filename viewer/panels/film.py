@@ -7,8 +7,8 @@ connections. viser records what a server sends, so a server without clients is s
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
 
@@ -26,9 +26,10 @@ from so101_motion.planning.request import Plan
 from ..page import texts
 from ..page.screen_state import PlanView
 from ..page.target_ik import Surroundings, TargetSolver
-from ..scene.camera_and_lights import set_up_recording
+from ..scene.camera_and_lights import Sight, set_up_recording
 from ..scene.plan_view import plan_view
 from ..scene.robot_view import RobotView, looks_different, segments
+from ..scene.scene_edits import held_by
 from ..scene.scene_view import SceneView
 from ..server.guarded_server import start_guarded
 from ..server.head import NOTICE, script
@@ -50,28 +51,24 @@ _POLICY = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Film:
-    """The content of a recording.
+class FilmedArm:
+    """The motion of one arm in a recording.
 
     Attributes:
-        title: What it is called.
-        facts: Figures, as names and values.
-        scene: What stands around the arm and what it holds.
         t: Times of the configurations, from 0 up, shape (n,), [s].
         q: Where the arm is then, shape (n, 5), [rad].
         q_ghost: Where its ghost is, shape (n, 5) or (5,), [rad].
         q_jaw: Jaw angle [rad].
         path: Points of the tool path in the base frame, shape (k, 3), [m].
+        T_scene_base: Where its base stands in the frame of the scene.
     """
 
-    title: str
-    facts: tuple[tuple[str, str], ...]
-    scene: Scene
     t: Array
     q: Array
     q_ghost: Array
     q_jaw: float
     path: Array
+    T_scene_base: SE3 = field(default_factory=SE3.identity)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", frozen_array(self.t, (-1,)))
@@ -80,39 +77,106 @@ class Film:
         object.__setattr__(self, "q_ghost", frozen_array(np.broadcast_to(self.q_ghost, (n, 5))))
         object.__setattr__(self, "path", frozen_array(self.path, (-1, 3)))
 
-    def frames(self) -> tuple[Array, Array, Array]:
-        """Times (m,), configurations and ghosts (m, 5), ``FRAMES`` a second, both ends included."""
-        end = float(self.t[-1])
-        t = np.append(np.arange(0.0, end, 1.0 / FRAMES), end)
-        return t, _at(t, self.t, self.q), _at(t, self.t, self.q_ghost)
+    def at(self, t: Array) -> tuple[Array, Array]:
+        """Configurations and ghosts, shape (m, 5), at times (m,); it rests once it has arrived."""
+        return _at(t, self.t, self.q), _at(t, self.t, self.q_ghost)
 
 
-def film_of(view: PlanView, *, title: str, run: Run | None = None) -> Film:
-    """Make a film of a plan: the arm moves along it, and its ghost waits at the goal.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Film:
+    """The content of a recording.
+
+    Attributes:
+        title: What it is called.
+        facts: Figures, as names and values.
+        scene: What stands around the arms and what they hold.
+        arms: The arms, as ``holder_of`` calls them.
+    """
+
+    title: str
+    facts: tuple[tuple[str, str], ...]
+    scene: Scene
+    arms: Mapping[str, FilmedArm]
+
+    def times(self) -> Array:
+        """When there is a picture [s]: ``FRAMES`` a second, both ends included."""
+        end = max(float(each.t[-1]) for each in self.arms.values())
+        return np.append(np.arange(0.0, end, 1.0 / FRAMES), end)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MovedArm:
+    """How an arm moves, or has moved.
+
+    Attributes:
+        view: Its plan.
+        run: How the plan was carried out; None for the plan alone.
+        T_scene_base: Where its base stands in the frame of a scene that it shares with others.
+    """
+
+    view: PlanView
+    run: Run | None = None
+    T_scene_base: SE3 = field(default_factory=SE3.identity)
+
+    def filmed(self) -> FilmedArm:
+        """Along its plan with the ghost at the goal; or as measured, with the ghost as planned."""
+        trajectory, run = self.view.plan.trajectory, self.run
+        return FilmedArm(
+            t=trajectory.t if run is None else run.t,
+            q=trajectory.q if run is None else run.q,
+            q_ghost=self.view.plan.q_goal if run is None else run.q_ref,
+            q_jaw=self.view.q_jaw,
+            path=self.view.plan.tool_path,
+            T_scene_base=self.T_scene_base,
+        )
+
+
+def film_of(arms: Mapping[str, MovedArm], *, title: str) -> Film:
+    """Make a film of a motion of one arm or several.
 
     Args:
-        view: What to show.
-        title: Which arm it is, or what it does.
-        run: How the plan was carried out; the arm then goes as measured, its ghost as planned.
+        arms: What to show, as ``holder_of`` calls the arms; a single one has an empty name.
+        title: Which arms they are, or what they do.
     """
-    trajectory = view.plan.trajectory
+    first = next(iter(arms.values()))
+    figures = [fact for name, each in arms.items() for fact in _figures(name, each.view)]
     facts = [
-        ("Motion", f"{view.name}, {view.made_at:%Y-%m-%d %H:%M}"),
-        *(fact for fact in texts.plan_facts(view) if fact[0] != "Planned in"),
-        ("Limits", texts.caps(view.plan.limits)),
-        ("Gripper", texts.opening(view.q_jaw)),
+        ("Motion", f"{first.view.name}, {first.view.made_at:%Y-%m-%d %H:%M}"),
+        *figures,
+        ("Limits", texts.caps(first.view.plan.limits)),
         ("Orange line", "path of the tool"),
-        ("Blue arm", "the goal" if run is None else "as planned; the orange one as measured"),
+        ("Blue arm", "the goal" if first.run is None else "as planned; the orange as measured"),
     ]
     return Film(
         title=title,
         facts=tuple(facts),
-        scene=view.scene,
-        t=trajectory.t if run is None else run.t,
-        q=trajectory.q if run is None else run.q,
-        q_ghost=view.plan.q_goal if run is None else run.q_ref,
-        q_jaw=view.q_jaw,
-        path=view.plan.tool_path,
+        scene=_common_scene(arms),
+        arms={name: each.filmed() for name, each in arms.items()},
+    )
+
+
+def _figures(name: str, view: PlanView) -> list[tuple[str, str]]:
+    """The figures of a plan; of each of several arms the most important ones."""
+    if name:
+        figures = dict(texts.plan_facts(view))
+        return [(name, f"{figures['Duration']}, clearance {figures['Clearance']}")]
+    figures = {**dict(texts.plan_facts(view)), "Gripper": texts.opening(view.q_jaw)}
+    return [fact for fact in figures.items() if fact[0] != "Planned in"]
+
+
+def _common_scene(arms: Mapping[str, MovedArm]) -> Scene:
+    """What stands around all of the arms, and what each of them holds."""
+    first = next(iter(arms.values()))
+    if list(arms) == [""]:
+        return first.view.scene
+    seen, T = first.view.scene, first.T_scene_base
+    held = (held_by(each, name) for name, arm in arms.items() for each in arm.view.scene.attached)
+    return Scene(
+        obstacles=tuple(
+            replace(each, T_base_obstacle=T @ each.T_base_obstacle) for each in seen.obstacles
+        ),
+        attached=tuple(held),
+        floor_z=None if seen.floor_z is None else seen.floor_z + float(T.p[2]),
     )
 
 
@@ -120,7 +184,8 @@ def film_of_plan(plan: Plan, scene: Scene, *, title: str, q_jaw: float) -> Film:
     """Make a film of a plan that no page shows."""
     model = RobotModel.load()
     solver = TargetSolver.load(Surroundings(scene=scene, range=(model.lower, model.upper)))
-    return film_of(plan_view(plan, solver, "tool", scene=scene, q_jaw=q_jaw), title=title)
+    view = plan_view(plan, solver, "tool", scene=scene, q_jaw=q_jaw)
+    return film_of({"": MovedArm(view=view)}, title=title)
 
 
 def write_recording(film: Film, path: Path) -> None:
@@ -142,7 +207,8 @@ def recording(film: Film) -> bytes:
     model = RobotModel.load()
     server = start_guarded(port=0)
     try:
-        set_up_recording(server.viser)
+        bases = [each.T_scene_base for each in film.arms.values()]
+        set_up_recording(server.viser, Sight.of_arms(tuple(bases)))
         return _dressed(_played(server.viser, film, model), film).encode()
     finally:
         server.close()
@@ -150,34 +216,64 @@ def recording(film: Film) -> bytes:
 
 def _played(server: viser.ViserServer, film: Film, model: RobotModel) -> str:
     """The player with the motion in it, as viser makes it."""
-    stage = server.scene
-    arm = RobotView(stage, "/arm")
-    ghost = RobotView(stage, "/ghost", color=_GHOST, opacity=_GHOST_OPACITY)
-    around = SceneView(stage)
-    if len(film.path) > 1:
-        pieces = segments(film.path)
-        stage.add_line_segments("/path", pieces, _PATH, thickness=4.0, thickness_units="screen")
+    stage, around = server.scene, SceneView(server.scene)
+    drawn = {
+        name: _DrawnArm(stage, each, f"/arms/{k}")
+        for k, (name, each) in enumerate(film.arms.items())
+    }
+    t = film.times()
+    courses = {name: each.at(t) for name, each in film.arms.items()}
 
-    def draw(q: Array, q_ghost: Array) -> None:
-        T_arm = model.link_placements(q, film.q_jaw)
-        arm.move(T_arm)
-        around.show(film.scene, model.frame(q))
-        if not np.array_equal(q_ghost, ghost_at):
-            T_ghost.update(model.link_placements(q_ghost, film.q_jaw))
-            ghost.move(T_ghost)
-            ghost_at[:] = q_ghost
-        ghost.show({link for link in T_ghost if looks_different(T_ghost[link], T_arm[link])})
+    def draw(k: int) -> None:
+        tools = {}
+        for name, each in drawn.items():
+            q, q_ghost = courses[name]
+            tools[name] = each.draw(model, q[k], q_ghost[k])
+        around.show(film.scene, tools)
 
-    ghost_at, T_ghost = np.full(5, np.nan), dict[str, SE3]()
-    t, q, q_ghost = film.frames()
-    draw(q[0], q_ghost[0])
+    draw(0)
     tape = server.get_scene_serializer()
     tape.insert_sleep(_PAUSE)
     for k in range(1, len(t)):
         tape.insert_sleep(float(t[k] - t[k - 1]))
-        draw(q[k], q_ghost[k])
+        draw(k)
     tape.insert_sleep(_PAUSE)
     return tape.as_html()
+
+
+class _DrawnArm:
+    """An arm, its ghost and its path."""
+
+    def __init__(self, stage: viser.SceneApi, filmed: FilmedArm, node: str) -> None:
+        self._T_base, self._q_jaw = filmed.T_scene_base, filmed.q_jaw
+        stage.add_frame(
+            node,
+            show_axes=False,
+            position=self._T_base.p,
+            wxyz=self._T_base.quaternion_wxyz(),
+        )
+        self._arm = RobotView(stage, f"{node}/arm")
+        self._ghost = RobotView(stage, f"{node}/ghost", color=_GHOST, opacity=_GHOST_OPACITY)
+        self._ghost_at, self._T_ghost = np.full(5, np.nan), dict[str, SE3]()
+        if len(filmed.path) > 1:
+            stage.add_line_segments(
+                f"{node}/path",
+                segments(filmed.path),
+                _PATH,
+                thickness=4.0,
+                thickness_units="screen",
+            )
+
+    def draw(self, model: RobotModel, q: Array, q_ghost: Array) -> SE3:
+        """Draw arm and ghost; returns where the tool is in the scene."""
+        T_arm = model.link_placements(q, self._q_jaw)
+        self._arm.move(T_arm)
+        if not np.array_equal(q_ghost, self._ghost_at):
+            self._ghost_at, self._T_ghost = q_ghost, model.link_placements(q_ghost, self._q_jaw)
+            self._ghost.move(self._T_ghost)
+        T_ghost = self._T_ghost
+        self._ghost.show({link for link in T_ghost if looks_different(T_ghost[link], T_arm[link])})
+        return self._T_base @ model.frame(q)
 
 
 def _dressed(player: str, film: Film) -> str:

@@ -105,7 +105,7 @@ class HoldButtons(Part):
         """Check whether the arms are connected and ready, and fill the bar."""
         modes: dict[str, Mode | None] = {}
         states: dict[str, str] = {}
-        alerts: list[Sentence] = []
+        alerts: dict[Sentence, list[str]] = {}  # of which arms each is true
         for name, rig in self._rigs.items():
             connection, state = rig.connection, rig.arm.state
             lost = connection.problem is not None
@@ -124,14 +124,15 @@ class HoldButtons(Part):
             lost_at = self._lost_at.get(name, datetime.now())
             said = notice(connection, state, lost_at, is_back=is_back)
             if said is not None:
-                alerts.append(texts.named(self._called(name), said))
+                alerts.setdefault(said, []).append(self._called(name))
         one = len(set(states.values())) == 1
         self._bar.state = (
             next(iter(states.values()))
             if one
             else "; ".join(f"{name}: {words}" for name, words in states.items())
         )
-        self._bar.alert(CONNECTION, alerts)
+        said_of = (texts.named(", ".join(names), said) for said, names in alerts.items())
+        self._bar.alert(CONNECTION, list(said_of))
         connected = [mode for mode in modes.values() if mode is not None]
         self._hold.why_not = _why_not(connected, texts.CANNOT_HOLD)
         self._guide.why_not = _why_not(connected, texts.CANNOT_GUIDE)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-from so101_motion.files.trajectory_export import LeRobot, Run, encoded
+from so101_motion.files.trajectory_export import LeRobot, encoded
 
-from ..page.screen_state import PlanView
-from .film import film_of, recording
+from .film import MovedArm, film_of, recording
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,16 +46,21 @@ class SharedMotion:
     """A motion that can be downloaded.
 
     Attributes:
-        view: Its plan.
-        run: How it was carried out, or None for the plan alone.
-        lerobot: LeRobot's units for this arm.
-        title: Which arm it is.
+        arms: How each arm moves, by its name; the name of a single one is empty.
+        chosen: The arm whose motion is written into a file that can hold only one.
+        lerobot: LeRobot's units for that arm.
+        title: Which arms they are.
     """
 
-    view: PlanView
-    run: Run | None
+    arms: Mapping[str, MovedArm]
+    chosen: str
     lerobot: LeRobot
     title: str
+
+    @property
+    def arm(self) -> MovedArm:
+        """How the chosen arm moves."""
+        return self.arms[self.chosen]
 
 
 def kind_called(label: str) -> FileKind:
@@ -64,9 +70,10 @@ def kind_called(label: str) -> FileKind:
 
 def file_name(subject: SharedMotion, kind: FileKind, now: datetime) -> str:
     """A file name with time and content, so that names sort by time."""
-    what = "plan" if subject.run is None else "run"
+    what = "plan" if subject.arm.run is None else "run"
     names = "-lerobot" if kind.lerobot else ""
-    return f"so101-{what}-{now:%Y%m%d-%H%M%S}{names}{kind.suffix}"
+    arm = "" if kind is FILM else re.sub(r"\W+", "-", f" {subject.chosen}".rstrip())
+    return f"so101-{what}-{now:%Y%m%d-%H%M%S}{arm}{names}{kind.suffix}"
 
 
 def content(subject: SharedMotion, kind: FileKind) -> bytes:
@@ -76,9 +83,10 @@ def content(subject: SharedMotion, kind: FileKind) -> bytes:
         ConfigError: MCAP needs a package that is not installed.
     """
     if kind is FILM:
-        return recording(film_of(subject.view, title=subject.title, run=subject.run))
+        return recording(film_of(subject.arms, title=subject.title))
+    arm = subject.arm
     return encoded(
-        subject.view.plan.trajectory if subject.run is None else subject.run,
+        arm.view.plan.trajectory if arm.run is None else arm.run,
         f"motion{kind.suffix}",
         lerobot=subject.lerobot if kind.lerobot else None,
     )

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
+from operator import is_not
 
 import viser
 
+from so101_motion.common.geometry import SE3
+from so101_motion.rig.protocols import RigLike
 from so101_motion.tasks.teleop.local_arms import lerobot_of
 
 from ..page import markup, texts
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
-from .share import KINDS, PLAN, RUN, SharedMotion, content, file_name, kind_called
+from .film import MovedArm
+from .share import FILM, KINDS, PLAN, RUN, SharedMotion, content, file_name, kind_called
 
 NOTHING = Sentence(text="Nothing to share yet: plan a motion first.")
 READY = "Choose a file type. The file goes to this browser's downloads."
@@ -30,16 +35,32 @@ class _PendingFile:
     file: Future[bytes]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SharingArm:
+    """An arm whose motions can be downloaded.
+
+    Attributes:
+        rig: The arm.
+        page: Has its newest plan and its newest run.
+        T_scene_base: Where its base stands in the frame of a scene that it shares with others.
+    """
+
+    rig: RigLike
+    page: ViewModel
+    T_scene_base: SE3 = field(default_factory=SE3.identity)
+
+
 class SharePart(Part):
     """Offers motions for download.
 
     Args:
-        page: Has the newest plan and the newest run.
+        arms: The arms by name; that of a single one is empty.
     """
 
-    def __init__(self, context: ArmContext, page: ViewModel, *, title: str) -> None:
-        self._context, self._page, self._title = context, page, title
-        self._plan, self._ran, self._is_current = page.plan_view, page.ran, page.plan_is_current
+    def __init__(self, context: PageContext, arms: Mapping[str, SharingArm], *, title: str) -> None:
+        self._context, self._arms, self._title = context, arms, title
+        self._seen: tuple[object, ...] = ()
+        self._is_current = False
         self._orders: list[_PendingFile] = []
         self._status: Sentence | None = None
         gui = context.gui
@@ -47,44 +68,62 @@ class SharePart(Part):
             self._sentence = gui.add_html("")
             self._what = gui.add_dropdown("Motion", (PLAN, RUN), disabled=True)
             self._kind = gui.add_dropdown("File", tuple(kind.label for kind in KINDS))
+            self._arm = gui.add_dropdown("Of", tuple(arms), visible=False)
             self._download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD, disabled=True)
-        self._shown_what = PLAN
         context.on_asked(self._download, self._order)
-        context.leave_open(self._what, self._kind, self._download)
+        context.leave_open(self._what, self._kind, self._arm, self._download)
 
     def refresh(self) -> bool:
         """Note what can be shared, and send the files that are ready."""
-        page = self._page
-        is_current, self._is_current = self._is_current, page.plan_is_current
-        what, self._shown_what = self._shown_what, self._what.value
-        news = (
-            page.plan_view is not self._plan
-            or page.ran is not self._ran
-            or what != self._shown_what
+        before, self._seen = (
+            self._seen,
+            (
+                *(each.page.plan_view for each in self._arms.values()),
+                *(each.page.ran for each in self._arms.values()),
+                self._what.value,
+                self._kind.value,
+            ),
         )
-        self._plan, self._ran = page.plan_view, page.ran
-        if news:
+        is_news = len(before) != len(self._seen) or any(map(is_not, self._seen, before))
+        if is_news:
             self._status = None
         done = [order for order in self._orders if order.file.done()]
         for order in done:
             self._orders.remove(order)
             self._hand_over(order)
-        return news or bool(done) or is_current is not self._is_current
+        is_current, self._is_current = self._is_current, self._has_current_plan()
+        return is_news or bool(done) or is_current is not self._is_current
 
     def show(self) -> None:
         """Update the widgets."""
-        has_plan = self._plan is not None
-        self._download.disabled = not has_plan
-        self._what.disabled = self._ran is None
+        self._download.disabled = not self._moved(PLAN)
+        self._what.disabled = not self._moved(RUN)
+        self._arm.visible = len(self._arms) > 1 and kind_called(self._kind.value) is not FILM
         self._sentence.content = markup.sentence(self._status or self._offer())
 
+    def _has_current_plan(self) -> bool:
+        return all(each.page.plan_is_current for each in self._arms.values())
+
     def _offer(self) -> Sentence:
-        if self._plan is None:
+        moved = self._moved()
+        if not moved:
             return NOTHING
-        if self._what.value == RUN and self._ran is not None:
-            return Sentence(text=f"The last run, of {self._ran[0].name}. {READY}")
-        is_old = "" if self._page.plan_is_current else ", which is old"
-        return Sentence(text=f"{self._plan.name}{is_old}. {READY}")
+        first = next(iter(moved.values()))
+        if first.run is not None:
+            return Sentence(text=f"The last run, of {first.view.name}. {READY}")
+        is_old = "" if self._has_current_plan() else ", which is old"
+        return Sentence(text=f"{first.view.name}{is_old}. {READY}")
+
+    def _moved(self, what: str = "") -> dict[str, MovedArm]:
+        """How the arms move in the plan or the last run, by default in what is chosen."""
+        wanted, moved = what or self._what.value, {}
+        for name, arm in self._arms.items():
+            view, run = arm.page.plan_view, None
+            if wanted == RUN and arm.page.ran is not None:
+                view, run = arm.page.ran[0], arm.page.ran[1].run
+            if view is not None and (run is not None or what != RUN):
+                moved[name] = MovedArm(view=view, run=run, T_scene_base=arm.T_scene_base)
+        return moved
 
     def _order(self, client: viser.ClientHandle) -> None:
         subject = self._subject()
@@ -110,15 +149,13 @@ class SharePart(Part):
         self._status = Sentence(text=f"{order.name}, {_size(len(data))}.", tone=Tone.GOOD)
 
     def _subject(self) -> SharedMotion | None:
-        rig, run, view = self._context.rig, None, self._plan
-        if self._what.value == RUN and self._ran is not None:
-            view, run = self._ran[0], self._ran[1].run
-        if view is None:
+        moved, chosen = self._moved(), self._arm.value
+        if chosen not in moved:
             return None
         return SharedMotion(
-            view=view,
-            run=run,
-            lerobot=lerobot_of(rig),
+            arms=moved,
+            chosen=chosen,
+            lerobot=lerobot_of(self._arms[chosen].rig),
             title=self._title,
         )
 

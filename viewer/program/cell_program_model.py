@@ -11,16 +11,17 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from so101_motion.arm.cell import Cell
 from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.tasks.program import (
     CellProgram,
     CellProgramRun,
+    Loop,
     Waypoint,
     files,
     read_cell_program,
@@ -28,6 +29,12 @@ from so101_motion.tasks.program import (
     start_cell_program,
 )
 from so101_motion.tasks.program.cell_program import cell_folder, write_cell_program
+from so101_motion.tasks.program.loops import (
+    loops_around,
+    with_loop,
+    with_step_moved,
+    without_step,
+)
 from so101_motion.tasks.program.rehearsal import stands_at
 
 from ..page import texts
@@ -50,6 +57,7 @@ class _Edited:
 
     steps: Steps = ()
     rounds: int | None = 1
+    loops: tuple[Loop, ...] = ()
 
 
 class CellProgramModel:
@@ -99,11 +107,18 @@ class CellProgramModel:
         """How often they are repeated; None for until stopped."""
         return self._edited.rounds
 
-    def record(self, names: Sequence[str]) -> None:
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """The steps that are repeated within each round."""
+        return self._edited.loops
+
+    def record_arms(self, names: Sequence[str]) -> None:
+        """Add a step in which these arms go to where they stand now, at the same time."""
+        self._record({name: self._arms[name].q_arm for name in names})
+
+    def record_targets(self, names: Sequence[str]) -> None:
         """Add a step in which these arms go to their targets at the same time."""
-        number = len(self.steps) + 1
-        self._edit((*self.steps, {name: self._at_target(name) for name in names}))
-        self.chosen, self._sentence = number - 1, words.recorded_step(number)
+        self._record({name: self._arms[name].target.q for name in names})
 
     def choose(self, index: int) -> None:
         """Select a step, and show the ghosts of its arms there."""
@@ -118,13 +133,13 @@ class CellProgramModel:
         can_edit = self.chosen is not None and self._run is None
         return self.steps[self._chosen_index()].get(name) if can_edit else None
 
+    def take_place(self, name: str) -> None:
+        """Let an arm go to where it stands now in the selected step, beside the others."""
+        self._take(name, self._arms[name].q_arm)
+
     def take_target(self, name: str) -> None:
         """Let an arm go to its target in the selected step, beside the others."""
-        before = self.steps[self._chosen_index()].get(name)
-        if before is None:
-            self._put(name, self._at_target(name))
-        else:
-            self.change(name, q=self._arms[name].target.q)
+        self._take(name, self._arms[name].target.q)
 
     def change(self, name: str, **to: Any) -> None:
         """Change what an arm does in the selected step, in terms of ``Waypoint``."""
@@ -146,7 +161,7 @@ class CellProgramModel:
         steps = list(self.steps)
         if min(index, to) >= 0 and max(index, to) < len(steps):
             steps.insert(to, steps.pop(index))
-            self._edit(tuple(steps))
+            self._edit(tuple(steps), loops=with_step_moved(self.loops, index, to))
             self.chosen = to
 
     def move(self, by: int) -> None:
@@ -157,7 +172,27 @@ class CellProgramModel:
     def remove(self) -> None:
         """Remove the selected step."""
         index = self._chosen_index()
-        self._edit((*self.steps[:index], *self.steps[index + 1 :]))
+        steps = (*self.steps[:index], *self.steps[index + 1 :])
+        self._edit(steps, loops=without_step(self.loops, index))
+
+    def duplicate(self) -> None:
+        """Add the selected step once more behind itself."""
+        index, steps = self._chosen_index(), self.steps
+        loops = with_step_moved(self.loops, len(steps), index + 1)
+        self._edit((*steps[: index + 1], steps[index], *steps[index + 1 :]), loops=loops)
+        self.chosen = index + 1
+
+    def set_loop(self, first: int, last: int, times: int) -> None:
+        """Repeat the steps from ``first`` to ``last`` (indices) so many times in a row."""
+        loop = Loop(first=first, last=last, times=times)
+        self._edit(self.steps, loops=with_loop(self.loops, loop))
+
+    def end_loop(self) -> None:
+        """Remove the inner one of the loops around the selected step."""
+        around = loops_around(self.loops, self._chosen_index())
+        if not around:
+            raise ConfigError("loop", None, "the chosen step is in no loop")
+        self._edit(self.steps, loops=tuple(each for each in self.loops if each is not around[-1]))
 
     def undo(self) -> None:
         """Undo the last edit."""
@@ -188,7 +223,7 @@ class CellProgramModel:
     def load(self, name: str) -> None:
         """Load the program ``name``; nothing moves."""
         program = read_cell_program(_file_of(name))
-        self._edit(program.steps, rounds=program.rounds)
+        self._edit(program.steps, rounds=program.rounds, loops=program.loops)
         self.name, self.chosen = name, 0
         self._sentence = words.loaded_steps(name, len(program.steps))
 
@@ -200,7 +235,7 @@ class CellProgramModel:
 
     def clear(self) -> None:
         """Start a new program."""
-        self._edit((), rounds=1)
+        self._edit((), rounds=1, loops=())
         self.name = ""
 
     # Planning, running
@@ -246,7 +281,11 @@ class CellProgramModel:
     @property
     def sentence(self) -> Sentence:
         """What to know or to do now."""
-        return self._sentence if self._run is None else words.running_step(self._run)
+        if self._run is not None:
+            return words.running_step(self._run)
+        places = self._cell.places.items()
+        guided = [name for name, each in places if each.arm.state.mode is Mode.GUIDING]
+        return words.cell_guided(guided) if guided else self._sentence
 
     @property
     def runs(self) -> bool:
@@ -257,7 +296,7 @@ class CellProgramModel:
     def active(self) -> int | None:
         """Index of the step that is being done, or rehearsed; None if none is."""
         if self._run is not None:
-            return self._run.where[1] + self._run.program.before
+            return self._run.where.index + self._run.program.before
         timeline = self.timeline
         if timeline is None or not 0.0 < self.t < timeline.duration:
             return None
@@ -317,13 +356,15 @@ class CellProgramModel:
         if error is not None:
             self.report(error)
         else:
-            self.timeline, self._sentence = planning.result(), words.CELL_PLANNED
+            self.timeline = planning.result()
+            is_whole = len(self.timeline.rehearsal.program.loops) == len(self.loops)
+            self._sentence = words.CELL_PLANNED if is_whole else words.PLANNED_PART
             self._playback.load(self.timeline.duration)
 
     def _watch_plan(self) -> None:
         if self.timeline is None or self._run is not None:
             return
-        for name, stand in self.timeline.rehearsal.first[0].stands.items():
+        for name, stand in self.timeline.rehearsal.steps[0].stands.items():
             state = self._cell.places[name].arm.state
             if not stands_at(stand.q, state.q_ref):
                 self._drop_plan(texts.named(name, words.ARM_MOVED))
@@ -348,9 +389,21 @@ class CellProgramModel:
     def _tell(self, sentence: Sentence) -> None:
         self._sentence = sentence
 
-    def _at_target(self, name: str) -> Waypoint:
+    def _record(self, goals: Mapping[str, Array]) -> None:
+        number = len(self.steps) + 1
+        self._edit((*self.steps, {name: self._new(q) for name, q in goals.items()}))
+        self.chosen, self._sentence = number - 1, words.recorded_step(number)
+
+    def _take(self, name: str, q: Array) -> None:
+        before = self.steps[self._chosen_index()].get(name)
+        if before is None:
+            self._put(name, self._new(q))
+        else:
+            self.change(name, q=q)
+
+    def _new(self, q: Array) -> Waypoint:
         taken = (each.name for step in self.steps for each in step.values())
-        return Waypoint(name=next_letter(taken), q=self._arms[name].target.q)
+        return Waypoint(name=next_letter(taken), q=q)
 
     def _chosen_index(self) -> int:
         if self.chosen is None:
@@ -358,7 +411,7 @@ class CellProgramModel:
         return self.chosen
 
     def _program(self) -> CellProgram:
-        return CellProgram(steps=self.steps, rounds=self.rounds)
+        return CellProgram(steps=self.steps, rounds=self.rounds, loops=self.loops)
 
     def _put(self, name: str, waypoint: Waypoint, kind: Hashable = None) -> None:
         index = self._chosen_index()
@@ -369,8 +422,9 @@ class CellProgramModel:
         if self._run is not None:
             raise ConfigError("program", None, "stop the program before you change it")
         edited = replace(self._edited, steps=steps, **to)
-        if steps:
-            CellProgram(steps=edited.steps, rounds=edited.rounds)  # refuses what is too long
+        if steps:  # refuses what is too long, and puts the loops in order
+            program = CellProgram(steps=steps, rounds=edited.rounds, loops=edited.loops)
+            edited = replace(edited, loops=program.loops)
         self._history.add(edited, kind)
         self._set(edited)
 
@@ -388,22 +442,3 @@ def _file_of(name: str) -> Path:
 
 def _listed() -> tuple[str, ...]:
     return files.names(cell_folder())
-
-
-class ArmInStep:
-    """Changes what an arm does in the selected step."""
-
-    def __init__(self, model: CellProgramModel, name: str) -> None:
-        self._change = partial(model.change, name)
-
-    def set_speed(self, share: float) -> None:
-        """Set how fast it goes there, as a share of its speed."""
-        self._change(speed=share)
-
-    def set_pause(self, seconds: float) -> None:
-        """Set the pause there [s]."""
-        self._change(pause=seconds)
-
-    def set_aperture(self, aperture: float | None) -> None:
-        """Set the jaw's aperture there, 0 to 1; None to leave it."""
-        self._change(aperture=aperture)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import viser
 
 from so101_motion.arm.cell import Cell
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.tasks.program.loops import loops_around
 
 from ..page import markup
 from ..page.front_tab import PROGRAM
@@ -17,12 +18,21 @@ from ..page.part import Part
 from ..page.shared_fields import UndoButtons, grey
 from ..view_model import ViewModel
 from . import program_texts as words
-from .cell_program_model import ArmInStep, CellProgramModel
-from .program_fields import FileFields, RehearsalFields, RoundsFields, RowList, WaypointFields
+from .arm_in_step import ArmInStep
+from .cell_program_model import CellProgramModel
+from .program_fields import (
+    FileFields,
+    LoopFields,
+    RehearsalFields,
+    RoundsFields,
+    RowList,
+    WaypointFields,
+)
 from .program_model import REST, STEP
 from .program_view import Ghost, GhostView
 
 _ALL = "all arms"
+_USES = "re-record: it goes to where it is now; leave out: it stands still in this step"
 
 
 class CellProgramPart(Part):
@@ -53,21 +63,23 @@ class CellProgramPart(Part):
             self._add_steps(context.gui)
             self._add_run(context.gui)
             self._add_arms(context.gui)
+            self._loops = LoopFields(self._context, self.model)
             self._rounds = RoundsFields(self._context, self.model.set_rounds)
             self._files = FileFields(self._context, self.model)
 
     def _add_steps(self, gui: viser.GuiApi) -> None:
         model = self.model
         self._sentence = gui.add_html("")
-        record = gui.add_button_group(
-            "Record",
-            (*self._names, _ALL),
-            hint="Record a step: these arms go to their targets at the same time",
-        )
-        self._context.on_choice(
-            record, lambda name: model.record(self._names if name == _ALL else (name,))
-        )
+        self._add_record("Record arm", model.record_arms, "they go to where they stand now")
+        self._add_record("Record target", model.record_targets, "they go to their targets")
         self._rows = RowList(self._context, model.choose, model.reorder)
+
+    def _add_record(self, label: str, record: Callable[[Sequence[str]], None], what: str) -> None:
+        hint = f"A step in which {what}, at the same time"
+        group = self._context.gui.add_button_group(label, (*self._names, _ALL), hint=hint)
+        self._context.on_choice(
+            group, lambda name: record(self._names if name == _ALL else (name,))
+        )
 
     def _add_run(self, gui: viser.GuiApi) -> None:
         model = self.model
@@ -75,15 +87,21 @@ class CellProgramPart(Part):
         self._context.on_press(self._plan, model.plan)
         self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
         self._context.on_press(self._run, model.run)
-        self._order = gui.add_button_group("Step", ("up", "down", "delete"))
-        orders = {"up": partial(model.move, -1), "down": partial(model.move, 1)}
-        self._context.on_choice(self._order, partial(_do, orders | {"delete": model.remove}))
+        self._order = gui.add_button_group("Step", ("up", "down", "copy", "delete"))
+        orders: dict[str, Callable[[], None]] = {
+            "up": partial(model.move, -1),
+            "down": partial(model.move, 1),
+            "copy": model.duplicate,
+            "delete": model.remove,
+        }
+        self._context.on_choice(self._order, partial(_do, orders))
         self._undo = UndoButtons(self._context, "Edits", model)
         self._add_parts(gui)
         self._rehearsal = RehearsalFields(
             self._context,
             model,
-            hint="Only the ghosts move. Pauses are cut to 2 s. Press again to hold it.",
+            hint="Only the ghosts move. Pauses are cut to 2 s, and loops are shown twice. Press"
+            " again to pause.",
         )
         self._facts = gui.add_html("")
 
@@ -99,8 +117,11 @@ class CellProgramPart(Part):
         self._uses: list[viser.GuiButtonGroupHandle] = []
         for name in self._names:
             with tabs.add_tab(name):
-                use = gui.add_button_group("In this step", ("to target", "leave out"))
+                use = gui.add_button_group(
+                    "In this step", ("re-record", "to target", "leave out"), hint=_USES
+                )
                 does = {
+                    "re-record": partial(model.take_place, name),
                     "to target": partial(model.take_target, name),
                     "leave out": partial(model.leave_out, name),
                 }
@@ -125,7 +146,11 @@ class CellProgramPart(Part):
         self._sentence.content = markup.sentence(model.sentence)
         self._rows.show(
             [
-                (", ".join(step), words.cell_line(step, near.get(k)), 0)
+                (
+                    ", ".join(step),
+                    words.cell_line(step, near.get(k), words.ending_at(model.loops, k)),
+                    len(loops_around(model.loops, k)),
+                )
                 for k, step in enumerate(model.steps)
             ],
             chosen=model.chosen,
@@ -133,6 +158,9 @@ class CellProgramPart(Part):
         )
         for name, fields in self._fields.items():
             fields.show(model.waypoint(name))
+        index = None if model.runs else model.chosen
+        around = () if index is None else loops_around(model.loops, index)
+        self._loops.show(index, (model.steps, model.loops), around)
         for group in (self._order, *self._uses):
             grey(group, model.chosen is None or model.runs)
         self._undo.show()

@@ -16,6 +16,7 @@ from so101_motion.planning.collision.apart import clearance_over_time
 from so101_motion.planning.collision.course import Course
 from so101_motion.tasks.program import CellRehearsal
 from so101_motion.tasks.program.cell_run import PlannedStep
+from so101_motion.tasks.program.loops import Visit
 
 from ..cell_model import Between
 from .rehearsal_time import SHOWN_PAUSE
@@ -31,6 +32,7 @@ class _Span:
     Once all arms have arrived, jaws go to an angle [rad] in a time [s], by the name of their arm.
     """
 
+    visit: Visit
     index: int  # in the whole program
     begins: float
     arrived: float
@@ -55,6 +57,7 @@ class _Span:
 class CellRehearsalTime:
     """A first round of a planned program, and the first step of the next if there are more.
 
+    Loops are shown twice: the second time stands for all later ones.
     Jaws are assumed to close at full speed; an object in them ends that earlier.
 
     Args:
@@ -70,10 +73,10 @@ class CellRehearsalTime:
     def __init__(self, rehearsal: CellRehearsal, places: Mapping[str, Place]) -> None:
         self.rehearsal = rehearsal
         self._spans: list[_Span] = []
-        for index, planned in enumerate(rehearsal.first):
-            self._add(index, planned, places)
-        if rehearsal.again:
-            self._add(0, rehearsal.again[0], places)
+        for planned in rehearsal.steps:
+            self._add(planned, places)
+            if planned.visit.round > 0:
+                break
         self._begins = [each.begins for each in self._spans]
         self.clearances = self._between(places)
         self.nearest = self._by_step()
@@ -88,16 +91,19 @@ class CellRehearsalTime:
         span = self._spans[self._place(t)]
         return span.index, span.at(t)
 
-    def spans(self) -> tuple[tuple[int, float, float], ...]:
-        """The pieces of the line: the step, its begin and its end [s]."""
-        return tuple((each.index, each.begins, each.ends) for each in self._spans)
+    def spans(self) -> tuple[tuple[Visit, int, float, float], ...]:
+        """The pieces of the line: arrival, index of the step that was planned, begin, end [s]."""
+        return tuple(
+            (each.visit, each.visit.indices[-1], each.begins, each.ends) for each in self._spans
+        )
 
     def _place(self, t: float) -> int:
         return max(bisect_right(self._begins, t) - 1, 0)
 
-    def _add(self, index: int, planned: PlannedStep, places: Mapping[str, Place]) -> None:
+    def _add(self, planned: PlannedStep, places: Mapping[str, Place]) -> None:
+        index = planned.step_index
         begins = self._spans[-1].ends if self._spans else 0.0
-        arrived = begins + max(each.duration for each in planned.plans.values())
+        arrived = begins + planned.duration
         jaws, ends, pace = {}, arrived, float(JAW_LIMITS.velocity[0])
         for name, waypoint in self.rehearsal.program.steps[index].items():
             lasts, q_jaw = 0.0, planned.stands[name].q_jaw
@@ -108,6 +114,7 @@ class CellRehearsalTime:
             ends = max(ends, arrived + lasts + min(waypoint.pause, SHOWN_PAUSE))
         self._spans.append(
             _Span(
+                visit=planned.visit,
                 index=self.rehearsal.program.before + index,
                 begins=begins,
                 arrived=arrived,

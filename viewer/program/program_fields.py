@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Protocol, TypeVar
 
-from so101_motion.tasks.program.loops import MOST_TIMES
-from so101_motion.tasks.program.program import LONGEST_PAUSE, SLOWEST, Waypoint
+from so101_motion.tasks.program.loops import MOST_TIMES, Loop
+from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST, SLOWEST, Waypoint
 
 from ..page import markup
 from ..page.bar import board, uuid_of
@@ -34,6 +34,16 @@ class WaypointEditor(Protocol):
 
     def set_aperture(self, aperture: float | None) -> None:
         """Set the jaw's aperture there, 0 to 1; None to leave it."""
+
+
+class LoopEditor(Protocol):
+    """Changes the loops of a program."""
+
+    def set_loop(self, first: int, last: int, times: int) -> None:
+        """Repeat the steps from ``first`` to ``last`` (indices) so many times in a row."""
+
+    def end_loop(self) -> None:
+        """Remove the inner one of the loops around the selected step."""
 
 
 class FileKeeper(Protocol):
@@ -172,6 +182,49 @@ class WaypointFields:
         self._pause.offer(None if waypoint.passes else waypoint.pause)
         self._jaw.offer(next((name for name, each in _JAW.items() if each == aperture), _PART_WAY))
         self._opening.offer(100.0 * aperture if aperture is not None else None)
+
+
+class LoopFields:
+    """A folder that makes and ends loops."""
+
+    def __init__(self, context: PageContext, editor: LoopEditor) -> None:
+        self._editor = editor
+        self._offered: tuple[object, ...] = ()  # for what the fields were filled in
+        gui = context.gui
+        with gui.add_folder("Loops", expand_by_default=False):
+            self._loop = (
+                gui.add_number("From step", 1, min=1, max=MOST, step=1),
+                gui.add_number("To step", 1, min=1, max=MOST, step=1),
+                gui.add_number("Times", 2, min=2, max=MOST_TIMES, step=1),
+            )
+            self._acts = gui.add_button_group(
+                "Loop",
+                ("repeat", "end"),
+                hint="Repeat these steps so many times; end the loop around the chosen step",
+            )
+        acts = {"repeat": self._repeat, "end": editor.end_loop}
+        context.on_choice(self._acts, lambda name: acts[name]())
+
+    def _repeat(self) -> None:
+        first, last, times = (int(field.value) for field in self._loop)
+        self._editor.set_loop(first - 1, last - 1, times)
+
+    def show(self, index: int | None, steps: object, around: tuple[Loop, ...]) -> None:
+        """Fill in the inner loop around a step, or one of that step alone.
+
+        Args:
+            index: The selected step; None, and all is grey, without one.
+            steps: The steps of the program; when they change, the fields are filled in again.
+            around: The loops that the step is in, the outer one first.
+        """
+        grey(self._acts, index is None)
+        if index is None or (index, steps) == self._offered:
+            return
+        self._offered = (index, steps)
+        loop = around[-1] if around else Loop(first=index, last=index, times=2)
+        numbers = (loop.first + 1, loop.last + 1, loop.times)
+        for box, number in zip(self._loop, numbers, strict=True):
+            put(box, number)
 
 
 class RehearsalFields:

@@ -10,8 +10,6 @@ import viser
 
 from so101_motion.common.units import to_deg
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program.loops import MOST_TIMES, Loop
-from so101_motion.tasks.program.program import MOST
 from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
@@ -21,7 +19,14 @@ from ..page.part import Part
 from ..page.shared_fields import SharedField, UndoButtons, grey, put
 from ..view_model import ViewModel
 from . import program_texts as words
-from .program_fields import FileFields, RehearsalFields, RoundsFields, RowList, WaypointFields
+from .program_fields import (
+    FileFields,
+    LoopFields,
+    RehearsalFields,
+    RoundsFields,
+    RowList,
+    WaypointFields,
+)
 from .program_model import REST, STEP, ProgramModel
 from .program_screen import ProgramScreen
 from .program_view import Ghost, ProgramView
@@ -45,7 +50,6 @@ class ProgramPart(Part):
         )
         self._context = context.reporting(self.model.report)
         self._page, self._target, self._front = page, page.target, context.front
-        self._offered: tuple[object, ...] = ()  # for what the loop's fields were filled in
         self._view = ProgramView(
             context.server.scene,
             RobotModel.load(),
@@ -57,7 +61,7 @@ class ProgramPart(Part):
             self._add_order(context.gui)
             self._add_rehearsal(context.gui)
             self._add_waypoint(context.gui)
-            self._add_loops(context.gui)
+            self._loops = LoopFields(self._context, self.model)
             self._rounds = RoundsFields(self._context, self.model.set_rounds)
             self._files = FileFields(self._context, self.model)
 
@@ -85,24 +89,6 @@ class ProgramPart(Part):
         )
         self._pass = self._field(passes, model.set_passes, bool)
         self._fields.add_stay()
-
-    def _add_loops(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("Loops", expand_by_default=False):
-            self._loop = (
-                gui.add_number("From step", 1, min=1, max=MOST, step=1),
-                gui.add_number("To step", 1, min=1, max=MOST, step=1),
-                gui.add_number("Times", 2, min=2, max=MOST_TIMES, step=1),
-            )
-            self._loops = gui.add_button_group(
-                "Loop",
-                ("repeat", "end"),
-                hint="Repeat these steps so many times; end the loop around the chosen step",
-            )
-        self._on_choice(self._loops, {"repeat": self._repeat, "end": self.model.end_loop})
-
-    def _repeat(self) -> None:
-        first, last, times = (int(field.value) for field in self._loop)
-        self.model.set_loop(first - 1, last - 1, times)
 
     def _add_run(self, gui: viser.GuiApi) -> None:
         self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
@@ -209,18 +195,12 @@ class ProgramPart(Part):
         waypoints = screen.program.waypoints
         index = screen.chosen if screen.can_edit else None
         grey(self._order, index is None)
-        grey(self._loops, index is None)
+        around = () if index is None else screen.program.loops_around(index)
+        self._loops.show(index, (waypoints, screen.program.loops), around)
         self._fields.show(None if index is None else waypoints[index])
         if index is None:
             self._name.offer(None)
             self._pass.offer(None)
             return
-        if (index, waypoints) != self._offered:
-            self._offered = (index, waypoints)
-            around = screen.program.loops_around(index) or (None,)
-            loop = around[-1] or Loop(first=index, last=index, times=2)
-            numbers = (loop.first + 1, loop.last + 1, loop.times)
-            for box, number in zip(self._loop, numbers, strict=True):
-                put(box, number)
         self._name.offer(waypoints[index].name)
         self._pass.offer(waypoints[index].passes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from so101_motion.common.errors import Interrupted
@@ -15,7 +15,9 @@ from so101_motion.tasks.program import (
     ProgramRun,
     Rehearsal,
     Waypoint,
+    Where,
 )
+from so101_motion.tasks.program.loops import Visit
 
 from ..page import markup, texts
 from ..page.screen_state import Sentence, Tone
@@ -41,7 +43,9 @@ PAUSE_STOPS = Sentence(text="A pause needs a stop, so this waypoint is no longer
 JAW_STOPS = Sentence(text="The gripper needs a stop, so this waypoint is no longer passed.")
 HELD_AGAIN = Sentence(text="Hand guiding has timed out. The arm holds where it is.")
 
-CELL_WELCOME = Sentence(text="Drag the targets on the Move tab, then record a step.")
+CELL_WELCOME = Sentence(
+    text="Record where the arms stand, or the targets of the Move tab, as the first step."
+)
 CELL_PLANNING = Sentence(text="Planning all steps …")
 CELL_PLANNED = Sentence(
     text="Planned, no collisions. Press Run program to move the arms.", tone=Tone.GOOD
@@ -92,27 +96,36 @@ def guided(left: float | None) -> Sentence:
     return Sentence(text=f"Move the arm by hand and record.{end}", tone=Tone.WARM)
 
 
+def cell_guided(names: Sequence[str]) -> Sentence:
+    """These arms are guided by hand."""
+    text = f"Move {' and '.join(names)} by hand, then record where they stand."
+    return Sentence(text=text, tone=Tone.WARM)
+
+
 def running(run: ProgramRun, first: int = 0) -> Sentence:
     """The progress of a run that began with the waypoint of index ``first``."""
     where, program = run.where, run.program
     index = min(where.index, len(program) - 1)
     doing = {"moving": "Going to", "jaw": "Gripper at", "pausing": "Pausing at"}[where.doing]
-    loops = zip(where.laps, program.loops_around(index), strict=False)
-    laps = "".join(f" Time {lap + 1} of {loop.times}." for lap, loop in loops)
-    rounds = "" if program.rounds == 1 else f" Round {where.round + 1}{_of(program)}."
     called = f"waypoint {first + index + 1} ({program.waypoints[index].name})"
-    return Sentence(text=f"{doing} {called}.{laps}{rounds} Press Space or Stop to stop.")
+    return _running(f"{doing} {called}.", where, program.loops_around(index), program.rounds)
 
 
 def running_step(run: CellProgramRun) -> Sentence:
     """The progress of a run of several arms."""
-    lap, index = run.where
-    index = min(index, len(run.program.steps) - 1)
-    rounds = run.program.rounds
+    where, program = run.where, run.program
+    index = min(where.index, len(program.steps) - 1)
+    doing = f"Doing {program.called(index)}."
+    return _running(doing, where, program.loops_around(index), program.rounds)
+
+
+def _running(doing: str, where: Where, around: tuple[Loop, ...], rounds: int | None) -> Sentence:
+    """What is being done, which time of each loop ``around`` it, and in which round."""
+    loops = zip(where.laps, around, strict=False)
+    laps = "".join(f" Time {lap + 1} of {loop.times}." for lap, loop in loops)
     of = "" if rounds is None else f" of {rounds}"
-    said = "" if rounds == 1 else f" Round {lap + 1}{of}."
-    text = f"Doing {run.program.called(index)}.{said} Press Space or Stop to stop."
-    return Sentence(text=text)
+    said = "" if rounds == 1 else f" Round {where.round + 1}{of}."
+    return Sentence(text=f"{doing}{laps}{said} Press Space or Stop to stop.")
 
 
 def done(run: ProgramRun | CellProgramRun) -> Sentence:
@@ -143,28 +156,28 @@ def cell_facts(timeline: CellRehearsalTime | None) -> tuple[tuple[str, str], ...
     return (("One round", lasts), *pairs)
 
 
-def cell_line(step: Mapping[str, Waypoint], clearance: float | None = None) -> str:
+def cell_line(
+    step: Mapping[str, Waypoint], clearance: float | None = None, loops: tuple[Loop, ...] = ()
+) -> str:
     """What is special about a step of several arms.
 
     Args:
         step: The step.
         clearance: How near two arms come to each other [m], if it is planned.
+        loops: The loops that end with it.
     """
     parts = ((name, ", ".join(_done_at(waypoint))) for name, waypoint in step.items())
     said = [f"{name}: {said}" for name, said in parts if said]
     if clearance is not None:
         said.append(f"{to_mm(clearance):.0f} mm between arms")
-    return "; ".join(said)
+    return "; ".join([*said, *map(_repeats, loops)])
 
 
 def cell_timeline(timeline: CellRehearsalTime) -> markup.Timeline:
     """A planned program of several arms on a line, in shares of its length."""
-    whole = max(timeline.duration, 1e-9)
-    parts = (
-        markup.Span(f"{index + 1}", begins / whole, ends / whole)
-        for index, begins, ends in timeline.spans()
-    )
-    return markup.Timeline(tuple(parts), (), timeline.duration)
+    program = timeline.rehearsal.program
+    names = [f"{program.before + k + 1}" for k in range(len(program.steps))]
+    return _timeline(timeline.spans(), names, program.loops_around, timeline.duration)
 
 
 def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
@@ -183,13 +196,22 @@ def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
 
 def timeline(timeline: RehearsalTime) -> markup.Timeline:
     """A planned program on a line, in shares of its length."""
-    program, whole = timeline.rehearsal.program, max(timeline.duration, 1e-9)
-    spans = timeline.spans()
+    program = timeline.rehearsal.program
+    names = [each.name for each in program.waypoints]
+    return _timeline(timeline.spans(), names, program.loops_around, timeline.duration)
+
+
+def _timeline(
+    spans: Sequence[tuple[Visit, int, float, float]],
+    names: Sequence[str],
+    loops_around: Callable[[int], tuple[Loop, ...]],
+    duration: float,
+) -> markup.Timeline:
+    whole = max(duration, 1e-9)
     parts, loops = [], []
     for visit, index, begins, ends in spans:
-        name = program.waypoints[index].name
-        parts.append(markup.Span(name, begins / whole, ends / whole))
-        for depth, loop in enumerate(program.loops_around(index)):
+        parts.append(markup.Span(names[index], begins / whole, ends / whole))
+        for depth, loop in enumerate(loops_around(index)):
             same = [
                 (begin, end)
                 for other, at, begin, end in spans
@@ -199,7 +221,7 @@ def timeline(timeline: RehearsalTime) -> markup.Timeline:
             ]
             span = markup.Span(f"{loop.times}×", same[0][0] / whole, same[-1][1] / whole, depth)
             loops += [] if span in loops else [span]
-    return markup.Timeline(tuple(parts), tuple(loops), timeline.duration)
+    return markup.Timeline(tuple(parts), tuple(loops), duration)
 
 
 NO_FACTS = (("One round", "–"), ("Waypoints", "–"))
@@ -217,9 +239,13 @@ def line(program: Program, index: int, clearance: float | None = None) -> str:
     parts = _done_at(program.waypoints[index])
     if clearance is not None:
         parts.append(f"{to_mm(clearance):.0f} mm clear")
-    ending = (loop for loop in reversed(program.loops) if loop.last == index)
-    parts += [_repeats(loop) for loop in ending]
+    parts += map(_repeats, ending_at(program.loops, index))
     return ", ".join(parts)
+
+
+def ending_at(loops: tuple[Loop, ...], index: int) -> tuple[Loop, ...]:
+    """The loops that end with a step, the inner one first."""
+    return tuple(loop for loop in reversed(loops) if loop.last == index)
 
 
 def _repeats(loop: Loop) -> str:
@@ -241,10 +267,6 @@ def _done_at(waypoint: Waypoint) -> list[str]:
     if waypoint.pause > 0.0:
         parts.append(f"{waypoint.pause:g} s")
     return parts
-
-
-def _of(program: Program) -> str:
-    return "" if program.rounds is None else f" of {program.rounds}"
 
 
 def _waypoints(count: int) -> str:

@@ -14,7 +14,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.collision import Clearance
 from so101_motion.planning.request import Plan
 from so101_motion.tasks.program import Rehearsal
-from so101_motion.tasks.program.program import Visit
+from so101_motion.tasks.program.loops import Visit
 from so101_motion.tasks.program.rehearsal import ProgramLeg
 
 SHOWN_PAUSE = 2.0

@@ -142,9 +142,9 @@ class Views:
         return button
 
 
-def set_up_recording(server: viser.ViserServer) -> None:
+def set_up_recording(server: viser.ViserServer, sight: Sight) -> None:
     """Set up camera and lights of a recording, whose player resets them in each round."""
-    _set_up(server, ONE_ARM)
+    _set_up(server, sight)
     server.scene.add_light_ambient("/light", intensity=0.8)
 
 

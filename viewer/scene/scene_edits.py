@@ -6,9 +6,10 @@ Renaming or removing a thing also updates references to it (``may_touch``).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,18 @@ from so101_motion.planning.collision.scene import (
 )
 
 Thing = Obstacle | Attached
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeldBy(Attached):
+    """An object that one of several arms holds.
+
+    Attributes:
+        holder: The name of the arm.
+    """
+
+    holder: str
+
 
 NEW_SHAPES: dict[str, Shape] = {
     "box": Box(size=np.full(3, 0.06)),
@@ -60,6 +73,25 @@ def thing_named(scene: Scene, name: str) -> Thing:
 def pose_of(thing: Thing) -> SE3:
     """The pose of a thing: in the base frame, or in the tool's if it is held."""
     return thing.T_base_obstacle if isinstance(thing, Obstacle) else thing.T_tool_object
+
+
+def holder_of(thing: Thing | None) -> str:
+    """The arm that holds a thing; empty for none, and where there is only one arm."""
+    return thing.holder if isinstance(thing, HeldBy) else ""
+
+
+def held_by(thing: Attached, holder: str) -> HeldBy:
+    """A thing that is held, with the arm that holds it."""
+    return HeldBy(**_every(thing), holder=holder)
+
+
+def without_holder(thing: Attached) -> Attached:
+    """A thing that is held, as the arm that holds it has it."""
+    return Attached(**_every(thing))
+
+
+def _every(thing: Attached) -> dict[str, Any]:
+    return {each.name: getattr(thing, each.name) for each in fields(Attached)}
 
 
 def moved(thing: Thing, pose: SE3) -> Thing:
@@ -103,7 +135,14 @@ def resized(
     return shape
 
 
-def added(scene: Scene, shape: Shape, *, name: str, place: SE3 | None = None) -> Scene:
+def added(
+    scene: Scene,
+    shape: Shape,
+    *,
+    name: str,
+    place: SE3 | None = None,
+    held_at: Sequence[Array] = (),
+) -> Scene:
     """``scene`` with one more obstacle of this name, where there is room on the floor.
 
     Args:
@@ -111,6 +150,7 @@ def added(scene: Scene, shape: Shape, *, name: str, place: SE3 | None = None) ->
         shape: The shape of the new one.
         name: What it is called; a number follows.
         place: Where it is, seen from the base, if that is known.
+        held_at: Where things are that a gripper holds, shape (3,) each, [m].
     """
     floor = FLOOR_Z if scene.floor_z is None else scene.floor_z
     low, high = _extent(shape)
@@ -120,7 +160,7 @@ def added(scene: Scene, shape: Shape, *, name: str, place: SE3 | None = None) ->
         for level in range(3)
         for a in _ASIDE
     ]
-    taken = [each.T_base_obstacle.p for each in scene.obstacles]
+    taken = [*(each.T_base_obstacle.p for each in scene.obstacles), *held_at]
     room = (p for p in spots if all(np.linalg.norm(p - other) > _APART for other in taken))
     place = place or SE3.from_translation(np.round(next(room, spots[0]), 3))
     return scene.with_obstacles(
@@ -155,21 +195,29 @@ def without(scene: Scene, name: str) -> Scene:
     return _called(scene, lambda each: None if each == name else each)
 
 
-def held(scene: Scene, name: str, T_base_tool: SE3) -> Scene:
-    """``scene`` with an obstacle attached where it is; ``ConfigError`` for a zone or a held one."""
+def held(scene: Scene, name: str, T_base_tool: SE3, holder: str = "") -> Scene:
+    """``scene`` with an obstacle attached where it is; ``ConfigError`` for a zone or a held one.
+
+    Args:
+        scene: The scene.
+        name: The obstacle.
+        T_base_tool: The gripper that holds it.
+        holder: The arm of that gripper; empty where there is only one.
+    """
     thing = thing_named(scene, name)
     if not isinstance(thing, Obstacle):
         raise ConfigError("name", name, "is in the gripper already")
     if thing.keep_out:
         raise ConfigError("name", name, "is a keep-out zone, which cannot be held")
-    T_tool_object = T_base_tool.inverse @ thing.T_base_obstacle
+    T = T_base_tool.inverse @ thing.T_base_obstacle
+    shape = thing.shape
+    taken = Attached(name=name, shape=shape, T_tool_object=T)
+    if holder:
+        taken = HeldBy(name=name, shape=shape, T_tool_object=T, holder=holder)
     return replace(
         scene,
         obstacles=tuple(each for each in scene.obstacles if each is not thing),
-        attached=(
-            *scene.attached,
-            Attached(name=name, shape=thing.shape, T_tool_object=T_tool_object),
-        ),
+        attached=(*scene.attached, taken),
     )
 
 

@@ -6,7 +6,7 @@ once; later only its pose.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -28,7 +28,7 @@ from so101_motion.planning.collision.scene import (
 )
 from so101_motion.planning.collision.shape_files import read_shape
 
-from .scene_edits import Thing, pose_of, things
+from .scene_edits import Thing, holder_of, pose_of, things
 
 _OBSTACLE = (134, 142, 150)
 _KEEP_OUT = (224, 49, 49)
@@ -75,12 +75,12 @@ class SceneView:
         self._numbers = count()
         self._floor: viser.GridHandle | None = None
 
-    def show(self, scene: Scene, T_base_tool: SE3, *, chosen: str | None = None) -> None:
+    def show(self, scene: Scene, tools: Mapping[str, SE3], *, chosen: str | None = None) -> None:
         """Draw ``scene``; sends only what differs.
 
         Args:
             scene: The scene.
-            T_base_tool: The tool, which carries held objects.
+            tools: The tools, which carry held objects, as ``holder_of`` calls their arms.
             chosen: Name of the thing to set off from the others.
         """
         self._show_floor(scene.floor_z)
@@ -98,7 +98,7 @@ class SceneView:
             drawn.thing = thing
             pose = pose_of(thing)
             if isinstance(thing, Attached):
-                pose = T_base_tool @ pose
+                pose = tools[holder_of(thing)] @ pose
             if pose is not drawn.pose:
                 drawn.pose = pose
                 drawn.node.wxyz, drawn.node.position = pose.quaternion_wxyz(), pose.p

@@ -28,11 +28,20 @@ class TeachPart(Part):
 
     Args:
         open_leader: Opens the leader arm, if there is one on this computer.
+        title: What the tab is called.
+        node: The node in the scene that stands where the arm's base does.
     """
 
-    def __init__(self, context: ArmContext, open_leader: OpenLeader | None) -> None:
+    def __init__(
+        self,
+        context: ArmContext,
+        open_leader: OpenLeader | None = None,
+        *,
+        title: str = "Teach",
+        node: str = "",
+    ) -> None:
         rig = context.rig
-        self._scene = context.server.scene
+        self._scene, self._node = context.server.scene, f"{node}/teach/path"
         self.teaching = _teaching_for(rig, context)
         session = session_for(rig, open_leader)
         self.leading = None if session is None else Leading(session, context.in_background)
@@ -42,7 +51,7 @@ class TeachPart(Part):
         if self.teaching is None and self.leading is None:
             return
         self._context = context
-        with context.tabs.add_tab("Teach"):
+        with context.tabs.add_tab(title):
             if self.teaching is not None:
                 self._add_path(context.gui, self.teaching)
             if self.leading is not None:
@@ -133,7 +142,7 @@ class TeachPart(Part):
             self._line = None
         if line is not None and len(line) > 1:
             self._line = self._scene.add_line_segments(
-                "/teach/path", segments(line), _COLOR, thickness=3.0, thickness_units="screen"
+                self._node, segments(line), _COLOR, thickness=3.0, thickness_units="screen"
             )
 
     def close(self) -> None:

@@ -9,12 +9,15 @@ from typing import Protocol
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
 from so101_motion.files.cell_file import CellFile, write_cell
 from so101_motion.files.scene_file import write_scene
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 from so101_motion.viam.client import MachineRig
+
+from ..scene.scene_edits import held_by, holder_of, without_holder
 
 
 class SceneUser(Protocol):
@@ -29,12 +32,11 @@ class SceneUser(Protocol):
         """The arms by their names; the name is empty where there is only one."""
 
     @property
-    def holder(self) -> Arm | None:
-        """The arm whose gripper can be given things to hold, if that is clear."""
-
-    @property
     def viam_name(self) -> str | None:
         """What a machine of Viam calls the arm in whose frame the scene is; None for no arm."""
+
+    def tools(self) -> dict[str, SE3]:
+        """Where the gripper of each arm is now in the frame of the scene, by the arm's name."""
 
     def use(self, scene: Scene) -> None:
         """Plan with ``scene`` from now on; ``ConfigError`` if that is not possible."""
@@ -47,7 +49,7 @@ class OneArm:
     """A single arm; the scene is in its base frame. Another program may change its scene, too."""
 
     def __init__(self, rig: RigLike) -> None:
-        self._arm = self.holder = rig.arm
+        self._arm = rig.arm
         self.arms = {"": rig.arm}
         self.viam_name = rig.arm_name if isinstance(rig, MachineRig) else "arm"
 
@@ -55,6 +57,10 @@ class OneArm:
     def scene(self) -> Scene:
         """The arm's scene."""
         return self._arm.scene
+
+    def tools(self) -> dict[str, SE3]:
+        """Where its gripper is now."""
+        return {"": self._arm.T_base()}
 
     def use(self, scene: Scene) -> None:
         """Plan with ``scene`` from now on."""
@@ -66,40 +72,72 @@ class OneArm:
 
 
 class ArmsOfCell:
-    """Arms that share a space; the scene is in the frame of the cell, and what they hold stays.
+    """Arms that share a space; the scene is in the frame of the cell.
+
+    What an arm holds is ``HeldBy`` that arm there. A handover may pass it on meanwhile.
 
     Args:
         rigs: Their rigs, by the names of the arms.
         file: Where they stand, and the first scene.
     """
 
-    holder = viam_name = None
+    viam_name = None
 
     def __init__(self, rigs: Mapping[str, Rig], file: CellFile) -> None:
-        self._file = file
+        self._file, self._scene = file, file.scene
+        self._held: dict[str, tuple[Attached, ...]] = {}  # as it is in that scene
         self.arms = {name: rig.arm for name, rig in rigs.items()}
 
     @property
     def scene(self) -> Scene:
-        """What is around all arms."""
-        return self._file.scene
+        """What is around all arms, and what they hold."""
+        held = {name: arm.scene.attached for name, arm in self.arms.items()}
+        if any(each is not self._held.get(name) for name, each in held.items()):
+            things = {
+                each.name: held_by(each, name) for name, of_arm in held.items() for each in of_arm
+            }
+            self._held, self._scene = (
+                held,
+                replace(self._file.scene, attached=tuple(things.values())),
+            )
+        return self._scene
+
+    def tools(self) -> dict[str, SE3]:
+        """Where the gripper of each arm is now in the cell, by the arm's name."""
+        bases = {each.name: each.T_cell_base for each in self._file.arms}
+        return {name: bases[name] @ arm.T_base() for name, arm in self.arms.items()}
 
     def use(self, scene: Scene) -> None:
-        """Let all arms plan with ``scene`` from now on.
+        """Let all arms plan with ``scene`` from now on, and hold what it says.
 
         Raises:
-            ConfigError: Something in it is held, or it has a floor on which an arm does not stand
-                upright; then no arm has it.
+            ConfigError: It is not said which arm holds something in it, or it has a floor on which
+                an arm does not stand upright; then no arm has it.
         """
-        if scene.attached:
-            reason = "is held by a gripper; on this page no arm is given anything to hold"
-            raise ConfigError("attached", scene.attached[0].name, reason)
-        file = replace(self._file, scene=scene)
+        file = self._file_with(scene)
         seen = {each.name: file.scene_of(each) for each in file.arms}
         for name, arm in self.arms.items():
-            arm.scene = replace(seen[name], attached=arm.scene.attached)
-        self._file = file
+            arm.scene = seen[name]
+        self._file, self._scene = file, scene
+        self._held = {name: arm.scene.attached for name, arm in self.arms.items()}
 
     def write(self, scene: Scene, file: Path) -> None:
         """Write a cell file with these arms."""
-        write_cell(replace(self._file, scene=scene), file)
+        write_cell(self._file_with(scene), file)
+
+    def _file_with(self, scene: Scene) -> CellFile:
+        """The file when ``scene`` is around the arms."""
+        held: dict[str, list[Attached]] = {name: [] for name in self.arms}
+        for each in scene.attached:
+            if holder_of(each) not in held:
+                reason = "is held by a gripper, and it is not said by which; attach it on this page"
+                raise ConfigError("attached", each.name, reason)
+            held[holder_of(each)].append(without_holder(each))
+        names = {each.name for each in scene.attached}
+        around = replace(
+            scene,
+            attached=(),
+            may_touch=frozenset(pair for pair in scene.may_touch if not pair & names),
+        )
+        arms = (replace(each, attached=tuple(held[each.name])) for each in self._file.arms)
+        return replace(self._file, scene=around, arms=tuple(arms))

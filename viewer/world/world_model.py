@@ -9,7 +9,7 @@ moves no arm.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
 
@@ -38,7 +38,7 @@ from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 from ..scene import scene_edits
-from ..scene.scene_edits import Thing
+from ..scene.scene_edits import HeldBy, Thing
 from .loaded_files import VOXEL, read_loaded, thinned
 
 DRAG_PERIOD = 0.2
@@ -121,9 +121,9 @@ class WorldModel:
         self.selected = name if name in self.names else None
         self.dragging = False
 
-    def add(self, kind: str) -> None:
-        """Add a thing of ``NEW_SHAPES`` and select it."""
-        self._add(scene_edits.NEW_SHAPES[kind], kind)
+    def add(self, kind: str, held_at: Sequence[Array] = ()) -> None:
+        """Add a thing of ``NEW_SHAPES``, clear of things held at some points, and select it."""
+        self._add(scene_edits.NEW_SHAPES[kind], kind, held_at=held_at)
 
     def remove(self) -> None:
         """Remove the selected thing."""
@@ -195,11 +195,11 @@ class WorldModel:
         text = "No floor: the arm may go below its base." if floor_z is None else "Floor set."
         self._change(replace(self.scene, floor_z=floor_z), text, "floor")
 
-    def hold(self, T_base_tool: SE3) -> None:
-        """Attach the selected obstacle to the gripper, where it is now."""
+    def hold(self, T_base_tool: SE3, holder: str = "") -> None:
+        """Attach the selected obstacle to the gripper, of the arm ``holder``, where it is now."""
         name = self._name()
-        changed = scene_edits.held(self.scene, name, T_base_tool)
-        self._change(changed, f"The gripper holds {name}; it moves along.")
+        changed = scene_edits.held(self.scene, name, T_base_tool, holder)
+        self._change(changed, f"{holder or 'The gripper'} holds {name}; it moves along.")
 
     def let_go(self, T_base_tool: SE3) -> None:
         """Detach the selected thing from the gripper, where it is now."""
@@ -231,8 +231,10 @@ class WorldModel:
         self.sentence = Sentence(text=f"Saved to {self.file}", tone=Tone.GOOD)
 
     def as_file(self) -> bytes:
-        """The scene as ``so101 plan --scene`` reads it."""
-        return json.dumps(scene_to(self.scene), indent=2).encode() + b"\n"
+        """The scene as ``so101 plan --scene`` reads it, without what one of several arms holds."""
+        loose = tuple(each for each in self.scene.attached if not isinstance(each, HeldBy))
+        scene = replace(self.scene, attached=loose)
+        return json.dumps(scene_to(scene), indent=2).encode() + b"\n"
 
     def for_viam(self, *, arm: str) -> str:
         """The scene as the JSON of a Viam WorldState, for a machine that calls its arm ``arm``."""
@@ -251,6 +253,8 @@ class WorldModel:
         found = read_loaded(name, content, voxel=self.voxel)
         if isinstance(found, Scene):
             loaded = len(scene_edits.things(found))
+            held = (each for each in self.scene.attached if isinstance(each, HeldBy))
+            found = replace(found, attached=(*found.attached, *held))
             self._change(found, f"Loaded {loaded} thing{'' if loaded == 1 else 's'}.")
             self.select(self.selected)
         elif isinstance(found, PointCloud):
@@ -288,8 +292,15 @@ class WorldModel:
             raise ConfigError("name", None, "select an object first")
         return self.selected
 
-    def _add(self, shape: Shape, name: str, *, place: SE3 | None = None) -> None:
-        scene = scene_edits.added(self.scene, shape, name=name, place=place)
+    def _add(
+        self,
+        shape: Shape,
+        name: str,
+        *,
+        place: SE3 | None = None,
+        held_at: Sequence[Array] = (),
+    ) -> None:
+        scene = scene_edits.added(self.scene, shape, name=name, place=place, held_at=held_at)
         new = scene.obstacles[-1].name
         self._change(scene, f"Added {new}. Drag it by its arrows, or give numbers.")
         self.select(new)

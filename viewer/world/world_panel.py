@@ -33,8 +33,8 @@ from ..page import markup, texts
 from ..page.page_context import PageContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
-from ..page.shared_fields import SharedField, UndoButtons, grey, tenth, tenths
-from ..scene.scene_edits import NEW_SHAPES, Thing, pose_of
+from ..page.shared_fields import SharedField, UndoButtons, grey, put, tenth, tenths
+from ..scene.scene_edits import NEW_SHAPES, Thing, holder_of, pose_of
 from ..scene.scene_view import SceneView
 from .loaded_files import ENDINGS
 from .scene_user import SceneUser
@@ -49,9 +49,8 @@ _TURNED = 0.01
 """Turns of a joint below this do not repeat the overlap check [rad]; chosen: a real arm at rest
 flickers by a tick or two."""
 
-_LOOSE, _HELD, _SHARED = ("attach", "delete"), ("detach", "delete"), ("delete",)
-"""Buttons for a thing; a keep-out zone says why it cannot be attached. Among several arms nothing
-is attached."""
+_LOOSE, _HELD = ("attach", "delete"), ("detach", "delete")
+"""Buttons for a thing; a keep-out zone says why it cannot be attached."""
 
 _SAME = 1e-5
 
@@ -88,7 +87,7 @@ class WorldPart(Part):
         self._inside: Sentence | None = None
         self._checked: tuple[Scene, Array] | None = None
         self._q = self._q_all()
-        self._T_tool = self._T_now()
+        self._tools = user.tools()
         self._view = SceneView(context.server.scene, on_pick=self._pickable)
         self._gizmo = context.server.scene.add_transform_controls(
             _GIZMO, scale=0.09, depth_test=False, visible=False
@@ -107,13 +106,19 @@ class WorldPart(Part):
         context, world = self._context, self.world
         self._sentence = gui.add_html("")
         kinds = gui.add_button_group("Add", tuple(NEW_SHAPES))
-        context.on_choice(kinds, world.add)
+        context.on_choice(kinds, lambda kind: world.add(kind, self._held_at()))
         self._list = gui.add_dropdown("Selected", (_nothing(()),))
         self._selected = self._field(self._list, self._choose, shown=str)
-        self._loose = _SHARED if self._user.holder is None else _LOOSE
-        hint = None if self._user.holder is None else "attach: the gripper holds it from now on"
-        self._acts = gui.add_button_group("Change", self._loose, hint=hint)
+        self._acts = gui.add_button_group(
+            "Change", _LOOSE, hint="attach: the gripper holds it from now on"
+        )
         context.on_choice(self._acts, self._act)
+        self._gripper = gui.add_dropdown(
+            "Gripper of",
+            tuple(self._tools),
+            hint="Which arm holds it",
+            visible=len(self._tools) > 1,
+        )
         self._edits = UndoButtons(context, "Edits", world)
         gui.add_divider()
         self._floor = self._field(
@@ -194,11 +199,12 @@ class WorldPart(Part):
         self.world.sentence = texts.ended(error)
 
     def _act(self, name: str) -> None:
-        world = self.world
+        world, tools = self.world, self._user.tools()
         if name == "attach":
-            world.hold(self._T_now())
+            holder = self._gripper.value
+            world.hold(tools[holder], holder)
         elif name == "detach":
-            world.let_go(self._T_now())
+            world.let_go(tools[holder_of(world.thing)])
         elif name == "delete":
             world.remove()
 
@@ -232,7 +238,7 @@ class WorldPart(Part):
 
     def _dragged(self, handle: viser.TransformControlsHandle) -> None:
         self._gizmo_at = SE3.from_quaternion(handle.wxyz, handle.position)
-        self.world.drag(self._gizmo_at, self._T_tool)
+        self.world.drag(self._gizmo_at, self._T_of(self.world.thing))
 
     # The page
 
@@ -247,7 +253,7 @@ class WorldPart(Part):
         q = self._q_all()
         moved = float(np.max(np.abs(q - self._q))) > _MOVED
         if moved:
-            self._q, self._T_tool = q, self._T_now()
+            self._q, self._tools = q, self._user.tools()
         inside = self._inside
         if self._is_stale(q):
             self._checked = self._known, q
@@ -269,10 +275,13 @@ class WorldPart(Part):
         """Where all arms are, a row for each, [rad]."""
         return np.array([arm.state.q for arm in self._user.arms.values()])
 
-    def _T_now(self) -> SE3:
-        """Where the gripper that holds things is."""
-        holder = self._user.holder
-        return SE3.identity() if holder is None else holder.T_base()
+    def _held_at(self) -> list[Array]:
+        """Where the things are that a gripper holds."""
+        return [(self._T_of(each) @ pose_of(each)).p for each in self.world.scene.attached]
+
+    def _T_of(self, thing: Thing | None) -> SE3:
+        """What carries a thing, if anything does."""
+        return self._tools[holder_of(thing)] if isinstance(thing, Attached) else SE3.identity()
 
     def _overlap(self) -> Sentence | None:
         """The sentence about the first arm that overlaps something."""
@@ -294,7 +303,7 @@ class WorldPart(Part):
     def show(self) -> None:
         """Draw the scene and update the tab; viser sends only what differs."""
         world = self.world
-        self._view.show(world.scene, self._T_tool, chosen=world.selected)
+        self._view.show(world.scene, self._tools, chosen=world.selected)
         sentence = world.sentence
         if self._inside is not None and sentence.tone is not Tone.BAD:
             sentence = self._inside
@@ -336,7 +345,10 @@ class WorldPart(Part):
         self._voxel.show(to_mm(self.world.voxel if cloud is None else cloud.resolution))
         self._mass.show(1000.0 * thing.mass if isinstance(thing, Attached) else None)
         self._zone.show(thing.keep_out if isinstance(thing, Obstacle) else None)
-        acts = _HELD if is_held else self._loose
+        acts = _HELD if is_held else _LOOSE
+        self._gripper.disabled = thing is None or is_held
+        if is_held:
+            put(self._gripper, holder_of(thing))
         if acts != self._acts.options:
             self._acts.options = acts
         grey(self._acts, thing is None)
@@ -344,7 +356,7 @@ class WorldPart(Part):
         self._undo_save.show()
         self._gizmo.visible, self._gizmo.disable_rotations = pose is not None, not turns
         if pose is not None and not self.world.dragging:
-            pose = self._T_tool @ pose if is_held else pose
+            pose = self._T_of(thing) @ pose
             if not _same(pose, self._gizmo_at):
                 self._gizmo_at = pose
                 self._gizmo.wxyz, self._gizmo.position = pose.quaternion_wxyz(), pose.p

@@ -14,19 +14,35 @@ begins when all are done. A file looks like this::
      ]
     }
 
-A waypoint is as in a program for one arm (``files.py``), but arms stop at each.
+Waypoints and ``"loops"`` are as in a program for one arm (``files.py``), but arms stop at each
+waypoint.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError
 from so101_motion.files import user_storage
-from so101_motion.tasks.program.files import rounds_from, rounds_to, waypoint_from, waypoint_to
+from so101_motion.tasks.program.files import (
+    loops_from,
+    loops_to,
+    rounds_from,
+    rounds_to,
+    waypoint_from,
+    waypoint_to,
+)
+from so101_motion.tasks.program.loops import (
+    Loop,
+    Visit,
+    checked_loops,
+    loops_around,
+    loops_of_part,
+    visits_of,
+)
 from so101_motion.tasks.program.program import MOST, Waypoint, check_rounds
 
 SCHEMA = "so101/cell-program/1"
@@ -39,20 +55,24 @@ class CellProgram:
     Attributes:
         steps: At most ``MOST``; each has the waypoints of the arms that move, by name.
         rounds: How often they are repeated; None until it is stopped.
+        loops: Steps that are repeated within each round, in order, outer loops first.
         before: How many steps of the whole program come before these, in a part of one.
 
     Raises:
-        ConfigError: There are too many steps, one is empty, or a waypoint is to be passed.
+        ConfigError: There are too many steps, one is empty, a waypoint is to be passed, or a loop
+            is not valid.
     """
 
     steps: tuple[Mapping[str, Waypoint], ...]
     rounds: int | None = 1
+    loops: tuple[Loop, ...] = ()
     before: int = 0
 
     def __post_init__(self) -> None:
         if not 0 < len(self.steps) <= MOST:
             raise ConfigError("steps", len(self.steps), f"must be 1 to {MOST}")
         check_rounds(self.rounds)
+        object.__setattr__(self, "loops", checked_loops(self.loops, len(self.steps)))
         for number, step in enumerate(self.steps, 1):
             if not step:
                 raise ConfigError(f"step {number}", {}, "names no arm")
@@ -62,8 +82,20 @@ class CellProgram:
                     raise ConfigError(f"step {number}: {name}", waypoint.name, reason)
 
     def part(self, begin: int, end: int) -> CellProgram:
-        """The steps from ``begin`` to before ``end``, once."""
-        return CellProgram(steps=self.steps[begin:end], before=self.before + begin)
+        """The steps from ``begin`` to before ``end``, once, with the loops that are in it."""
+        return CellProgram(
+            steps=self.steps[begin:end],
+            loops=loops_of_part(self.loops, begin, end),
+            before=self.before + begin,
+        )
+
+    def loops_around(self, index: int) -> tuple[Loop, ...]:
+        """The loops that a step is in, the outer one first."""
+        return loops_around(self.loops, index)
+
+    def visits(self, most: int | None = None) -> Iterator[Visit]:
+        """Every arrival at a step, in order; see ``loops.visits_of``."""
+        return visits_of(len(self.steps), self.loops, self.rounds, most=most)
 
     def called(self, index: int) -> str:
         """What messages call a step: its number, and which arm goes where, if that has a name."""
@@ -91,13 +123,14 @@ def read_cell_program(path: Path) -> CellProgram:
         ConfigError: It cannot be read, or something in it is not valid; the message names it.
     """
     content = user_storage.read(path, schema=SCHEMA)
-    Attributes(content, ("schema", "rounds", "steps"), kind="entry of a program")
+    Attributes(content, ("schema", "rounds", "loops", "steps"), kind="entry of a program")
     given = content.get("steps")
     if not isinstance(given, list):
         raise ConfigError("steps", given, "must be a list of steps")
     return CellProgram(
         steps=tuple(_step(number, each) for number, each in enumerate(given, 1)),
         rounds=rounds_from(content.get("rounds", 1)),
+        loops=loops_from(content.get("loops", [])),
     )
 
 
@@ -108,7 +141,8 @@ def write_cell_program(program: CellProgram, path: Path) -> None:
         ConfigError: It cannot be written; an existing file is unchanged.
     """
     steps = [{name: waypoint_to(each) for name, each in step.items()} for step in program.steps]
-    content = {"rounds": rounds_to(program.rounds), "steps": steps}
+    loops = {"loops": loops_to(program.loops)} if program.loops else {}
+    content = {"rounds": rounds_to(program.rounds), **loops, "steps": steps}
     user_storage.write(path, content, schema=SCHEMA)
 
 

@@ -1,8 +1,9 @@
 """Plan a program of several arms as a whole, and run it.
 
 Each step is one motion of all arms, planned from where the step before ends; arms that it does not
-name stand still. The planned motions are played as they are. Only if a jaw has gripped something,
-so that it is not where the plan assumed, the step is planned again when all arms are there.
+name stand still. Rounds and loops are planned twice, because later times are like the second. The
+planned motions are played as they are. Only if a jaw has gripped something, so that it is not where
+the plan assumed, the step is planned again when all arms are there.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
-from itertools import count
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,7 +24,8 @@ from so101_motion.arm.team_motion import TeamStep
 from so101_motion.common.errors import Interrupted, MotionError, PlanningError, So101Error
 from so101_motion.planning.goals import Goal, JointGoal
 from so101_motion.tasks.program.cell_program import CellProgram
-from so101_motion.tasks.program.run import ARRIVED, SAME_JAW
+from so101_motion.tasks.program.loops import Visit, times_in_round
+from so101_motion.tasks.program.run import ARRIVED, SAME_JAW, Where
 
 if TYPE_CHECKING:
     from so101_motion.arm.motion_handle import Motion
@@ -34,15 +35,29 @@ if TYPE_CHECKING:
 
 
 class PlannedStep(NamedTuple):
-    """A step of one round.
+    """An arrival at a step.
 
     Attributes:
+        visit: The arrival.
+        times: How often it comes in a round: several times if a loop repeats it.
         plans: The plan of each arm, by its name.
         stands: Where each arm is before the step, by its name.
     """
 
+    visit: Visit
+    times: int
     plans: Mapping[str, Plan]
     stands: Mapping[str, Stand]
+
+    @property
+    def step_index(self) -> int:
+        """Which step it is."""
+        return self.visit.indices[-1]
+
+    @property
+    def duration(self) -> float:
+        """How long its motion takes [s]."""
+        return max(each.duration for each in self.plans.values())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,18 +66,22 @@ class CellRehearsal:
 
     Attributes:
         program: The program.
-        first: The steps of the first round, from where the arms are.
-        again: The steps of further rounds, from where the program ends; none if there is one round.
+        steps: All arrivals in order, but only the first two of each loop and round; later ones are
+            like the second.
     """
 
     program: CellProgram
-    first: tuple[PlannedStep, ...]
-    again: tuple[PlannedStep, ...]
+    steps: tuple[PlannedStep, ...]
+
+    @property
+    def first_round(self) -> tuple[PlannedStep, ...]:
+        """The arrivals of the first round, of loops the first two times only."""
+        return tuple(each for each in self.steps if each.visit.round == 0)
 
     @property
     def duration(self) -> float:
         """How long the motions of the first round take [s]."""
-        return sum(max(plan.duration for plan in step.plans.values()) for step in self.first)
+        return sum(each.times * each.duration for each in self.first_round)
 
 
 def rehearse_cell(cell: Cell, program: CellProgram) -> CellRehearsal:
@@ -73,15 +92,17 @@ def rehearse_cell(cell: Cell, program: CellProgram) -> CellRehearsal:
         ConfigError: An arm of the program is not in the cell.
     """
     stands: Mapping[str, Stand] = cell.stands()
-    rounds: list[list[PlannedStep]] = [[]] if program.rounds == 1 else [[], []]
-    for steps in rounds:
-        for index, step in enumerate(program.steps):
-            steps.append(PlannedStep(_planned(cell, program, index, stands), stands))
-            stands = _after(cell, step, stands)
-    first, *further = rounds
-    return CellRehearsal(
-        program=program, first=tuple(first), again=tuple(further[0]) if further else ()
-    )
+    known: dict[object, dict[str, Plan]] = {}
+    steps: list[PlannedStep] = []
+    for visit in program.visits(most=2):
+        index = visit.indices[-1]
+        key = index, tuple((each.q.tobytes(), each.q_jaw) for each in stands.values())
+        if key not in known:
+            known[key] = _planned(cell, program, index, stands)
+        times = times_in_round(visit.laps, program.loops_around(index))
+        steps.append(PlannedStep(visit, times, known[key], stands))
+        stands = _after(cell, program.steps[index], stands)
+    return CellRehearsal(program=program, steps=tuple(steps))
 
 
 def _planned(
@@ -127,13 +148,13 @@ class CellProgramRun:
         program: The program that runs.
         future: Completes after the last round, or raises what ended it; the message then begins
             with the step.
-        where: The round and the step under way, counted from 0.
+        where: The progress of the run.
     """
 
     def __init__(self, cell: Cell, rehearsal: CellRehearsal) -> None:
         self.program = rehearsal.program
         self.future: Future[None] = Future()
-        self.where = (0, 0)
+        self.where = Where()
         self._cell, self._rehearsal, self._lock = cell, rehearsal, threading.Lock()
         self._motions = cell.start_series(self._steps())
         self._left = len(self._motions)
@@ -146,14 +167,15 @@ class CellProgramRun:
             motion.interrupt("stop")
 
     def _steps(self) -> Iterator[TeamStep]:
-        rehearsal, program = self._rehearsal, self.program
-        for lap in count() if program.rounds is None else range(program.rounds):
-            planned = rehearsal.again if lap > 0 else rehearsal.first
-            for index, (step, known) in enumerate(zip(program.steps, planned, strict=True)):
-                then = {name: partial(self._stay, name, each) for name, each in step.items()}
-                yield TeamStep(partial(self._ready, (lap, index), known), then)
+        planned = {_early(each.visit): each for each in self._rehearsal.steps}
+        for visit in self.program.visits():
+            index = visit.indices[-1]
+            stays = self.program.steps[index].items()
+            then = {name: partial(self._stay, name, each) for name, each in stays}
+            where = Where(round=visit.round, laps=visit.laps, index=index)
+            yield TeamStep(partial(self._ready, where, planned[_early(visit)]), then)
 
-    def _ready(self, where: tuple[int, int], planned: PlannedStep) -> Future[dict[str, Plan]]:
+    def _ready(self, where: Where, planned: PlannedStep) -> Future[dict[str, Plan]]:
         """Check that all arms are where the next step begins; returns its plans."""
         self.where = where
         cell, as_planned = self._cell, True
@@ -164,7 +186,7 @@ class CellProgramRun:
             as_planned = as_planned and abs(state.q_jaw_ref - stand.q_jaw) <= SAME_JAW
         if as_planned:
             return cell.check_again(planned.plans)
-        goals, limits = _asked(cell, self.program.steps[where[1]])
+        goals, limits = _asked(cell, self.program.steps[where.index])
         return cell.start_plan(goals, limits=limits)
 
     def _stay(self, name: str, waypoint: Waypoint, motion: Motion) -> None:
@@ -182,13 +204,18 @@ class CellProgramRun:
         errors = [each.future.exception() for each in self._motions.values()]
         problems = [each for each in errors if each is not None]
         if not problems:
-            self.where = (self.where[0], len(self.program.steps))
+            self.where = Where(round=self.where.round, index=len(self.program.steps))
             self.future.set_result(None)
             return
         cause = next((e for e in problems if not isinstance(e, Interrupted)), problems[0])
         if isinstance(cause, So101Error) and not isinstance(cause, Interrupted):
-            cause = cause.about(self.program.called(self.where[1]))
+            cause = cause.about(self.program.called(self.where.index))
         self.future.set_exception(cause)
+
+
+def _early(visit: Visit) -> tuple[int, tuple[int, ...], int]:
+    """The planned arrival that is like this one."""
+    return min(visit.round, 1), tuple(min(lap, 1) for lap in visit.laps), visit.indices[-1]
 
 
 def start_cell_program(cell: Cell, rehearsal: CellRehearsal) -> CellProgramRun:

@@ -120,7 +120,7 @@ def program_from(content: Mapping[str, object]) -> Program:
             waypoint_from(f"waypoint {number}", each) for number, each in enumerate(given, 1)
         ),
         rounds=rounds_from(content.get("rounds", 1)),
-        loops=_loops_from(content.get("loops", [])),
+        loops=loops_from(content.get("loops", [])),
     )
 
 
@@ -145,7 +145,8 @@ def loops_to(loops: Iterable[Loop]) -> list[dict[str, int]]:
     return [{"from": each.first + 1, "to": each.last + 1, "times": each.times} for each in loops]
 
 
-def _loops_from(given: object) -> tuple[Loop, ...]:
+def loops_from(given: object) -> tuple[Loop, ...]:
+    """Loops from a JSON value."""
     if not isinstance(given, list):
         raise ConfigError(
             "loops", given, 'must be a list such as [{"from": 2, "to": 3, "times": 4}]'

@@ -1,13 +1,17 @@
-"""Loops inside a program: waypoints that are repeated several times in a row.
+"""Loops inside a program: steps that are repeated several times in a row.
+
+A step is a waypoint, or in a program of several arms one for each.
 
 A loop may lie inside one other. The arm stops at its last waypoint, because it turns back there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, count
+from math import prod
+from typing import NamedTuple
 
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import ConfigError
@@ -69,6 +73,22 @@ class Loop:
         )
 
 
+class Visit(NamedTuple):
+    """One arrival at a stop while a program runs.
+
+    Attributes:
+        round: The round, counted from 0.
+        laps: The repetition of each loop that the stop is in, from 0, the outer loop first.
+        origin: Index of the stop before; None for where the arm is at the beginning.
+        indices: The steps after it: those that are passed, then the one stopped at.
+    """
+
+    round: int
+    laps: tuple[int, ...]
+    origin: int | None
+    indices: range
+
+
 def checked_count(
     key: str, value: object, *, lower: int = 1, upper: int = MOST_TIMES, unit: str = "times"
 ) -> int:
@@ -105,3 +125,94 @@ def checked_loops(loops: Sequence[Loop], count: int) -> tuple[Loop, ...]:
         if sum(index in loop for loop in loops) > DEEPEST:
             raise ConfigError("loop", index + 1, f"is a step in more than {DEEPEST} loops")
     return tuple(sorted(loops, key=lambda loop: (loop.first, -loop.last)))
+
+
+def loops_around(loops: Sequence[Loop], index: int) -> tuple[Loop, ...]:
+    """The loops that a step is in, the outer one first."""
+    return tuple(loop for loop in loops if index in loop)
+
+
+def with_loop(loops: Sequence[Loop], loop: Loop) -> tuple[Loop, ...]:
+    """One more loop, or another number of times for the same steps."""
+    others = (each for each in loops if (each.first, each.last) != (loop.first, loop.last))
+    return (*others, loop)
+
+
+def without_step(loops: Sequence[Loop], index: int) -> tuple[Loop, ...]:
+    """The loops when a step has been removed."""
+    return _left(loop.without(index) for loop in loops)
+
+
+def with_step_moved(loops: Sequence[Loop], index: int, to: int) -> tuple[Loop, ...]:
+    """The loops when a step has been moved."""
+    return _left(loop.moved(index, to) for loop in loops)
+
+
+def loops_of_part(loops: Sequence[Loop], begin: int, end: int) -> tuple[Loop, ...]:
+    """The loops that lie in the steps from ``begin`` to before ``end``, counted from there."""
+    inside = (loop for loop in loops if begin <= loop.first and loop.last < end)
+    return tuple(replace(loop, first=loop.first - begin, last=loop.last - begin) for loop in inside)
+
+
+def times_in_round(laps: Sequence[int], around: Sequence[Loop]) -> int:
+    """How often an arrival comes in a round, if those of later laps count as the second's.
+
+    Args:
+        laps: The repetition of each loop, 0 or 1.
+        around: These loops.
+    """
+    pairs = zip(laps, around, strict=True)
+    return prod(1 if lap == 0 else loop.times - 1 for lap, loop in pairs)
+
+
+def visits_of(
+    steps: int,
+    loops: Sequence[Loop],
+    rounds: int | None,
+    *,
+    stops_at: Callable[[int], bool] = lambda _index: True,
+    most: int | None = None,
+) -> Iterator[Visit]:
+    """Every arrival at a stop, in order; without end if the program is endless.
+
+    Args:
+        steps: How many steps there are.
+        loops: Its loops, as ``checked_loops`` orders them.
+        rounds: How often all of it is repeated; None for endless.
+        stops_at: Whether the step of an index is stopped at; true for the last one of a loop.
+        most: Loops and rounds are repeated at most so often. Two times give every path there is,
+            because what a loop does to arms and jaws holds from its second time on.
+    """
+    origin: int | None = None
+    for lap in count():
+        if steps == 0 or lap in (most, rounds):
+            return
+        for laps, indices in _round(steps, loops, stops_at, most):
+            yield Visit(lap, laps, origin, indices)
+            origin = indices[-1]
+
+
+def _round(
+    steps: int, loops: Sequence[Loop], stops_at: Callable[[int], bool], most: int | None
+) -> Iterator[tuple[tuple[int, ...], range]]:
+    laps = [0] * len(loops)
+    begin = index = 0
+    while index < steps:
+        if stops_at(index):
+            around = (lap for lap, loop in zip(laps, loops, strict=True) if index in loop)
+            yield tuple(around), range(begin, index + 1)
+            begin = index + 1
+            for k, loop in reversed([*enumerate(loops)]):  # the inner one first
+                if loop.last == index:
+                    laps[k] += 1
+                    if laps[k] < loop.times and laps[k] != most:
+                        begin = loop.first
+                        break
+                    laps[k] = 0
+            index = begin
+        else:
+            index += 1
+
+
+def _left(loops: Iterable[Loop | None]) -> tuple[Loop, ...]:
+    return tuple(loop for loop in loops if loop is not None)

@@ -5,16 +5,25 @@ An index counts from 0, a number in messages from 1.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import count
-from typing import NamedTuple
 
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.files.user_storage import checked_name
-from so101_motion.tasks.program.loops import Loop, checked_count, checked_loops
+from so101_motion.tasks.program.loops import (
+    Loop,
+    Visit,
+    checked_count,
+    checked_loops,
+    loops_around,
+    loops_of_part,
+    visits_of,
+    with_loop,
+    with_step_moved,
+    without_step,
+)
 
 MOST = 200
 """How many waypoints a program may have. Chosen; beyond that it is a path, see ``guided``."""
@@ -34,22 +43,6 @@ def check_rounds(rounds: int | None) -> None:
     """
     if rounds is not None:
         checked_count("rounds", rounds)
-
-
-class Visit(NamedTuple):
-    """One arrival at a stop while a program runs.
-
-    Attributes:
-        round: The round, counted from 0.
-        laps: The repetition of each loop that the stop is in, from 0, the outer loop first.
-        origin: Index of the stop before; None for where the arm is at the beginning.
-        indices: The waypoints after it: those that are passed, then the one stopped at.
-    """
-
-    round: int
-    laps: tuple[int, ...]
-    origin: int | None
-    indices: range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -132,41 +125,11 @@ class Program:
 
     def loops_around(self, index: int) -> tuple[Loop, ...]:
         """The loops that a waypoint is in, the outer one first."""
-        return tuple(loop for loop in self.loops if index in loop)
+        return loops_around(self.loops, index)
 
     def visits(self, most: int | None = None) -> Iterator[Visit]:
-        """Every arrival at a stop, in order; without end if the program is endless.
-
-        Args:
-            most: Loops and rounds are repeated at most so often. Two times give every path there
-                is, because what a loop does to the jaw holds from its second time on.
-        """
-        origin: int | None = None
-        for lap in count():
-            if len(self) == 0 or lap in (most, self.rounds):
-                return
-            for laps, indices in self._round(most):
-                yield Visit(lap, laps, origin, indices)
-                origin = indices[-1]
-
-    def _round(self, most: int | None) -> Iterator[tuple[tuple[int, ...], range]]:
-        laps = [0] * len(self.loops)
-        begin = index = 0
-        while index < len(self):
-            if self.stops_at(index):
-                around = (lap for lap, loop in zip(laps, self.loops, strict=True) if index in loop)
-                yield tuple(around), range(begin, index + 1)
-                begin = index + 1
-                for k, loop in reversed([*enumerate(self.loops)]):  # the inner one first
-                    if loop.last == index:
-                        laps[k] += 1
-                        if laps[k] < loop.times and laps[k] != most:
-                            begin = loop.first
-                            break
-                        laps[k] = 0
-                index = begin
-            else:
-                index += 1
+        """Every arrival at a stop, in order; see ``loops.visits_of``."""
+        return visits_of(len(self), self.loops, self.rounds, stops_at=self.stops_at, most=most)
 
     def with_waypoint(self, waypoint: Waypoint) -> Program:
         """This program with one more waypoint at the end."""
@@ -176,7 +139,7 @@ class Program:
         """This program without one waypoint."""
         self._check(index)
         others = self.waypoints[:index] + self.waypoints[index + 1 :]
-        return replace(self, waypoints=others, loops=_left(x.without(index) for x in self.loops))
+        return replace(self, waypoints=others, loops=without_step(self.loops, index))
 
     def with_changed(self, index: int, waypoint: Waypoint) -> Program:
         """This program with one waypoint replaced."""
@@ -190,7 +153,7 @@ class Program:
         self._check(to)
         others = [*self.waypoints]
         others.insert(to, others.pop(index))
-        loops = _left(loop.moved(index, to) for loop in self.loops)
+        loops = with_step_moved(self.loops, index, to)
         return replace(self, waypoints=tuple(others), loops=loops)
 
     def with_rounds(self, rounds: int | None) -> Program:
@@ -199,8 +162,7 @@ class Program:
 
     def with_loop(self, loop: Loop) -> Program:
         """This program with one more loop, or with another number of times for the same steps."""
-        others = [each for each in self.loops if (each.first, each.last) != (loop.first, loop.last)]
-        return replace(self, loops=(*others, loop))
+        return replace(self, loops=with_loop(self.loops, loop))
 
     def without_loop(self, loop: Loop) -> Program:
         """This program without one of its loops; its waypoints stay."""
@@ -208,12 +170,8 @@ class Program:
 
     def part(self, begin: int, end: int) -> Program:
         """The waypoints from ``begin`` to before ``end``, once, with the loops that are in it."""
-        loops = (loop for loop in self.loops if begin <= loop.first and loop.last < end)
         return Program(
-            waypoints=self.waypoints[begin:end],
-            loops=tuple(
-                replace(loop, first=loop.first - begin, last=loop.last - begin) for loop in loops
-            ),
+            waypoints=self.waypoints[begin:end], loops=loops_of_part(self.loops, begin, end)
         )
 
     def _check(self, index: int) -> None:
@@ -221,7 +179,3 @@ class Program:
             raise ConfigError(
                 "waypoint", index + 1, f"is not one of the program's {len(self.waypoints)}"
             )
-
-
-def _left(loops: Iterable[Loop | None]) -> tuple[Loop, ...]:
-    return tuple(loop for loop in loops if loop is not None)

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import prod
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -28,7 +27,8 @@ from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import GripperLike
-from so101_motion.tasks.program.program import Program, Visit
+from so101_motion.tasks.program.loops import Visit, times_in_round
+from so101_motion.tasks.program.program import Program
 
 PASSING = to_rad(3.0)
 """How far any joint may be from a waypoint that is passed, and from the path between two [rad].
@@ -191,8 +191,7 @@ def rehearse(
         if key not in legs:
             q = state.q_ref if visit.origin is None else program.waypoints[visit.origin].q
             legs[key] = plan_leg(planner, program, visit.indices, q, q_jaw)
-        loops = zip(visit.laps, program.loops_around(visit.indices[-1]), strict=True)
-        times = prod(1 if lap == 0 else loop.times - 1 for lap, loop in loops)
+        times = times_in_round(visit.laps, program.loops_around(visit.indices[-1]))
         visits.append(PlannedVisit(visit, legs[key], times))
         q_jaw = jaw_after(gripper, stop.aperture, q_jaw)
     return Rehearsal(

@@ -1,9 +1,10 @@
-// Give the widgets that viser leaves nameless a name for screen readers, and light the button that was
-// chosen in a row.
+// Give the widgets that viser leaves nameless a name for screen readers, light the button that was
+// chosen in a row, and let keys scroll what is cut and holds nothing that they reach.
 (() => {
   const NAMELESS =
     '#root [role="slider"]:not([aria-label]), #root [role="slider"][aria-label=""], ' +
     '#root input:not([type="hidden"]):not([aria-label])';
+  const BY_KEYS = 'a[href], button, input, select, textarea, [tabindex]:not([tabindex="-1"])';
   let due = 0;
 
   function label(node) {
@@ -30,8 +31,15 @@
     }
   }
 
+  function reach(area) {
+    const { scrollWidth, clientWidth, scrollHeight, clientHeight } = area;
+    const isCut = scrollWidth > clientWidth || scrollHeight > clientHeight;
+    if (isCut && !area.querySelector(BY_KEYS)) area.tabIndex = 0;  // for good: it may have the focus
+  }
+
   function name() {
     due = 0;
+    document.querySelectorAll('.mantine-ScrollArea-viewport').forEach(reach);
     for (const told of document.querySelectorAll('[data-chosen]')) {
       for (const word of told.dataset.chosen.split(' ')) light(told, word);
     }
@@ -51,8 +59,9 @@
     }
   }
 
+  const soon = () => { due ||= setTimeout(name, 300); };
+  addEventListener('resize', soon);
   addEventListener('DOMContentLoaded', () => {
-    new MutationObserver(() => { due ||= setTimeout(name, 300); })
-      .observe(document.body, { childList: true, subtree: true });
+    new MutationObserver(soon).observe(document.body, { childList: true, subtree: true });
   });
 })();

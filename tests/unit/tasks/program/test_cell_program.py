@@ -16,7 +16,9 @@ from so101_motion.tasks.program.cell_program import (
     write_cell_program,
 )
 from so101_motion.tasks.program.cell_run import rehearse_cell, start_cell_program
+from so101_motion.tasks.program.loops import Loop
 from so101_motion.tasks.program.program import Waypoint
+from so101_motion.tasks.program.run import Where
 
 A = np.radians([50.0, -20.0, 30.0, 30.0, 0.0])
 B = np.radians([60.0, -30.0, 20.0, 40.0, 20.0])
@@ -42,7 +44,8 @@ class Bench(FacingArms):
         def look():
             here = {name: arm.state.q_ref for name, arm in self.arms.items()}
             changed = {name for name in q if np.abs(here[name] - q[name]).max() > 1e-9}
-            moved.setdefault(run.where, set()).update(changed)
+            where = run.where
+            moved.setdefault((where.round, *where.laps, where.index), set()).update(changed)
             q.update(here)
 
         self.pass_time([run.future], until, look)
@@ -64,13 +67,36 @@ def test_steps_move_the_arms_they_name_and_side_by_side_if_they_name_several(ben
     run = bench.start(CellProgram(steps=steps, rounds=2))
     moved = bench.run(run)
     run.future.result()
-    assert run.where == (1, 2)
+    assert run.where == Where(round=1, index=2)
     assert moved[0, 0] == {"left"}
     assert moved[0, 1] == {"left", "right"}
     assert moved[1, 0] == {"left"}
     np.testing.assert_allclose(bench.arms["left"].state.q_ref, B, atol=1e-6)
     np.testing.assert_allclose(bench.arms["right"].state.q_ref, A, atol=1e-6)
     assert bench.cell.places["left"].gripper.aperture == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_loop_repeats_its_steps_and_is_planned_twice(bench):
+    steps = ({"left": at(A)}, {"right": at(A)}, {"left": at(B, pause=0.1), "right": at(B)})
+    program = CellProgram(steps=steps, loops=(Loop(first=1, last=2, times=3),))
+    rehearsal = rehearse_cell(bench.cell, program)
+    assert [each.step_index for each in rehearsal.steps] == [0, 1, 2, 1, 2]
+    assert [each.times for each in rehearsal.steps] == [1, 1, 1, 2, 2]
+    lasts = [each.duration for each in rehearsal.steps]
+    assert rehearsal.duration == pytest.approx(lasts[0] + sum(lasts[1:3]) + 2 * sum(lasts[3:]))
+    run = start_cell_program(bench.cell, rehearsal)
+    moved = bench.run(run)
+    run.future.result()
+    moving = {where: arms for where, arms in moved.items() if arms}
+    assert moving == {
+        (0, 0): {"left"},
+        (0, 0, 1): {"right"},
+        (0, 0, 2): {"left", "right"},
+        (0, 1, 1): {"right"},
+        (0, 1, 2): {"right"},  # the left one is there
+        (0, 2, 1): {"right"},
+        (0, 2, 2): {"right"},
+    }
 
 
 def test_a_step_in_which_the_arms_would_meet_is_refused_before_anything_moves(bench):
@@ -107,8 +133,10 @@ def test_an_arm_that_was_moved_meanwhile_ends_the_program_and_is_named(bench):
 def test_a_program_is_written_and_read_again(tmp_path):
     path = tmp_path / "wave.json"
     steps = ({"left": at(A, "mug", aperture=0.8, speed=0.4)}, {"left": at(B), "right": at(A)})
-    write_cell_program(CellProgram(steps=steps, rounds=None), path)
+    loop = Loop(first=0, last=1, times=4)
+    write_cell_program(CellProgram(steps=steps, rounds=None, loops=(loop,)), path)
     program = read_cell_program(path)
+    assert program.loops == (loop,)
     assert program.rounds is None
     assert [list(step) for step in program.steps] == [["left"], ["left", "right"]]
     mug = program.steps[0]["left"]

@@ -1,9 +1,11 @@
 import json
+from dataclasses import replace
 from datetime import datetime
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from so101_viewer.panels.film import MovedArm
 from so101_viewer.panels.share import FILM, KINDS, SharedMotion, content, file_name, kind_called
 
 from so101_motion.files.trajectory_export import LeRobot, Run
@@ -18,9 +20,10 @@ FILES = [kind for kind in KINDS if kind is not FILM]
 def subject():
     limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=20.0)
     trajectory = point_to_point(np.zeros(5), np.full(5, 0.2), limits, 0.01)
+    view = SimpleNamespace(plan=SimpleNamespace(trajectory=trajectory))
     return SharedMotion(
-        view=SimpleNamespace(plan=SimpleNamespace(trajectory=trajectory)),
-        run=None,
+        arms={"": MovedArm(view=view)},
+        chosen="",
         lerobot=LeRobot(aperture=0.5),
         title="Arm",
     )
@@ -35,11 +38,9 @@ def test_each_kind_of_file_has_something_in_it_for_a_plan(subject, kind):
 
 
 def test_a_run_is_told_apart_from_its_plan_by_name_and_content(subject):
-    from dataclasses import replace
-
     run = Run(t=np.array([0.0, 0.1]), q_ref=np.zeros((2, 5)), q=np.zeros((2, 5)))
     kind = kind_called("JSON, degrees")
-    ran = replace(subject, run=run)
+    ran = replace(subject, arms={"": replace(subject.arm, run=run)})
     assert file_name(subject, kind, NOW) == "so101-plan-20261121-193005.json"
     assert file_name(ran, kind, NOW) == "so101-run-20261121-193005.json"
     assert json.loads(content(ran, kind))["schema"] == "so101/run/1"
@@ -47,6 +48,15 @@ def test_a_run_is_told_apart_from_its_plan_by_name_and_content(subject):
 
 def test_names_of_files_tell_kinds_apart(subject):
     assert len({file_name(subject, kind, NOW) for kind in KINDS}) == len(KINDS)
+
+
+def test_a_table_of_one_of_several_arms_says_which(subject):
+    arms = {"left": subject.arm, "arm 2/b": subject.arm}
+    several = replace(subject, arms=arms, chosen="arm 2/b")
+    assert file_name(several, kind_called("JSON, degrees"), NOW) == (
+        "so101-plan-20261121-193005-arm-2-b.json"
+    )
+    assert file_name(several, FILM, NOW) == "so101-plan-20261121-193005.html"
 
 
 def test_an_unknown_kind_is_the_film():

@@ -5,7 +5,9 @@ import time
 import numpy as np
 import pytest
 from harness.pretended_page import aside, pages_of, run_at_once
-from so101_viewer.program.cell_program_model import ArmInStep, CellProgramModel
+from so101_viewer.program import program_texts as words
+from so101_viewer.program.arm_in_step import ArmInStep
+from so101_viewer.program.cell_program_model import CellProgramModel
 from so101_viewer.program.program_model import REST, STEP
 
 from so101_motion.common.clock import ManualClock
@@ -15,7 +17,7 @@ from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.tasks.program import files
+from so101_motion.tasks.program import Loop, files
 from so101_motion.tasks.program.cell_program import cell_folder
 
 FIRST, SECOND = "arm 1", "arm 2"
@@ -34,7 +36,7 @@ class Bench:
         names = {"first": FIRST, "second": SECOND}
         for key, q in targets.items():
             self.arms[names[key]].set_target_joints(q)
-        self.model.record([names[key] for key in targets])
+        self.model.record_targets([names[key] for key in targets])
 
     def planned(self):
         self.model.plan()
@@ -118,10 +120,10 @@ def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
     model.set_rounds(2)
     assert bench.planned()
     timeline = model.timeline
-    assert [index for index, _, _ in timeline.spans()] == [0, 1, 0]
+    assert [index for _, index, _, _ in timeline.spans()] == [0, 1, 0]
     assert model.t == timeline.duration
     assert model.active is None
-    _, began, ended = timeline.spans()[0]
+    _, _, began, ended = timeline.spans()[0]
     assert began == 0.0
     assert ended < 10.0  # a pause of a minute is shown for two seconds
     model.preview(ended)
@@ -138,7 +140,7 @@ def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
     [between] = timeline.clearances
     assert (between.first, between.second) == (FIRST, SECOND)
     assert 0.0 < min(timeline.nearest.values()) == between.least.distance
-    np.testing.assert_array_equal(bench.q(FIRST), timeline.rehearsal.first[0].stands[FIRST].q)
+    np.testing.assert_array_equal(bench.q(FIRST), timeline.rehearsal.steps[0].stands[FIRST].q)
 
 
 def test_a_part_is_planned_and_run_from_the_chosen_step_on_or_that_step_alone(bench):
@@ -150,13 +152,13 @@ def test_a_part_is_planned_and_run_from_the_chosen_step_on_or_that_step_alone(be
     model.choose(1)
     model.plan(REST)
     model.refresh()
-    assert [index for index, _, _ in model.timeline.spans()] == [1, 2]
+    assert [index for _, index, _, _ in model.timeline.spans()] == [0, 1]
     assert set(model.timeline.nearest) == {1, 2}
     model.preview(0.5 * model.timeline.duration)
     assert model.active in (1, 2)
     model.plan(STEP)
     model.refresh()
-    assert [index for index, _, _ in model.timeline.spans()] == [1]
+    assert [index for _, index, _, _ in model.timeline.spans()] == [0]
     q_first = bench.q(FIRST)
     model.run()
     bench.move(lambda: model.active == 1)
@@ -194,16 +196,81 @@ def test_steps_are_edited_arm_by_arm_and_edits_are_undone(bench):
     assert not model.can_plan
 
 
+def test_steps_are_repeated_in_loops_that_follow_edits_and_are_shown_twice(bench):
+    model = bench.model
+    bench.record(first=aside(55.0))
+    bench.record(second=aside(55.0))
+    bench.record(second=aside(60.0))
+    model.set_loop(1, 2, 4)
+    assert model.loops == (Loop(first=1, last=2, times=4),)
+    assert bench.planned()
+    spans = model.timeline.spans()
+    assert [index for _, index, _, _ in spans] == [0, 1, 2, 1, 2]
+    drawn = words.cell_timeline(model.timeline)
+    [loop] = drawn.loops
+    assert loop.name == "4×"
+    assert loop.begins == pytest.approx(spans[1][2] / model.timeline.duration)
+    assert loop.ends == pytest.approx(1.0)
+    assert words.cell_line({}, None, words.ending_at(model.loops, 2)) == "steps 2 to 3 run 4×"
+    model.run()
+    bench.move(lambda: "Time 3 of 4." in model.sentence.text)
+    model.choose(1)
+    bench.move(lambda: bench.says("Done."))
+    model.plan(STEP)  # of a loop that begins and ends elsewhere
+    model.refresh()
+    assert bench.says("Loops that begin earlier run once.")
+    model.duplicate()
+    assert model.chosen == 2
+    assert model.loops == (Loop(first=1, last=3, times=4),)
+    model.undo()
+    model.choose(0)
+    model.remove()
+    assert model.loops == (Loop(first=0, last=1, times=4),)
+    model.reorder(0, 1)
+    assert model.loops == (Loop(first=0, last=1, times=4),)
+    model.undo()
+    model.undo()
+    assert model.loops == (Loop(first=1, last=2, times=4),)
+    with pytest.raises(ConfigError, match="within the program's 3 steps"):
+        model.set_loop(1, 3, 2)
+    model.end_loop()
+    assert model.loops == ()
+    with pytest.raises(ConfigError, match="is in no loop"):
+        model.end_loop()
+
+
+def test_arms_that_are_guided_by_hand_are_recorded_where_they_stand(bench):
+    model = bench.model
+    arm = bench.opened.rigs[SECOND].arm
+    bench.record(first=aside(55.0))
+    arm.set_manual(True)
+    model.refresh()
+    assert bench.says("Move arm 2 by hand, then record where they stand.")
+    assert not model.can_plan
+    model.record_arms([SECOND])
+    model.choose(0)
+    bench.arms[SECOND].set_target_joints(aside(60.0))
+    model.take_place(SECOND)
+    for step in model.steps:
+        np.testing.assert_allclose(step[SECOND].q, bench.q(SECOND), atol=to_rad(0.5))
+    arm.set_manual(False)
+    model.refresh()
+    assert model.can_plan
+
+
 def test_a_saved_program_comes_back_and_is_gone_when_deleted(bench):
     model = bench.model
     bench.record(first=aside(55.0), second=aside(50.0))
     model.set_rounds(None)
+    model.set_loop(0, 0, 3)
     model.call("wave")
     model.save()
     model.clear()
     assert model.saved_files.names == ("wave",)
+    assert model.loops == ()
     model.load("wave")
     assert model.rounds is None
+    assert model.loops == (Loop(first=0, last=0, times=3),)
     np.testing.assert_allclose(model.steps[0][SECOND].q, aside(50.0), atol=1e-6)
     model.delete("wave")
     assert model.saved_files.names == ()

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from so101_viewer.scene.scene_edits import held, holder_of, let_go
 from so101_viewer.world.scene_user import ArmsOfCell, OneArm
 
 from so101_motion.common.errors import ConfigError
@@ -46,14 +47,18 @@ def test_each_arm_of_a_cell_sees_the_scene_from_its_base_and_keeps_what_it_holds
 ) -> None:
     left, right = rig(), rig(STICK)
     user = ArmsOfCell({"left": left, "right": right}, cell())
-    user.use(SCENE)
-    assert user.scene is SCENE
+    [stick] = user.scene.attached
+    assert holder_of(stick) == "right"
+    around = replace(SCENE, attached=(stick,))
+    user.use(around)
+    assert user.scene is around
     assert left.arm.scene == SCENE
     seen = right.arm.scene
     np.testing.assert_allclose(seen.obstacles[0].T_base_obstacle.p, [0.1, -0.1, 0.05], atol=1e-12)
     assert seen.floor_z == pytest.approx(-0.04)
-    assert seen.attached == (STICK,)
-    user.write(SCENE, tmp_path / "cell.json")
+    assert [type(each) for each in seen.attached] == [Attached]
+    assert seen == replace(seen, attached=(STICK,))
+    user.write(around, tmp_path / "cell.json")
     read = read_cell(tmp_path / "cell.json")
     assert read.scene == SCENE
     assert [each.name for each in read.arms] == ["left", "right"]
@@ -66,12 +71,44 @@ def test_a_scene_that_one_arm_cannot_have_is_given_to_none() -> None:
     user = ArmsOfCell({"left": left, "right": right}, cell(leaning))
     for scene, says in (
         (SCENE, "does not stand upright"),
-        (replace(SCENE, floor_z=None, attached=(STICK,)), "is held by a gripper"),
+        (
+            replace(SCENE, floor_z=None, attached=(STICK,)),
+            "is held by a gripper, and it is not said by which",
+        ),
     ):
         with pytest.raises(ConfigError, match=says):
             user.use(scene)
         assert left.arm.scene == right.arm.scene == Scene()
         assert user.scene == Scene()
+
+
+def test_what_an_arm_of_a_cell_holds_is_passed_on_put_down_and_taken_by_another(
+    tmp_path: Path,
+) -> None:
+    T_tool = SE3.from_translation((0.2, 0.0, 0.1))
+    left, right = rig(), rig()
+    for each in (left, right):
+        each.arm.T_base = lambda: T_tool
+    user = ArmsOfCell({"left": left, "right": right}, cell())
+    tools = user.tools()
+    np.testing.assert_allclose(tools["right"].p, [0.2, 0.0, 0.15], atol=1e-12)
+    user.use(held(SCENE, "ball", tools["right"], "right"))
+    [ball] = right.arm.scene.attached
+    assert left.arm.scene.obstacles == left.arm.scene.attached == right.arm.scene.obstacles == ()
+    T_cell_ball = tools["right"] @ ball.T_tool_object
+    np.testing.assert_allclose(T_cell_ball.p, [0.3, 0.1, 0.1], atol=1e-12)
+    before = user.scene
+    assert user.scene is before
+    left.arm.scene = replace(left.arm.scene, attached=(ball,))  # a handover, with both hands at it
+    assert [holder_of(each) for each in user.scene.attached] == ["right"]
+    right.arm.scene = replace(right.arm.scene, attached=())
+    assert [holder_of(each) for each in user.scene.attached] == ["left"]
+    file = tmp_path / "cell.json"
+    user.write(user.scene, file)
+    assert [len(each.attached) for each in read_cell(file).arms] == [1, 0]
+    user.use(let_go(user.scene, "ball", tools["left"]))
+    assert [each.name for each in right.arm.scene.obstacles] == ["ball"]
+    assert left.arm.scene.attached == ()
 
 
 def test_a_single_arm_has_the_scene_as_it_is(tmp_path: Path) -> None:

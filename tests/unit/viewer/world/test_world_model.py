@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from so101_viewer.page.screen_state import Tone
 from so101_viewer.scene import scene_edits
+from so101_viewer.scene.scene_edits import holder_of
 from so101_viewer.world.world_model import DRAG_PERIOD, OverlapCheck, WorldModel, in_each_other
 
 from so101_motion.common.clock import ManualClock
@@ -133,6 +134,27 @@ def test_a_thing_that_went_away_during_a_drag_is_let_alone(world):
     world.remove()
     world.drag(SE3.identity(), TOOL)
     assert world.names == ()
+
+
+def test_a_new_thing_keeps_clear_of_one_that_is_held(world):
+    world.add("box")
+    at = world.thing.T_base_obstacle.p
+    world.hold(TOOL)
+    world.add("box")
+    np.testing.assert_array_equal(world.thing.T_base_obstacle.p, at)
+    world.undo()
+    world.add("box", [at])
+    assert np.linalg.norm(world.thing.T_base_obstacle.p - at) > 0.1
+
+
+def test_what_one_of_several_arms_holds_outlasts_a_loaded_scene_and_is_not_in_its_file(world):
+    world.add("sphere")
+    world.hold(TOOL, "arm 2")
+    assert world.sentence.text.startswith("arm 2 holds sphere 1")
+    content = world.as_file()
+    assert "sphere" not in content.decode()
+    world.load("scene.json", content)
+    assert [holder_of(each) for each in world.scene.attached] == ["arm 2"]
 
 
 def test_what_is_held_is_dragged_and_moved_in_the_hand(world):

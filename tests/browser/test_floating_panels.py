@@ -1,0 +1,88 @@
+"""The panels that float over the scene: a camera's picture, and the plots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from conftest import LAPTOP, PHONE, Visit
+from harness.browser_user import Guest
+from harness.web_camera import web_camera
+from so101_viewer import Preview, serve_source
+from so101_viewer.source import Source
+
+from so101_motion.rig.rig import Rig
+
+pytestmark = pytest.mark.browser
+
+TABLET = (820, 1180)
+
+CUT = """image => {
+    const area = image.closest('.mantine-ScrollArea-viewport');
+    return area.scrollHeight - area.clientHeight;
+}"""
+"""How much of the panel of a picture has to be scrolled to [px]."""
+
+
+@pytest.mark.parametrize(("picture", "is_cut"), [("picture", False), ("upright", True)])
+def test_a_cameras_picture_keeps_nobody_away_and_is_scrolled_by_keys_where_it_is_cut(
+    visit: Visit, rig: Rig, picture: str, is_cut: bool
+) -> None:
+    with web_camera() as camera:
+        source = replace(Source.given(rig, "Arm"), camera=f"{camera}/{picture}")
+        with serve_source(source, port=0) as preview:
+            window = visit()
+            window.open(preview.url)
+            image = window.page.get_by_alt_text("The camera's picture")
+            window.until(lambda: image.count() == 1)
+            window.until(lambda: image.evaluate("image => image.naturalWidth") > 0)
+            window.until(lambda: (image.evaluate(CUT) > 0) == is_cut)
+            window.comes_to([], window.barriers)  # a moment later, as names come
+            if is_cut:
+                area = image.locator("xpath=ancestor::*[@data-scrollarea-viewport][1]")
+                area.focus()
+                window.page.keyboard.press("End")
+                window.until(lambda: area.evaluate("area => area.scrollTop") > 0)
+            window.leave()
+
+
+def strip(guest: Guest) -> tuple[bool, float]:
+    """Whether the plots are folded, and how far the panel's end is from that of the scene [px]."""
+    page = guest.page
+    panel = page.locator("[data-floating-window]").filter(has_text="Velocity")
+    box, picture = panel.bounding_box(), page.locator("#root").bounding_box()
+    assert box is not None
+    assert picture is not None
+    is_folded = page.get_by_role("img", name="Plot of velocity").filter(visible=True).count() == 0
+    return is_folded, picture["y"] + picture["height"] - box["y"] - box["height"]
+
+
+@pytest.mark.parametrize("between", [PHONE, TABLET])
+def test_plots_are_folded_or_not_as_they_were_before_the_window_was_narrow(
+    guest: Guest, visit: Visit, preview: Preview, between: tuple[int, int]
+) -> None:
+    window = visit()
+    window.open(preview.url)
+    page = window.page
+
+    def resize(size: tuple[int, int]) -> None:
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        docked = 7 if size == LAPTOP else 0
+        window.until(lambda: min(page.locator("[data-dock-tab]").count(), 7) == docked)
+
+    def rests_at(*wanted: bool | float) -> None:
+        page.wait_for_timeout(500)  # for what comes late
+        window.comes_to(wanted, lambda: strip(window))
+
+    rests_at(True, 12.0)
+    page.get_by_role("tab", name="Velocity").click()
+    rests_at(False, 12.0)
+    resize(between)
+    resize(LAPTOP)
+    rests_at(False, 12.0)
+    page.get_by_label("Minimize panel").filter(visible=True).click()
+    rests_at(True, 12.0)
+    resize(between)
+    resize(LAPTOP)
+    rests_at(True, 12.0)
+    window.leave()
