@@ -276,11 +276,6 @@ class Arm(PlannedArm):
         self._motions.current.give_up(by)  # the executor's stop ends what moves
         return self._executor.stop(Channel.ARM, by=by)
 
-    def start_last_stop(self, *, by: str) -> Future[None]:
-        """Like ``start_stop``, and refuse later motions with ``Interrupted(by)``."""
-        self._motions.refuse(by)
-        return self.start_stop(by=by)
-
     def set_manual(self, enabled: bool, compliance: Compliance | None = None) -> None:
         """Let a hand guide the arm (``compliance``: the arm's own by default), or hold it again.
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Generic
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import SUPERSEDED, Interrupted, MotionError
+from so101_motion.common.errors import SUPERSEDED, MotionError
 from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future
 
@@ -56,7 +56,6 @@ class MotionQueue:
         self.current.future.set_result(None)
         self._come_to_rest = come_to_rest
         self._lock = threading.Lock()  # held for moments only
-        self._refused_by = ""
         self._here = threading.local()
         self._threads = ThreadPoolExecutor(max_workers=4, thread_name_prefix="so101-arm")
 
@@ -73,11 +72,9 @@ class MotionQueue:
 
         Raises:
             MotionError: The queue has been closed.
-            Interrupted: Motions are refused by now.
         """
         motion = Motion()
         with self._lock:
-            self._refuse_late()
             previous = self.current
             try:
                 # as ``asyncio.to_thread`` has it: large contents of a request are in its context
@@ -124,27 +121,14 @@ class MotionQueue:
         Args:
             begin: Begins the motion that it is given; returns at once a future that completes at
                 its end.
-
-        Raises:
-            Interrupted: Motions are refused by now.
         """
         motion = Motion()
         with self._lock:
-            self._refuse_late()
             running = begin(motion)
             previous, self.current = self.current, motion
             previous.interrupt(SUPERSEDED)
         running.add_done_callback(motion.take_outcome)
         return motion
-
-    def refuse(self, by: str) -> None:
-        """Begin no motion from now on; each is refused with ``Interrupted(by)``."""
-        with self._lock:
-            self._refused_by = by
-
-    def _refuse_late(self) -> None:
-        if self._refused_by:
-            raise Interrupted(self._refused_by)
 
     def close(self) -> None:
         """End the newest motion, and the threads."""

@@ -101,16 +101,15 @@ class ArmResource(Configured, Arm):
             self.short_name, settings.ignored, self.here, GripperResource.here, self.cell
         )
         senses = sources(settings.senses, settings.dependencies, self.logger)
-        self.surroundings = Surroundings(machine, senses, self.logger)
-        self.guarded_scene = GuardedScene(
-            arm, self.surroundings, self.logger, is_used=settings.guarded
-        )
+        around = self.surroundings = Surroundings(machine, senses, self.logger)
+        self.guarded_scene = GuardedScene(arm, around, self.logger, is_used=settings.guarded)
         self._manual = ManualMode(arm, self.logger, self.guarded_scene)
         self.paths = PathCommands(self)
+        self._ended_by = ""  # why no other motion may begin
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
             "exit_manual_mode": self._exit_manual_mode,
-            **planning_commands(arm, self.surroundings.standing),
+            **planning_commands(arm, around.standing),
             "leave_contact": self._leave_contact,
             **self.paths.commands,
             **ProgramCommands(self).commands,
@@ -236,10 +235,9 @@ class ArmResource(Configured, Arm):
     ) -> None:
         """Follow joint waypoints without stopping at each; returns on arrival at the last.
 
-        The ``extra`` of Viam's teleoperation is supported: with ``interpolate`` false the arm turns
-        from its present motion straight towards the last waypoint, with ``waitAtEnd`` false the
-        call returns at once. With ``stops``, the number that ``get_status`` reports, the request is
-        refused if the arm was stopped since: a stream of requests would start it again.
+        As Viam's teleoperation wants it: with ``interpolate`` false in ``extra`` the arm turns from
+        its present motion straight to the last waypoint, with ``waitAtEnd`` false the call returns
+        at once. With ``stops``, as ``get_status`` reports it, it is refused after a later stop.
         """
         await self.ready()
         extra = extra or {}
@@ -313,8 +311,9 @@ class ArmResource(Configured, Arm):
 
     async def removed(self) -> None:
         """End the motion under way, the last one of this component; returns at rest."""
+        self._ended_by = "the removal of its arm"
         with suppress(So101Error):  # the servos may not answer any more
-            await self._at_rest(self._arm.start_last_stop(by="the removal of its arm"))
+            await self._at_rest(self._arm.start_stop(by=self._ended_by))
 
     async def _at_rest(self, stop: Future[None]) -> None:
         """Wait until a stop is over, even if the client disconnects."""
@@ -333,6 +332,9 @@ class ArmResource(Configured, Arm):
     async def ready(self) -> None:
         """Read the other arms' positions, for a request that moves this arm."""
         await self.surroundings.update_other_arms()
+        with grpc_statuses():
+            if self._ended_by:
+                raise Interrupted(self._ended_by)
 
     async def ended(self, motion: Motion, by: str) -> None:
         """End a motion of this arm, and wait until it is over."""

@@ -251,13 +251,3 @@ def test_closing_ends_what_is_under_way(told) -> None:
     motions.close()
     with pytest.raises(Interrupted, match="shutdown"):
         first.result(0.0)
-
-
-def test_what_comes_after_the_last_motion_is_refused_with_the_reason(motions) -> None:
-    first = under_way(motions)
-    motions.refuse("the removal of its arm")
-    for begin in (motions.start, motions.take_over):
-        with pytest.raises(Interrupted, match="the removal of its arm"):
-            begin(until_interrupted)
-    assert motions.current is first
-    assert not first.future.done()
