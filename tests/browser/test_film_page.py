@@ -46,16 +46,17 @@ def film(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     guest.page.on("request", lambda request: guest.asked.append(request.url))
     guest.page.goto(path.as_uri())
     guest.page.wait_for_function(
-        "() => window.__viserSceneTree && '/arm/gripper_link' in window.__viserSceneTree.getState()"
+        "() => window.__viserSceneTree && '/arms/0/arm/gripper_link' in "
+        "window.__viserSceneTree.getState()"
     )
     yield guest
     context.close()
 
 
 def test_it_shows_arm_ghost_path_and_obstacle_in_motion(film: Guest) -> None:
-    film.until(lambda: {"/ghost/gripper_link", "/path", "/world/0"} <= film.nodes())
-    before = film.pose_of("/arm/gripper_link")["position"]
-    film.until(lambda: film.pose_of("/arm/gripper_link")["position"] != before)
+    film.until(lambda: {"/arms/0/ghost/gripper_link", "/arms/0/path", "/world/0"} <= film.nodes())
+    before = film.pose_of("/arms/0/arm/gripper_link")["position"]
+    film.until(lambda: film.pose_of("/arms/0/arm/gripper_link")["position"] != before)
 
 
 def test_its_picture_is_that_of_the_arm_and_changes(film: Guest) -> None:

@@ -1,4 +1,4 @@
-"""The panels that float over the scene: a camera's picture, and the plots."""
+"""What floats over the scene: a camera's picture, the plots, and alerts."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from conftest import LAPTOP, PHONE, Visit
 from harness.browser_user import Guest
 from harness.web_camera import web_camera
 from so101_viewer import Preview, serve_source
+from so101_viewer.page.screen_state import Sentence, Tone
 from so101_viewer.source import Source
 
 from so101_motion.rig.rig import Rig
@@ -44,6 +45,33 @@ def test_a_cameras_picture_keeps_nobody_away_and_is_scrolled_by_keys_where_it_is
                 window.page.keyboard.press("End")
                 window.until(lambda: area.evaluate("area => area.scrollTop") > 0)
             window.leave()
+
+
+def test_many_alerts_stand_above_the_picture_of_the_arm_on_tablets_and_in_small_windows(
+    guest: Guest, visit: Visit, preview: Preview
+) -> None:
+    window = visit(TABLET)
+    window.open(preview.url)  # without control, which is one alert more
+    page = window.page
+    alerts, picture = page.locator("#so101-alerts"), page.locator("#root")
+
+    def overlap() -> float:
+        """By how much the alerts lie over the picture [px]."""
+        above, below = alerts.bounding_box(), picture.bounding_box()
+        assert above is not None
+        assert below is not None
+        return max(above["y"] + above["height"] - below["y"], 0.0)
+
+    said = [Sentence(text=f"Servo {k} is too hot; let it cool.", tone=Tone.BAD) for k in range(3)]
+    for size in (TABLET, (1024, 700)):
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        for count in (1, 2, 3):
+            preview.host.bar.alert("test", said[:count])
+            lines = alerts.locator("p")
+            window.until(lambda lines=lines, count=count: lines.count() == count)
+            window.comes_to(count == 1, lambda: overlap() > 0.0)
+        preview.host.bar.alert("test")
+    window.leave()
 
 
 def strip(guest: Guest) -> tuple[bool, float]:
