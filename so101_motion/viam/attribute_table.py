@@ -177,8 +177,9 @@ ARM = (
     Attribute(
         "manual_mode",
         "how it yields to a hand: `pos_deadband_deg` (0.5), `p_gain` (8), `torque_limit` (30,"
-        " thousandths of full drive); `loop_hz` has no effect",
-        kind="own", form="object",
+        " thousandths of full drive), `wall_torque_limit` (300) with which it holds a hand off"
+        " contact; `loop_hz` has no effect",
+        kind="own", form="object", link="teleoperation.md#hand-guiding",
     ),
 )  # fmt: skip
 GRIPPER = (
