@@ -77,9 +77,8 @@ class LedMotions:
         self._model, self._executor = model, executor
         self._lock = threading.Lock()
         self._made: tuple[Situation, Guard] | None = None
-        self._newest: Following | Stream | Jog | GuidingWall | None = (
-            None  # of those that are guarded
-        )
+        # Of those that are guarded.
+        self._newest: Following | Stream | Jog | GuidingWall | None = None
         self.neighbours: Neighbours | None = None
 
     def has_guard(self, now: Situation) -> bool:

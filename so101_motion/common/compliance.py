@@ -27,9 +27,9 @@ class Compliance:
         resistance: Largest drive with which a joint resists the hand, beyond what carries its
             weight, as a share of full drive.
         wall: Largest drive with which a joint holds a hand off what the arm must not touch, as a
-            share of full drive; 0 for no such wall. Chosen: 0.9 N m at 12 V, a little less than
-            what leads a joint at 30 deg/s. A strong hand gets past it; a joint that holds has
-            three times as much.
+            share of full drive; 0 for no such wall. Chosen: 0.9 N m at 12 V, less than what leads
+            a joint at 30 deg/s. A strong hand gets past it; a joint that holds has three times
+            as much.
     """
 
     dead_band: float = to_rad(0.5)

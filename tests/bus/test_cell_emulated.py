@@ -101,49 +101,50 @@ def test_a_follower_of_teleoperation_stays_off_an_arm_beside_it(tmp_path):
         assert bench.leader.q_deg[0] == pytest.approx(bench.follower.q_deg[0], abs=2.0)
 
 
-def test_a_hand_is_held_back_before_it_leads_an_arm_into_another(arms, clock):
-    guided = arms[0]
+@pytest.fixture
+def beside(arms, clock):
+    """A simulated arm beside the first, which a hand guides."""
     with open_simulated(clock=clock, q_start=Q_BESIDE) as beside:
         cell = Cell()
-        cell.add("guided", guided.rig, SE3.identity())
+        cell.add("guided", arms[0].rig, SE3.identity())
         cell.add("beside", beside, T_BESIDE)
-        in_time(clock, lambda: guided.rig.arm.set_manual(True))
-        into, nearest = np.degrees(guided.world.q), np.inf
-        into[0] = -28.0  # in contact
-        guided.lead_to(into, 2.0)
-        for _ in range(300):
-            clock.advance(0.01)
-            nearest = min(nearest, true_distance(guided, beside))
-        assert np.degrees(guided.world.q[0]) < -10.0, "it was led"
-        assert 0.0 < nearest < GUARDED
+        in_time(clock, lambda: arms[0].rig.arm.set_manual(True))
+        yield beside
 
 
-def test_an_arm_that_is_led_stays_off_one_that_a_hand_guides(arms, clock):
+def test_a_hand_is_held_back_before_it_leads_an_arm_into_another(arms, beside, clock):
     guided = arms[0]
-    with open_simulated(clock=clock, q_start=Q_BESIDE) as beside:
-        cell = Cell()
-        cell.add("guided", guided.rig, SE3.identity())
-        cell.add("beside", beside, T_BESIDE)
-        in_time(clock, lambda: guided.rig.arm.set_manual(True))
-        following = in_time(
-            clock, lambda: beside.arm.open_following(limits=FAST, stale_after=None, gate=10.0)
-        )
-        reach, away = np.radians([0.0, 0.0, 10.0, 60.0, 0.0]), Q_BESIDE
-        there, held, nearest = np.degrees(guided.world.q), set(), np.inf
-        there[0] = 10.0
-        guided.lead_to(there, 2.0)  # by hand, a little aside
-        for k in range(600):
-            following.aim(away if k < 250 else reach)
-            clock.advance(0.01)
-            held.update(following.held_by)
-            nearest = min(nearest, true_distance(guided, beside))
-        assert any("guided's" in each for each in held)
-        assert 0.8 * GUARDED < nearest < 2.0 * GUARDED
-        there[0] = 60.0
-        guided.lead_to(there, 2.0)
-        for _ in range(500):
-            clock.advance(0.01)
-            assert true_distance(guided, beside) > 0.8 * GUARDED
-        assert following.held_by == ()
-        np.testing.assert_allclose(beside.arm.state.q_ref, reach, atol=1e-6)
-        following.close()
+    into, nearest = np.degrees(guided.world.q), np.inf
+    into[0] = -28.0  # in contact
+    guided.lead_to(into, 2.0)
+    for _ in range(300):
+        clock.advance(0.01)
+        nearest = min(nearest, true_distance(guided, beside))
+    assert np.degrees(guided.world.q[0]) < -10.0, "it was led"
+    assert 0.0 < nearest < GUARDED
+
+
+def test_an_arm_that_is_led_stays_off_one_that_a_hand_guides(arms, beside, clock):
+    guided = arms[0]
+    following = in_time(
+        clock, lambda: beside.arm.open_following(limits=FAST, stale_after=None, gate=10.0)
+    )
+    reach, away = np.radians([0.0, 0.0, 10.0, 60.0, 0.0]), Q_BESIDE
+    there, held, nearest = np.degrees(guided.world.q), set(), np.inf
+    there[0] = 10.0
+    guided.lead_to(there, 2.0)  # by hand, a little aside
+    for k in range(600):
+        following.aim(away if k < 250 else reach)
+        clock.advance(0.01)
+        held.update(following.held_by)
+        nearest = min(nearest, true_distance(guided, beside))
+    assert any("guided's" in each for each in held)
+    assert 0.8 * GUARDED < nearest < 2.0 * GUARDED
+    there[0] = 60.0
+    guided.lead_to(there, 2.0)
+    for _ in range(500):
+        clock.advance(0.01)
+        assert true_distance(guided, beside) > 0.8 * GUARDED
+    assert following.held_by == ()
+    np.testing.assert_allclose(beside.arm.state.q_ref, reach, atol=1e-6)
+    following.close()

@@ -6,8 +6,9 @@ the goal carries its weight, as when it holds (``gravity_compensation.py``).
 
 The servo's own spring is stiffer than that, and its gain is in EEPROM, which is not changed. So the
 goal is not the anchor but a point between the joint and the anchor; it moves with the joint, a
-hundred times a second. The torque limit, in RAM, is what carries the weight and a little more: the
-joint can never push harder than that against a hand, whatever else goes wrong.
+hundred times a second. The torque limit, in RAM, is what carries the weight and a little more, or
+what a wall pushes with: the joint can never push harder than that against a hand, whatever else
+goes wrong.
 
 A weight that the model does not know would let a joint sink once it is released. While it is slow,
 the joint therefore learns a small offset that keeps it at its anchor. A slow hand teaches it one,
