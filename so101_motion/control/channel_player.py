@@ -291,6 +291,10 @@ class ChannelPlayer:
         self._k = k
         self._following.want(self.reference.q)
 
+    def run_on(self, gap: float) -> None:
+        """Expect the joints farther on, because no setpoint was sent for ``gap`` [s]."""
+        self._following.run_on(self.reference.q, self.reference.qd, gap)
+
     def check(self, q: Array, qd: Array, alarms: Mapping[str, str] = _NO_ALARMS) -> None:
         """Compare the measured joints of this tick with the reference; may end the motion.
 
@@ -393,7 +397,7 @@ class ChannelPlayer:
 
     def _lost(self, off: Array, held_up: NDArray[np.bool_]) -> FollowingError:
         i = int(np.argmax(off))
-        words = self._following.words(held_up=bool(held_up[i]))
+        words = self._following.words(i, held_up=bool(held_up[i]))
         joint, channel = self._channel.joints[i], self._channel.value
         return left_behind(joint, channel, float(off[i]), words, self._recent())
 

@@ -12,6 +12,9 @@ driver says how far a joint strays until its motor has crossed the play; ``servo
 it and says why no contact can be told sooner. Where the load keeps the gears on one side, about
 half of that is enough.
 
+*No setpoint was sent*, because a tick came late. Servos run on to their last goal, which is ahead
+of the setpoint; so a joint may be as far on as if setpoints had gone on as they did.
+
 *No joint answers.* Goals may not arrive either then, and joints stand for want of them. So what was
 seen before no longer tells a contact. Joints that have missed many goals are behind, and would
 catch up faster than they may: the motion has to wait for them (``forgive``), or to end.
@@ -46,6 +49,9 @@ ONE_SIDE = 0.15
 STANDS = to_rad(0.3)
 """A joint stands if it moves forward or falls back by no more than this [rad]: three ticks. A joint
 that leans on a wall trembles by two. Chosen."""
+
+RUNS_ON = 0.3
+"""For so long joints that ran on may be ahead [s]. Chosen: emulated ones fall back within 0.2 s."""
 
 SILENCE = 2
 """Joints may have missed their goals after so many ticks in a row without any answer. Chosen: a
@@ -129,6 +135,11 @@ class FollowingCheck:
         self._blind = 0  # for how many ticks joints may catch up
         self._silent = self._left = 0  # ticks without an answer; ticks until these do not matter
         self._stray: Array | float = 0.0  # before that
+        self._q: Array | None = None  # where the joints were last
+        self._ran_to: Array | None = None  # where joints without setpoints may have run
+        self._way: Array = np.zeros(0)  # in which direction
+        self._gap = 0.0  # for how long they were without [s]
+        self._late = 0  # for how many ticks that counts
         self.silence = 0.0
 
     def begin(self, q_ref: Array) -> None:
@@ -137,15 +148,36 @@ class FollowingCheck:
             self._wanted.append(q_ref)
         self._forget_seen()
         self._silent, self._left, self._blind, self.silence = 0, 0, 0, 0.0
+        self._q = self._ran_to = None
+
+    def run_on(self, q_ref: Array, qd_ref: Array, gap: float) -> None:
+        """Note that no setpoint was sent for a while: joints run on to goals ahead of the last one.
+
+        Args:
+            q_ref: The last setpoint, shape (n,), [rad].
+            qd_ref: Its velocity, shape (n,), [rad/s].
+            gap: For how long none was sent [s].
+        """
+        self._way = np.sign(qd_ref)
+        ahead = 0.0 if self._q is None else np.maximum(self._way * (self._q - q_ref), 0.0)
+        self._ran_to = q_ref + self._way * ahead + gap * qd_ref
+        self._gap, self._late = gap, round((gap + RUNS_ON) / self._dt)
 
     def want(self, q_ref: Array) -> None:
         """Note the setpoint of this tick, ``q_ref``, shape (n,), [rad]."""
         self._wanted.append(q_ref)
+        self._late -= 1
+        if self._late < 0:
+            self._ran_to = None
 
     def off(self, q: Array) -> Array:
         """How far the joints at ``q`` are from all the latest setpoints, shapes (n,), [rad]."""
-        wanted = self._wanted.last(1 + self._lag)
-        off: Array = np.maximum(wanted.min(axis=0) - q, q - wanted.max(axis=0))
+        self._q, wanted = q, self._wanted.last(1 + self._lag)
+        low, high = wanted.min(axis=0), wanted.max(axis=0)
+        if self._ran_to is not None:
+            low = np.where(self._way < 0.0, np.minimum(low, self._ran_to), low)
+            high = np.where(self._way > 0.0, np.maximum(high, self._ran_to), high)
+        off: Array = np.maximum(low - q, q - high)
         return off
 
     def held_up(self, q: Array, in_play: Array, *, silent: bool = False) -> NDArray[np.bool_]:
@@ -187,17 +219,29 @@ class FollowingCheck:
                     held |= (side != 0.0) & self._has_stopped(wanted, seen, stop)
         return held
 
-    def words(self, *, held_up: bool) -> tuple[str, str]:
-        """What has happened to a joint that does not follow, and what to check.
+    def words(self, i: int, *, held_up: bool) -> tuple[str, str]:
+        """What has happened to joint ``i``, which does not follow, and what to check.
 
         Args:
+            i: Its index.
             held_up: Whether ``held_up`` has just told of it.
         """
+        if not held_up and self._has_run_on(i):
+            return (
+                f"was without setpoints for {self._gap:.2f} s, and is",
+                "how busy the computer is",
+            )
         if held_up and self.silence:
             happened = f"missed its goals while no servo answered for {self.silence:.2f} s, and is"
             return happened, "the USB cable and how busy the computer is"
         blocked = "that nothing blocks the joint and that its servo has power"
         return ("was held up and is" if held_up else "is"), blocked
+
+    def _has_run_on(self, i: int) -> bool:
+        """Whether joint ``i`` is ahead of its setpoint after a while without any."""
+        if self._ran_to is None or self._q is None:
+            return False
+        return bool(self._way[i] * (self._q[i] - self._wanted.last(1)[0, i]) > 0.0)
 
     def forgive(self) -> None:
         """Let the joints catch up with what they have missed in the last silence."""

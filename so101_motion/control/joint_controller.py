@@ -284,6 +284,9 @@ class JointController:
             missed: How many of them just before this one.
         """
         players = (self._arm, self._jaw)
+        if missed:
+            for player in players:
+                player.run_on((missed + 1) * self._dt)
         if missed * self._dt > PAUSE:
             self._go_on_from_rest((missed + 1) * self._dt)
         if self.is_moving:

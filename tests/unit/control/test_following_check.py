@@ -160,7 +160,7 @@ def told_in_silence(missed, ticks, speed=15.0, tolerances=TOLERANCES):
         check.want(np.array([setpoint]))
         q = setpoint if silent else setpoint - behind
         if check.held_up(np.array([q]), np.array([np.radians(IN_PLAY)]), silent=silent)[0]:
-            return check.words(held_up=True)
+            return check.words(0, held_up=True)
     return None
 
 
@@ -178,3 +178,43 @@ def test_joints_that_miss_many_goals_are_told(speed):
     happened, to_check = told_in_silence(missed=True, ticks=7, speed=speed)
     assert happened == "missed its goals while no servo answered for 0.07 s, and is"
     assert "USB cable" in to_check
+
+
+def off_after_late_ticks(joint_speed, gap, since):
+    """How far a joint at 120 deg/s is off that ran on for ``gap`` [s] without setpoints [deg].
+
+    Its setpoints go on for ``since`` [s] then; the joint keeps ``joint_speed`` [deg/s] meanwhile.
+    """
+    check, speed = FollowingCheck(TOLERANCES, DT), np.radians([120.0])
+    check.begin(np.zeros(1))
+    for k in range(50):
+        check.want(k * DT * speed)
+        check.off(k * DT * speed)
+    wanted = 49 * DT * speed
+    check.run_on(wanted, speed, gap)
+    joint = wanted + gap * np.radians([joint_speed])
+    for _ in range(round(since / DT)):
+        wanted, joint = wanted + DT * speed, joint + DT * np.radians([joint_speed])
+        check.want(wanted)
+        off = check.off(joint)
+    return float(np.degrees(off[0])), check.words(0, held_up=False)
+
+
+def test_a_joint_that_ran_on_while_no_setpoint_was_sent_is_not_off():
+    off, _ = off_after_late_ticks(120.0, gap=0.1, since=DT)
+    assert off == pytest.approx(1.2), "what it has run on since"
+
+
+def test_one_that_is_still_ahead_long_after_is_off_and_the_late_tick_is_named():
+    off, words = off_after_late_ticks(140.0, gap=0.1, since=0.25)
+    assert off > 8.0
+    assert words == ("was without setpoints for 0.10 s, and is", "how busy the computer is")
+    off, words = off_after_late_ticks(120.0, gap=0.1, since=0.5)
+    assert off == pytest.approx(12.0)
+    assert words[0] == "is"
+
+
+def test_one_that_stopped_while_no_setpoint_was_sent_is_off():
+    off, words = off_after_late_ticks(0.0, gap=0.05, since=0.25)
+    assert off == pytest.approx(12.0, abs=0.1), "behind all setpoints of the last 0.15 s"
+    assert words[0] == "is"
