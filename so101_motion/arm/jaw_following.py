@@ -86,9 +86,13 @@ class JawFollowing:
             self._following.aim([gripper.closed + taken * span], [values[1] * span])
         return taken
 
-    def hold(self) -> None:
-        """Slow to rest and wait for the next aperture; a grip stays. Never waits."""
-        self._following.hold()
+    def hold(self, *, briefly: bool = False) -> None:
+        """Slow to rest and wait for the next aperture; a grip stays. Never waits.
+
+        Args:
+            briefly: As for ``Following.hold``.
+        """
+        self._following.hold(briefly=briefly)
 
     def regrip(self) -> None:
         """Press again on what is gripped, after the joints were held anew."""

@@ -160,6 +160,7 @@ class Following(LedMotion):
         self._stops, self._pursuit = StopPaths(stop_limits, dt, looks), Pursuit(n, dt)
         self.foreseen = Foreseen(dt)
         self._aimed: _Aim | None = None
+        self._briefly = False
         self._seen: _Aim | None = None
         self._t = self._t_seen = self._t_nearest = 0.0
         self._nearest = math.inf
@@ -193,17 +194,16 @@ class Following(LedMotion):
         self._refuse_if_over()
         wanted = self._checked("q", q)
         rate = np.zeros(len(wanted)) if qd is None else self._checked("qd", qd)
-        change = None if qdd is None else self._checked("qdd", qdd)
         taken = frozen_array(np.clip(wanted, self._lower, self._upper), wanted.shape)
         outside = frozen_array(wanted - taken, wanted.shape)
         within = (outside == 0.0).astype(np.float64)
-        change = None if change is None else within * change
-        self._aimed = _Aim(taken, within * rate, change, outside)
+        change = None if qdd is None else within * self._checked("qdd", qdd)
+        self._aimed, self._briefly = _Aim(taken, within * rate, change, outside), False
         return taken
 
-    def hold(self) -> None:
-        """Slow to rest and wait for the next target; never waits."""
-        self._aimed = None
+    def hold(self, *, briefly: bool = False) -> None:
+        """Slow down and wait for the next target; if ``briefly``, go on at the pace of before."""
+        self._aimed, self._briefly = None, briefly
 
     @property
     def target(self) -> Array | None:
@@ -300,7 +300,8 @@ class Following(LedMotion):
             return self.now
         if aim is None:
             self._held = ()
-            self._approach.begin()
+            if not self._briefly:
+                self._approach.begin()
             self._brake()
         else:
             self._lead(aim)

@@ -14,8 +14,8 @@ follower is not decided here: see ``control/following.py``.
 The follower comes to the leader, slowly, only after the user has asked for it (``begin``). After
 trouble nothing moves by itself: the follower holds until the leader is brought back to it, or the
 user begins again. A pause is less than trouble: the leader did not answer for a moment, as happens
-on a busy computer. The follower holds, and when the leader answers again near where it was
-expected, the follower comes to it as after ``begin``.
+on a busy computer. The follower holds, and goes on as before when the leader answers again near
+where it was expected.
 """
 
 from __future__ import annotations
@@ -53,10 +53,16 @@ class Gate:
         self.reason = ""
         self.gap: tuple[str, float] = ("", 0.0)
         self.is_paused = False
+        self._before = Phase.STOPPED  # it paused
 
     def begin(self) -> None:
         """Approach the leader, then mirror it."""
         self.phase, self.reason, self.is_paused = Phase.APPROACHING, "", False
+
+    @property
+    def pauses_mirroring(self) -> bool:
+        """Whether it mirrored until the pause, so that the leader cannot be far."""
+        return self.is_paused and self._before is Phase.MIRRORING
 
     def stop(self) -> None:
         """Stop mirroring."""
@@ -68,14 +74,10 @@ class Gate:
             self.phase, self.reason, self.is_paused = Phase.WAITING, reason, False
 
     def pause(self, reason: str) -> None:
-        """Hold the follower while the leader is silent, until ``resume`` or the gate opens."""
+        """Hold the follower while the leader is silent for a moment."""
         if self.phase in (Phase.APPROACHING, Phase.MIRRORING):
+            self._before = self.phase
             self.phase, self.reason, self.is_paused = Phase.WAITING, reason, True
-
-    def resume(self) -> None:
-        """Continue, because the leader answers again and the follower is at rest."""
-        if self.is_paused:
-            self.begin()
 
     def hold_back(self) -> None:
         """Note that an obstacle stops the follower; it continues at its slow pace."""
@@ -91,9 +93,13 @@ class Gate:
     def lets_go(self, off: Array) -> bool:
         """Whether the follower may move to where the leader wants it; otherwise it holds.
 
+        A follower that was only paused goes on as before, because this is known again.
+
         Args:
             off: How far each joint is from there, shape (5,), [rad].
         """
+        if self.is_paused:
+            self.phase, self.reason, self.is_paused = self._before, "", False
         if self.is_open(off) and self.phase in (Phase.APPROACHING, Phase.WAITING):
             self.phase, self.reason, self.is_paused = Phase.MIRRORING, "", False
         return self.phase in (Phase.APPROACHING, Phase.MIRRORING)

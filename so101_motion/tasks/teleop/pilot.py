@@ -148,19 +148,16 @@ class Pilot:
 
     # Aiming
 
-    def arm(self, q: Array, *, rests: bool) -> Target | None:
-        """The arm's next target; None to hold.
+    def arm(self, q: Array) -> Target | None:
+        """The arm's next target; None to hold, ``gate.pauses_mirroring`` says whether briefly.
 
         Args:
             q: Its present setpoint, shape (5,), [rad].
-            rests: Whether it is at rest.
         """
         with self._lock:
             target = self._target()
             if target is None:
                 return None
-            if rests:
-                self.gate.resume()
             if self.gate.lets_go(target.q - q):
                 return target
             return None

@@ -352,10 +352,9 @@ class LocalFollower(Follower):
     # The I/O threads
 
     def _lead(self, pilot: Pilot, following: Following) -> None:
-        now = following.now
-        wanted = pilot.arm(now.q, rests=not now.qd.any())
+        wanted = pilot.arm(following.now.q)
         if wanted is None:
-            following.hold()
+            following.hold(briefly=pilot.gate.pauses_mirroring)
         else:
             following.aim(*wanted)
 
@@ -365,7 +364,7 @@ class LocalFollower(Follower):
             return
         wanted = pilot.jaw()
         if wanted is None:
-            jaw.hold()
+            jaw.hold(briefly=pilot.gate.pauses_mirroring)
             return
         with suppress(So101Error):  # it has just ended
             jaw.aim(*wanted)

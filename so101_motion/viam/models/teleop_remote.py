@@ -246,9 +246,10 @@ class RemoteFollower(Follower):
     # In the event loop
 
     async def _go(self, pilot: Pilot) -> None:
-        aim = pilot.arm(self._x[:5], rests=True)
+        aim = pilot.arm(self._x[:5])
         if aim is None:
-            self._approach.begin()
+            if not pilot.gate.pauses_mirroring:
+                self._approach.begin()
             if self._moves:
                 self._moves = False
                 if self._stops is not None:

@@ -55,16 +55,15 @@ def test_a_stop_ends_it_from_anywhere(phase):
 
 
 @pytest.mark.parametrize("phase", [Phase.APPROACHING, Phase.MIRRORING])
-def test_after_a_pause_the_follower_comes_slowly(phase):
+def test_after_a_pause_the_follower_goes_on_as_before(phase):
     gate = gate_in(phase)
     gate.pause("no answer")
     assert gate.phase is Phase.WAITING
-    assert not gate.lets_go(FAR)
-    gate.resume()
+    assert gate.pauses_mirroring is (phase is Phase.MIRRORING)
     assert gate.lets_go(FAR)
-    assert gate.phase is Phase.APPROACHING
-    assert gate.lets_go(NEAR)
+    assert (gate.phase, gate.reason) == (phase, "")
     assert not gate.is_paused
+    assert not gate.pauses_mirroring
 
 
 def test_what_comes_on_top_of_a_pause_is_trouble():
@@ -72,7 +71,8 @@ def test_what_comes_on_top_of_a_pause_is_trouble():
     gate.pause("no answer")
     gate.trouble("it was suddenly elsewhere")
     gate.pause("no answer")
-    gate.resume()
+    assert not gate.lets_go(FAR)
+    assert not gate.pauses_mirroring
     assert (gate.phase, gate.reason) == (Phase.WAITING, "it was suddenly elsewhere")
 
 
