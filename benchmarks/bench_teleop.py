@@ -364,11 +364,11 @@ def _note(tape: list[Any], state: JointState) -> None:
 
 
 def _script(seconds: float) -> str:
-    """A hand that leads all joints from 8 s on; until then it holds them."""
-    angles = _bench.human_motion(seconds, SEEDS[0])
+    """A hand that raises the arm and leads all joints from 8 s on."""
+    angles = _bench.human_motion(seconds, SEEDS[0]) + RAISED
     lines = []
     for joint, column in zip(_bench.JOINTS, angles.T, strict=True):
-        lines.append(f"0 {joint} start")
+        lines += [f"0 {joint} start", f"3 {joint} {column[0]:.4f}"]
         lines += [f"{8.0 + 0.01 * k:.2f} {joint} {q:.4f}" for k, q in enumerate(column)]
     return "\n".join(lines) + "\n"
 
