@@ -83,12 +83,13 @@ something else to do meanwhile needs more."""
 
 
 @contextmanager
-def session(*, reply_timeout: float = 2.0, **options: Any) -> Iterator[Any]:
+def session(*, reply_timeout: float = 2.0, clock: Any = None, **options: Any) -> Iterator[Any]:
     """Two arms, started, in the middle of mirroring."""
     with (
-        _referee.refereed(),
+        # Setpoints that leave late are no smooth command; what the joints make of them is judged.
+        _referee.refereed(() if clock is None else ("command",)),
         tempfile.TemporaryDirectory() as folder,
-        _bench.teleop_bench(Path(folder), reply_timeout=reply_timeout) as bench,
+        _bench.teleop_bench(Path(folder), reply_timeout=reply_timeout, clock=clock) as bench,
     ):
         bench.start(**options)
         bench.advance(0.5)
@@ -133,6 +134,26 @@ def following() -> Iterator[dict[str, Any]]:
             float(np.radians(np.abs(np.diff(each, axis=0))).max()) / PERIOD for each in qdd
         ),
     }
+
+
+def following_late() -> Iterator[dict[str, Any]]:
+    """The same while one cycle in a hundred of either arm comes 10 to 60 ms late."""
+    clock = _bench.BusyClock(0.01, (0.01, 0.06))
+    with session(clock=clock) as bench:
+        bench.leader.lead(_bench.human_motion(SECONDS + 1.5, SEEDS[0]) + RAISED)
+        bench.advance(1.5)
+        clock.is_busy, rows = True, []
+        for _ in range(round(SECONDS / PERIOD)):
+            bench.advance(PERIOD)
+            rows.append((bench.leader.q_deg, bench.follower.q_deg))
+        clock.is_busy = False
+        leader, follower = (np.array(side) for side in zip(*rows, strict=True))
+        yield {
+            "what": "following a person, 1 % of the cycles 10 to 60 ms late",
+            **figures(leader, follower, PERIOD),
+            "ended": bench.teleop.status.phase.value,
+            "late ticks": bench.follower.rig.arm.state.late_ticks,
+        }
 
 
 def to_and_fro(seconds: float, seed: int) -> Array:
@@ -403,7 +424,7 @@ def main() -> None:
 
 
 def _on_one_clock() -> list[dict[str, Any]]:
-    return [*following(), *losing()]
+    return [*following(), *following_late(), *losing()]
 
 
 if __name__ == "__main__":

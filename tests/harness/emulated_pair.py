@@ -1,5 +1,7 @@
 """Two emulated arms, driven by the real rigs on one clock, and a leader moved as a hand would."""
 
+import random
+import threading
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 
@@ -184,6 +186,29 @@ class Arm:
         self.emulator.close()
 
 
+class BusyClock(ManualClock):
+    """The clock of a machine that wakes the threads that talk to servos late now and then.
+
+    Args:
+        share: How often.
+        late: By how much, from and to [s].
+
+    Attributes:
+        is_busy: Whether it does so now.
+    """
+
+    def __init__(self, share, late, seed=1):
+        super().__init__()
+        self.is_busy, self._share, self._late = False, share, late
+        self._random = random.Random(seed)
+
+    def wait(self, until, wake):
+        is_driving = threading.current_thread().name.startswith("so101-io")
+        if self.is_busy and is_driving and self._random.random() < self._share:
+            until += self._random.uniform(*self._late)
+        super().wait(until, wake)
+
+
 class TeleopBench:
     """A leader and a follower.
 
@@ -194,8 +219,10 @@ class TeleopBench:
         goals: What was written to the follower: rows of time and six angles [rad].
     """
 
-    def __init__(self, folder, *, reply_timeout=2.0, phase=0.004, leader=None, follower=None):
-        self.clock = ManualClock()
+    def __init__(
+        self, folder, *, reply_timeout=2.0, phase=0.004, leader=None, follower=None, clock=None
+    ):
+        self.clock = clock or ManualClock()
         self.leader = Arm(folder, "leader", self.clock, reply_timeout, **(leader or {}))
         self.clock.advance(phase)  # the two threads do not tick at the same instant
         self.follower = Arm(folder, "follower", self.clock, reply_timeout, **(follower or {}))
