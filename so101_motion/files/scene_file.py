@@ -52,6 +52,7 @@ from so101_motion.planning.collision.scene import (
     Scene,
     Shape,
     Sphere,
+    StandingArm,
 )
 from so101_motion.planning.collision.shape_files import LARGEST_FILE, read_mesh, read_shape, welded
 
@@ -181,6 +182,29 @@ def attached_to(attached: Iterable[Attached]) -> list[dict[str, object]]:
     ]
 
 
+def arms_from(value: object) -> tuple[StandingArm, ...]:
+    """Make other arms as obstacles from a parsed JSON list; ``arms_to`` writes it.
+
+    Raises:
+        ConfigError: An entry is not valid.
+    """
+    return tuple(_arm(entry) for entry in _entries("arms", value))
+
+
+def arms_to(arms: Iterable[StandingArm]) -> list[dict[str, object]]:
+    """Turn other arms as obstacles into JSON values; ``arms_from`` reads them back."""
+    return [
+        {
+            "name": each.name,
+            **_placed_at(each.T_base_arm),
+            "room_mm": _rounded(to_mm(each.room)),
+            "q_deg": to_deg(each.q).round(3).tolist(),
+            "attached": attached_to(each.attached),
+        }
+        for each in arms
+    ]
+
+
 def scene_to(scene: Scene) -> dict[str, object]:
     """Turn a scene into JSON values; ``scene_from`` reads them back."""
     content: dict[str, object] = {
@@ -256,6 +280,19 @@ def _attached(entry: Entry, folder: Path | None) -> Attached:
         )
 
 
+def _arm(entry: Entry) -> StandingArm:
+    known = ("name", "position_mm", "rpy_deg", "room_mm", "q_deg", "attached")
+    with _about(entry):
+        given = Attributes(entry, known, kind="key of an arm")
+        return StandingArm(
+            name=given.text("name", ""),
+            T_base_arm=_pose(given),
+            q=to_rad(_table("q_deg", entry.get("q_deg"), columns=6)),
+            attached=attached_from(entry.get("attached", []), folder=None),
+            room=to_m(given.number("room_mm", 0.0, lower=0.0, upper=100.0, unit="mm")),
+        )
+
+
 def _pose(given: Attributes) -> SE3:
     position_mm = np.array(given.triple("position_mm", _LARGEST_MM))
     rpy_deg = np.array(given.triple("rpy_deg", 360.0))
@@ -309,13 +346,14 @@ def _length(given: Attributes, key: str) -> float:
     return to_m(length_mm)
 
 
-def _table(key: str, value: object) -> Array:
+def _table(key: str, value: object, columns: int = 3) -> Array:
     try:
         table = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         table = np.empty(0)
-    if table.ndim != 2 or table.shape[1] != 3 or not np.all(np.isfinite(table)):
-        raise ConfigError(key, "...", "must be a list of triples of finite numbers")
+    if table.ndim != 2 or table.shape[1] != columns or not np.all(np.isfinite(table)):
+        rows = "triples of" if columns == 3 else f"rows of {columns}"
+        raise ConfigError(key, "...", f"must be a list of {rows} finite numbers")
     return table
 
 
@@ -352,8 +390,11 @@ def _bytes(path: Path) -> bytes:
 
 
 def _thing(name: str, shape: Shape, pose: SE3) -> dict[str, object]:
-    entry: dict[str, object] = {"name": name, **_form(shape)}
-    entry["position_mm"] = [_rounded(x) for x in to_mm(pose.p)]
+    return {"name": name, **_form(shape), **_placed_at(pose)}
+
+
+def _placed_at(pose: SE3) -> dict[str, object]:
+    entry: dict[str, object] = {"position_mm": [_rounded(x) for x in to_mm(pose.p)]}
     rpy = pose.rpy
     if np.any(rpy != 0.0):
         entry["rpy_deg"] = [float(a) for a in to_deg(rpy)]

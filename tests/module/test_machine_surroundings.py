@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 from harness.fake_machine import a_box, hanging
-from harness.viam_machine import running_machine
+from harness.viam_machine import SIM, running_machine
 
 from so101_motion.common.errors import InCollision, MachineRefused
 from so101_motion.common.geometry import SE3
@@ -13,6 +13,7 @@ from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.viam.client import MachineRig
 
 ARM = hanging("arm", joints=5)
+OTHER = hanging("other", joints=5, y=-300.0)
 CRATE = hanging("crate", x=300.0, z=40.0, geometry=a_box(100, 100, 80))
 HELD = hanging("stick", "arm", z=150.0, geometry=a_box(10, 10, 60))
 INSIDE = PoseGoal(T_base_tool=SE3.from_translation((0.3, 0.0, 0.06)))
@@ -46,3 +47,17 @@ def test_plans_go_around_it_as_it_is_now_and_not_at_all_if_it_is_not_known():
             with pytest.raises(MachineRefused, match='"gone" has a frame but does not run'):
                 rig.arm.plan(INSIDE)
             rig.arm.stop()
+
+
+def test_plans_keep_off_the_other_arms_of_the_machine():
+    two = (*SIM, (*SIM[0][:2], "other", {}))
+    with running_machine(resources=two) as machine:
+        machine.has_around(ARM, OTHER)
+        with MachineRig.connect(machine.address, arm="arm") as rig:
+            [other] = rig.arm.request(JointGoal(q=np.zeros(5))).scene.arms
+            assert other.name == "other"
+            assert other.T_base_arm.p == pytest.approx([0.0, -0.3, 0.0])
+            with pytest.raises(InCollision, match="other's"):
+                rig.arm.plan(JointGoal(q=np.radians([57.0, 0.0, 0.0, 0.0, 0.0])))
+            plan = rig.arm.plan(JointGoal(q=np.radians([-40.0, -40.0, 40.0, 0.0, 0.0])))
+            assert plan.trajectory.duration > 0.3

@@ -9,7 +9,7 @@ from typing import Any
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.common.errors import MachineRefused, So101Error
-from so101_motion.files.scene_file import attached_from, obstacles_from
+from so101_motion.files.scene_file import arms_from, attached_from, obstacles_from
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.viam.conversion.world_state import UniqueNames, taken_in
 from so101_motion.viam.requests.commands import in_deg
@@ -23,7 +23,7 @@ class MachineArm(Arm):
 
     surroundings: Callable[[], Mapping[str, Any]] = staticmethod(dict)
     """What the machine has around the arm besides ``scene``, as it said last: ``obstacles`` and
-    ``attached`` as in a scene file, or why that is not known (``unknown``)."""
+    ``attached`` as in a scene file, its other ``arms``, or why that is not known (``unknown``)."""
 
     def set_speed(self, speed: float) -> None:
         """See ``Arm.set_speed``; if the machine refuses, nothing changes."""
@@ -46,6 +46,7 @@ class MachineArm(Arm):
         attached = attached_from(told.get("attached", []), folder=None)
         return replace(
             scene,
+            arms=(*scene.arms, *arms_from(told.get("arms", []))),
             obstacles=(
                 *scene.obstacles,
                 *(replace(each, name=names.new(each.name)) for each in obstacles),

@@ -8,9 +8,11 @@ Combined keys are all checked before any is applied, so a refused request change
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Collection, Mapping
+from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.attributes import (
@@ -22,8 +24,9 @@ from so101_motion.common.attributes import (
 )
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.files.scene_file import scene_to
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.files.scene_file import arms_to, scene_to
+from so101_motion.planning.collision.apart import ROOM
+from so101_motion.planning.collision.scene import Scene, StandingArm
 from so101_motion.viam.conversion.convert import to_result
 
 Request = Mapping[str, object]
@@ -122,7 +125,20 @@ async def _surroundings(arm: Arm, standing: Callable[[Scene], Awaitable[Scene]])
         obstacles=now.obstacles[len(own.obstacles) :], attached=now.attached[len(own.attached) :]
     )
     told = await asyncio.to_thread(scene_to, added)
-    return to_result({key: told.get(key, []) for key in ("obstacles", "attached")})
+    shown = {key: told.get(key, []) for key in ("obstacles", "attached")}
+    return to_result({**shown, "arms": arms_to(_others(arm))})
+
+
+def _others(arm: Arm) -> Iterator[StandingArm]:
+    """The other arms that it keeps off: where each is now, and where its motion ends."""
+    for other in () if arm.place is None else arm.place.others():
+        yield StandingArm(
+            name=other.name,
+            T_base_arm=other.T_base_other,
+            q=np.unique(other.course.q[[0, -1]], axis=0),
+            attached=other.attached,
+            room=ROOM,
+        )
 
 
 def motion_params(arm: Arm, request: Request) -> dict[str, Any]:

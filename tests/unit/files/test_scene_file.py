@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
-from so101_motion.files.scene_file import read_scene, scene_from, scene_to, write_scene
+from so101_motion.files.scene_file import (
+    arms_from,
+    arms_to,
+    read_scene,
+    scene_from,
+    scene_to,
+    write_scene,
+)
 from so101_motion.planning.collision.scene import (
     FLOOR_Z,
     Attached,
@@ -19,6 +26,7 @@ from so101_motion.planning.collision.scene import (
     PointCloud,
     Scene,
     Sphere,
+    StandingArm,
 )
 
 TETRAHEDRON = Mesh(
@@ -187,3 +195,38 @@ def test_a_full_disk_leaves_a_scene_as_it_was(tmp_path, monkeypatch):
 def test_whole_numbers_beyond_all_floats_are_refused(content):
     with pytest.raises(ConfigError):
         scene_from(content)
+
+
+def test_other_arms_can_be_written_and_read_back():
+    arm = StandingArm(
+        name="left",
+        T_base_arm=SE3.from_rpy((0.0, 0.0, 0.5), (0.3, -0.1, 0.0)),
+        q=np.radians([[10.0, -20.0, 30.0, 0.0, 5.0, 20.0], [0.0] * 6]),
+        attached=(
+            Attached(
+                name="cube",
+                shape=Box(size=np.full(3, 0.02)),
+                T_tool_object=SE3.from_translation((0, 0, 0.1)),
+            ),
+        ),
+        room=0.02,
+    )
+    [read] = arms_from(json.loads(json.dumps(arms_to([arm]))))
+    assert Scene(arms=(read,)) == Scene(arms=(arm,))
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"q_deg": [[0.0] * 5]}, "rows of 6 finite numbers"),
+        ({"q_deg": [[0.0] * 5 + [float("nan")]]}, "rows of 6 finite numbers"),
+        ({"name": ""}, "name"),
+        ({"room_mm": -1.0}, "room_mm"),
+        ({"pose": 1.0}, "key of an arm"),
+    ],
+)
+def test_invalid_arms_are_refused_in_a_sentence(changed, says):
+    entry = {"name": "left", "position_mm": [300, 0, 0], "q_deg": [[0.0] * 6]}
+    assert len(arms_from([entry])) == 1
+    with pytest.raises(ConfigError, match=says):
+        arms_from([entry | changed])
