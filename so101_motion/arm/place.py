@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from so101_motion.control.executor import Executor
     from so101_motion.planning.timing.trajectory import Trajectory
 
+_Pair = tuple[tuple[ArmBodies, Course], tuple[ArmBodies, Course], SE3]
+"""Bodies and course of an arm and of another, and the other's base in the first's base frame."""
+
 _log = logging.getLogger(__name__)
 
 ALL = "*"
@@ -199,27 +202,42 @@ class Place:
         known = [(other.name, self._beside.get(other.name)) for other in self._neighbours()]
         return [each.near(name) for name, each in known if each is not None and each.count]
 
+    def near_at(self, q: Array) -> list[NearArms]:
+        """What of other arms is near now, for an arm that rests at ``q``; see ``Neighbours``."""
+        now = self._now()
+        with self.cell.lock:
+            for _, beside, pair in self._pairs(self._stop(q[None], 1.0, now), now):
+                beside.look(*pair, now)
+        return self.near()
+
     def admits(self, q: Array, dt: float) -> bool:
         """Whether the arm may go on so that it could stop along ``q``; see ``Neighbours``."""
         now = self._now()
         course = self._stop(q, dt, now)
         with self.cell.lock:
-            for other in self._neighbours():
-                attached, beside = self.attached_to(other), self._beside.get(other.name)
-                if beside is None:
-                    beside = self._beside[other.name] = Beside()
-                meeting = led_apart(
-                    (bodies_of(self.attached_to(self), other.name), course),
-                    (bodies_of(as_seen_by(self.name, attached)), other.course_at(now)),
-                    _T_from_to(self.T_cell_base, other.T_cell_base),
-                    since=now,
-                    beside=beside,
-                )
+            for name, beside, pair in self._pairs(course, now):
+                meeting = led_apart(*pair, since=now, beside=beside)
                 if meeting is not None:
-                    self.against = close(meeting.first, other.name, meeting.second)
+                    self.against = close(meeting.first, name, meeting.second)
                     return False
             self._course = course
         return True
+
+    def _pairs(self, course: Course, now: float) -> Iterator[tuple[str, Beside, _Pair]]:
+        """Each other arm's name, the memory of it, and both arms as ``led_apart`` wants them."""
+        for other in self._neighbours():
+            attached, beside = self.attached_to(other), self._beside.get(other.name)
+            if beside is None:
+                beside = self._beside[other.name] = Beside()
+            yield (
+                other.name,
+                beside,
+                (
+                    (bodies_of(self.attached_to(self), other.name), course),
+                    (bodies_of(as_seen_by(self.name, attached)), other.course_at(now)),
+                    _T_from_to(self.T_cell_base, other.T_cell_base),
+                ),
+            )
 
     def commit(self, q: Array, dt: float) -> None:
         """Publish that the arm stops along ``q``, whatever is there; see ``Neighbours``."""
