@@ -15,8 +15,8 @@ may lead the joints (``GuidingWall``): while the arms are apart, near each other
 
 The same with emulated arms (``emulated_led.py``): the referee of the tests listens on both wires
 and objects to nothing, and distances are those of the true poses of the joints. ``--emulated``
-says for how many ticks; ``--only-emulated`` and ``--only-guided`` (the hand) do nothing else and keep
-the file's other rows.
+says for how many ticks; ``--only-emulated`` and ``--only-guided``, which is the hand, do nothing
+else and keep the file's other rows.
 
     python -m benchmarks.bench_led --ticks 100000
 """
