@@ -89,7 +89,7 @@ def followings(ticks: int, seed: int) -> list[dict[str, object]]:
             "bar": 0.0005,
         },
         {
-            "what": f"the same, asked again where it took long, seed {seed}, CPU",
+            "what": f"inside the guard, asked again where it took long, seed {seed}, CPU",
             **summary(quickest),
             "bar": 0.0005,
         },
