@@ -11,8 +11,8 @@ collector ignores what was there before. A busy machine makes some answers late,
 long the same is asked again: the quickest answer is what the question costs.
 
 What a hand costs that guides one arm into another, in the call by which the driver asks how far it
-may lead the joints (``GuidingWall``): while the arms are apart, near each other, and overlap. And in
-the same run what it takes to prove that the arm may stop where it is, as it did once.
+may lead the joints (``GuidingWall``): while the arms are apart, near each other, and overlap. In
+the same run, what it takes to prove that the arm may stop there, which the wall once asked for.
 
 The same with emulated arms (``emulated_led.py``): the referee of the tests listens on both wires
 and objects to nothing, and distances are those of the true poses of the joints. ``--emulated``
