@@ -193,6 +193,8 @@ def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_neare
     pair = (by_coal, Course.resting(q_left, 0.0)), (by_coal, still)
     led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
     assert beside.count == 0
+    beside.look(*pair, T_LEFT_RIGHT, 0.0)
+    assert beside.count == 0
 
 
 def test_a_look_without_a_proof_finds_the_same_near_bodies_also_after_contact():
