@@ -4,10 +4,11 @@ Arms whose servos differ (spread 0.2) are guided by a hand that is a spring of l
 joint after the other. First in free space, there and back: the torque with which the hand leads the
 joint at 30 deg/s, and how far the joint moves in the two seconds after it was let go. Then among
 random obstacles, each time along a joint on whose way the arm would be in contact: how near it
-came to that, for hands of different strength, and without walls. Distances are those of the true
-joints. Pretended time.
+came to that, for hands of different strength, and without walls. Then the same beside another arm
+that faces it and rests in a random pose. Distances are those of the true joints. Pretended time.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
+``--only-arms`` measures only the part with two arms and keeps the file's other rows.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from __future__ import annotations
 import argparse
 import math
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -25,11 +26,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
-from so101_motion.common.geometry import Array
+from so101_motion.arm.cell import Cell
+from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.hand import Hand, Waypoint
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
+from so101_motion.rig.simulated_rig import open_simulated
 
 SPEED = math.radians(30.0)
 """How fast the hand leads [rad/s]."""
@@ -59,6 +63,7 @@ STRENGTHS = (1.5, 2.0, 4.0)
 """Torque of the hands that lead the arm into contact [N m]."""
 
 _following: Any = _common.from_tests("harness.path_following")
+_facing: Any = _common.from_tests("harness.facing_arms")
 _harness: Any = _common.from_tests("harness.emulated_rig")
 _scenes: Any = _common.from_tests("harness.random_scenes")
 _referee: Any = _common.from_tests("referee")
@@ -147,49 +152,130 @@ def in_free_space(seed: int, poses: int) -> list[Felt]:
     return found
 
 
+class Obstacles:
+    """Random obstacles around a guided arm, which it knows."""
+
+    def __init__(self, guided: Guided) -> None:
+        self._guided, self._drawn = guided, Scene()
+
+    def clear(self) -> None:
+        """Take them away."""
+        self._guided.rig.arm.scene = Scene()
+
+    def draw(self, rng: Any) -> Callable[[Array], float]:
+        """Draw others; how far they, or the arm itself, are at a configuration [m]."""
+        arm = self._guided.rig.arm
+        self._drawn = _scenes.random_scene(rng, count=4)
+        return partial(_room, CollisionModel(arm.model, self._drawn), q_jaw=arm.state.q_jaw)
+
+    def put(self) -> None:
+        """Put there what was drawn."""
+        self._guided.rig.arm.scene = self._drawn
+
+    def is_in_the_way(self, q: Array) -> bool:
+        """Always: the table and the arm itself count as well."""
+        return True
+
+
+class OtherArm:
+    """A simulated arm that faces a guided arm, in one cell with it, each time in another pose."""
+
+    def __init__(self, guided: Guided, other: Any, seed: int) -> None:
+        self._guided, self._other, self._cell = guided, other, Cell()
+        self._itself = CollisionModel(guided.rig.arm.model, Scene())
+        self._cell.add("guided", guided.rig, SE3.identity())
+        self._poses, self._drawn, self._is_there = _facing.Facing(seed), READY, False
+
+    def clear(self) -> None:
+        """Take it away."""
+        if self._is_there:
+            self._cell.remove("other", self._other)
+        self._is_there = False
+
+    def draw(self, _rng: Any) -> Callable[[Array], float]:
+        """Draw a pose; how far it is from a configuration of the guided arm [m]."""
+        self._drawn = self._poses.near()
+        q_jaw = self._guided.rig.arm.state.q_jaw
+        q_other = np.append(self._drawn, self._other.arm.state.q_jaw)
+        return lambda q: float(_facing.distance(bodies_of(), np.append(q, q_jaw), q_other))
+
+    def put(self) -> None:
+        """Put the other arm there."""
+        self._guided.bench.finish(self._other.arm.start_unguarded_retarget(self._drawn))
+        self._cell.add("other", self._other, _facing.T_LEFT_RIGHT)
+        self._is_there = True
+
+    def is_in_the_way(self, q: Array) -> bool:
+        """Whether nothing else would be touched, such as the table."""
+        return _room(self._itself, q, self._guided.rig.arm.state.q_jaw) > 0.0
+
+
+@contextmanager
+def beside_another(seed: int) -> Iterator[tuple[Guided, OtherArm]]:
+    """An emulated arm that a hand guides, and a simulated one that faces it."""
+    with (
+        guided_arm(seed) as guided,
+        open_simulated(clock=guided.bench.clock, speed=math.pi, acceleration=8.0) as other,
+    ):
+        yield guided, OtherArm(guided, other, seed)
+
+
+@contextmanager
+def among_obstacles(seed: int) -> Iterator[tuple[Guided, Obstacles]]:
+    """An emulated arm that a hand guides among random obstacles."""
+    with guided_arm(seed) as guided:
+        yield guided, Obstacles(guided)
+
+
 Led = tuple[float, float, float]
 """The least distance on the way, that at the end [m], how far the joint went back [rad]."""
 
 
-def into_contact(seed: int, cases: int, strength: float, *, walls: bool) -> list[Led]:
-    """Lead a joint of an arm among random obstacles beyond its first contact."""
+def into_contact(
+    place: Callable[[int], Any], seed: int, cases: int, strength: float, *, walls: bool
+) -> list[Led]:
+    """Lead a joint of an arm beyond its first contact with what is around it."""
     found: list[Led] = []
     rng = np.random.default_rng(seed)
-    with guided_arm(seed) as guided:
+    with place(seed) as (guided, around):
         arm = guided.rig.arm
         while len(found) < cases:
-            arm.scene = Scene()
+            around.clear()
             number = int(rng.integers(1 << 30))
             plan, _ = _following.random_plan(guided.rig, number, waypoints=1)
             guided.bench.finish(arm.start_execute(plan), at_most=60.0)
             guided.bench.advance(0.5)
-            i, way, collision = _way_into_contact(guided, rng)
-            arm.scene = collision.scene
+            i, way, room = _way_into_contact(guided, around, rng)
+            around.put()
             arm.set_manual(True, arm.compliance if walls else replace(arm.compliance, wall=0.0))
             _, places = guided.lead(i, [way], strength)
-            rooms = [_room(collision, q, arm.state.q_jaw) for q in places]
+            rooms = [room(q) for q in places]
             let_go = places[-round(AFTER / 0.01)]
             found.append((min(rooms), rooms[-1], float(abs(places[-1][i] - let_go[i]))))
             arm.set_manual(False)
+            around.clear()
             guided.bench.finish(arm.start_unguarded_retarget(READY))  # out of contact
     return found
 
 
-def _way_into_contact(guided: Guided, rng: Any) -> tuple[int, float, CollisionModel]:
-    """A joint, a way [rad] at whose end the arm would be in contact, and what with."""
+def _way_into_contact(
+    guided: Guided, around: Any, rng: Any
+) -> tuple[int, float, Callable[[Array], float]]:
+    """A joint, a way [rad] at whose end the arm would be in contact, and the distance from that."""
     arm, q = guided.rig.arm, guided.q
     while True:
-        collision = CollisionModel(arm.model, _scenes.random_scene(rng, count=4))
+        room = around.draw(rng)
         i, side = int(rng.integers(5)), float(rng.choice([-1.0, 1.0]))
-        if _room(collision, q, arm.state.q_jaw) < ROOM:
+        if room(q) < ROOM:
             continue
         for way in np.arange(0.0, FARTHEST, math.radians(1.0)):
             led = q.copy()
             led[i] += side * way
-            if not arm.model.lower[i] < led[i] < arm.model.upper[i]:
+            inside = arm.model.lower[i] < led[i] < arm.model.upper[i]
+            if not inside or not around.is_in_the_way(led):
                 break
-            if _room(collision, led, arm.state.q_jaw) < 0.0:
-                return i, side * (way + BEYOND), collision
+            if room(led) < 0.0:
+                return i, side * (way + BEYOND), room
 
 
 def _room(collision: CollisionModel, q: Array, q_jaw: float) -> float:
@@ -203,12 +289,23 @@ def main() -> None:
     parser.add_argument("--arms", type=int, default=4)
     parser.add_argument("--poses", type=int, default=3)
     parser.add_argument("--cases", type=int, default=25, help="for each arm and hand")
+    parser.add_argument("--only-arms", action="store_true")
     asked = parser.parse_args()
+    beside = led_into_contact("another arm", beside_another, asked.arms, asked.cases)
+    if asked.only_arms:
+        _common.update("bench_guide", beside)
+        return
+    felt = felt_in_free_space(asked.arms, asked.poses)
+    among = led_into_contact("obstacles", among_obstacles, asked.arms, asked.cases)
+    _common.write("bench_guide", [*felt, *among, *beside])
+
+
+def felt_in_free_space(arms: int, poses: int) -> list[dict[str, Any]]:
+    """A row for each joint."""
     run = partial(_common.in_pieces, "bench_guide")
-    arms = range(asked.arms)
     felt = [
         each
-        for arm in run({f"free {k}": partial(in_free_space, k, asked.poses) for k in arms})
+        for arm in run({f"free {k}": partial(in_free_space, k, poses) for k in range(arms)})
         for each in arm
     ]
     rows: list[dict[str, Any]] = []
@@ -222,16 +319,24 @@ def main() -> None:
                 "moved once let go, most [deg]": math.degrees(max(moved)),
             }
         )
+    return rows
+
+
+def led_into_contact(
+    what: str, place: Callable[[int], Any], arms: int, cases: int
+) -> list[dict[str, Any]]:
+    """A row for each hand."""
+    rows: list[dict[str, Any]] = []
     for strength, walls in (*((each, True) for each in STRENGTHS), (STRENGTHS[0], False)):
-        name = f"a hand of {strength:g} N m, " + ("walls" if walls else "no walls")
+        name = f"{what} by a hand of {strength:g} N m, " + ("walls" if walls else "no walls")
         pieces = {
-            f"{name} {k}": partial(into_contact, k, asked.cases, strength, walls=walls)
-            for k in arms
+            f"{name} {k}": partial(into_contact, place, k, cases, strength, walls=walls)
+            for k in range(arms)
         }
-        led = np.array([each for arm in run(pieces) for each in arm])
+        led = np.array([each for arm in _common.in_pieces("bench_guide", pieces) for each in arm])
         rows.append(
             {
-                "what": f"led into contact by {name}",
+                "what": f"led into {name}",
                 "cases": len(led),
                 "in contact on the way": int(np.sum(led[:, 0] < 0.0)),
                 "in contact at the end": int(np.sum(led[:, 1] < 0.0)),
@@ -240,7 +345,7 @@ def main() -> None:
                 "went back once let go, most [deg]": math.degrees(float(led[:, 2].max())),
             }
         )
-    _common.write("bench_guide", rows)
+    return rows
 
 
 if __name__ == "__main__":

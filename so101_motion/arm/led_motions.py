@@ -142,7 +142,7 @@ class LedMotions:
 
     def wall(self, now: Situation) -> GuidingWall:
         """A wall that a hand feels when it leads the arm into contact."""
-        wall = self._newest = GuidingWall(self._guard(now), self.neighbours, self._executor.dt)
+        wall = self._newest = GuidingWall(self._guard(now), self.neighbours)
         return wall
 
     def renewal(self, now: Situation) -> Callable[[], None]:

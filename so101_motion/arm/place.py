@@ -16,7 +16,7 @@ import numpy as np
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
 from so101_motion.planning.among import crosses, crossing, delayed
-from so101_motion.planning.collision.apart import EARLY
+from so101_motion.planning.collision.apart import EARLY, GUARDED, first_meeting
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import Course, NearArms, OtherArm, stop_along
 from so101_motion.planning.collision.led_apart import Beside, close, led_apart
@@ -50,6 +50,10 @@ began up to 6 ms later than the others (emulated, 120 motions)."""
 
 GOES_ON = 0.2
 """An arm that is moved by hand is taken to keep its velocity for so long [s]; chosen."""
+
+TOUCHING = 0.5 * GUARDED
+"""Arms that are nearer than this count as touching each other [m]. Chosen: a wall that a hand feels
+keeps them further apart."""
 
 
 class RigWithExecutor(Protocol):
@@ -199,27 +203,58 @@ class Place:
         known = [(other.name, self._beside.get(other.name)) for other in self._neighbours()]
         return [each.near(name) for name, each in known if each is not None and each.count]
 
+    def near_at(self, q: Array) -> list[NearArms]:
+        """What of other arms is near now, for an arm that rests at ``q``; see ``Neighbours``."""
+        now = self._now()
+        course = self._stop(q[None], 1.0, now)
+        with self.cell.lock:
+            for other in self._neighbours():
+                self._memory_of(other).look(*self._pair(course, other, other.course_at(now)), now)
+        return self.near()
+
     def admits(self, q: Array, dt: float) -> bool:
         """Whether the arm may go on so that it could stop along ``q``; see ``Neighbours``."""
         now = self._now()
         course = self._stop(q, dt, now)
         with self.cell.lock:
             for other in self._neighbours():
-                attached, beside = self.attached_to(other), self._beside.get(other.name)
-                if beside is None:
-                    beside = self._beside[other.name] = Beside()
-                meeting = led_apart(
-                    (bodies_of(self.attached_to(self), other.name), course),
-                    (bodies_of(as_seen_by(self.name, attached)), other.course_at(now)),
-                    _T_from_to(self.T_cell_base, other.T_cell_base),
-                    since=now,
-                    beside=beside,
-                )
+                pair = self._pair(course, other, other.course_at(now))
+                meeting = led_apart(*pair, since=now, beside=self._memory_of(other))
                 if meeting is not None:
                     self.against = close(meeting.first, other.name, meeting.second)
                     return False
             self._course = course
         return True
+
+    def _memory_of(self, other: Place) -> Beside:
+        if other.name not in self._beside:
+            self._beside[other.name] = Beside()
+        return self._beside[other.name]
+
+    def _pair(
+        self, course: Course, other: Place, others: Course
+    ) -> tuple[tuple[ArmBodies, Course], tuple[ArmBodies, Course], SE3]:
+        """Both arms' bodies and courses, and the other's base in this one's, for ``led_apart``."""
+        attached = self.attached_to(other)
+        return (
+            (bodies_of(self.attached_to(self), other.name), course),
+            (bodies_of(as_seen_by(self.name, attached)), others),
+            _T_from_to(self.T_cell_base, other.T_cell_base),
+        )
+
+    def touching(self) -> str:
+        """What is nearer than ``TOUCHING`` to another arm now, such as ``"the jaw close to left"``.
+
+        From the measured joints of both; empty if nothing is. Any thread may call it.
+        """
+        here = Course.resting(self.arm.state.q, self._q_jaw)
+        for other in self._neighbours():
+            there = Course.resting(other.arm.state.q, other._q_jaw)
+            pair = self._pair(here, other, there)
+            met = first_meeting(*pair, since=0.0, room=TOUCHING, early=0.0)
+            if met is not None:
+                return close(met.first, other.name, met.second)
+        return ""
 
     def commit(self, q: Array, dt: float) -> None:
         """Publish that the arm stops along ``q``, whatever is there; see ``Neighbours``."""

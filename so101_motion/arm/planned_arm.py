@@ -106,7 +106,8 @@ class PlannedArm(CappedJoints):
     def touching(self) -> str:
         """What is nearer to each other now than it may be, such as ``"the jaw close to 'crate'"``.
 
-        From the measured joints, with the scene and what ``keep_off`` adds; empty if nothing is.
+        From the measured joints, with the scene, what ``keep_off`` adds, and the other arms of the
+        cell; empty if nothing is.
         May take some hundredths of a second.
         """
         state, scene = self.state, self._situation.scene
@@ -115,7 +116,9 @@ class PlannedArm(CappedJoints):
             if collision is None or collision.scene != scene:
                 collision = self._looked_with = CollisionModel(self.model, scene)
             close = collision.first_contact(state.q, state.q_jaw)
-        return "" if close is None else " close to ".join(map(scene.called, close))
+        if close is None:
+            return "" if self.place is None else self.place.touching()
+        return " close to ".join(map(scene.called, close))
 
     def set_load(self, load: LoadConfig) -> None:
         """Set what the gripper always carries and how strong the servos are, for plans from now on.

@@ -5,10 +5,8 @@ The driver makes a wall of it that the hand feels (``drivers/feetech/hand_guidin
 
 from __future__ import annotations
 
-import numpy as np
-
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.course import NearArms, Neighbours
+from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.differential.guard import Guard
 
 
@@ -18,19 +16,15 @@ class GuidingWall:
     Args:
         guard: Finds what is near.
         neighbours: Other arms to keep off; None if there are none.
-        dt: Period of the control loop [s].
 
     Attributes:
         guard: As given. It can be replaced while a hand guides the arm.
     """
 
-    def __init__(self, guard: Guard, neighbours: Neighbours | None, dt: float) -> None:
-        self.guard, self._neighbours, self._dt = guard, neighbours, dt
+    def __init__(self, guard: Guard, neighbours: Neighbours | None) -> None:
+        self.guard, self._neighbours = guard, neighbours
 
     def __call__(self, q: Array, q_led: Array) -> Array:
         """How far a hand leads the joints from ``q`` towards ``q_led``; shapes (5,), [rad]."""
-        others = tuple[NearArms, ...]()
-        if self._neighbours is not None:
-            self._neighbours.admits(np.array([q, q]), self._dt)  # only looks: the hand decides
-            others = tuple(self._neighbours.near())
+        others = () if self._neighbours is None else self._neighbours.near_at(q)
         return self.guard.led(q, q_led, others)

@@ -1,5 +1,6 @@
 """A cell of emulated arms: they set out together and keep apart, however they are moved."""
 
+import re
 from contextlib import ExitStack
 
 import numpy as np
@@ -11,6 +12,7 @@ from harness.facing_arms import distance
 from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3
+from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.planning.collision.apart import GUARDED
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.goals import JointGoal
@@ -122,6 +124,18 @@ def test_a_hand_is_held_back_before_it_leads_an_arm_into_another(arms, beside, c
         nearest = min(nearest, true_distance(guided, beside))
     assert np.degrees(guided.world.q[0]) < -10.0, "it was led"
     assert 0.0 < nearest < GUARDED
+
+
+def test_an_arm_that_a_strong_hand_leads_into_another_says_what_it_touches(arms, beside, clock):
+    guided = arms[0]
+    assert guided.rig.arm.touching() == ""
+    guided.emulator.advance()
+    script = parse_script("0.1 shoulder_pan start\n2.1 shoulder_pan -25\n")
+    guided.world.hand = Hand(script, clock.now(), strength=8.0)
+    for _ in range(230):
+        clock.advance(0.01)
+    assert true_distance(guided, beside) < 0.0
+    assert re.fullmatch("the .* close to beside's .*", guided.rig.arm.touching())
 
 
 def test_an_arm_that_is_led_stays_off_one_that_a_hand_guides(arms, beside, clock):

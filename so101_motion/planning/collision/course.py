@@ -152,6 +152,15 @@ class Neighbours(Protocol):
         Only for choosing where to go: ``admits`` decides.
         """
 
+    def near_at(self, q: Array) -> Sequence[NearArms]:
+        """The near bodies of each other arm now, for an arm that rests at ``q``.
+
+        Costs much less than ``admits``, which proves what somebody else decides here.
+
+        Args:
+            q: Joint angles, shape (5,), [rad].
+        """
+
     def admits(self, q: Array, dt: float) -> bool:
         """Whether the arm may go on and then stop along ``q``; if so, the others rely on it.
 

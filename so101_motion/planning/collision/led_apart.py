@@ -123,26 +123,53 @@ class Beside:
         since: float,
     ) -> tuple[int, Array] | None:
         """The library's verdict for ``led_apart``; None if coal has to decide."""
+        library = self._tell(first, second, T, since)
+        if library is None:
+            return None
+        asked = self._asked
+        asked.gained = self.gained
+        found = library.so101_led_apart(self._address)
+        if found != UNKNOWN:
+            self.gained = asked.gained
+        return found, asked.told
+
+    def look(
+        self,
+        first: tuple[ArmBodies, Course],
+        second: tuple[ArmBodies, Course],
+        T: SE3,
+        at: float,
+    ) -> None:
+        """Find the pairs of bodies that are near each other at an instant [s], and prove nothing.
+
+        The other arguments are those of ``led_apart``.
+        """
+        library = self._tell(first, second, T, at)
+        if library is not None:
+            library.so101_near_beside(self._address)
+
+    def _tell(
+        self,
+        first: tuple[ArmBodies, Course],
+        second: tuple[ArmBodies, Course],
+        T: SE3,
+        since: float,
+    ) -> ctypes.CDLL | None:
+        """Hand both courses to the library; None if it cannot answer for these arms."""
         a, b = first[0], second[0]
         if a.handle is None or b.handle is None or a.passed | b.passed:
             self._of = None
             return None
         if self._of is None or not all(map(is_, self._of, (a, b, T))):
             self._begin(a, b, T)
-        asked = self._asked
         for (_, course), told, places in zip((first, second), self._courses, self._q, strict=True):
             n = len(course.q)
             if n > len(places):
                 self._make_room(n)
-                return self.answer(first, second, T, since)
+                return self._tell(first, second, T, since)
             told.t, told.dt, told.n, places[:n] = course.t, course.dt, n, course.q
-        asked.since, asked.gained = since, self.gained
-        library = native().library
-        assert library is not None
-        found = library.so101_led_apart(self._address)
-        if found != UNKNOWN:
-            self.gained = asked.gained
-        return found, asked.told
+        self._asked.since = since
+        return native().library
 
     def _begin(self, a: ArmBodies, b: ArmBodies, T: SE3) -> None:
         library = native().library

@@ -176,14 +176,14 @@ class Guard:
             others: Near bodies of other arms.
         """
         self._find_near(q, LED_GAP)
+        bounds = np.concatenate([self._bounds, *(each.bounds for each in others)])
         step, shares = q_led - q, np.ones(5)
-        for bounds in (self._bounds, *(each.bounds for each in others)):
-            rates = np.where(np.abs(bounds[:, :5]) < ALONG, 0.0, bounds[:, :5])
-            nearer = np.minimum(rates * step, 0.0)  # by each joint [m]
-            total, least = nearer.sum(axis=1), np.minimum(bounds[:, 5], 0.0)
-            for k in np.flatnonzero(total < least):
-                culprits = nearer[k] < 0.0
-                shares[culprits] = np.minimum(shares[culprits], least[k] / total[k])
+        rates = np.where(np.abs(bounds[:, :5]) < ALONG, 0.0, bounds[:, :5])
+        nearer = np.minimum(rates * step, 0.0)  # by each joint [m]
+        total, least = nearer.sum(axis=1), np.minimum(bounds[:, 5], 0.0)
+        for k in np.flatnonzero(total < least):
+            culprits = nearer[k] < 0.0
+            shares[culprits] = np.minimum(shares[culprits], least[k] / total[k])
         return q + shares * step
 
     def _named(self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]) -> str:

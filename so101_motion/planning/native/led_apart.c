@@ -72,27 +72,54 @@ static int arms_part(const Course *both, const Scene *a, const Scene *b, const d
 
 int so101_beside_size(void) { return sizeof(Beside); }
 
+/* Remembers the configurations of both arms, and how much nearer their bodies may have come since. */
+static void come_to(Beside *beside, const double *qa, const double *qb) {
+    const double *now[2] = {qa, qb};
+    double moved[2][MOST_BODIES];
+    for (int which = 0; which < 2; which++) {
+        double both[2][JOINTS];
+        memcpy(both[0], beside->q[which], sizeof both[0]);
+        memcpy(both[1], now[which], sizeof both[1]);
+        memcpy(beside->q[which], both[1], sizeof both[1]);
+        so101_travelled(beside->scene[which], beside->levers[which], 2, both[0], moved[which]);
+    }
+    for (int i = 0; i < beside->scene[0]->bodies; i++)
+        for (int j = 0; j < beside->scene[1]->bodies; j++)
+            beside->known.low[i][j] -= moved[0][i] + moved[1][j];
+}
+
+/* Finds the near bodies of both arms at the remembered configurations. */
+static void find_near(Beside *beside) {
+    Arm arm[2] = {{.scene = beside->scene[0], .q = beside->q[0]},
+                  {.scene = beside->scene[1], .q = beside->q[1]}};
+    so101_look(&arm[0], 0, 1, 0.0);
+    so101_look(&arm[1], beside->placement, 1, 0.0);
+    beside->near = so101_near_arm(arm[0].scene, arm[0].pose, arm[1].scene, arm[1].pose,
+                                  beside->known.low, beside->known.lie, beside->within,
+                                  beside->margin, beside->gap, beside->row);
+}
+
+/* Only finds what is near at `since`. */
+void so101_near_beside(Beside *beside) {
+    double q[2][JOINTS];
+    for (int which = 0; which < 2; which++)
+        so101_course_at(&beside->course[which], beside->since, q[which]);
+    come_to(beside, q[0], q[1]);
+    find_near(beside);
+}
+
 /* Whether an arm that follows a target may stop along its course, see led_apart in led_apart.py. Like
  * so101_courses_apart; `told` gets time, distance and bodies. UNKNOWN: the caller has to decide. */
 int so101_led_apart(Beside *beside) {
     const Scene *a = beside->scene[0], *b = beside->scene[1];
     const double *levers_a = beside->levers[0], *levers_b = beside->levers[1];
     const double *placement = beside->placement, since = beside->since, step = beside->step;
-    const size_t size = sizeof(double) * JOINTS;
     Known *known = &beside->known;
-    double nearest, moved[2][MOST_BODIES], *told = beside->told;
+    double nearest, *told = beside->told;
     int n;
     double *q = so101_sampled(beside->course, since, step, &n);
     if (!q) return UNKNOWN;
-    for (int which = 0; which < 2; which++) {
-        double from[2][JOINTS];
-        memcpy(from[0], beside->q[which], size);
-        memcpy(from[1], q + JOINTS * n * which, size);
-        memcpy(beside->q[which], from[1], size);
-        so101_travelled(beside->scene[which], beside->levers[which], 2, from[0], moved[which]);
-    }
-    for (int i = 0; i < a->bodies; i++)
-        for (int j = 0; j < b->bodies; j++) known->low[i][j] -= moved[0][i] + moved[1][j];
+    come_to(beside, q, q + JOINTS * n);
     int found = so101_known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n,
                                   beside->margin, beside->skew / step, known, told);
     if (found == TOUCHING && told[0] > 0.0) {
@@ -108,11 +135,7 @@ int so101_led_apart(Beside *beside) {
                                       0.0, known, told);
         if (found == FREE) beside->gained = now;
     }
-    Arm arm[2] = {{.scene = a, .q = q}, {.scene = b, .q = q + JOINTS * n}};
-    so101_look(&arm[0], 0, 1, 0.0);
-    so101_look(&arm[1], placement, 1, 0.0);
-    beside->near = so101_near_arm(a, arm[0].pose, b, arm[1].pose, known->low, known->lie,
-                                  beside->within, beside->margin, beside->gap, beside->row);
+    find_near(beside);
     free(q);
     if (found != FREE) told[0] = since + step * told[0];
     return found;

@@ -193,6 +193,29 @@ def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_neare
     pair = (by_coal, Course.resting(q_left, 0.0)), (by_coal, still)
     led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
     assert beside.count == 0
+    beside.look(*pair, T_LEFT_RIGHT, 0.0)
+    assert beside.count == 0
+
+
+def test_a_look_without_a_proof_finds_the_same_near_bodies_also_after_contact():
+    facing, rooms, parted = Facing(14), [], 0
+    for _ in range(6):
+        looking, proving = Beside(), Beside()
+        looking.gained = 0.009
+        q, qd = [facing.near(), facing.near()], facing.random.uniform(-1.0, 1.0, (2, 5))
+        for _ in range(60):
+            q = [each + 0.02 * v for each, v in zip(q, qd, strict=True)]
+            pair = [(facing.bodies, stop_from(each, v)) for each, v in zip(q, qd, strict=True)]
+            looking.look(*pair, T_LEFT_RIGHT, 0.0)
+            led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=proving)
+            rooms.append(distance(facing.bodies, *(course.q[0] for _, course in pair)))
+            if rooms[-1] > 1e-4:
+                each = [beside.near("right").bounds[:, 6] for beside in (looking, proving)]
+                assert np.sort(each[0]) == pytest.approx(np.sort(each[1]), abs=2e-4)
+                parted += len(rooms) > 1 and rooms[-2] <= 1e-4
+        assert looking.gained == 0.009
+    assert parted
+    assert min(rooms) < -0.02
 
 
 def test_what_is_proven_keeps_its_room_at_every_instant():
