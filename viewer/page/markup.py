@@ -129,11 +129,12 @@ def picture(url: str | None, trouble: str) -> str:
     look = f"{old}display:block;width:100%"
     image = f'<img alt="The camera\'s picture" src="{escape(url or "")}" style="{look}">'
     what = "No new picture" if url else "No picture"
-    said = _alarming(capital(f"{what}: {trouble}")) if trouble else ""
+    said = warning(capital(f"{what}: {trouble}")) if trouble else ""
     return f'<div style="padding:.3em">{image if url else ""}{said}</div>'
 
 
-def _alarming(text: str) -> str:
+def warning(text: str) -> str:
+    """A text in the colour of a warning, as high as it needs to be."""
     look = "padding:.2em .9em .5em;font-size:.85em;color:var(--so101-warm);overflow-wrap:anywhere"
     return f'<div style="{look}">{escape(text)}</div>'
 
