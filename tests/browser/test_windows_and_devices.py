@@ -141,6 +141,8 @@ def crowded(guest: Guest, width: int, height: int) -> list[str]:
         said = alerts[3] - alerts[1]
         if said <= 20.0 or overlap(alerts, picture) or overlap(alerts, views):
             faults.append("what is said has no place of its own")
+        if views[1] < 0.5 * (picture[1] + picture[3]) or views[3] > picture[3]:
+            faults.append("the views lie over the arm, or beside the picture")
         if picture[3] - picture[1] <= 0.2 * height:
             faults.append("the picture is too low")
     if (picture[2] - picture[0]) * (picture[3] - picture[1] + said) <= 0.3 * width * height:

@@ -62,6 +62,9 @@ def notice(
         return Sentence(text=text, tone=Tone.BAD)
     if state.mode is Mode.LIMP:
         return Sentence(text="The arm is limp. Press Hold to keep it where it is.", tone=Tone.WARM)
+    if state.mode is Mode.GUIDING and connection.is_simulated:
+        text = "A real arm could be moved by hand now; a simulated one cannot. Press Hold to go on."
+        return Sentence(text=text, tone=Tone.WARM)
     if state.mode is Mode.GUIDING:
         text = "You can move the arm by hand. Press Hold to keep it where it is."
         return Sentence(text=text, tone=Tone.WARM)

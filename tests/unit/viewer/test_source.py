@@ -121,6 +121,13 @@ def test_an_arm_that_is_there_but_not_held_can_be_held(mode: Mode) -> None:
     assert "press Hold" in said.text.lower().replace("hold", "Hold")
 
 
+def test_a_simulated_arm_is_not_said_to_feel_a_hand() -> None:
+    connection = ArmConnection(to="simulated arm", is_simulated=True)
+    said = notice(connection, state(Mode.GUIDING), AT)
+    assert said is not None
+    assert said.text.startswith("A real arm could be moved by hand now; a simulated one cannot.")
+
+
 def test_a_fault_is_said_without_the_file_that_was_kept() -> None:
     kept = "no reply from servo 4; check its cable. The second before is in /home/a.json"
     said = notice(ArmConnection(to="arm"), state(Mode.FAULT, kept), AT)
