@@ -6,6 +6,7 @@ and messages may come from configurations and devices.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
@@ -134,9 +135,10 @@ def picture(url: str | None, trouble: str) -> str:
 
 
 def warning(text: str) -> str:
-    """A text in the colour of a warning, as high as it needs to be."""
+    """A text in the colour of a warning; no line ends within an option such as ``-aG``."""
     look = "padding:.2em .9em .5em;font-size:.85em;color:var(--so101-warm);overflow-wrap:anywhere"
-    return f'<div style="{look}">{escape(text)}</div>'
+    whole = re.sub(r"(?<= )-\w+", r'<span style="white-space:nowrap">\g<0></span>', escape(text))
+    return f'<div style="{look}">{whole}</div>'
 
 
 def to_copy(about: str, text: str) -> str:

@@ -52,3 +52,9 @@ def test_figures_have_one_digit_and_no_minus_zero() -> None:
 def test_a_bad_sentence_looks_different_from_a_good_one() -> None:
     said = [markup.sentence(Sentence(text="Hm.", tone=tone)) for tone in Tone]
     assert len(set(said)) == len(Tone)
+
+
+def test_no_line_ends_within_an_option_that_is_to_be_typed() -> None:
+    whole = '<span style="white-space:nowrap">-aG</span>'
+    assert f"sudo usermod {whole} video" in markup.warning("sudo usermod -aG video, log in")
+    assert "<b>" not in markup.warning("<b> -<b>")
