@@ -62,11 +62,17 @@ NEAR_LIMIT = 0.03
 """Share of the range at either end where a gauge turns red; chosen: 6 degrees of the pan joint."""
 
 
-def sentence(sentence: Sentence) -> str:
-    """One sentence, coloured by its tone."""
-    by_keys = ' tabindex="0"' if len(sentence.text) > _SHORT else ""
+def sentence(sentence: Sentence, *, is_whole: bool = False) -> str:
+    """One sentence, coloured by its tone.
+
+    Args:
+        sentence: The sentence.
+        is_whole: Whether the place grows with it, in a narrow panel; else nothing below it moves.
+    """
+    by_keys = ' tabindex="0"' if len(sentence.text) > _SHORT and not is_whole else ""
+    height = "min-height:4.6em" if is_whole else "height:4.6em;overflow-y:auto"
     return (
-        f'<div{by_keys} style="padding:.35em .7em .5em;height:4.6em;overflow-y:auto;'
+        f'<div{by_keys} style="padding:.35em .7em .5em;{height};'
         "box-sizing:border-box;"
         f'font-size:.95em;line-height:1.35;font-weight:500;color:{_TONES[sentence.tone]}">{escape(sentence.text)}</div>'
     )

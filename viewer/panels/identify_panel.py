@@ -58,7 +58,7 @@ class IdentifyPart(Part):
         """Update the widgets."""
         now = self._identifying
         holds = self._arm.state.mode is Mode.HOLDING
-        self._sentence.content = markup.sentence(self._words())
+        self._sentence.content = markup.sentence(self._words(), is_whole=True)
         self._plan.disabled = bool(now.doing) or not holds
         asks = now.outline is not None and not now.doing
         self._note.visible = self._move.visible = asks

@@ -58,3 +58,10 @@ def test_no_line_ends_within_an_option_that_is_to_be_typed() -> None:
     whole = '<span style="white-space:nowrap">-aG</span>'
     assert f"sudo usermod {whole} video" in markup.warning("sudo usermod -aG video, log in")
     assert "<b>" not in markup.warning("<b> -<b>")
+
+
+def test_a_sentence_in_a_narrow_panel_is_not_cut() -> None:
+    long = Sentence(text="elbow_flex was held up. " * 9)
+    assert ";height:4.6em;overflow-y:auto;" in markup.sentence(long)
+    assert ";min-height:4.6em;" in markup.sentence(long, is_whole=True)
+    assert "overflow" not in markup.sentence(long, is_whole=True)
