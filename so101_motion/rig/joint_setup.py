@@ -103,6 +103,7 @@ def find_joints(
     notes = interrupted + notes
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
     setups = {}
+    doubtful: dict[str, list[str]] = {}  # of which joints each note is true
     for joint in JOINTS:
         if joint not in present and joint not in required:
             continue
@@ -116,7 +117,9 @@ def find_joints(
             joint, found, is_filed=source == "file", jaw_closed=jaw_closed, zero=zero
         )
         setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
-        notes += (note,) if note else ()
+        if note:
+            doubtful.setdefault(note, []).append(joint)
+    notes += tuple(f"{', '.join(joints)}: {note}" for note, joints in doubtful.items())
     figures, doubts = _read_figures(file)
     return JointSetups(setups=setups, notes=notes + doubts, figures=figures)
 
@@ -221,7 +224,7 @@ def _from_servo(
     except PortUnavailable:
         raise
     except BusError as error:
-        return default, "defaults", f"{joint}: {error}. Defaults are used"
+        return default, "defaults", f"{error}. Defaults are used"
     found, note = record.from_registers(joint, servo_id, **held)
     believed = (found.range_min, found.range_max) == (held["range_min"], held["range_max"])
     return found, "registers" if believed else "defaults", note

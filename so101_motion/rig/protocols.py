@@ -23,11 +23,13 @@ class ArmConnection:
         to: Name of the arm, to be put behind "the": ``"arm on /dev/ttyACM0"``.
         problem: Why it cannot be reached; None while it can.
         lost_at: When it was lost, on the rig's clock [s]; None while it can be reached.
+        is_simulated: Whether there is no arm but in this computer.
     """
 
     to: str
     problem: str | None = None
     lost_at: float | None = None
+    is_simulated: bool = False
 
     @property
     def is_up(self) -> bool:

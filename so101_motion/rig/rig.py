@@ -95,7 +95,7 @@ class Rig:
     @property
     def connection(self) -> ArmConnection:
         """Whether the joints can be reached: the simulated ones always."""
-        return ArmConnection(to="simulated arm")
+        return ArmConnection(to="simulated arm", is_simulated=True)
 
     def warm_up(self) -> None:
         """Start the planning process in the background, so that the first plan comes quickly."""

@@ -205,7 +205,7 @@ def test_a_program_for_both_arms_is_recorded_edited_and_planned(
     guest.press("2×")
     guest.until(lambda: guest.pose_of(ghost) != before)
     page.locator(".so101-steps:visible button").last.click()
-    guest.press("this step")
+    guest.press("this one")
     guest.comes_to(["2"], line.locator("b").all_inner_texts)
     for rig, q in zip(rigs, stood, strict=True):
         np.testing.assert_array_equal(rig.arm.state.q, q)  # only ghosts have moved
@@ -231,19 +231,19 @@ def test_steps_are_recorded_by_hand_and_repeated_in_a_loop(guest: Guest, arms: C
     guest.press("Hold")
     guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in (first, second)))
     page.get_by_text("Loops").filter(visible=True).click()
-    for label, value in (("From step", "1"), ("To step", "2"), ("Times", "3")):
+    for label, value in (("From", "1"), ("To", "2"), ("Times", "3")):
         guest.fields(label).fill(value)
         guest.fields(label).press("Enter")
         page.wait_for_timeout(80)
     guest.press("repeat")
-    guest.until(lambda: guest.says("steps 1 to 2 run 3×"))
+    guest.until(lambda: guest.says("1 to 2 run 3×"))
     guest.until(lambda: guest.button("Plan program").is_enabled())
     guest.press("Plan program")
     loops = page.locator(".so101-timeline:visible i.span")
     guest.comes_to(["3×"], loops.all_inner_texts)
     guest.comes_to([], guest.barriers)
-    guest.press("end")
-    guest.until(lambda: not guest.says("steps 1 to 2 run 3×"))
+    guest.press("remove")
+    guest.until(lambda: not guest.says("1 to 2 run 3×"))
     page.get_by_role("tab", name="Move", exact=True).click()
     assert guest.problems == []
 

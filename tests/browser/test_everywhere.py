@@ -137,11 +137,11 @@ def test_plots_tracking_and_share_name_their_plan_and_are_grey_when_it_is_old(
 
     guest.press("Execute")
     guest.until(lambda: guest.says("Arrived"))
-    guest.until(lambda: caption().startswith(f"Old: {name}") and opacity() == 0.5)
+    guest.until(lambda: caption().startswith(f"{name}, no longer current") and opacity() == 0.5)
     page.get_by_role("tab", name="Tracking").click()
     guest.until(lambda: guest.says(f"{name}: RMS"))
     page.get_by_role("tab", name="Share").click()
-    guest.until(lambda: guest.says(f"{name}, which is old. Choose a file type."))
+    guest.until(lambda: guest.says(f"{name}, no longer current. Choose a file type."))
     move_to(rig, 0.5 * READY)  # somebody else moves it
     guest.until(lambda: guest.says("Another motion: RMS"))
     page.get_by_role("tab", name="Velocity").click()

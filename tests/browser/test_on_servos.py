@@ -51,7 +51,7 @@ PROGRAM = Program(
     ),
     loops=(Loop(first=1, last=2, times=2),),
 )
-STEPS = ["open", "40 % speed, close, 0.6 s", "0.6 s, steps 2 to 3 run 2×"]
+STEPS = ["open", "40 % speed, close, 0.6 s", "0.6 s, 2 to 3 run 2×"]
 
 
 class Servos:
@@ -273,7 +273,7 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
         page.wait_for_timeout(300)
         guest.until(lambda: guest.button("Run program").is_enabled())
         near = [line for line in lines() if "mm clear" in line]
-        assert len(near) == {"Plan program": 3, "this step": 1, "from here": 2}[part], lines()
+        assert len(near) == {"Plan program": 3, "this one": 1, "from here": 2}[part], lines()
         with watched(rig) as seen:
             guest.press("Run program")
             if part == "Plan program":
@@ -293,7 +293,7 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
 
     jaws.clear()
     choose(1)
-    assert "".join(name for name, _ in run("this step")) == "CB"
+    assert "".join(name for name, _ in run("this one")) == "CB"
     assert "".join(name for name, _ in run("from here")) == "BCBC"
     assert rig.gripper.is_holding  # C says nothing of the jaw, so it kept what it held
     assert max(jaws) - min(jaws) < to_rad(5.0)

@@ -162,17 +162,17 @@ def test_a_waypoint_may_be_passed_and_asks_for_no_pause_then(program: Guest) -> 
     program.until(lambda: program.says("Passed without stopping"))
     program.until(lambda: program.fields("Pause (s)").first.is_disabled())
     program.page.get_by_text("Loops").click()
-    program.fields("To step").first.fill("3")
+    program.fields("To").first.fill("3")
     program.page.wait_for_timeout(300)  # the page sends one message per panel every 50 ms
     program.fields("Times").first.fill("4")
     program.page.wait_for_timeout(300)
     program.press("repeat")
-    program.until(lambda: program.says("steps 2 to 3 run 4×"))
+    program.until(lambda: program.says("2 to 3 run 4×"))
     planned(program)
     program.until(lambda: program.says("3, 1 of them passed"))
     program.until(lambda: program.page.locator(".so101-timeline i", has_text="4×").count() == 1)
-    program.press("end")
-    program.until(lambda: not program.says("steps 2 to 3 run 4×"))
+    program.press("remove")
+    program.until(lambda: not program.says("2 to 3 run 4×"))
     program.page.get_by_text("Loops").click()
 
 

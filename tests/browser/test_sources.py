@@ -137,7 +137,7 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
     guest.until(lambda: guest.button("Plan").is_disabled())
 
     cable.type("end unplug")
-    guest.until(lambda: guest.says("was lost and is back. Nothing moves. Press Hold to go on."))
+    guest.until(lambda: guest.says("Connected again. Nothing moves. Press Hold to go on."))
     assert not any("no such port" in text for _, text in guest.alerts())
     guest.until(lambda: guest.color_of(BASE) == in_color)
     guest.until(lambda: guest.button("Plan").is_disabled())
@@ -157,7 +157,10 @@ def test_the_servos_tab_says_what_will_move_and_stop_ends_it(
     guest.page.get_by_role("tab", name="Servos").click()
     guest.until(lambda: guest.says("Measures how each servo differs from its type."))
     guest.press("Plan the motions")
-    guest.until(lambda: guest.says("The arm is raised; then move, one after the other"))
+    moves = guest.page.get_by_text("The arm is raised; then move, one after the other")
+    guest.until(lambda: moves.count() == 1)
+    assert "wrist_roll" in moves.inner_text()
+    assert moves.evaluate("text => text.scrollHeight <= text.clientHeight")  # all of it is seen
     np.testing.assert_allclose(cable.q, before, atol=0.06)
     guest.press("The hand is empty")
     guest.until(lambda: arm.is_moving and guest.says("Raising the arm … Stop ends it."))

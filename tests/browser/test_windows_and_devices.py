@@ -141,6 +141,8 @@ def crowded(guest: Guest, width: int, height: int) -> list[str]:
         said = alerts[3] - alerts[1]
         if said <= 20.0 or overlap(alerts, picture) or overlap(alerts, views):
             faults.append("what is said has no place of its own")
+        if views[1] < 0.5 * (picture[1] + picture[3]) or views[3] > picture[3]:
+            faults.append("the views lie over the arm, or beside the picture")
         if picture[3] - picture[1] <= 0.2 * height:
             faults.append("the picture is too low")
     if (picture[2] - picture[0]) * (picture[3] - picture[1] + said) <= 0.3 * width * height:
@@ -420,6 +422,14 @@ def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
     window.until(lambda: window.says("No connection: STOP does not work."))
     window.until(lambda: window.button("STOP").is_disabled())
     assert not window.page.locator("#so101-state b").is_visible()
+    window.page.set_viewport_size({"width": 390, "height": 844})
+    lost, picture = window.page.locator("#so101-lost"), window.page.locator("canvas").first
+
+    def leaves_the_arm_free() -> bool:
+        top, bottom = box(picture)[1::2]
+        return box(lost)[3] < 0.5 * (top + bottom)
+
+    window.until(lambda: is_apart(lost, window.button("STOP")) and leaves_the_arm_free())
     window.page.evaluate(LOST_FOR_LONG, f"ws://127.0.0.1:{port}/")
     with serve_source(source, port=port, key_of=lambda _port: "k" * 43):  # the same command again
         window.until(lambda: window.button("STOP").is_enabled())

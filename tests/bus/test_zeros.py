@@ -71,6 +71,15 @@ def test_an_arm_swept_from_stop_to_stop_knows_its_angles_within_half_a_degree(be
     assert rig.servos.notes == ()
 
 
+def test_servos_as_they_are_sold_are_told_of_in_one_sentence(bench):
+    new, jaw = bench.open().servos.notes
+
+    assert new.startswith(
+        "shoulder_pan, shoulder_lift, elbow_flex, wrist_flex: the servo looks new"
+    )
+    assert jaw.startswith("gripper: the limits in the servo (0 to 4095) are wider")
+
+
 def test_a_sweep_that_stops_a_degree_short_is_half_a_degree_off(bench, tmp_path):
     path = saved(tmp_path / "arm.json", with_zeros=True, elbow_flex=1.0)
     rig = bench.open(calibration_file=path)

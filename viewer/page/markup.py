@@ -6,6 +6,7 @@ and messages may come from configurations and devices.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
@@ -61,11 +62,17 @@ NEAR_LIMIT = 0.03
 """Share of the range at either end where a gauge turns red; chosen: 6 degrees of the pan joint."""
 
 
-def sentence(sentence: Sentence) -> str:
-    """One sentence, coloured by its tone."""
-    by_keys = ' tabindex="0"' if len(sentence.text) > _SHORT else ""
+def sentence(sentence: Sentence, *, is_whole: bool = False) -> str:
+    """One sentence, coloured by its tone.
+
+    Args:
+        sentence: The sentence.
+        is_whole: Whether the place grows with it, in a narrow panel; else nothing below it moves.
+    """
+    by_keys = ' tabindex="0"' if len(sentence.text) > _SHORT and not is_whole else ""
+    height = "min-height:4.6em" if is_whole else "height:4.6em;overflow-y:auto"
     return (
-        f'<div{by_keys} style="padding:.35em .7em .5em;height:4.6em;overflow-y:auto;'
+        f'<div{by_keys} style="padding:.35em .7em .5em;{height};'
         "box-sizing:border-box;"
         f'font-size:.95em;line-height:1.35;font-weight:500;color:{_TONES[sentence.tone]}">{escape(sentence.text)}</div>'
     )
@@ -129,13 +136,15 @@ def picture(url: str | None, trouble: str) -> str:
     look = f"{old}display:block;width:100%"
     image = f'<img alt="The camera\'s picture" src="{escape(url or "")}" style="{look}">'
     what = "No new picture" if url else "No picture"
-    said = _alarming(capital(f"{what}: {trouble}")) if trouble else ""
+    said = warning(capital(f"{what}: {trouble}")) if trouble else ""
     return f'<div style="padding:.3em">{image if url else ""}{said}</div>'
 
 
-def _alarming(text: str) -> str:
+def warning(text: str) -> str:
+    """A text in the colour of a warning; no line ends within an option such as ``-aG``."""
     look = "padding:.2em .9em .5em;font-size:.85em;color:var(--so101-warm);overflow-wrap:anywhere"
-    return f'<div style="{look}">{escape(text)}</div>'
+    whole = re.sub(r"(?<= )-\w+", r'<span style="white-space:nowrap">\g<0></span>', escape(text))
+    return f'<div style="{look}">{whole}</div>'
 
 
 def to_copy(about: str, text: str) -> str:

@@ -171,20 +171,24 @@ def plan_facts(view: PlanView) -> tuple[tuple[str, str], ...]:
     )
 
 
+def which(name: str, *, is_current: bool) -> str:
+    """The name of a plan, and whether it can still be executed."""
+    return name if is_current else f"{name}, no longer current"
+
+
 def plotted(view: PlanView, *, is_current: bool) -> str:
     """The plots of a plan in words, for screen readers as well."""
     trajectory = view.plan.trajectory
-    old = "" if is_current else "Old: "
     return (
-        f"{old}{view.name}, {trajectory.duration:.2f} s; peak {_peak(trajectory.qd, '°/s')} and"
-        f" {_peak(trajectory.qdd, '°/s²')}."
+        f"{which(view.name, is_current=is_current)}, {trajectory.duration:.2f} s;"
+        f" peak {_peak(trajectory.qd, '°/s')} and {_peak(trajectory.qdd, '°/s²')}."
     )
 
 
 def common_plotted(name: str, duration: float, *, is_current: bool) -> str:
     """The plots of a plan of several arms in words."""
-    old = "" if is_current else "Old: "
-    return f"{old}{name}, {duration:.2f} s; clearance between the arms over time."
+    which_plan = which(name, is_current=is_current)
+    return f"{which_plan}, {duration:.2f} s; clearance between the arms over time."
 
 
 def between(first: str, second: str, least: Meeting) -> tuple[str, str]:

@@ -47,19 +47,24 @@ def notice(
         is_back: Whether its fault is that it was lost, and it is back.
     """
     if connection.problem is not None:
+        port = connection.to.removeprefix("arm on ")
+        why = capital(connection.problem.removeprefix(f"{port}: "))  # it is named already
         text = (
-            f"Lost the {connection.to} at {since:%H:%M:%S}. {capital(connection.problem)} Showing"
-            " its last position. It reconnects by itself; nothing will move."
+            f"Lost the {connection.to} at {since:%H:%M:%S}. {why} Showing its last position."
+            " It reconnects by itself; nothing will move."
         )
         return Sentence(text=text, tone=Tone.BAD)
     if state.mode is Mode.FAULT and is_back:
-        text = f"The {connection.to} was lost and is back. Nothing moves. Press Hold to go on."
+        text = "Connected again. Nothing moves. Press Hold to go on."
         return Sentence(text=text, tone=Tone.WARM)
     if state.mode is Mode.FAULT:
         text = f"Fault: {texts.fault(state)}. Fix this, then press Hold."
         return Sentence(text=text, tone=Tone.BAD)
     if state.mode is Mode.LIMP:
         return Sentence(text="The arm is limp. Press Hold to keep it where it is.", tone=Tone.WARM)
+    if state.mode is Mode.GUIDING and connection.is_simulated:
+        text = "A real arm could be moved by hand now; a simulated one cannot. Press Hold to go on."
+        return Sentence(text=text, tone=Tone.WARM)
     if state.mode is Mode.GUIDING:
         text = "You can move the arm by hand. Press Hold to keep it where it is."
         return Sentence(text=text, tone=Tone.WARM)

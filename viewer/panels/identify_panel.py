@@ -19,6 +19,10 @@ from ..page.shared_fields import grey
 _OFF = Sentence(
     text="Measures how each servo differs from its type. The arm moves, for about three minutes."
 )
+_PLANNED = Sentence(
+    text="Planned; nothing moves yet. Read what will move, then press a button below it.",
+    tone=Tone.GOOD,
+)
 _EMPTY, _CARRYING = "The hand is empty", "It carries something"
 
 
@@ -54,7 +58,7 @@ class IdentifyPart(Part):
         """Update the widgets."""
         now = self._identifying
         holds = self._arm.state.mode is Mode.HOLDING
-        self._sentence.content = markup.sentence(self._words())
+        self._sentence.content = markup.sentence(self._words(), is_whole=True)
         self._plan.disabled = bool(now.doing) or not holds
         asks = now.outline is not None and not now.doing
         self._note.visible = self._move.visible = asks
@@ -62,7 +66,8 @@ class IdentifyPart(Part):
         if now.outline is not None:
             left_out = [f"{joint} is left out: {why}" for joint, why in now.outline.obstacles]
             clear = "Move only when nothing is in its way and no hand is near it."
-            self._note.content = markup.small(" ".join([*left_out, clear]))
+            told = markup.small(" ".join([*left_out, clear]))
+            self._note.content = markup.warning(now.outline.sentence) + told
         self._table.content = "" if now.report is None else _table(now.report)
 
     def close(self) -> None:
@@ -76,7 +81,7 @@ class IdentifyPart(Part):
         if now.trouble is not None:
             return texts.ended(now.trouble)
         if now.outline is not None:
-            return Sentence(text=now.outline.sentence, tone=Tone.WARM)
+            return _PLANNED
         if now.report is not None:
             return Sentence(
                 text="Saved beside the calibration and used from now on.", tone=Tone.GOOD

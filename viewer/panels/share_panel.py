@@ -111,8 +111,8 @@ class SharePart(Part):
         first = next(iter(moved.values()))
         if first.run is not None:
             return Sentence(text=f"The last run, of {first.view.name}. {READY}")
-        is_old = "" if self._has_current_plan() else ", which is old"
-        return Sentence(text=f"{first.view.name}{is_old}. {READY}")
+        plan = texts.which(first.view.name, is_current=self._has_current_plan())
+        return Sentence(text=f"{plan}. {READY}")
 
     def _moved(self, what: str = "") -> dict[str, MovedArm]:
         """How the arms move in the plan or the last run, by default in what is chosen."""

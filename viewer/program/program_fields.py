@@ -193,16 +193,16 @@ class LoopFields:
         gui = context.gui
         with gui.add_folder("Loops", expand_by_default=False):
             self._loop = (
-                gui.add_number("From step", 1, min=1, max=MOST, step=1),
-                gui.add_number("To step", 1, min=1, max=MOST, step=1),
+                gui.add_number("From", 1, min=1, max=MOST, step=1),
+                gui.add_number("To", 1, min=1, max=MOST, step=1),
                 gui.add_number("Times", 2, min=2, max=MOST_TIMES, step=1),
             )
             self._acts = gui.add_button_group(
                 "Loop",
-                ("repeat", "end"),
-                hint="Repeat these steps so many times; end the loop around the chosen step",
+                ("repeat", "remove"),
+                hint="Repeat these rows so many times; remove the loop around the chosen row",
             )
-        acts = {"repeat": self._repeat, "end": editor.end_loop}
+        acts = {"repeat": self._repeat, "remove": editor.end_loop}
         context.on_choice(self._acts, lambda name: acts[name]())
 
     def _repeat(self) -> None:

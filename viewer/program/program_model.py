@@ -41,7 +41,7 @@ from . import program_texts as words
 from .program_screen import ProgramScreen
 from .rehearsal_time import RehearsalTime
 
-ALL, REST, STEP = "all", "from here", "this step"
+ALL, REST, STEP = "all", "from here", "this one"
 """How much of a program is planned and run."""
 
 SAME_JAW = 0.05

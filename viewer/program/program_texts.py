@@ -251,8 +251,8 @@ def ending_at(loops: tuple[Loop, ...], index: int) -> tuple[Loop, ...]:
 def _repeats(loop: Loop) -> str:
     """What a loop does, said at its last step."""
     if loop.first == loop.last:
-        return f"this step runs {loop.times}×"
-    return f"steps {loop.called} run {loop.times}×"
+        return f"runs {loop.times}×"
+    return f"{loop.called} run {loop.times}×"
 
 
 def _done_at(waypoint: Waypoint) -> list[str]:

@@ -95,7 +95,7 @@ def from_registers(
     limit it would press against its stop forever, so it gets the default.
 
     Returns:
-        The calibration, and a note for the user, or None.
+        The calibration, and a note for the user, without the joint's name, or None.
     """
     found = replace(
         default(joint),
@@ -107,18 +107,18 @@ def from_registers(
     if not 0 <= range_min < range_max < TICKS_PER_TURN:
         return (
             replace(default(joint), id=servo_id),
-            f"{joint}: the limits in the servo ({range_min} to {range_max}) make no sense,"
+            f"the limits in the servo ({range_min} to {range_max}) make no sense,"
             f" so defaults are used; {_AGAIN}",
         )
     width = range_max - range_min
     if joint == GRIPPER_JOINT and width > _WIDEST_GRIPPER:
         return (
             replace(default(joint), id=servo_id, homing_offset=homing_offset),
-            f"{joint}: the limits in the servo ({range_min} to {range_max}) are wider than the jaw"
+            f"the limits in the servo ({range_min} to {range_max}) are wider than the jaw"
             f" travels, so a narrower default is used; {_AGAIN}",
         )
     if looks_as_new(joint, found):
-        return found, f"{joint}: its servo looks new, so its zero is only a guess; {_AGAIN}"
+        return found, f"the servo looks new, so its zero is only a guess; {_AGAIN}"
     return found, None
 
 

@@ -105,7 +105,8 @@ def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on() ->
 
 
 def test_a_lost_arm_is_said_with_the_time_the_reason_and_what_happens_next() -> None:
-    lost = ArmConnection(to="arm on /dev/ttyACM0", problem="the port went away")
+    port = "/dev/ttyACM0"
+    lost = ArmConnection(to=f"arm on {port}", problem=f"{port}: the port went away")
     said = notice(lost, state(Mode.FAULT, "the port went away"), AT)
     assert said is not None
     assert said.text.startswith("Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away.")
@@ -120,6 +121,13 @@ def test_an_arm_that_is_there_but_not_held_can_be_held(mode: Mode) -> None:
     assert "press Hold" in said.text.lower().replace("hold", "Hold")
 
 
+def test_a_simulated_arm_is_not_said_to_feel_a_hand() -> None:
+    connection = ArmConnection(to="simulated arm", is_simulated=True)
+    said = notice(connection, state(Mode.GUIDING), AT)
+    assert said is not None
+    assert said.text.startswith("A real arm could be moved by hand now; a simulated one cannot.")
+
+
 def test_a_fault_is_said_without_the_file_that_was_kept() -> None:
     kept = "no reply from servo 4; check its cable. The second before is in /home/a.json"
     said = notice(ArmConnection(to="arm"), state(Mode.FAULT, kept), AT)
@@ -132,9 +140,7 @@ def test_an_arm_that_is_back_is_not_said_to_be_missing() -> None:
     back, then = ArmConnection(to="arm on /dev/ttyACM0"), state(Mode.FAULT, "no such port")
     said = notice(back, then, AT, is_back=True)
     assert said is not None
-    assert said.text == (
-        "The arm on /dev/ttyACM0 was lost and is back. Nothing moves. Press Hold to go on."
-    )
+    assert said.text == "Connected again. Nothing moves. Press Hold to go on."
 
 
 def test_what_to_do_after_a_restart_is_said_once() -> None:

@@ -52,3 +52,16 @@ def test_figures_have_one_digit_and_no_minus_zero() -> None:
 def test_a_bad_sentence_looks_different_from_a_good_one() -> None:
     said = [markup.sentence(Sentence(text="Hm.", tone=tone)) for tone in Tone]
     assert len(set(said)) == len(Tone)
+
+
+def test_no_line_ends_within_an_option_that_is_to_be_typed() -> None:
+    whole = '<span style="white-space:nowrap">-aG</span>'
+    assert f"sudo usermod {whole} video" in markup.warning("sudo usermod -aG video, log in")
+    assert "<b>" not in markup.warning("<b> -<b>")
+
+
+def test_a_sentence_in_a_narrow_panel_is_not_cut() -> None:
+    long = Sentence(text="elbow_flex was held up. " * 9)
+    assert ";height:4.6em;overflow-y:auto;" in markup.sentence(long)
+    assert ";min-height:4.6em;" in markup.sentence(long, is_whole=True)
+    assert "overflow" not in markup.sentence(long, is_whole=True)

@@ -211,7 +211,7 @@ def test_steps_are_repeated_in_loops_that_follow_edits_and_are_shown_twice(bench
     assert loop.name == "4×"
     assert loop.begins == pytest.approx(spans[1][2] / model.timeline.duration)
     assert loop.ends == pytest.approx(1.0)
-    assert words.cell_line({}, None, words.ending_at(model.loops, 2)) == "steps 2 to 3 run 4×"
+    assert words.cell_line({}, None, words.ending_at(model.loops, 2)) == "2 to 3 run 4×"
     model.run()
     bench.move(lambda: "Time 3 of 4." in model.sentence.text)
     model.choose(1)

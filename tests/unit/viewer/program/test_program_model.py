@@ -222,7 +222,7 @@ def test_a_part_of_a_program_is_rehearsed_and_run_from_the_chosen_waypoint(tab: 
     tab.until(lambda: "Going to waypoint 2 (B)." in tab.said)
     tab.until(lambda: tab.model.screen().run is None)
     tab.model.choose(0)
-    tab.model.plan("this step")
+    tab.model.plan("this one")
     tab.until(lambda: tab.model.screen().can_run)
     assert len(tab.planned.rehearsal.program) == 1
 
@@ -260,9 +260,9 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: T
     assert ends == pytest.approx(line.parts[3].ends)
     assert line.parts[-1].ends == pytest.approx(1.0)
     program = tab.model.screen().program
-    assert [words.line(program, k) for k in range(3)] == ["", "steps 1 to 2 run 3×", ""]
+    assert [words.line(program, k) for k in range(3)] == ["", "1 to 2 run 3×", ""]
     alone = replace(program, loops=(Loop(first=2, last=2, times=4),))
-    assert words.line(alone, 2) == "this step runs 4×"
+    assert words.line(alone, 2) == "runs 4×"
     html = markup.timeline(line._replace(parts=(markup.Span("<i>", 0.0, 1.0),)), "uuid")
     assert "<i>" not in html.replace('<i class="span deep0"', "")
     tab.model.run()
