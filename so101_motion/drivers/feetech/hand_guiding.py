@@ -24,7 +24,8 @@ however old the speed is. Without any friction it would still go D, where
 J v = K D - h K (D + T min(v, c)), so D = (v J / K + h T min(v, c)) / (1 - h). J is at most
 0.036 kg m^2, K is 1.3 N m s/rad at a servo of 12 V, and T is 0.06 s: half the window of the speed,
 half a cycle and the servo's loop. That is 5 deg at 30 deg/s and 12 deg at 90 deg/s; the friction
-makes it less.
+makes it less. A weight that the model gets wrong could keep it going all the same. So the help is
+less by the offset that holding has learnt beyond the model, which may be wrong in another pose.
 
 A weight that the model does not know would let a joint sink once it is released. While it is slow,
 the joint therefore learns a small offset that keeps it at its anchor. A slow hand teaches it one,
@@ -155,7 +156,12 @@ class HandGuiding:
         off, walled = self._lead(q, qd)
         speeds = [0.0 if i in walled else min(max(qd[i], -FAST), FAST) for i in range(N)]
         ways = [HELP_FRICTION * way for way in self._way]
-        weights = self._trim.explain(q, ways, [HELP_BRAKE * v for v in speeds])
+        helped = self._trim.explain(q, ways, [HELP_BRAKE * v for v in speeds])
+        bare = self._trim.explain(q)
+        weights = [
+            weight + _nearer_to_zero(own - weight, abs(known))
+            for own, weight, known in zip(helped, bare, self._known, strict=False)
+        ]
         for i, speed in enumerate(speeds):
             away, give = self._anchor[i] - q[i], self._trim.yielding[i]
             at_wall = abs(off[i]) > band
@@ -218,6 +224,11 @@ class HandGuiding:
             return
         bound = UNSURE * abs(weight) + UNSURE_DRIVE * self._trim.yielding[i]
         self._learnt[i] = min(max(learnt + LEARNING * dt * away, -bound), bound)
+
+
+def _nearer_to_zero(value: float, less: float) -> float:
+    """``value``, less so much of its amount; zero at least."""
+    return math.copysign(max(abs(value) - less, 0.0), value)
 
 
 def _near(angle: float, q: float, most: float) -> float:
