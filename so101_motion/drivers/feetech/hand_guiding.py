@@ -35,7 +35,9 @@ itself when it is released.
 *Walls.* Where the arm would touch something ``LOOK_AHEAD`` later, the anchor stays behind, and the
 hand feels a damped spring that pushes with ``Compliance.wall`` at most. A hand that is stronger
 takes the anchor along, so the joint does not go back far when it is let go. Only the joints that
-lead into contact are held back, so a hand can lead the arm along a wall.
+lead into contact are held back, so a hand can lead the arm along a wall. A joint that comes to a
+wall within ``LEAD`` is no longer helped against its motor brake: it slows down, and its set-point
+is back at the joint when the wall begins to push.
 """
 
 from __future__ import annotations
@@ -82,8 +84,7 @@ LEAD = 0.1
 """How far beyond a moving joint its goal lies, by its speed above ``SLOW`` [s]. It covers the lag
 of the set-point up to ``FAST``: 0.065 s to stop from there by 464 deg/s^2, and 0.03 s until a goal
 acts. More would change nothing, because the limit decides. It grows by ``FAST`` at most, so a goal
-is no faster than twice that. So much time before a wall there is none, nor help against the motor
-brake: the set-point is back at the joint when the wall begins to push."""
+is no faster than twice that."""
 
 STANDING = 0.3
 """How long after a motion the limit of a standing joint is back [s]: by then its servo's set-point
