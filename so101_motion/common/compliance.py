@@ -25,10 +25,10 @@ class Compliance:
         p_gain: Stiffness within the dead band, in the servos' unit: a quarter of a thousandth of
             full drive per tick. A gain above the servo's own has no further effect.
         resistance: Largest drive with which a joint resists the hand, beyond what carries its
-            weight, as a share of full drive.
+            weight, as a share of full drive. Gears and motor brake one in motion besides.
         wall: Largest drive with which a joint holds a hand off what the arm must not touch, as a
-            share of full drive; 0 for no such wall. Chosen: 0.9 N m at 12 V, less than what leads
-            a joint at 30 deg/s. A strong hand gets past it; a joint that holds has three times
+            share of full drive; 0 for no such wall. Chosen: 0.9 N m at 12 V, more than what leads
+            most joints at 30 deg/s. A strong hand gets past it; a joint that holds has three times
             as much.
     """
 

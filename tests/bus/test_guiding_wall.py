@@ -21,7 +21,7 @@ CRATE = Obstacle(
     T_base_obstacle=SE3.from_translation((0.3, 0.0, 0.2)),
 )
 GENTLE, STRONG = 1.3, 8.0
-"""Torque of a hand [N m]: thrice what leads a joint in free space, and more than a servo has."""
+"""Torque of a hand [N m]: twice what leads a joint in free space, and more than a servo has."""
 PLAY = math.radians(1.0)
 """What the dead band, play and friction of a joint add [rad]."""
 

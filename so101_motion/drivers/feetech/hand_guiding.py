@@ -10,6 +10,23 @@ hundred times a second. The torque limit, in RAM, is what carries the weight and
 what a wall pushes with: the joint can never push harder than that against a hand, whatever else
 goes wrong.
 
+*A joint in motion* is helped against its friction and its motor brake, which are most of what a
+hand feels. But the servo's set-point is late: at 30 deg/s it is 1.5 deg behind, and would pull the
+joint back with all that the limit leaves. So the limit of a moving joint is exactly the wanted
+drive, and where that drives it on, the goal lies beyond it by more than the set-point lags. Then
+the limit decides how hard the servo drives, and not the goal; the limit acts at once.
+
+That is why such a joint cannot drive itself on. Let J be its inertia, K its motor brake per speed,
+T the age of the speed that the limit is computed from, and v the speed at which it is let go. The
+servo makes at most the share h (``HELP_BRAKE``) of K times the speed T ago, counted up to c
+(``FAST``), and a share of the friction that leaves some of it. With h < 1 the joint slows down,
+however old the speed is. Without any friction it would still go D, where
+J v = K D - h K (D + T min(v, c)), so D = (v J / K + h T min(v, c)) / (1 - h). J is at most
+0.036 kg m^2, K is 1.3 N m s/rad at a servo of 12 V, and T is 0.06 s: half the window of the speed,
+half a cycle and the servo's loop. That is 5 deg at 30 deg/s and 12 deg at 90 deg/s; the friction
+makes it less. A weight that the model gets wrong could keep it going all the same. So the help is
+less by the offset that holding has learnt beyond the model, which may be wrong in another pose.
+
 A weight that the model does not know would let a joint sink once it is released. While it is slow,
 the joint therefore learns a small offset that keeps it at its anchor. A slow hand teaches it one,
 too, hence the bound. The offset may always shrink, so a joint that a hand has led slowly catches
@@ -18,13 +35,15 @@ itself when it is released.
 *Walls.* Where the arm would touch something ``LOOK_AHEAD`` later, the anchor stays behind, and the
 hand feels a damped spring that pushes with ``Compliance.wall`` at most. A hand that is stronger
 takes the anchor along, so the joint does not go back far when it is let go. Only the joints that
-lead into contact are held back, so a hand can lead the arm along a wall.
+lead into contact are held back, so a hand can lead the arm along a wall. A joint that comes to a
+wall within ``LEAD`` is no longer helped against its motor brake: it slows down, and its set-point
+is back at the joint when the wall begins to push.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -50,17 +69,35 @@ CONTENT = 0.6
 """Share of the dead band within which a joint learns nothing. Chosen: with play and friction it
 would otherwise swing about its anchor for ever, once in 14 s."""
 
-HELP = 0.5
-"""Share of friction and motor brake that is compensated for the hand. Chosen: the rest holds the
-joint and slows it down, and stays positive if friction or torque are a third off."""
+HELP_FRICTION = 0.5
+"""Share of the friction that is compensated for the hand. Chosen: the rest holds the joint, and a
+quarter is left if friction is a third less than modelled."""
+
+HELP_BRAKE = 0.6
+"""Share of the motor brake that is compensated, up to ``FAST``. Chosen as large as the way of a
+joint that is let go allows, see above. How strong the motor is cancels out: it makes both."""
+
+FAST = to_rad(60.0)
+"""A joint is helped no more than at this speed [rad/s]. Chosen with ``HELP_BRAKE``."""
+
+LEAD = 0.1
+"""How far beyond a moving joint its goal lies, by its speed above ``SLOW`` [s]. It covers the lag
+of the set-point up to ``FAST``: 0.065 s to stop from there by 464 deg/s^2, and 0.03 s until a goal
+acts. More would change nothing, because the limit decides. It grows by ``FAST`` at most, so a goal
+is no faster than twice that."""
+
+STANDING = 0.3
+"""How long after a motion the limit of a standing joint is back [s]: by then its servo's set-point
+has returned to the joint. Chosen: from ``LEAD`` at ``FAST`` that takes 0.3 s."""
 
 WALL_DEPTH = to_rad(2.5)
 """How far an anchor stays behind a joint at a wall, beyond the dead band [rad]; there the wall
 pushes hardest. Chosen by trial, with the next: walls twice as strong keep fitted servos still."""
 
-LOOK_AHEAD = 0.04
+LOOK_AHEAD = 0.02
 """A wall acts on where a joint will be so much later [s], which damps its spring. Chosen by trial:
-with 0.08 s, a depth of 2 deg and a third more force, joints swung to and fro between two walls."""
+with 0.03 s servos that differ swing to and fro between two walls that are twice as strong; without
+it a joint is still at 40 deg/s a tenth of a second before it stops, with it at 1."""
 
 _ROUNDING = 1e-9
 
@@ -90,6 +127,7 @@ class HandGuiding:
         self._compliance, self._trim, self._now, self._wall = compliance, trim, now, wall
         self._anchor = list(q[:N])
         self._q, self._way = list(q), [0.0] * N
+        self._moving, self._ahead = [0.0] * N, [0.0] * N
         self._known, self._learnt = trim.rest, [0.0] * N
         self._softness = [
             min(give / yielding(1) * compliance.p_gain, 1.0) for give in trim.yielding
@@ -116,38 +154,68 @@ class HandGuiding:
             for way, now, before in zip(self._way, q, self._q, strict=False)
         ]
         self._q = list(q)
-        weights = self._trim.explain(q, [HELP * way for way in self._way], [HELP * v for v in qd])
-        off = self._lead(q, qd)
-        for i in range(N):
-            away, resistance = self._anchor[i] - q[i], self._compliance.resistance
-            pull = self._softness[i] * away
-            if abs(off[i]) > band:  # at a wall
-                push = self._compliance.wall * min((abs(off[i]) - band) / WALL_DEPTH, 1.0)
-                pull = math.copysign(push * self._trim.yielding[i], off[i])
-                resistance = max(push, resistance)
-            else:
+        off, walled = self._lead(q, qd)
+        speeds = [0.0 if i in walled else min(max(qd[i], -FAST), FAST) for i in range(N)]
+        ways = [HELP_FRICTION * way for way in self._way]
+        helped = self._trim.explain(q, ways, [HELP_BRAKE * v for v in speeds])
+        bare = self._trim.explain(q)
+        weights = [
+            weight + _nearer_to_zero(own - weight, abs(known))
+            for own, weight, known in zip(helped, bare, self._known, strict=False)
+        ]
+        for i, speed in enumerate(speeds):
+            away, give = self._anchor[i] - q[i], self._trim.yielding[i]
+            at_wall = abs(off[i]) > band
+            if not at_wall:
                 self._learn(i, away, qd[i], dt, weights[i])
             carried = weights[i] + self._known[i] + self._learnt[i]
-            goals.append(q[i] + pull + carried)
-            shares.append(abs(carried) / self._trim.yielding[i] + resistance)
+            limit = abs(carried) / give + self._compliance.resistance
+            self._moving[i] = max(min(abs(speed) / SLOW, 1.0), self._moving[i] - dt / STANDING)
+            if at_wall:
+                push = self._compliance.wall * min((abs(off[i]) - band) / WALL_DEPTH, 1.0)
+                self._ahead[i] = 0.0
+                goals.append(q[i] + math.copysign(push * give, off[i]) + carried)
+                shares.append(max(limit, abs(carried) / give + push))
+                continue
+            stiffest = self._compliance.resistance * give
+            wanted = min(max(self._softness[i] * away, -stiffest), stiffest) + carried
+            lead = LEAD * max(abs(speed) - SLOW, 0.0) if wanted * speed > 0.0 else 0.0
+            self._ahead[i] = min(lead, self._ahead[i] + FAST * dt)
+            goals.append(q[i] + wanted + math.copysign(self._ahead[i], wanted))
+            own = self._trim.models[i].drive(wanted)
+            shares.append(limit + self._moving[i] * (own - limit))
         return goals, shares
 
-    def _lead(self, q: Sequence[float], qd: Sequence[float]) -> list[float]:
-        """Take the anchors along; return how far those that a wall holds are behind [rad]."""
+    def _lead(self, q: Sequence[float], qd: Sequence[float]) -> tuple[list[float], Collection[int]]:
+        """Take the anchors along; where walls do not let them go, leave them behind.
+
+        Returns:
+            How far behind walls hold each of them [rad], and the joints that come to one soon.
+        """
         band, here, off = self._compliance.dead_band, self._anchor, [0.0] * N
         self._anchor = [_near(at, q[i], band) for i, at in enumerate(here)]
         if self._wall is None:
-            return off
-        ahead = [q[i] + LOOK_AHEAD * qd[i] for i in range(N)]
-        led = [_near(at, ahead[i], band) for i, at in enumerate(here)]
+            return off, ()
+        towards = self._walled(here, q, qd, LOOK_AHEAD + LEAD)
+        if not towards:
+            return off, ()
+        for i, allowed in self._walled(here, q, qd, LOOK_AHEAD).items():
+            ahead = q[i] + LOOK_AHEAD * qd[i]
+            self._anchor[i] = _near(allowed, ahead, band + WALL_DEPTH)
+            off[i] = self._anchor[i] - ahead
+        return off, towards
+
+    def _walled(
+        self, here: list[float], q: Sequence[float], qd: Sequence[float], later: float
+    ) -> dict[int, float]:
+        """The joints that a wall holds back so much ``later`` [s], and where it does [rad]."""
+        assert self._wall is not None
+        band = self._compliance.dead_band
+        led = [_near(at, q[i] + later * qd[i], band) for i, at in enumerate(here)]
         if led == here:
-            return off
+            return {}
         allowed = self._wall(np.array(here), np.array(led)).tolist()
-        for i in range(N):
-            if abs(allowed[i] - led[i]) > _ROUNDING:
-                self._anchor[i] = _near(allowed[i], ahead[i], band + WALL_DEPTH)
-                off[i] = self._anchor[i] - ahead[i]
-        return off
+        return {i: at for i, at in enumerate(allowed) if abs(at - led[i]) > _ROUNDING}
 
     def _learn(self, i: int, away: float, qd: float, dt: float, weight: float) -> None:
         learnt = self._learnt[i]
@@ -157,6 +225,11 @@ class HandGuiding:
             return
         bound = UNSURE * abs(weight) + UNSURE_DRIVE * self._trim.yielding[i]
         self._learnt[i] = min(max(learnt + LEARNING * dt * away, -bound), bound)
+
+
+def _nearer_to_zero(value: float, less: float) -> float:
+    """``value``, less so much of its amount; zero at least."""
+    return math.copysign(max(abs(value) - less, 0.0), value)
 
 
 def _near(angle: float, q: float, most: float) -> float:

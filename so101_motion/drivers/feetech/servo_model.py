@@ -98,6 +98,11 @@ class ServoModel:
         duty = abs(share) ** (1.0 / kind.duty_shape) - START_DUTY
         return math.copysign(duty * self.yielding + _DEAD_ZONE, share) if duty > 0.0 else 0.0
 
+    def drive(self, distance: float) -> float:
+        """The share of full drive that the servo makes of an error [rad], as it measures it."""
+        error = abs(distance) - _DEAD_ZONE
+        return error / self.yielding + START_DUTY if error > 0.0 else 0.0
+
     @property
     def lag(self) -> float:
         """How long a joint lags behind its setpoint without compensation [s]."""

@@ -4,97 +4,17 @@ import math
 
 import numpy as np
 import pytest
+from harness.guided_servos import POSE, Guided, led
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.compliance import Compliance
-from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.bus.ticks import JointMap
-from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
-from so101_motion.planning.kinematics.model import RobotModel
-
-WEIGHT = RobotModel.load().gravity_torque
-POSE = (0.0, -0.5, 0.5, 0.0, 0.0, 0.3)
-MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
-
-
-class FeelingHand(Hand):
-    """A hand that remembers what it felt, from half a second after it took hold."""
-
-    def __init__(self, script, t):
-        super().__init__(parse_script(script), t)
-        self.felt = []
-
-    def torque(self, joint, t, q, qd):
-        torque = super().torque(joint, t, q, qd)
-        if joint in self._behind and t - self._start > 1.0:
-            self.felt.append(abs(torque))
-        return torque
-
-
-class Guided:
-    """An arm that holds, found by a driver."""
-
-    def __init__(self, wired, *, heavier=1.0, q_start=POSE, gravity=WEIGHT, **options):
-        self.clock = ManualClock()
-        self.port = wired(
-            now=self.clock.now, gravity=lambda q: heavier * gravity(q), q_start=q_start, **options
-        )
-        self.arm = self.connect()
-
-    def connect(self):
-        arm = FeetechArm(
-            lambda: self.port,
-            self.clock,
-            MAPS,
-            gravity=WEIGHT,
-            speed=math.radians(220.0),
-            acceleration=17.0,
-            reply_timeout=0.0,
-        )
-        reading = arm.read()
-        arm.write(reading.q, reading.q_jaw)
-        arm.set_torque(True)
-        self.arm = arm
-        self.look(1.5)
-        return arm
-
-    @property
-    def q_deg(self):
-        self.port.world.advance(self.clock.now())
-        return np.degrees(self.port.world.q)
-
-    def look(self, seconds, dt=0.01):
-        """Reads as the executor does; how far each joint got from where it was [deg]."""
-        q_start, away = self.q_deg, np.zeros(6)
-        for _ in range(round(seconds / dt)):
-            self.arm.read()
-            self.clock.advance(dt)
-            away = np.maximum(away, np.abs(self.q_deg - q_start))
-        return away
-
-    def hand(self, script):
-        self.port.world.hand = hand = FeelingHand(script, self.clock.now())
-        return hand
-
-    def limits(self):
-        return [self.port.memory(i, reg.TORQUE_LIMIT) for i in range(1, 7)]
+from so101_motion.drivers.feetech.feetech_arm import JOINTS
 
 
 @pytest.fixture
 def make(wired):
     return lambda **options: Guided(wired, **options)
-
-
-def led(joint, start_deg, by_deg, seconds):
-    """A hand that takes a joint after half a second, leads it, waits, lets go."""
-    return (
-        f"0.5 {joint} start\n"
-        f"{0.5 + seconds} {joint} {start_deg + by_deg}\n"
-        f"{1.0 + seconds} {joint} release\n"
-    )
 
 
 # Holding itself

@@ -1,0 +1,133 @@
+"""A joint that a hand leads is light, and slows down by itself; on emulated servos that differ."""
+
+import math
+
+import numpy as np
+import pytest
+from harness.emulated_rig import loaded
+from harness.guided_servos import Guided, led
+from hypothesis import given
+from hypothesis import strategies as st
+
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.feetech.gravity_compensation import Trim
+from so101_motion.drivers.feetech.hand_guiding import (
+    FAST,
+    HELP_BRAKE,
+    HELP_FRICTION,
+    LEAD,
+    SLOW,
+    HandGuiding,
+)
+from so101_motion.drivers.servo_types import STS3215_7V4, ServoFigures
+
+SLIPPERY = {joint: ServoFigures(friction=0.67) for joint in ARM_JOINTS}
+GRIPPY = {joint: ServoFigures(friction=1.33) for joint in ARM_JOINTS}
+LATE = 0.02
+STRONG = 6.0
+"""Torque of a hand that leads a joint at 90 deg/s [N m]."""
+
+ARMS = {
+    "servos that differ": dict(spread=0.2, seed=1),
+    "servos that differ, late cycles": dict(spread=0.2, seed=2, late=LATE),
+    "7.4 V, servos that differ": dict(spread=0.2, seed=3, kind=STS3215_7V4),
+    "a third less friction, late cycles": dict(figures=SLIPPERY, late=LATE),
+    "7.4 V, a third less friction, late": dict(figures=SLIPPERY, kind=STS3215_7V4, late=LATE),
+    "a third more friction": dict(figures=GRIPPY),
+    "0.3 kg in the hand": dict(gravity=loaded(0.3).gravity_torque, spread=0.2, seed=4),
+}
+
+
+def all_led(q_deg, by_deg, seconds, hold=0.0):
+    """A hand that takes all joints after 0.1 s, leads them and lets go, in motion without hold."""
+    lines = []
+    for joint, at in zip(ARM_JOINTS, q_deg, strict=False):
+        lines += [
+            f"0.1 {joint} start",
+            f"{0.1 + seconds} {joint} {at + by_deg}",
+            f"{0.1 + seconds + hold} {joint} release",
+        ]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("joint", ["shoulder_pan", "wrist_roll"])
+def test_a_hand_leads_a_joint_easily(wired, joint):
+    arm = Guided(wired)
+    arm.arm.guide(Compliance())
+    hand = arm.hand(led(joint, 0.0, 30.0, 1.0))
+    arm.look(1.4)
+    assert np.median(hand.felt) < 0.75, "a limp joint takes 0.17 N m, one with a shorted motor 1"
+
+
+@pytest.mark.parametrize("by_deg", [1.0, -1.0])
+@pytest.mark.parametrize(("speed", "most"), [(30.0, 5.0), (90.0, 12.0)])
+@pytest.mark.parametrize("name", ARMS)
+def test_a_joint_that_is_let_go_in_motion_comes_to_rest_and_stays_there(
+    wired, name, speed, most, by_deg
+):
+    options = dict(ARMS[name])
+    late = options.pop("late", 0.0)
+    arm = Guided(wired, **options)
+    arm.arm.guide(Compliance())
+    before = arm.q_deg
+    arm.hand(all_led(before, 18.0 * by_deg, 18.0 / speed), STRONG)
+    arm.look(0.1 + 18.0 / speed, late=late)
+    assert np.all((arm.q_deg - before)[:5] * by_deg > 4.0), "all were led"
+
+    assert arm.look(2.0, late=late).max() < most
+    assert arm.look(1.0, late=late).max() < 0.3
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(("stronger", "late"), [(2.0, 0.0), (1.4, LATE)])
+def test_joints_between_walls_that_are_stronger_come_to_rest(wired, seed, stronger, late):
+    arm = Guided(wired, spread=0.2, seed=seed)
+    arm.arm.guide(Compliance(wall=stronger * Compliance().wall), lambda q, q_led: q)
+    arm.hand(all_led(arm.q_deg, 8.0, 0.3, hold=0.4), 3.0)
+    arm.look(1.8, late=late)
+    assert arm.look(1.0, late=late).max() < 0.1
+
+
+# Without servos: how hard a joint in motion is driven
+
+
+def led_at(speed, wall=None):
+    """Goal beyond the joint [rad], limit of its drive, and model; the pan after 0.5 s at speed."""
+    trim = Trim(lambda q: np.zeros(6))
+    guide = HandGuiding(Compliance(), trim, [0.0] * 6, 0.0, wall)
+    q, goals, shares = [0.0] * 6, [0.0], [0.0]
+    for k in range(1, 51):
+        q[0] = speed * k * 0.01
+        goals, shares = guide.step(q, [speed, *[0.0] * 5], k * 0.01)
+    return goals[0] - q[0], shares[0], trim.models[0]
+
+
+@given(speed=st.floats(SLOW, 4.0), side=st.sampled_from([1.0, -1.0]))
+def test_a_moving_joint_is_driven_by_less_than_brakes_it(speed, side):
+    ahead, share, model = led_at(side * speed)
+    wanted = model.distance(HELP_FRICTION * model.friction(0.0, 1.0), HELP_BRAKE * min(speed, FAST))
+    assert ahead * side <= 0.0 or share <= model.drive(wanted)
+    assert HELP_FRICTION < 2.0 / 3.0, "friction may be a third less than modelled"
+    assert HELP_BRAKE < 2.0 / 3.0, "and so may the motor brake"
+    assert abs(ahead) <= wanted + LEAD * FAST
+
+
+def test_nothing_leads_a_joint_towards_a_wall_near_by():
+    speed = to_rad(30.0)
+    there = 0.5 * speed + 0.5 * LEAD * speed
+    free, *_ = led_at(speed)
+    near, *_ = led_at(speed, lambda q, q_led: np.minimum(q_led, there))
+    assert free > LEAD * (speed - SLOW)
+    assert near <= 0.0
+
+
+def test_how_the_bound_of_the_way_after_letting_go_follows():
+    """The figures that the module names, from those of the servo."""
+    kind = Trim(lambda q: np.zeros(6)).models[1].kind
+    brake, inertia, age = kind.torque_per_volt * kind.back_emf, kind.armature + 0.014, 0.06
+    for speed, most in ((30.0, 5.0), (90.0, 12.0)):
+        helped = min(speed, math.degrees(FAST))
+        way = (speed * inertia / brake + HELP_BRAKE * age * helped) / (1.0 - HELP_BRAKE)
+        assert way < most
