@@ -9,8 +9,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 
 Wall = Callable[[Array, Array], Array]
-"""How far a hand may lead the joints without resistance. From where they are now and where it leads
-them, shapes (5,), [rad], to a configuration between the two."""
+"""How far a hand may lead the joints without resistance. From where they are now, shape (5,), and
+where it may lead them, shape (k, 5), to configurations between the two, (k, 5); [rad]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

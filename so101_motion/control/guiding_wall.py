@@ -25,6 +25,6 @@ class GuidingWall:
         self.guard, self._neighbours = guard, neighbours
 
     def __call__(self, q: Array, q_led: Array) -> Array:
-        """How far a hand leads the joints from ``q`` towards ``q_led``; shapes (5,), [rad]."""
+        """How far a hand leads the joints from ``q``, shape (5,), to ``q_led``, (k, 5)."""
         others = () if self._neighbours is None else self._neighbours.near_at(q)
         return self.guard.led(q, q_led, others)

@@ -196,26 +196,18 @@ class HandGuiding:
         self._anchor = [_near(at, q[i], band) for i, at in enumerate(here)]
         if self._wall is None:
             return off, ()
-        towards = self._walled(here, q, qd, LOOK_AHEAD + LEAD)
-        if not towards:
+        later = np.array([[LOOK_AHEAD], [LOOK_AHEAD + LEAD]])
+        ahead = np.array(q[:N]) + later * np.array(qd[:N])
+        led = np.clip(here, ahead - band, ahead + band)
+        if np.array_equal(led, [here, here]):
             return off, ()
-        for i, allowed in self._walled(here, q, qd, LOOK_AHEAD).items():
-            ahead = q[i] + LOOK_AHEAD * qd[i]
-            self._anchor[i] = _near(allowed, ahead, band + WALL_DEPTH)
-            off[i] = self._anchor[i] - ahead
-        return off, towards
-
-    def _walled(
-        self, here: list[float], q: Sequence[float], qd: Sequence[float], later: float
-    ) -> dict[int, float]:
-        """The joints that a wall holds back so much ``later`` [s], and where it does [rad]."""
-        assert self._wall is not None
-        band = self._compliance.dead_band
-        led = [_near(at, q[i] + later * qd[i], band) for i, at in enumerate(here)]
-        if led == here:
-            return {}
-        allowed = self._wall(np.array(here), np.array(led)).tolist()
-        return {i: at for i, at in enumerate(allowed) if abs(at - led[i]) > _ROUNDING}
+        allowed = self._wall(np.array(here), led)
+        held = np.abs(allowed - led) > _ROUNDING
+        for i in np.flatnonzero(held[0]):
+            at = float(ahead[0, i])
+            self._anchor[i] = _near(float(allowed[0, i]), at, band + WALL_DEPTH)
+            off[i] = self._anchor[i] - at
+        return off, set(np.flatnonzero(held.any(axis=0)).tolist())
 
     def _learn(self, i: int, away: float, qd: float, dt: float, weight: float) -> None:
         learnt = self._learnt[i]

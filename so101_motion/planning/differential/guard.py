@@ -164,7 +164,7 @@ class Guard:
         return q + nearest if active else q_target
 
     def led(self, q: Array, q_led: Array, others: Sequence[NearArms] = ()) -> Array:
-        """How far a hand may lead the joints, shape (5,), [rad]: between ``q`` and ``q_led``.
+        """How far a hand may lead the joints, shape (5,) or (k, 5), [rad]: from ``q`` to ``q_led``.
 
         Each joint that brings near bodies nearer, by ``ALONG`` or more, goes as far as leaves them
         their margins and ``LED_GAP`` if no other joint makes room; the others go all the way. An
@@ -172,19 +172,21 @@ class Guard:
 
         Args:
             q: Present configuration, shape (5,), [rad].
-            q_led: Where the hand leads it, shape (5,), [rad]: a few degrees away.
+            q_led: Where the hand leads it, shape (5,) or (k, 5), [rad]: a few degrees away.
             others: Near bodies of other arms.
         """
         self._find_near(q, LED_GAP)
         bounds = np.concatenate([self._bounds, *(each.bounds for each in others)])
-        step, shares = q_led - q, np.ones(5)
         rates = np.where(np.abs(bounds[:, :5]) < ALONG, 0.0, bounds[:, :5])
-        nearer = np.minimum(rates * step, 0.0)  # by each joint [m]
-        total, least = nearer.sum(axis=1), np.minimum(bounds[:, 5], 0.0)
-        for k in np.flatnonzero(total < least):
-            culprits = nearer[k] < 0.0
-            shares[culprits] = np.minimum(shares[culprits], least[k] / total[k])
-        return q + shares * step
+        step, least = q_led - q, np.minimum(bounds[:, 5], 0.0)
+        for each in np.atleast_2d(step):
+            nearer = np.minimum(rates * each, 0.0)  # by each joint [m]
+            total, shares = nearer.sum(axis=1), np.ones(5)
+            for k in np.flatnonzero(total < least):
+                culprits = nearer[k] < 0.0
+                shares[culprits] = np.minimum(shares[culprits], least[k] / total[k])
+            each *= shares
+        return q + step
 
     def _named(self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]) -> str:
         """Words for the obstacle or load of bound ``k``, counted as in ``within_reach``."""

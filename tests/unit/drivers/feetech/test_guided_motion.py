@@ -84,7 +84,7 @@ def test_a_joint_that_is_let_go_in_motion_comes_to_rest_and_stays_there(
 @pytest.mark.parametrize(("stronger", "late"), [(2.0, 0.0), (1.4, LATE)])
 def test_joints_between_walls_that_are_stronger_come_to_rest(wired, seed, stronger, late):
     arm = Guided(wired, spread=0.2, seed=seed)
-    arm.arm.guide(Compliance(wall=stronger * Compliance().wall), lambda q, q_led: q)
+    arm.arm.guide(Compliance(wall=stronger * Compliance().wall), lambda q, q_led: 0.0 * q_led + q)
     arm.hand(all_led(arm.q_deg, 8.0, 0.3, hold=0.4), 3.0)
     arm.look(1.8, late=late)
     assert arm.look(1.0, late=late).max() < 0.1
