@@ -178,15 +178,13 @@ class Guard:
         self._find_near(q, LED_GAP)
         bounds = np.concatenate([self._bounds, *(each.bounds for each in others)])
         rates = np.where(np.abs(bounds[:, :5]) < ALONG, 0.0, bounds[:, :5])
-        step, least = q_led - q, np.minimum(bounds[:, 5], 0.0)
-        for each in np.atleast_2d(step):
-            nearer = np.minimum(rates * each, 0.0)  # by each joint [m]
-            total, shares = nearer.sum(axis=1), np.ones(5)
-            for k in np.flatnonzero(total < least):
-                culprits = nearer[k] < 0.0
-                shares[culprits] = np.minimum(shares[culprits], least[k] / total[k])
-            each *= shares
-        return q + step
+        step, least = np.atleast_2d(q_led - q), np.minimum(bounds[:, 5], 0.0)
+        nearer = np.minimum(rates * step[:, None], 0.0)  # by each joint [m]
+        total, shares = nearer.sum(axis=2), np.ones_like(step)
+        for i, k in np.argwhere(total < least):
+            culprits = nearer[i, k] < 0.0
+            shares[i, culprits] = np.minimum(shares[i, culprits], least[k] / total[i, k])
+        return q + (shares * step).reshape(q_led.shape)
 
     def _named(self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]) -> str:
         """Words for the obstacle or load of bound ``k``, counted as in ``within_reach``."""
