@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.control.joint_group import Tolerances
+from so101_motion.drivers.goal_limiter import PAUSE
 
 FOLLOWED = 0.4
 """For how long a joint must have followed before it stopped [s]; chosen."""
@@ -160,7 +161,7 @@ class FollowingCheck:
         """
         self._way = np.sign(qd_ref)
         ahead = 0.0 if self._q is None else np.maximum(self._way * (self._q - q_ref), 0.0)
-        self._ran_to = q_ref + self._way * ahead + gap * qd_ref
+        self._ran_to = q_ref + self._way * ahead + min(gap, PAUSE) * qd_ref  # they stand then
         self._gap, self._late = gap, round((gap + RUNS_ON) / self._dt)
 
     def want(self, q_ref: Array) -> None:

@@ -62,7 +62,7 @@ turns the pan above a table is not held back, nor is the margin used up by a tur
 
 LED_GAP = 0.005
 """Gap beyond the margin at which a hand is held back [m]. Chosen: fitted servos that were led at 30
-deg/s by a hand of 2 N m went 5 mm farther than that in the median, and 11 mm at most."""
+deg/s by a hand of 2 N m went 5 mm farther than that in the median, and 9 mm at most."""
 
 PLACES = 4
 """Approximate number of samples of a path at which it is checked whether bodies part; chosen."""

@@ -12,8 +12,6 @@ from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from so101_motion.arm.arm import Arm
 from so101_motion.common.attributes import (
     ACCELERATION_RANGE_DEG,
@@ -132,10 +130,11 @@ async def _surroundings(arm: Arm, standing: Callable[[Scene], Awaitable[Scene]])
 def _others(arm: Arm) -> Iterator[StandingArm]:
     """The other arms that it keeps off: where each is now, and where its motion ends."""
     for other in () if arm.place is None else arm.place.others():
+        q = other.course.q
         yield StandingArm(
             name=other.name,
             T_base_arm=other.T_base_other,
-            q=np.unique(other.course.q[[0, -1]], axis=0),
+            q=q[:: max(len(q) - 1, 1)],
             attached=other.attached,
             room=ROOM,
         )

@@ -214,6 +214,12 @@ def test_one_that_is_still_ahead_long_after_is_off_and_the_late_tick_is_named():
     assert words[0] == "is"
 
 
+def test_one_that_ran_on_for_longer_than_servos_need_to_their_goals_is_off():
+    off, words = off_after_late_ticks(120.0, gap=0.2, since=DT)
+    assert off == pytest.approx(12.0 + 1.2), "beyond a tenth of a second, and since"
+    assert words[0] == "was without setpoints for 0.20 s, and is"
+
+
 def test_one_that_stopped_while_no_setpoint_was_sent_is_off():
     off, words = off_after_late_ticks(0.0, gap=0.05, since=0.25)
     assert off == pytest.approx(12.0, abs=0.1), "behind all setpoints of the last 0.15 s"
