@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ import click
 from so101_motion.cli.param_types import IN_FILE, PORT, SECONDS, Finite, OutFile, PerJoint
 from so101_motion.cli.shared import STOPPED, have_agreed, json_option, print_json
 from so101_motion.cli.sources import Source
+from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from so101_motion.rig.rig import Rig
     from so101_motion.tasks.teleop import Recorder, Status
 
+_HELD = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
 _EVERY = 0.2  # [s] between two prints of the state
 
 
@@ -152,7 +155,7 @@ def teleop(
             print_json("teleop", _facts(last, record))
         elif record is not None:
             click.echo(f"saved {record}", err=True)
-        print_end(last)
+        print_end(last, [rig.arm.state.mode in _HELD for rig in (leading, following)])
 
 
 def _open(port: str, calibration: Path | None) -> Rig:
@@ -184,11 +187,19 @@ def _watch(session: Any, seconds: float | None) -> None:
         click.echo("", err=True)
 
 
-def print_end(last: Status) -> None:
-    """If the session ended by itself, print why and exit with ``STOPPED``."""
+def print_end(last: Status, held: Sequence[bool]) -> None:
+    """Print that it has ended; if it ended by itself, print why and exit with ``STOPPED``.
+
+    Args:
+        last: The state just before the end.
+        held: Whether the leader and the follower are held now.
+    """
     if not last.is_running:
         click.echo(f"ended: {last.reason}", err=True)
         raise SystemExit(STOPPED)
+    sides = zip(("leader", "follower"), held, strict=True)
+    limp = [f"the {side} is not held" for side, is_held in sides if not is_held]
+    click.echo(f"ended: {'; '.join(limp) or 'both arms hold'}", err=True)
 
 
 def _in_words(status: Status) -> str:

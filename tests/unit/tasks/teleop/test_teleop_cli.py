@@ -27,6 +27,7 @@ def test_two_simulated_arms_show_how_it_goes(tmp_path):
     rows = list(csv.DictReader(record.read_text().splitlines()))
     assert 22 <= len(rows) < 150, "0.6 s, and what a busy machine takes to end it"
     assert "mirroring" in result.stderr
+    assert result.stderr.endswith("ended: both arms hold\n")
 
 
 def test_without_a_hand_on_the_leader_it_stays_held():
@@ -35,10 +36,24 @@ def test_without_a_hand_on_the_leader_it_stays_held():
     assert "limp" in result.output
 
 
+@pytest.mark.parametrize(
+    ("held", "says"),
+    [
+        ((True, True), "both arms hold"),
+        ((False, True), "the leader is not held"),
+        ((False, False), "the leader is not held; the follower is not held"),
+    ],
+)
+def test_an_end_by_ctrl_c_says_who_holds(held, says, capsys):
+    print_end(SimpleNamespace(is_running=True, reason=""), held)
+    assert capsys.readouterr().err == f"ended: {says}\n"
+
+
 def test_an_unrequested_end_is_printed_and_is_no_success(capsys):
-    print_end(SimpleNamespace(is_running=True, reason=""))
     with pytest.raises(SystemExit) as ended:
-        print_end(SimpleNamespace(is_running=False, reason="the follower was stopped"))
+        print_end(
+            SimpleNamespace(is_running=False, reason="the follower was stopped"), (True, True)
+        )
     assert ended.value.code == 7
     assert capsys.readouterr().err == "ended: the follower was stopped\n"
 
