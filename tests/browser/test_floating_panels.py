@@ -71,6 +71,32 @@ def test_many_alerts_stand_above_the_picture_of_the_arm_on_tablets_and_in_small_
     window.leave()
 
 
+def test_of_many_alerts_the_first_is_whole_and_a_click_unfolds_another(
+    visit: Visit, preview: Preview
+) -> None:
+    window = visit()
+    window.open(preview.url)
+    lines = window.page.locator("#so101-alerts p")
+    long = "Servo {} is too hot, so it will switch off soon; let it cool, and hold less weight. "
+    said = [Sentence(text=2 * long.format(k), tone=Tone.BAD) for k in range(4)]
+
+    def high() -> list[bool]:
+        """Which have more than one line."""
+        boxes = [line.bounding_box() for line in lines.all()]
+        return [box is not None and box["height"] > 40.0 for box in boxes]
+
+    preview.host.bar.alert("test", said[:2])
+    window.comes_to([True, True], high)
+    preview.host.bar.alert("test", said)
+    window.comes_to([True, False, False, False], high)
+    lines.nth(2).click()
+    window.comes_to([True, False, True, False], high)
+    lines.nth(2).click()
+    window.comes_to([True, False, False, False], high)
+    preview.host.bar.alert("test")
+    window.leave()
+
+
 def strip(guest: Guest) -> tuple[bool, float]:
     """Whether the plots are folded, and how far the panel's end is from that of the scene [px]."""
     page = guest.page
