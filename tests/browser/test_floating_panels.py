@@ -23,7 +23,7 @@ CUT = "area => area.scrollHeight - area.clientHeight"
 
 
 @pytest.mark.parametrize(("picture", "is_cut"), [("picture", False), ("upright", True)])
-def test_a_cameras_picture_keeps_nobody_away_and_is_scrolled_by_keys_where_it_is_cut(
+def test_a_cameras_picture_is_free_of_the_arm_and_is_scrolled_by_keys_where_it_is_cut(
     visit: Visit, rig: Rig, picture: str, is_cut: bool
 ) -> None:
     with web_camera() as camera:
@@ -37,6 +37,14 @@ def test_a_cameras_picture_keeps_nobody_away_and_is_scrolled_by_keys_where_it_is
             area = image.locator("xpath=ancestor::*[@data-scrollarea-viewport][1]")
             window.until(lambda: (area.evaluate(CUT) > 0) == is_cut)
             window.comes_to([], window.barriers)  # a moment later, as names come
+            panel = image.locator("xpath=ancestor::*[@data-floating-window][1]").bounding_box()
+            plots = window.page.locator("[data-floating-window]").filter(has_text="Velocity")
+            below = plots.bounding_box()
+            assert panel is not None
+            assert below is not None
+            assert panel["y"] + panel["height"] < below["y"]
+            for link in ("gripper_link", "moving_jaw_so101_v1_link"):
+                assert window.place_of(f"/live/{link}")[1] < panel["y"], "the arm is at home"
             if is_cut:
                 area.focus()
                 window.page.keyboard.press("End")
