@@ -6,12 +6,27 @@ from abc import abstractmethod
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+import viser
+
+from .page import markup
+from .page.screen_state import Sentence
 from .panels.hold_buttons import waiting
 from .server.guarded_server import GuardedServer
 from .server.host import ServedPage
 from .source import CellSource, Closable, Source, SourceOpener
 
 T = TypeVar("T", bound=Closable)
+
+_WAITS = Sentence(
+    text="This page keeps looking for the arm, and shows it here as soon as it answers. Nothing"
+    " moves by that. Meanwhile check:"
+)
+_CHECK = (
+    ("Power", "the arm's own supply is switched on: USB does not feed the motors"),
+    ("Cable", "the USB cable is plugged in at both ends"),
+    ("Port", "no other program has it open"),
+    ("Machine", "if the arm is one of a machine: it runs, and its address is right"),
+)
 
 
 class SearchingPage(ServedPage, Generic[T]):
@@ -29,11 +44,14 @@ class SearchingPage(ServedPage, Generic[T]):
         self._title, self._lasts = source.title, source.lasts
         self._opened: T | None = None
         self._search: SourceOpener[T] | None = None
+        self._waits: viser.GuiHtmlHandle | None = None
         self.host.say = self._missed
         if source.lasts:
             self._take(open())
         else:
             waiting(self.host.bar, source.title)
+            about = markup.sentence(_WAITS, is_whole=True) + markup.facts(_CHECK)
+            self._waits = self.host.gui.add_html(about)
         self.host.start()
         if not source.lasts:
             self._search = SourceOpener(open, found=self._found, failed=self._missed)
@@ -56,6 +74,8 @@ class SearchingPage(ServedPage, Generic[T]):
 
     def _take(self, opened: T) -> None:
         self._opened = opened
+        if self._waits is not None:
+            self._waits.remove()
         self._add_parts(opened)
         self.host.events.add(f"{self._title}: connected")
 

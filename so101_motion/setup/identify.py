@@ -11,6 +11,7 @@ far and has to agree. ``move_and_record`` moves; Stop and ``cancel`` end it at a
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -75,6 +76,10 @@ _SHARES = (1.0, 0.7, 0.4)  # of a sweep, until one is clear
 _GAP = 0.05
 """Figures of a joint that did not answer for so long while it moved are wrong [s]: goals may not
 have arrived either. Seen on an emulated arm on a busy computer: a fifth of the friction."""
+
+_TRIES = 3
+"""How often a joint moves until it has answered all the while; chosen: a computer is busy for
+seconds, and all joints take minutes."""
 
 _LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
 
@@ -296,9 +301,12 @@ class Identification:
     ) -> Iterator[Plan | Callable[[Motion], None]]:
         yield self._plan(_RAISED, limits=self._limits(SPEEDS[-1]))
         for sweep in outline.sweeps:
-            tape.joint = sweep.joint
-            for q_end, speed in _legs(sweep):
-                yield self._plan(_to(q_end), limits=self._limits(speed))
+            for _ in range(_TRIES):
+                tape.begin(sweep.joint)
+                for q_end, speed in _legs(sweep):
+                    yield self._plan(_to(q_end), limits=self._limits(speed))
+                if tape.silence(sweep.joint) < _GAP:
+                    break
 
 
 class _Tape:
@@ -316,6 +324,11 @@ class _Tape:
         self._states: dict[str, list[tuple[JointState, float]]] = {}
         self._sent: list[SentCommand] = []
 
+    def begin(self, joint: str) -> None:
+        """Record this joint from now on; what was recorded of it before is forgotten."""
+        self.joint = joint
+        self._states.pop(joint, None)
+
     def hear(self, command: SentCommand) -> None:
         """Note a command; on the I/O thread."""
         self._sent.append(command)
@@ -329,22 +342,28 @@ class _Tape:
             if health.joint == joint:
                 self._states.setdefault(joint, []).append((state, health.volts))
 
+    def silence(self, joint: str) -> float:
+        """The longest time for which a joint did not answer while it was recorded [s]."""
+        longest, answered = 0.0, -math.inf
+        for state, _ in tuple(self._states.get(joint, ())):
+            if answered == -math.inf or joint not in state.reading.unanswered:
+                answered = state.t
+            longest = max(longest, state.t - answered)
+        return longest
+
     def records(self) -> dict[str, JointRecord]:
         """The records of all joints that moved."""
         noted = dict(self._states)  # the I/O thread may just be adding one
         return {joint: self._record(joint, tuple(states)) for joint, states in noted.items()}
 
     def _record(self, joint: str, states: Sequence[tuple[JointState, float]]) -> JointRecord:
-        answered = states[0][0].t
-        for state, _ in states:
-            gap = state.t - answered
-            if joint not in state.reading.unanswered:
-                answered = state.t
-            elif gap >= _GAP:
-                raise MotionError(
-                    f"{joint} did not answer for {gap:.2f} s while it moved, so its figures would"
-                    " be wrong; end what keeps the computer busy, check the cable, then try again"
-                )
+        gap = self.silence(joint)
+        if gap >= _GAP:
+            raise MotionError(
+                f"{joint} did not answer for {gap:.2f} s while it moved, {_TRIES} times, so its"
+                " figures would be wrong; end what keeps the computer busy, check the cable, then"
+                " try again"
+            )
         i, servos = ARM_JOINTS.index(joint), self._rig.servos
         joint_map, model = servos.setups[joint].map, servos.models[joint]
         begin, end = states[0][0].t - 0.5, states[-1][0].t

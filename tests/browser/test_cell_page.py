@@ -220,7 +220,7 @@ def test_steps_are_recorded_by_hand_and_repeated_in_a_loop(guest: Guest, arms: C
     rows = page.locator(".so101-steps:visible button")
     guest.until(lambda: rows.count() == 0)
     guest.press("Guide by hand")
-    guest.until(lambda: guest.says("Move arm 1 and arm 2 by hand, then record where they stand."))
+    guest.until(lambda: guest.says("Record keeps where arm 1 and arm 2 stand now."))
     q = second.arm.state.q + np.radians([15.0, 0.0, 0.0, 0.0, 0.0])
     push(second, q)
     guest.until(lambda: np.allclose(second.arm.state.q, q, atol=to_rad(0.5)))

@@ -23,7 +23,7 @@ CUT = "area => area.scrollHeight - area.clientHeight"
 
 
 @pytest.mark.parametrize(("picture", "is_cut"), [("picture", False), ("upright", True)])
-def test_a_cameras_picture_keeps_nobody_away_and_is_scrolled_by_keys_where_it_is_cut(
+def test_a_cameras_picture_is_free_of_the_arm_and_is_scrolled_by_keys_where_it_is_cut(
     visit: Visit, rig: Rig, picture: str, is_cut: bool
 ) -> None:
     with web_camera() as camera:
@@ -37,6 +37,14 @@ def test_a_cameras_picture_keeps_nobody_away_and_is_scrolled_by_keys_where_it_is
             area = image.locator("xpath=ancestor::*[@data-scrollarea-viewport][1]")
             window.until(lambda: (area.evaluate(CUT) > 0) == is_cut)
             window.comes_to([], window.barriers)  # a moment later, as names come
+            panel = image.locator("xpath=ancestor::*[@data-floating-window][1]").bounding_box()
+            plots = window.page.locator("[data-floating-window]").filter(has_text="Velocity")
+            below = plots.bounding_box()
+            assert panel is not None
+            assert below is not None
+            assert panel["y"] + panel["height"] < below["y"]
+            for link in ("gripper_link", "moving_jaw_so101_v1_link"):
+                assert window.place_of(f"/live/{link}")[1] < panel["y"], "the arm is at home"
             if is_cut:
                 area.focus()
                 window.page.keyboard.press("End")
@@ -68,6 +76,32 @@ def test_many_alerts_stand_above_the_picture_of_the_arm_on_tablets_and_in_small_
             window.until(lambda lines=lines, count=count: lines.count() == count)
             window.comes_to(count == 1, lambda: overlap() > 0.0)
         preview.host.bar.alert("test")
+    window.leave()
+
+
+def test_of_many_alerts_the_first_is_whole_and_a_click_unfolds_another(
+    visit: Visit, preview: Preview
+) -> None:
+    window = visit()
+    window.open(preview.url)
+    lines = window.page.locator("#so101-alerts p")
+    long = "Servo {} is too hot, so it will switch off soon; let it cool, and hold less weight. "
+    said = [Sentence(text=2 * long.format(k), tone=Tone.BAD) for k in range(4)]
+
+    def high() -> list[bool]:
+        """Which have more than one line."""
+        boxes = [line.bounding_box() for line in lines.all()]
+        return [box is not None and box["height"] > 40.0 for box in boxes]
+
+    preview.host.bar.alert("test", said[:2])
+    window.comes_to([True, True], high)
+    preview.host.bar.alert("test", said)
+    window.comes_to([True, False, False, False], high)
+    lines.nth(2).click()
+    window.comes_to([True, False, True, False], high)
+    lines.nth(2).click()
+    window.comes_to([True, False, False, False], high)
+    preview.host.bar.alert("test")
     window.leave()
 
 

@@ -309,7 +309,7 @@ def test_an_arm_guided_by_hand_is_recorded_where_the_hand_leaves_it(
     program: Guest, rig: Rig
 ) -> None:
     program.press("Guide by hand")
-    program.until(lambda: program.says("Move the arm by hand and record."))
+    program.until(lambda: program.says("Record keeps where the arm stands now."))
     program.until(lambda: program.button("Plan program").is_disabled())
     q = np.radians([15.0, -10.0, 10.0, 5.0, 0.0])
     rig.executor.call(lambda driver: driver.push(q))  # type: ignore[attr-defined]

@@ -118,6 +118,8 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
 ) -> None:
     guest = in_background
     guest.until(lambda: guest.says("Still looking"))
+    keeps_looking = "This page keeps looking for the arm"
+    guest.until(lambda: guest.says(keeps_looking))
     guest.until(lambda: guest.says(f"Arm on {cable.port}"))
     assert guest.button("Plan").count() == 0
 
@@ -125,6 +127,7 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
     guest.see_the_arm()
     guest.until(lambda: guest.says("12.0"))  # volts
     guest.until(lambda: not guest.says("Still looking"))
+    guest.until(lambda: not guest.says(keeps_looking))
     in_color = guest.color_of(BASE)
     guest.until(lambda: guest.says("Outside its range: wrist_roll by"))
     guest.until(lambda: guest.color_of("/live/gripper_link/") != in_color)

@@ -321,20 +321,20 @@ DATA ascii
 """
 
 
-def test_points_of_three_kinds_of_files_become_voxels_of_the_size_that_is_set(
+def test_points_of_three_kinds_of_files_become_cubes_of_the_size_that_is_set(
     world: Guest, rig: Rig, tmp_path: Path
 ) -> None:
     points = "0.301 0.101 0.021\n0.301 0.101 0.051\n0.301 0.101 0.054\n"
     for head, ending in ((PLY, "ply"), (PCD, "pcd"), ("", "xyz")):
         (tmp_path / f"seen.{ending}").write_text(head + points)
         load(world, tmp_path / f"seen.{ending}")
-        world.until(lambda: world.says("2 voxels of 10 mm, where it was seen."))
+        world.until(lambda: world.says("2 cubes of 10 mm, where it was seen."))
         world.until(lambda: len(rig.arm.scene.obstacles) == 1)
         shape = rig.arm.scene.obstacles[0].shape
         assert isinstance(shape, PointCloud)
         assert (shape.resolution, len(shape.points)) == (0.01, 2)
         if ending == "xyz":
-            fill(world, "Voxel (mm)", "5")
+            fill(world, "Cube size (mm)", "5")
             world.until(lambda: world.says("Resized."))
             shape = rig.arm.scene.obstacles[0].shape
             assert isinstance(shape, PointCloud)

@@ -129,17 +129,28 @@ def test_an_arm_that_is_stopped_holds_and_nothing_is_kept(bench, rig, tmp_path):
     assert servo_file.read(tmp_path / "arm.json") is None
 
 
-def test_a_joint_that_did_not_answer_for_a_while_gets_no_figures(bench, rig):
+@pytest.mark.parametrize("silences", [1, 100])
+def test_a_joint_that_did_not_answer_for_a_while_moves_again_or_gets_no_figures(
+    bench, rig, silences
+):
     identification = Identification(rig, ("shoulder_pan",))
     outline = identification.outline()
     with ThreadPoolExecutor(1) as beside:
-        moving, steady = beside.submit(identification.move_and_record, outline), 0
+        moving, steady, begin = beside.submit(identification.move_and_record, outline), 0, None
         while not moving.done():
             steady = steady + 1 if 0.2 < abs(rig.arm.state.qd_ref[0]) < 0.3 else 0
-            bench.emulator.bus.faults.request_loss = float(100 <= steady < 108)
+            silences -= steady == 100
+            is_silent = silences >= 0 and 100 <= steady < 108
+            bench.emulator.bus.faults.request_loss = float(is_silent)
+            begin = begin or (rig.arm.state.t if steady == 100 else None)
             bench.advance(0.01)
-        with pytest.raises(MotionError, match="shoulder_pan did not answer for"):
-            moving.result()
+        if silences > 0:
+            with pytest.raises(MotionError, match=r"shoulder_pan did not answer for .* 3 times"):
+                moving.result()
+        else:
+            record = moving.result()["shoulder_pan"]
+            assert record.t[0] > begin, "what was recorded before is forgotten"
+            assert rig.arm.state.t - begin > 1.3 * outline.duration
 
 
 def test_the_page_plans_first_moves_when_told_to_and_stops(bench, rig):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
+from .bar import board, uuid_of
 from .page_context import PageContext
 
 
@@ -73,18 +74,55 @@ class CanUndo(Protocol):
         """Redo what was undone last."""
 
 
+class ButtonRow:
+    """A row of buttons of which each can be grey by itself, and then says why.
+
+    viser greys a row only as a whole; ``front/row.js`` does it. Presses of a button that has just
+    become grey must be harmless.
+
+    Args:
+        command: Called with the name of the button that is pressed.
+    """
+
+    def __init__(
+        self,
+        context: PageContext,
+        label: str,
+        names: Iterable[str],
+        command: Callable[[str], None],
+        *,
+        hint: str | None = None,
+    ) -> None:
+        self._group = context.gui.add_button_group(label, tuple(names), hint=hint)
+        self._told = context.gui.add_html("", visible=False)
+        context.on_choice(self._group, command)
+
+    def show(self, why_not: Mapping[str, str | None]) -> None:
+        """Grey each button for which there is a reason, a sentence."""
+        row = uuid_of(self._group)
+        told = {name: why for name, why in why_not.items() if why is not None}
+        self._told.content = board(f"row {row}", row=row, why_not=told)
+
+
 class UndoButtons:
     """A pair of buttons: undo and redo."""
 
     def __init__(self, context: PageContext, label: str, edited: CanUndo) -> None:
         self._edited = edited
-        self._group = context.gui.add_button_group(label, ("undo", "redo"))
         commands = {"undo": edited.undo, "redo": edited.redo}
-        context.on_choice(self._group, lambda name: commands[name]())
+        self._row = ButtonRow(context, label, commands, lambda name: commands[name]())
 
-    def show(self, *, can: bool = True) -> None:
-        """Let them be pressed if there is something to undo, and if it ``can`` be at all."""
-        grey(self._group, not (can and (self._edited.can_undo or self._edited.can_redo)))
+    def show(self) -> None:
+        """Let each be pressed if there is something for it."""
+        self._row.show(nothing_to(undo=self._edited.can_undo, redo=self._edited.can_redo))
+
+
+def nothing_to(*, undo: bool, redo: bool) -> dict[str, str | None]:
+    """Why undo and redo cannot be pressed, None if there is something to ``undo``, to ``redo``."""
+    return {
+        "undo": None if undo else "There is nothing to undo.",
+        "redo": None if redo else "Nothing was undone.",
+    }
 
 
 def grey(group: Any, greyed: bool) -> None:

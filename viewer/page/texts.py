@@ -48,7 +48,7 @@ CANNOT_HOLD = dict.fromkeys((Mode.HOLDING, Mode.MOVING, Mode.STOPPING), HELD_ALR
 """Why joints cannot be held, by mode; in the other modes they can."""
 
 CANNOT_GUIDE = {
-    Mode.GUIDING: "The arm is guided by hand already.",
+    Mode.GUIDING: "Guide by hand is on already.",
     Mode.MOVING: _MOVES,
     Mode.STOPPING: _MOVES,
     Mode.FAULT: "There is a fault: press Hold first.",
@@ -95,7 +95,7 @@ def blocked(state: JointState) -> Sentence | None:
     """Why the arm cannot be moved at all, or None when it can."""
     reasons = {
         Mode.LIMP: "The arm is limp. Press Hold before you move it.",
-        Mode.GUIDING: "The arm is guided by hand. Press Hold before you move it.",
+        Mode.GUIDING: "Guide by hand is on. Press Hold before you plan a motion.",
         Mode.FAULT: "Fault: see above.",
         Mode.CALIBRATING: "The arm is being calibrated.",
     }

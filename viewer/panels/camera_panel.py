@@ -16,7 +16,12 @@ from ..page.part import Part
 OLD = 2.0
 """A picture older than this is grey, and says so [s]; chosen."""
 
-_SIZE, _MARGIN = (228, 225), 12  # clear of the arm in the first picture of it; 4:3 is not cut
+_SIZE = (228, 225)
+"""Width and height of the panel [px]; chosen: a picture of 4:3 is not cut."""
+
+_ASIDE, _ABOVE = 12, 52
+"""Distance from the right and from the lower edge of the scene [px]; chosen: over the floor, clear
+of an arm at home in narrow windows too, of alerts, and of the folded plots."""
 
 
 class CameraPart(Part):
@@ -44,7 +49,7 @@ class CameraPart(Part):
         with panel.add_tab("Camera", viser.Icon.CAMERA):
             self._html = context.gui.add_html(markup.small("No picture yet."))
         width, height = _SIZE
-        panel.float(x=-_MARGIN, y=_MARGIN, width=width, height=height)
+        panel.float(x=-_ASIDE, y=-_ABOVE, width=width, height=height)
 
     def refresh(self) -> bool:
         """Return whether there is a new picture, or none for a while."""

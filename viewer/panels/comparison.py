@@ -8,7 +8,7 @@ from ..page import texts
 from ..page.front_tab import Drawn
 from ..page.page_context import ArmContext
 from ..page.screen_state import PlanView
-from ..page.shared_fields import grey
+from ..page.shared_fields import ButtonRow
 from ..scene.robot_view import segments
 
 _KEEP, _FORGET = "keep this plan", "forget it"
@@ -23,12 +23,13 @@ class Comparison:
         self._newest: PlanView | None = None
         self._kept: PlanView | None = None
         self._line: viser.LineSegmentsHandle | None = None
-        self._buttons = context.gui.add_button_group(
+        self._buttons = ButtonRow(
+            context,
             "Compare",
             (_KEEP, _FORGET),
+            self._choose,
             hint="Shows its figures and its path, in grey, beside the next plan",
         )
-        context.on_choice(self._buttons, self._choose)
 
     def _choose(self, name: str) -> None:
         self._kept = self._newest if name == _KEEP else None
@@ -40,13 +41,23 @@ class Comparison:
             self._line = self._scene.add_line_segments(
                 "/kept-path", segments(points), _COLOR, thickness=3.0, thickness_units="screen"
             )
+        self._show_buttons()
 
     def show(self, newest: PlanView | None) -> None:
         """Take note of the newest plan that can be kept; None when there is none."""
         self._newest = newest
         if self._line is not None:
             self._line.visible = self._front.drawn is Drawn.PLAN
-        grey(self._buttons, newest is None and self._kept is None)
+        self._show_buttons()
+
+    def _show_buttons(self) -> None:
+        no_plan = "There is no plan to keep. Press Plan first."
+        self._buttons.show(
+            {
+                _KEEP: no_plan if self._newest is None else None,
+                _FORGET: "No plan is kept." if self._kept is None else None,
+            }
+        )
 
     def rows(self) -> tuple[tuple[str, ...], ...]:
         """Name, figure and, beside it, the figure of the plan that is kept."""

@@ -19,7 +19,7 @@ from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from ..page import markup, texts
 from ..page.page_context import PageContext
 from ..page.screen_state import Screen
-from ..page.shared_fields import SharedField, grey, tenth, tenths
+from ..page.shared_fields import ButtonRow, SharedField, grey, nothing_to, tenth, tenths
 from ..page.target_editor import DIRECTIONS
 from ..page.target_ik import FRAMES
 from ..view_model import ViewModel
@@ -66,10 +66,8 @@ class TargetControls:
     def add_choices(self) -> None:
         """The frame of the target, the gripper's direction, single joints, and undo."""
         gui = self._context.gui
-        self._history = gui.add_button_group("Target", ("undo", "redo"))
-        self._context.on_choice(
-            self._history, lambda name: self._page.undo() if name == "undo" else self._page.redo()
-        )
+        commands = {"undo": self._page.undo, "redo": self._page.redo}
+        self._history = ButtonRow(self._context, "Target", commands, lambda name: commands[name]())
         self._frame = SharedField(
             gui.add_dropdown("Target for", tuple(_FRAME_NAMES.values())),
             lambda name: self._page.set_target_frame(name.replace(" ", "_")),
@@ -140,7 +138,7 @@ class TargetControls:
         self._grip.content = markup.small(texts.grip(screen))
         self._force.show(None if screen.force is None else 100.0 * screen.force)
         grey(self._nearest, not screen.can_take_nearest)
-        grey(self._history, not (screen.can_undo or screen.can_redo))
+        self._history.show(nothing_to(undo=screen.can_undo, redo=screen.can_redo))
         self._show_target(screen)
 
     def _show_target(self, screen: Screen) -> None:

@@ -91,14 +91,17 @@ def loaded_steps(name: str, count: int) -> Sentence:
 
 
 def guided(left: float | None) -> Sentence:
-    """The arm is guided by hand, for ``left`` more seconds if that is limited."""
+    """Guide by hand is on, for ``left`` more seconds if that is limited.
+
+    The bar says whether this arm can be moved by hand: a simulated one cannot.
+    """
     end = "" if left is None else f" It holds again in {max(math.ceil(left), 0)} s."
-    return Sentence(text=f"Move the arm by hand and record.{end}", tone=Tone.WARM)
+    return Sentence(text=f"Record keeps where the arm stands now.{end}", tone=Tone.WARM)
 
 
 def cell_guided(names: Sequence[str]) -> Sentence:
-    """These arms are guided by hand."""
-    text = f"Move {' and '.join(names)} by hand, then record where they stand."
+    """Guide by hand is on for these arms."""
+    text = f"Record keeps where {' and '.join(names)} stand{'s'[: len(names) == 1]} now."
     return Sentence(text=text, tone=Tone.WARM)
 
 

@@ -17,8 +17,8 @@ NOTICE = "notice.js"
 """The script that a film needs as well."""
 
 _SCRIPTS = (
-    "link.js", "double_click.js", "bar.js", "jog.js", "names.js", "plot.js", "steps.js", "tabs.js",
-    "timeline.js", NOTICE,
+    "link.js", "double_click.js", "bar.js", "jog.js", "names.js", "plot.js", "row.js", "steps.js",
+    "tabs.js", "timeline.js", NOTICE,
 )  # fmt: skip
 
 

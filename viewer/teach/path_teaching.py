@@ -35,7 +35,18 @@ from ..page import texts
 from ..page.guiding import Guiding
 from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence, Tone
-from .teaching import ARM_MOVED, BEGINS, DONE, PLAN, PLANNING, WELCOME, Doing, holds_again, planned
+from .teaching import (
+    ARM_MOVED,
+    BEGINS,
+    DONE,
+    PLAN,
+    PLANNING,
+    STANDS,
+    WELCOME,
+    Doing,
+    holds_again,
+    planned,
+)
 
 
 class PathTeaching:
@@ -65,7 +76,8 @@ class PathTeaching:
         self.line: Array | None = None
         self.replay: Replay | None = None
         self.doing = Doing.NOTHING
-        self.sentence = WELCOME
+        self._is_simulated = rig.connection.is_simulated
+        self.sentence = STANDS if self._is_simulated else WELCOME
         self.name = ""
         self.saved_files = SavedFiles(_file_of, _listed, self._tell)
         self._saved: tuple[Path, bytes] | None = None  # where the path is kept, and as what
@@ -192,7 +204,7 @@ class PathTeaching:
         elif recorder is not None and recorder.ended_by:
             self._keep(recorder)
         if self._recorder is not None:
-            self.sentence = _recording(self._recorder, self._guiding.left)
+            self.sentence = _recording(self._recorder, self._guiding.left, self._is_simulated)
 
     def _keep(self, recorder: PathRecorder) -> None:
         why, self._recorder = recorder.ended_by, None
@@ -267,7 +279,8 @@ def _listed() -> tuple[str, ...]:
     return tuple(each.name for each in files.listed(_folder()))
 
 
-def _recording(recorder: PathRecorder, left: float | None) -> Sentence:
+def _recording(recorder: PathRecorder, left: float | None, is_simulated: bool) -> Sentence:
     points = f"{recorder.points} point{'' if recorder.points == 1 else 's'}"
-    text = f"Recording, {points}. Guide the arm by hand.{holds_again(left)}"
+    todo = "A simulated arm stands still." if is_simulated else "Guide the arm by hand."
+    text = f"Recording, {points}. {todo}{holds_again(left)}"
     return Sentence(text=text, tone=Tone.WARM)

@@ -15,6 +15,11 @@ from ..page.screen_state import Sentence, Tone
 from ..page.shared_fields import CanUndo
 
 WELCOME = Sentence(text="Press Record a path: the arm goes soft, and you guide it by hand.")
+STANDS = Sentence(
+    text="A simulated arm cannot be guided by hand: what you record stands still. Load a path to"
+    " replay it."
+)
+"""For a simulated arm."""
 BEGINS = Sentence(text="The arm goes soft …", tone=Tone.WARM)
 PLANNING = Sentence(text="Planning the replay …")
 PLAN = Sentence(text="Press Plan replay to check it for collisions; nothing moves.")

@@ -73,8 +73,8 @@ def thinned(points: Array, voxel: float) -> PointCloud:
     points = full_cubes(PointCloud(points=points, resolution=voxel))
     if len(points) > MOST_CUBES:
         raise ConfigError(
-            "points", len(points), f"fills {len(points)} voxels, at most {MOST_CUBES} can be used;"
-            " choose larger voxels, or cut it to what the arm can reach"
+            "points", len(points), f"fills {len(points)} cubes, at most {MOST_CUBES} can be used;"
+            " choose a larger cube size, or cut it to what the arm can reach"
         )  # fmt: skip
     return PointCloud(points=points, resolution=voxel)
 

@@ -259,7 +259,7 @@ class WorldModel:
             self.select(self.selected)
         elif isinstance(found, PointCloud):
             self._add(found, PurePath(name).stem, place=SE3.identity())
-            count = f"{len(found.points)} voxels of {1000.0 * self.voxel:g} mm"
+            count = f"{len(found.points)} cubes of {1000.0 * self.voxel:g} mm"
             self.sentence = Sentence(text=f"Added {self.selected}, {count}, where it was seen.")
         else:
             self._add(found, PurePath(name).stem)

@@ -180,14 +180,15 @@ class WorldPart(Part):
             mime_type=",".join(ENDINGS),
         )
         voxel = gui.add_number(
-            "Voxel (mm)",
+            "Cube size (mm)",
             10.0,
             min=1.0,
             max=100.0,
             step=1.0,
-            hint="Edge of the cubes that points become",
+            hint="For point clouds only: smaller cubes show more, and plans take longer",
         )
         self._voxel = self._field(voxel, lambda mm: self.world.set_voxel(to_m(mm)), shown=tenth)
+        gui.add_html(markup.small("Loaded points become cubes with edges of this length."))
         self._context.on_file(bring, lambda file: self.world.load(file.name, file.content))
 
     def _field(self, widget: Any, command: Callable[[Any], None], *, shown: Any) -> SharedField:

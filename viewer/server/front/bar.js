@@ -77,6 +77,7 @@
       reason.hidden = !text;
       if (text) read = setTimeout(tellReason, READ, '');
     };
+    link.tellReason = tellReason;
 
     // Buttons beside Stop: always in their places; some ask first.
     const showButton = ({ label, press, why_not, asks }, k) => {
@@ -129,7 +130,7 @@
           line.className = tone;
           line.classList.toggle('whole', whole.length === wrong.length && whole[k]);
           line.textContent = text;
-          line.onclick = () => line.classList.toggle('whole');  // where phones fold it
+          line.onclick = () => line.classList.toggle('whole');  // where it is folded
           return line;
         }));
         reach();

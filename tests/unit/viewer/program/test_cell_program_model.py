@@ -245,7 +245,7 @@ def test_arms_that_are_guided_by_hand_are_recorded_where_they_stand(bench):
     bench.record(first=aside(55.0))
     arm.set_manual(True)
     model.refresh()
-    assert bench.says("Move arm 2 by hand, then record where they stand.")
+    assert bench.says("Record keeps where arm 2 stands now.")
     assert not model.can_plan
     model.record_arms([SECOND])
     model.choose(0)

@@ -54,7 +54,7 @@ CALIBRATED = "A calibration is under way"
     [
         (Arm(), HELD, CAN, CAN),
         (Arm(mode=Mode.MOVING), HELD, "Something moves: press STOP first", CAN),
-        (Arm(mode=Mode.GUIDING), CAN, "guided by hand already", CAN),
+        (Arm(mode=Mode.GUIDING), CAN, "Guide by hand is on already", CAN),
         (Arm(mode=Mode.LIMP, holds=False), CAN, "press Hold first", LIMP),
         (Arm(mode=Mode.LIMP, holds=True), CAN, "press Hold first", CAN),  # by another program
         (Arm(mode=Mode.FAULT), CAN, "There is a fault: press Hold first", CAN),

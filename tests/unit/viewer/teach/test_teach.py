@@ -75,7 +75,13 @@ def bench(clock: ManualClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_a_path_is_recorded_planned_replayed_and_kept(bench: Bench) -> None:
     teaching = bench.teaching
     assert not teaching.can_plan
-    bench.record()
+    assert "simulated arm cannot be guided by hand" in teaching.sentence.text
+    teaching.record()
+    bench.taught(lambda: teaching.sentence.text.startswith("Recording"))
+    assert "A simulated arm stands still. It holds again in" in teaching.sentence.text
+    bench.lead(AWAY)
+    teaching.end_recording()
+    bench.taught(lambda: bench.rig.arm.state.mode is Mode.HOLDING)
     path = teaching.path
     assert path is not None
     np.testing.assert_allclose(path.q[-1], AWAY, atol=to_rad(0.1))

@@ -323,6 +323,6 @@ def test_a_cloud_stays_where_it_was_seen_and_has_voxels_of_a_size_that_is_chosen
     assert len(world.thing.shape.points) == 1_000
     world.set_voxel(0.001)
     world.remove()
-    with pytest.raises(ConfigError, match="choose larger voxels"):
+    with pytest.raises(ConfigError, match="choose a larger cube size"):
         world.load("wide.xyz", b"".join(b"%g %g 0\n" % (x / 900, y / 900)
                                         for x in range(300) for y in range(300)))  # fmt: skip
