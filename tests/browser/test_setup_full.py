@@ -373,6 +373,7 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person.reloads("This will move:")
     person.presses("Guide by hand")
     person.sees("Guided by hand")
+    person.sees("The arm yields to your hand. Move it by hand")
     person.guest.let_go(lambda: not any(kit.driven))
     person.sees("Torque off: the joints are limp")
     assert not person.can("Let go")

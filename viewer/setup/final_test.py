@@ -33,8 +33,8 @@ OPEN_POSE = next(pose.q for pose in POSES if pose.name == "ready")
 
 _STANDS = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
 _LOOSE = (
-    "The arm is not held. Move it by hand to a pose like the blue ghost's, clear of everything,"
-    " then press Hold the joints."
+    " Move it by hand to a pose like the blue ghost's, clear of everything, then press Hold the"
+    " joints."
 )
 _FIXED = "Once that is fixed, press Hold the joints. Keep a hand on the arm."
 _CLEAR = (
@@ -227,7 +227,9 @@ class FinalTestPage(StepPage):
         """Why the arm does not hold, and what to do."""
         state = self._state()
         if state is None or state.mode is not Mode.FAULT:
-            return cards.instruction(TEST.title, _LOOSE)
+            is_guided = state is not None and state.mode is Mode.GUIDING
+            yields = "The arm yields to your hand." if is_guided else "The arm is not held."
+            return cards.instruction(TEST.title, yields + _LOOSE)
         trouble = cards.failed(state.fault or "the arm has ended its motion by itself")
         return cards.instruction(TEST.title, "") + trouble + cards.note(_FIXED)
 
