@@ -53,6 +53,9 @@ FARTHEST = math.radians(60.0)
 AFTER = 2.0
 """How long a joint is watched once it is let go [s]."""
 
+DRAWN = 100
+"""How often something is drawn around an arm before it goes elsewhere; chosen."""
+
 ROOM = 0.015
 """Least distance of the arm from the obstacles when a case begins [m]."""
 
@@ -245,7 +248,10 @@ def into_contact(
             plan, _ = _following.random_plan(guided.rig, number, waypoints=1)
             guided.bench.finish(arm.start_execute(plan), at_most=60.0)
             guided.bench.advance(0.5)
-            i, way, room = _way_into_contact(guided, around, rng)
+            found_way = _way_into_contact(guided, around, rng)
+            if found_way is None:
+                continue
+            i, way, room = found_way
             around.put()
             arm.set_manual(True, arm.compliance if walls else replace(arm.compliance, wall=0.0))
             _, places = guided.lead(i, [way], strength)
@@ -260,10 +266,13 @@ def into_contact(
 
 def _way_into_contact(
     guided: Guided, around: Any, rng: Any
-) -> tuple[int, float, Callable[[Array], float]]:
-    """A joint, a way [rad] at whose end the arm would be in contact, and the distance from that."""
+) -> tuple[int, float, Callable[[Array], float]] | None:
+    """A joint, a way [rad] at whose end the arm would be in contact, and the distance from that.
+
+    None if nothing is within reach from where the arm is now.
+    """
     arm, q = guided.rig.arm, guided.q
-    while True:
+    for _ in range(DRAWN):
         room = around.draw(rng)
         i, side = int(rng.integers(5)), float(rng.choice([-1.0, 1.0]))
         if room(q) < ROOM:
@@ -276,6 +285,7 @@ def _way_into_contact(
                 break
             if room(led) < 0.0:
                 return i, side * (way + BEYOND), room
+    return None
 
 
 def _room(collision: CollisionModel, q: Array, q_jaw: float) -> float:
