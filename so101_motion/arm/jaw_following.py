@@ -92,7 +92,8 @@ class JawFollowing:
         Args:
             briefly: As for ``Following.hold``.
         """
-        self._following.hold(briefly=briefly)
+        with self._lock:
+            self._following.hold(briefly=briefly)
 
     def regrip(self) -> None:
         """Press again on what is gripped, after the joints were held anew."""
@@ -129,9 +130,10 @@ class JawFollowing:
         return wanted > gripper.aperture + LET_GO or (grip.done() and not gripper.is_holding)
 
     def _follow(self) -> None:
-        self._grip = None
-        self._following = self._begin(self)
-        self._following.future.add_done_callback(self._ended)
+        with self._lock:  # the I/O thread may ask for an aperture at once
+            self._grip = None
+            self._following = self._begin(self)
+            self._following.future.add_done_callback(self._ended)
 
     def _ended(self, done: Future[None]) -> None:
         """Grip, or end, because the following has ended; called on the I/O thread."""

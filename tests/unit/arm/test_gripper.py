@@ -1,10 +1,13 @@
 import math
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 from harness.retarget import retarget
 
 from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
+from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.common.errors import (
     ConfigError,
     FollowingError,
@@ -227,6 +230,20 @@ def test_the_jaw_follows_apertures_and_rests_when_they_cease(rig, gripper):
     rig.after(0.5, jaw.close())
     with pytest.raises(MotionError, match="closed"):
         jaw.aim(0.5)
+
+
+def test_an_aperture_that_is_asked_for_while_a_following_begins_is_taken(gripper):
+    aimed, following = [], Mock(future=Future())
+    with ThreadPoolExecutor(1) as beside:
+
+        def begin(jaw):
+            aimed.append(beside.submit(jaw.aim, 0.6))
+            wait(aimed, timeout=0.1)  # it may come before the following is known
+            return following
+
+        JawFollowing(gripper, begin, Mock())
+        assert aimed[0].result(timeout=5.0) == 0.6
+    following.aim.assert_called_once()
 
 
 def test_a_jaw_that_follows_grips_what_it_meets_and_lets_go(rig, gripper):
