@@ -27,7 +27,7 @@ from so101_motion.common.errors import (
     Interrupted,
     So101Error,
 )
-from so101_motion.common.modes import Mode
+from so101_motion.common.modes import HELD
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Channel, Executor
 from so101_motion.control.following import STALE_AFTER, Following, FollowingSettings
@@ -159,7 +159,7 @@ class Gripper:
     def is_holding(self) -> bool:
         """Whether the last grab got hold of something that is still there."""
         state = self._executor.state
-        driven = state.mode in (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
+        driven = state.mode in HELD
         return (
             self._grabs
             and driven

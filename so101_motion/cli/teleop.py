@@ -13,7 +13,7 @@ import click
 from so101_motion.cli.param_types import IN_FILE, PORT, SECONDS, Finite, OutFile, PerJoint
 from so101_motion.cli.shared import STOPPED, have_agreed, json_option, print_json
 from so101_motion.cli.sources import Source
-from so101_motion.common.modes import Mode
+from so101_motion.common.modes import HELD
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from so101_motion.rig.rig import Rig
     from so101_motion.tasks.teleop import Recorder, Status
 
-_HELD = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
 _EVERY = 0.2  # [s] between two prints of the state
 
 
@@ -155,7 +154,7 @@ def teleop(
             print_json("teleop", _facts(last, record))
         elif record is not None:
             click.echo(f"saved {record}", err=True)
-        print_end(last, [rig.arm.state.mode in _HELD for rig in (leading, following)])
+        print_end(last, [rig.arm.state.mode in HELD for rig in (leading, following)])
 
 
 def _open(port: str, calibration: Path | None) -> Rig:

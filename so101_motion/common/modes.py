@@ -26,6 +26,10 @@ class Mode(Enum):
     FAULT = "fault"
 
 
+HELD = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
+"""The modes in which all joints are held."""
+
+
 class Event(Enum):
     """An event that may change the mode."""
 

@@ -23,7 +23,7 @@ from so101_motion.common.errors import (
     ServoAlarm,
     So101Error,
 )
-from so101_motion.common.modes import Event, Mode, after, can
+from so101_motion.common.modes import HELD, Event, Mode, after, can
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, JointState, lent_out
 from so101_motion.control.channel_player import ChannelPlayer
 from so101_motion.control.following import Following
@@ -172,7 +172,7 @@ class JointController:
 
     def hold(self) -> None:
         """Switch torque on where the joints are; does nothing if it is on already."""
-        if self.mode in (Mode.HOLDING, Mode.MOVING, Mode.STOPPING):
+        if self.mode in HELD:
             return
         self._require(Event.HOLD)
         with self._failing():

@@ -9,7 +9,7 @@ import numpy as np
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.errors import ConfigError, Interrupted, So101Error, quoted
 from so101_motion.common.geometry import Array
-from so101_motion.common.modes import Mode
+from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.collision.apart import Meeting
@@ -44,7 +44,7 @@ HOLD_FIRST = "The joints are limp: press Hold first."
 _MOVES = "Something moves: press STOP first."
 _IN_USE = {Mode.CALIBRATING: "The servos are in use for a calibration or a motor setup."}
 
-CANNOT_HOLD = dict.fromkeys((Mode.HOLDING, Mode.MOVING, Mode.STOPPING), HELD_ALREADY) | _IN_USE
+CANNOT_HOLD = dict.fromkeys(HELD, HELD_ALREADY) | _IN_USE
 """Why joints cannot be held, by mode; in the other modes they can."""
 
 CANNOT_GUIDE = {

@@ -101,7 +101,8 @@ def guided(left: float | None) -> Sentence:
 
 def cell_guided(names: Sequence[str]) -> Sentence:
     """Guide by hand is on for these arms."""
-    text = f"Record keeps where {' and '.join(names)} stand{'s'[: len(names) == 1]} now."
+    stand = "stands" if len(names) == 1 else "stand"
+    text = f"Record keeps where {' and '.join(names)} {stand} now."
     return Sentence(text=text, tone=Tone.WARM)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import viser
 
 from so101_motion import __version__
-from so101_motion.common.modes import Mode
+from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.state import JointState
 from so101_motion.setup.accuracy import MoveReport
@@ -31,9 +31,8 @@ from .setup_target import SetupTarget
 OPEN_POSE = next(pose.q for pose in POSES if pose.name == "ready")
 """Where every joint has room for its test motion, shape (5,), [rad]."""
 
-_STANDS = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
-_LOOSE = (
-    " Move it by hand to a pose like the blue ghost's, clear of everything, then press Hold the"
+_BY_HAND = (
+    "Move it by hand to a pose like the blue ghost's, clear of everything, then press Hold the"
     " joints."
 )
 _FIXED = "Once that is fixed, press Hold the joints. Keep a hand on the arm."
@@ -149,7 +148,7 @@ class FinalTestPage(StepPage):
     def refresh(self) -> bool:
         """Take in the state of arm and test; plan the motions once the arm is held."""
         state = self._state()
-        if state is not None and state.mode in _STANDS:
+        if state is not None and state.mode in HELD:
             self._is_planned = self._is_planned or self._plan()
         else:
             self._forget_plan()
@@ -163,7 +162,7 @@ class FinalTestPage(StepPage):
     def show(self) -> None:
         """Show the planned motions, the running one, and the results."""
         state, test, busy = self._state(), self._test, bool(self._setup.doing)
-        holds = state is not None and state.mode in _STANDS
+        holds = state is not None and state.mode in HELD
         runs = test is not None and test.is_running
         report = None if test is None else test.report
         outline = None if test is None else test.outline
@@ -198,7 +197,7 @@ class FinalTestPage(StepPage):
         self._again.visible = self._keep.visible = is_over
         self._again.color = None if report is not None and not report.passed else "gray"
         state = self._state()
-        holds = state is not None and state.mode in _STANDS
+        holds = state is not None and state.mode in HELD
         self._again.disabled = bool(self._setup.doing) or not holds
 
     def _words(self, *, holds: bool) -> str:
@@ -229,7 +228,7 @@ class FinalTestPage(StepPage):
         if state is None or state.mode is not Mode.FAULT:
             is_guided = state is not None and state.mode is Mode.GUIDING
             yields = "The arm yields to your hand." if is_guided else "The arm is not held."
-            return cards.instruction(TEST.title, yields + _LOOSE)
+            return cards.instruction(TEST.title, f"{yields} {_BY_HAND}")
         trouble = cards.failed(state.fault or "the arm has ended its motion by itself")
         return cards.instruction(TEST.title, "") + trouble + cards.note(_FIXED)
 
@@ -273,7 +272,7 @@ class FinalTestPage(StepPage):
 
     def _as_it_was(self) -> str:
         state = self._state()
-        holds = state is not None and state.mode in _STANDS
+        holds = state is not None and state.mode in HELD
         where = "the arm is held where it stands" if holds else "the arm is limp, so support it"
         return f"what was saved stays, and {where}"
 
@@ -282,7 +281,7 @@ class FinalTestPage(StepPage):
     def _plan(self) -> bool:
         """Plan the motions from where the arm is; return whether that has begun."""
         target, state = self._setup.target, self._state()
-        if target is None or state is None or state.mode not in _STANDS:
+        if target is None or state is None or state.mode not in HELD:
             return False
         test = FinalTest(target)
         return self._setup.do("planning the test", test.plan, self._take)
