@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import click
 from so101_motion.cli.param_types import IN_FILE, PORT, SECONDS, Finite, OutFile, PerJoint
 from so101_motion.cli.shared import STOPPED, have_agreed, json_option, print_json
 from so101_motion.cli.sources import Source
-from so101_motion.common.modes import HELD
+from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 
@@ -154,7 +153,7 @@ def teleop(
             print_json("teleop", _facts(last, record))
         elif record is not None:
             click.echo(f"saved {record}", err=True)
-        print_end(last, [rig.arm.state.mode in HELD for rig in (leading, following)])
+        print_end(last, leading.arm.state.mode, following.arm.state.mode)
 
 
 def _open(port: str, calibration: Path | None) -> Rig:
@@ -186,19 +185,24 @@ def _watch(session: Any, seconds: float | None) -> None:
         click.echo("", err=True)
 
 
-def print_end(last: Status, held: Sequence[bool]) -> None:
+def print_end(last: Status, leader: Mode, follower: Mode) -> None:
     """Print that it has ended; if it ended by itself, print why and exit with ``STOPPED``.
 
     Args:
         last: The state just before the end.
-        held: Whether the leader and the follower are held now.
+        leader: The mode that the leader is in now.
+        follower: That of the follower.
     """
     if not last.is_running:
         click.echo(f"ended: {last.reason}", err=True)
         raise SystemExit(STOPPED)
-    sides = zip(("leader", "follower"), held, strict=True)
-    limp = [f"the {side} is not held" for side, is_held in sides if not is_held]
-    click.echo(f"ended: {'; '.join(limp) or 'both arms hold'}", err=True)
+    told = []
+    for side, mode in (("leader", leader), ("follower", follower)):
+        if mode is Mode.FAULT:  # such as a port that went away: its servos may hold or not
+            told.append(f"the {side} is in a fault")
+        elif mode not in HELD:
+            told.append(f"the {side} is not held")
+    click.echo(f"ended: {'; '.join(told) or 'both arms hold'}", err=True)
 
 
 def _in_words(status: Status) -> str:

@@ -151,7 +151,7 @@ async def test_killing_the_leader_makes_the_follower_hold_and_say_why(scene):
     await until(lambda: lines.has("holding"))
     await until(scene.has_settled)
     process.send_signal(signal.SIGTERM)
-    await until(lambda: lines.has("ended: the leader is not held"))
+    await until(lambda: lines.has("ended: the leader is in a fault"))
     out = json.loads(await process.stdout.read())
     assert await asyncio.wait_for(process.wait(), 60.0) == 0
     await lines.end()

@@ -7,6 +7,7 @@ from click.testing import CliRunner
 
 from so101_motion.cli.teleop import print_end
 from so101_motion.cli.verbs import main
+from so101_motion.common.modes import Mode
 
 
 def run(*arguments, **options):
@@ -37,23 +38,22 @@ def test_without_a_hand_on_the_leader_it_stays_held():
 
 
 @pytest.mark.parametrize(
-    ("held", "says"),
+    ("leader", "follower", "says"),
     [
-        ((True, True), "both arms hold"),
-        ((False, True), "the leader is not held"),
-        ((False, False), "the leader is not held; the follower is not held"),
+        (Mode.HOLDING, Mode.STOPPING, "both arms hold"),
+        (Mode.LIMP, Mode.HOLDING, "the leader is not held"),
+        (Mode.LIMP, Mode.FAULT, "the leader is not held; the follower is in a fault"),
     ],
 )
-def test_an_end_by_ctrl_c_says_who_holds(held, says, capsys):
-    print_end(SimpleNamespace(is_running=True, reason=""), held)
+def test_an_end_by_ctrl_c_says_who_holds(leader, follower, says, capsys):
+    print_end(SimpleNamespace(is_running=True, reason=""), leader, follower)
     assert capsys.readouterr().err == f"ended: {says}\n"
 
 
 def test_an_unrequested_end_is_printed_and_is_no_success(capsys):
+    stopped = SimpleNamespace(is_running=False, reason="the follower was stopped")
     with pytest.raises(SystemExit) as ended:
-        print_end(
-            SimpleNamespace(is_running=False, reason="the follower was stopped"), (True, True)
-        )
+        print_end(stopped, Mode.HOLDING, Mode.HOLDING)
     assert ended.value.code == 7
     assert capsys.readouterr().err == "ended: the follower was stopped\n"
 
