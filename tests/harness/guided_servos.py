@@ -10,8 +10,10 @@ from so101_motion.drivers.bus.ticks import JointMap
 from so101_motion.drivers.emulator.hand import STRENGTH, Hand, parse_script
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.torque import gravity_per_kg
 
-WEIGHT = RobotModel.load().gravity_torque
+_MODEL = RobotModel.load()
+WEIGHT, PER_KG = _MODEL.gravity_torque, gravity_per_kg(_MODEL)
 POSE = (0.0, -0.5, 0.5, 0.0, 0.0, 0.3)
 MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
 
@@ -46,6 +48,7 @@ class Guided:
             self.clock,
             MAPS,
             gravity=WEIGHT,
+            per_kg=PER_KG,
             speed=math.radians(220.0),
             acceleration=17.0,
             reply_timeout=0.0,

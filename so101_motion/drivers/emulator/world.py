@@ -89,6 +89,16 @@ class World:
         """True joint angles, shape (6,), [rad]."""
         return np.array([servo.drive.q for servo in self.servos])
 
+    @property
+    def gravity(self) -> Gravity:
+        """The torque that holds the joints; another once something was put into the jaws."""
+        return self._gravity
+
+    @gravity.setter
+    def gravity(self, gravity: Gravity) -> None:
+        with self.lock:
+            self._gravity, self._felt = gravity, []
+
     def servo(self, place: str | int) -> Servo:
         """A servo by joint name, or by its place on the cable, 1 to 6.
 

@@ -169,6 +169,7 @@ class Trim:
         q: Sequence[float],
         way: Sequence[float] = (0.0,) * 5,
         qd: Sequence[float] = (0.0,) * 5,
+        trusted: Sequence[float] = (1.0,) * 5,
     ) -> list[float]:
         """The offsets of the arm joints' goals for weight, friction and speed [rad].
 
@@ -176,8 +177,10 @@ class Trim:
             q: Where all six joints are [rad].
             way: Which way and how fully friction is overcome, -1 to 1.
             qd: How fast they turn [rad/s].
+            trusted: Share of the carried mass that each joint counts on.
         """
-        weights, _ = self._weights(q)
+        own, per_kg = self._own_weights(q)
+        weights = [w + t * self.carried * u for w, u, t in zip(own, per_kg, trusted, strict=False)]
         return [
             limited(
                 model.distance(weight + side * model.friction(weight, side), speed),
@@ -195,6 +198,13 @@ class Trim:
     def weights(self) -> Sequence[float]:
         """Holding torques of the joints where they will be when the last goal acts [N m]."""
         return self._weight
+
+    def learnt(self, q: Sequence[float]) -> list[float]:
+        """The torques on the arm joints at ``q`` [rad] that only the integral explains [N m]."""
+        _, per_kg = self._own_weights(q)
+        return [
+            self.carried * per_kg[i] + self.models[i].torque(self._rest[i]) for i in range(_JAW)
+        ]
 
     @property
     def rest(self) -> list[float]:
@@ -388,12 +398,14 @@ class Trim:
 
     def _weights(self, q: Sequence[float]) -> tuple[list[float], list[float]]:
         """Holding torques at ``q`` [rad], and the torque that each kilogram carried adds."""
-        at = np.array(q)
-        own: list[float] = self._gravity(at).tolist()
-        if self._load is None:
-            return own, self._per_kg
-        per_kg: list[float] = self._load(at).tolist()
+        own, per_kg = self._own_weights(q)
         return [w + self.carried * u for w, u in zip(own, per_kg, strict=True)], per_kg
+
+    def _own_weights(self, q: Sequence[float]) -> tuple[list[float], list[float]]:
+        """The same torques of the arm alone, and what each kilogram adds."""
+        at = np.array(q)
+        per_kg = self._per_kg if self._load is None else self._load(at).tolist()
+        return self._gravity(at).tolist(), per_kg
 
     def _find(self, i: int, speed: float = 0.0) -> None:
         """Update the offset of joint ``i`` for its weight and friction."""

@@ -24,13 +24,20 @@ however old the speed is. Without any friction it would still go D, where
 J v = K D - h K (D + T min(v, c)), so D = (v J / K + h T min(v, c)) / (1 - h). J is at most
 0.036 kg m^2, K is 1.3 N m s/rad at a servo of 12 V, and T is 0.06 s: half the window of the speed,
 half a cycle and the servo's loop. That is 5 deg at 30 deg/s and 12 deg at 90 deg/s; the friction
-makes it less. A weight that the model gets wrong could keep it going all the same. So the help is
-less by the offset that holding has learnt beyond the model, which may be wrong in another pose.
+makes it less. Friction is helped only while the joint moves: help that outlasts the motion would
+let a joint that has stopped creep on.
 
-A weight that the model does not know would let a joint sink once it is released. While it is slow,
-the joint therefore learns a small offset that keeps it at its anchor. A slow hand teaches it one,
-too, hence the bound. The offset may always shrink, so a joint that a hand has led slowly catches
-itself when it is released.
+*A load that was learnt* while the arm held may be wrong in another pose, or gone: somebody has
+taken the object out of the jaws. Carried on, it would throw the arm up as soon as the hand lets go.
+So it is treated like friction. It is carried at first, and while a joint sinks under it. A joint
+that gives way to it, moving where it pushes, counts on it no longer after twice ``ENGAGING``.
+However much of that load is really there, what is left of it opposes the motion. So a hand that
+lifts the joint lifts the load itself.
+
+A weight that nothing has learnt would let a joint sink once it is released. While it is slow, the
+joint therefore learns a small offset that keeps it at its anchor. A slow hand teaches it one, too,
+hence the bound. The offset may always shrink, so a joint that a hand has led slowly catches itself
+when it is released.
 
 *Walls.* Where the arm would touch something ``LOOK_AHEAD`` later, the anchor stays behind, and the
 hand feels a damped spring that pushes with ``Compliance.wall`` at most. A hand that is stronger
@@ -128,7 +135,7 @@ class HandGuiding:
         self._anchor = list(q[:N])
         self._q, self._way = list(q), [0.0] * N
         self._moving, self._ahead = [0.0] * N, [0.0] * N
-        self._known, self._learnt = trim.rest, [0.0] * N
+        self._known, self._learnt, self._trusted = trim.rest, [0.0] * N, [1.0] * N
         self._softness = [
             min(give / yielding(1) * compliance.p_gain, 1.0) for give in trim.yielding
         ]
@@ -153,22 +160,21 @@ class HandGuiding:
             min(max(way + (now - before) / ENGAGING, -1.0), 1.0)
             for way, now, before in zip(self._way, q, self._q, strict=False)
         ]
+        self._trust(q)
         self._q = list(q)
         off, walled = self._lead(q, qd)
         speeds = [0.0 if i in walled else min(max(qd[i], -FAST), FAST) for i in range(N)]
-        ways = [HELP_FRICTION * way for way in self._way]
-        helped = self._trim.explain(q, ways, [HELP_BRAKE * v for v in speeds])
-        bare = self._trim.explain(q)
-        weights = [
-            weight + _nearer_to_zero(own - weight, abs(known))
-            for own, weight, known in zip(helped, bare, self._known, strict=False)
+        ways = [
+            HELP_FRICTION * way * moving
+            for way, moving in zip(self._way, self._moving, strict=True)
         ]
+        weights = self._trim.explain(q, ways, [HELP_BRAKE * v for v in speeds], self._trusted)
         for i, speed in enumerate(speeds):
             away, give = self._anchor[i] - q[i], self._trim.yielding[i]
             at_wall = abs(off[i]) > band
             if not at_wall:
                 self._learn(i, away, qd[i], dt, weights[i])
-            carried = weights[i] + self._known[i] + self._learnt[i]
+            carried = weights[i] + self._trusted[i] * self._known[i] + self._learnt[i]
             limit = abs(carried) / give + self._compliance.resistance
             self._moving[i] = max(min(abs(speed) / SLOW, 1.0), self._moving[i] - dt / STANDING)
             if at_wall:
@@ -185,6 +191,12 @@ class HandGuiding:
             own = self._trim.models[i].drive(wanted)
             shares.append(limit + self._moving[i] * (own - limit))
         return goals, shares
+
+    def _trust(self, q: Sequence[float]) -> None:
+        """Find how far each joint counts on the load that was learnt before."""
+        for i, torque in enumerate(self._trim.learnt(q)):
+            way = (q[i] - self._q[i]) * float(np.sign(torque)) / (2.0 * ENGAGING)
+            self._trusted[i] = min(max(self._trusted[i] - way, 0.0), 1.0)
 
     def _lead(self, q: Sequence[float], qd: Sequence[float]) -> tuple[list[float], Collection[int]]:
         """Take the anchors along; where walls do not let them go, leave them behind.
@@ -217,11 +229,6 @@ class HandGuiding:
             return
         bound = UNSURE * abs(weight) + UNSURE_DRIVE * self._trim.yielding[i]
         self._learnt[i] = min(max(learnt + LEARNING * dt * away, -bound), bound)
-
-
-def _nearer_to_zero(value: float, less: float) -> float:
-    """``value``, less so much of its amount; zero at least."""
-    return math.copysign(max(abs(value) - less, 0.0), value)
 
 
 def _near(angle: float, q: float, most: float) -> float:

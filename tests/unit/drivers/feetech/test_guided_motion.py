@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from harness.emulated_rig import loaded
-from harness.guided_servos import Guided, led
+from harness.guided_servos import WEIGHT, Guided, led
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -25,6 +25,7 @@ from so101_motion.drivers.servo_types import STS3215_7V4, ServoFigures
 
 SLIPPERY = {joint: ServoFigures(friction=0.67) for joint in ARM_JOINTS}
 GRIPPY = {joint: ServoFigures(friction=1.33) for joint in ARM_JOINTS}
+FOLDED, STRETCHED = (0.0, -1.17, -0.15, -0.53, -0.42, 0.3), (0.0, 0.1, 0.1, 0.0, 0.0, 0.3)
 LATE = 0.02
 STRONG = 6.0
 """Torque of a hand that leads a joint at 90 deg/s [N m]."""
@@ -78,6 +79,35 @@ def test_a_joint_that_is_let_go_in_motion_comes_to_rest_and_stays_there(
 
     assert arm.look(2.0, late=late).max() < most
     assert arm.look(1.0, late=late).max() < 0.3
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+@pytest.mark.parametrize("pose", [FOLDED, STRETCHED])
+def test_an_arm_whose_object_is_taken_away_neither_rises_nor_goes_on_when_it_is_led(
+    wired, pose, seed
+):
+    arm = Guided(wired, gravity=loaded(0.3).gravity_torque, q_start=pose, spread=0.2, seed=seed)
+    arm.arm.guide(Compliance())
+    arm.look(0.3)
+    arm.port.world.gravity = WEIGHT
+    assert arm.look(2.0).max() < 1.5, "it jumped by 30 to 50 deg once"
+    way = 60.0 if pose is FOLDED else -60.0
+    before = arm.q_deg[1]
+    arm.hand(led("shoulder_lift", before, way, 2.0), 2.0)
+    arm.look(3.01)
+    assert (arm.q_deg[1] - before) / way > 0.8
+
+    assert arm.look(2.0).max() < 3.0
+    assert arm.look(1.0).max() < 0.3
+
+
+@pytest.mark.parametrize(("joint", "seed"), [("shoulder_lift", 0), ("elbow_flex", 2)])
+def test_a_joint_that_is_led_far_stays_where_it_is_let_go(wired, joint, seed):
+    arm = Guided(wired, q_start=FOLDED, spread=0.2, seed=seed)
+    arm.arm.guide(Compliance())
+    arm.hand(led(joint, arm.q_deg[ARM_JOINTS.index(joint)], 70.0, 2.3))
+    arm.look(3.31)
+    assert arm.look(2.0).max() < 2.0, "the elbow rose by 15 deg once"
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
