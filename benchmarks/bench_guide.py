@@ -2,10 +2,12 @@
 
 Arms whose servos differ (spread 0.2) are guided by a hand that is a spring of limited torque, one
 joint after the other. First in free space, there and back: the torque with which the hand leads the
-joint at 30 deg/s, and how far the joint moves in the two seconds after it was let go. Then among
-random obstacles, each time along a joint on whose way the arm would be in contact: how near it
-came to that, for hands of different strength, and without walls. Then the same beside another arm
-that faces it and rests in a random pose. Distances are those of the true joints. Pretended time.
+joint at 30 deg/s, and how far the joint moves in the two seconds after it was let go. Then as far
+as a joint goes, with something in the jaws that the arm does not know, and once that was taken
+away. Then among random obstacles, each time along a joint on whose way the arm would be in contact:
+how near it came to that, for hands of different strength, and without walls. Then the same beside
+another arm that faces it and rests in a random pose. Distances are those of the true joints.
+Pretended time.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
 ``--only-arms`` measures only the part with two arms and keeps the file's other rows.
@@ -122,12 +124,13 @@ class Guided:
 
 
 @contextmanager
-def guided_arm(seed: int) -> Iterator[Guided]:
+def guided_arm(seed: int, held_kg: float = 0.0) -> Iterator[Guided]:
     """An emulated arm that differs from all others, watched by the referee."""
+    options = dict(reply_timeout=2.0, spread=0.2, seed=seed, held_kg=held_kg)
     with (
         _referee.refereed(("motion",)),
         tempfile.TemporaryDirectory() as folder,
-        _harness.hardware_bench(Path(folder), reply_timeout=2.0, spread=0.2, seed=seed) as bench,
+        _harness.hardware_bench(Path(folder), **options) as bench,
     ):
         yield Guided(bench)
 
@@ -152,6 +155,39 @@ def in_free_space(seed: int, poses: int) -> list[Felt]:
                 let_go = places[-round(AFTER / 0.01)]
                 found.append((joint, float(np.median(leading)), abs(places[-1][i] - let_go[i])))
                 guided.rig.arm.set_manual(False)
+    return found
+
+
+LOADS = (0.0, 0.1, 0.2, 0.3)
+"""Masses in the jaws, which the arms do not know [kg]."""
+
+
+def led_far(seed: int, cases: int, held_kg: float, *, taken: bool) -> list[tuple[float, float]]:
+    """Lead a joint of an arm anywhere within its limits, with something in the jaws or after it.
+
+    Returns:
+        How far any joint moved untouched once manual mode had begun, and once it was let go [rad].
+    """
+    found: list[tuple[float, float]] = []
+    rng = np.random.default_rng(seed)
+    for k in range(cases):
+        with guided_arm(1000 * seed + k, held_kg) as guided:
+            arm = guided.rig.arm
+            plan, _ = _following.random_plan(guided.rig, int(rng.integers(1 << 30)), waypoints=1)
+            guided.bench.finish(arm.start_execute(plan), at_most=60.0)
+            guided.bench.advance(1.0)
+            arm.set_manual(True, replace(arm.compliance, wall=0.0))
+            guided.bench.advance(0.3)
+            if taken:
+                guided.bench.world.gravity = arm.model.gravity_torque
+            before = guided.q
+            guided.bench.advance(AFTER)
+            untouched = float(np.abs(guided.q - before).max())
+            i = int(rng.integers(5))
+            wanted = rng.uniform(arm.model.lower[i] + 0.1, arm.model.upper[i] - 0.1)
+            _, places = guided.lead(i, [wanted - guided.q[i]], STRENGTHS[1])
+            after = np.abs(np.array(places[-round(AFTER / 0.01) :]) - places[-round(AFTER / 0.01)])
+            found.append((untouched, float(after.max())))
     return found
 
 
@@ -306,8 +342,9 @@ def main() -> None:
         _common.update("bench_guide", beside)
         return
     felt = felt_in_free_space(asked.arms, asked.poses)
+    far = led_anywhere(asked.arms, asked.cases)
     among = led_into_contact("obstacles", among_obstacles, asked.arms, asked.cases)
-    _common.write("bench_guide", [*felt, *among, *beside])
+    _common.write("bench_guide", [*felt, *far, *among, *beside])
 
 
 def felt_in_free_space(arms: int, poses: int) -> list[dict[str, Any]]:
@@ -327,6 +364,27 @@ def felt_in_free_space(arms: int, poses: int) -> list[dict[str, Any]]:
                 "hand, median [N m]": float(np.median(pulls)),
                 "hand, most [N m]": max(pulls),
                 "moved once let go, most [deg]": math.degrees(max(moved)),
+            }
+        )
+    return rows
+
+
+def led_anywhere(arms: int, cases: int) -> list[dict[str, Any]]:
+    """A row for each mass in the jaws, and for one that was taken away."""
+    rows: list[dict[str, Any]] = []
+    for held_kg, taken in (*((each, False) for each in LOADS), (LOADS[-1], True)):
+        name = f"led anywhere with {held_kg:g} kg" + (", which was taken away" if taken else "")
+        pieces = {
+            f"{name} {k}": partial(led_far, k, cases, held_kg, taken=taken) for k in range(arms)
+        }
+        found = [each for arm in _common.in_pieces("bench_guide", pieces) for each in arm]
+        untouched, let_go = zip(*found, strict=True)
+        rows.append(
+            {
+                "what": name,
+                "cases": len(found),
+                "moved untouched, most [deg]": math.degrees(max(untouched)),
+                "moved once let go, most [deg]": math.degrees(max(let_go)),
             }
         )
     return rows
