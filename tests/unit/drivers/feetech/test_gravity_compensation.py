@@ -124,7 +124,7 @@ def carried(figures, *, off):
     load = np.array([0.0, 2.0, 1.0, 0.0, 0.0, 0.0])
     trim = Trim(lambda q: np.array([0.0, 0.5, 0.4, 0.0, 0.0, 0.0]), lambda q: load)
     trim.models = [ServoModel(figures=figures) for _ in ALL]
-    start(trim, GOAL)
+    start(trim, GOAL, sag=(None,) * 6)
     for k in range(20):
         trim.command((GOAL + 0.01 * k).tolist(), 0.01 * k)
         trim.measure((GOAL + 0.01 * k - off).tolist(), REST, ALL, 0.01 * k)
@@ -137,6 +137,15 @@ def test_servos_whose_figures_are_known_tell_a_load_faster_from_what_else_may_be
     mass_known, rest_known = carried(ServoFigures(torque=1.001), off=off)
     assert mass_known > 1.5 * mass > 0.0
     assert rest_known < rest
+
+
+@pytest.mark.parametrize(("arm_of_a_kg", "share"), [(2.8, 2.0 / 3.0), (0.5, 0.06)])
+def test_an_error_looks_like_a_mass_only_where_a_mass_would_make_one(arm_of_a_kg, share):
+    trim = Trim(weightless, lambda q: np.array([0.0, arm_of_a_kg, 0.0, 0.0, 0.0, 0.0]))
+    start(trim, GOAL)
+    hold(trim, GOAL - 0.01, 0.5)
+    total = trim.carried * arm_of_a_kg + trim.models[1].torque(trim.rest[1])
+    assert trim.carried * arm_of_a_kg / total == pytest.approx(share, rel=0.05)
 
 
 def test_while_the_joint_moves_nothing_is_learnt_of_it():
