@@ -115,6 +115,9 @@ WEIGHTLESS = 0.008
 """A smaller load leaves an output where its motor drags it [N m]. Chosen: the emulator's limit is
 0.01, less the effect of 0.3 kg with a roll zero that is off by 5 deg."""
 
+_FELT = 0.5
+"""Nothing is taken for a mass where a kilogram needs less torque than this [N m]."""
+
 _DOUBT = 2.0
 """Where a kilogram adds this torque [N m], half of an error is taken for carried mass and half for
 something else; less where it adds less. Chosen by trial: with a fifth of it, errors near the
@@ -171,7 +174,7 @@ class Trim:
         q: Sequence[float],
         way: Sequence[float] = (0.0,) * 5,
         qd: Sequence[float] = (0.0,) * 5,
-        trusted: Sequence[float] = (1.0,) * 5,
+        carried: Sequence[float] = (),
     ) -> list[float]:
         """The offsets of the arm joints' goals for weight, friction and speed [rad].
 
@@ -179,10 +182,11 @@ class Trim:
             q: Where all six joints are [rad].
             way: Which way and how fully friction is overcome, -1 to 1.
             qd: How fast they turn [rad/s].
-            trusted: Share of the carried mass that each joint counts on.
+            carried: Mass in the gripper that each joint counts on [kg]; what was learnt if empty.
         """
         own, per_kg = self._own_weights(q)
-        weights = [w + t * self.carried * u for w, u, t in zip(own, per_kg, trusted, strict=False)]
+        masses = carried or [self.carried] * _JAW
+        weights = [w + m * u for w, u, m in zip(own, per_kg, masses, strict=False)]
         return [
             limited(
                 model.distance(weight + side * model.friction(weight, side), speed),
@@ -201,12 +205,28 @@ class Trim:
         """Holding torques of the joints where they will be when the last goal acts [N m]."""
         return self._weight
 
-    def learnt(self, q: Sequence[float]) -> list[float]:
-        """The torques on the arm joints at ``q`` [rad] that only the integral explains [N m]."""
-        _, per_kg = self._own_weights(q)
-        return [
-            self.carried * per_kg[i] + self.models[i].torque(self._rest[i]) for i in range(_JAW)
+    def per_kg(self, q: Sequence[float]) -> list[float]:
+        """The torques that each kilogram in the gripper adds to the arm joints at ``q`` [rad]."""
+        return self._own_weights(q)[1][:_JAW]
+
+    def taken_for_mass(self) -> tuple[float, list[float]]:
+        """Take as much as possible of what was learnt for a mass in the gripper.
+
+        Returns:
+            That mass [kg], and what is left of the arm joints' offsets [rad].
+        """
+        arms = self._per_kg[:_JAW]
+        heaviness = sum(each * each for each in arms)
+        if heaviness < _FELT**2:
+            return self.carried, self._rest[:_JAW]
+        torques = [m.torque(rest) for m, rest in zip(self.models, self._rest, strict=True)]
+        more = sum(u * t for u, t in zip(arms, torques, strict=False)) / heaviness
+        mass = limited(self.carried + more, HEAVIEST)
+        left = [
+            (torque - (mass - self.carried) * arm) / model.torque(1.0)
+            for torque, arm, model in zip(torques, arms, self.models, strict=False)
         ]
+        return mass, left
 
     @property
     def rest(self) -> list[float]:

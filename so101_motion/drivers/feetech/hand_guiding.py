@@ -32,7 +32,9 @@ taken the object out of the jaws. Carried on, it would throw the arm up as soon 
 So it is treated like friction. It is carried at first, and while a joint sinks under it. A joint
 that gives way to it, moving where it pushes, counts on it no longer after twice ``ENGAGING``.
 However much of that load is really there, what is left of it opposes the motion. So a hand that
-lifts the joint lifts the load itself.
+lifts the joint lifts the load itself. What was learnt is taken for a mass in the gripper as far as
+possible: one too large only makes the arm heavier to lift, one too small would let it sink where
+its arm is longer.
 
 A weight that nothing has learnt would let a joint sink once it is released. While it is slow, the
 joint therefore learns a small offset that keeps it at its anchor. A slow hand teaches it one, too,
@@ -135,7 +137,8 @@ class HandGuiding:
         self._anchor = list(q[:N])
         self._q, self._way = list(q), [0.0] * N
         self._moving, self._ahead = [0.0] * N, [0.0] * N
-        self._known, self._learnt, self._trusted = trim.rest, [0.0] * N, [1.0] * N
+        self._mass, self._known = trim.taken_for_mass()
+        self._learnt, self._trusted = [0.0] * N, [1.0] * N
         self._softness = [
             min(give / yielding(1) * compliance.p_gain, 1.0) for give in trim.yielding
         ]
@@ -168,7 +171,8 @@ class HandGuiding:
             HELP_FRICTION * way * moving
             for way, moving in zip(self._way, self._moving, strict=True)
         ]
-        weights = self._trim.explain(q, ways, [HELP_BRAKE * v for v in speeds], self._trusted)
+        masses = [self._mass * trusted for trusted in self._trusted]
+        weights = self._trim.explain(q, ways, [HELP_BRAKE * v for v in speeds], masses)
         for i, speed in enumerate(speeds):
             away, give = self._anchor[i] - q[i], self._trim.yielding[i]
             at_wall = abs(off[i]) > band
@@ -194,7 +198,8 @@ class HandGuiding:
 
     def _trust(self, q: Sequence[float]) -> None:
         """Find how far each joint counts on the load that was learnt before."""
-        for i, torque in enumerate(self._trim.learnt(q)):
+        for i, per_kg in enumerate(self._trim.per_kg(q)):
+            torque = self._mass * per_kg + self._trim.models[i].torque(self._known[i])
             way = (q[i] - self._q[i]) * float(np.sign(torque)) / (2.0 * ENGAGING)
             self._trusted[i] = min(max(self._trusted[i] - way, 0.0), 1.0)
 

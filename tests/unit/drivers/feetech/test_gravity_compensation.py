@@ -4,6 +4,7 @@ import pytest
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.drivers.feetech.gravity_compensation import (
     ENGAGING,
+    HEAVIEST,
     LARGEST_DRIVE,
     LARGEST_SAG,
     Trim,
@@ -146,6 +147,11 @@ def test_an_error_looks_like_a_mass_only_where_a_mass_would_make_one(arm_of_a_kg
     hold(trim, GOAL - 0.01, 0.5)
     total = trim.carried * arm_of_a_kg + trim.models[1].torque(trim.rest[1])
     assert trim.carried * arm_of_a_kg / total == pytest.approx(share, rel=0.05)
+
+    mass, left = trim.taken_for_mass()
+    assert mass == pytest.approx(min(total / arm_of_a_kg, HEAVIEST)), "guiding takes all for a mass"
+    there = mass * arm_of_a_kg + trim.models[1].torque(left[1])
+    assert there == pytest.approx(total), "and nothing is lost"
 
 
 def test_while_the_joint_moves_nothing_is_learnt_of_it():

@@ -101,9 +101,11 @@ def test_an_arm_whose_object_is_taken_away_neither_rises_nor_goes_on_when_it_is_
     assert arm.look(1.0).max() < 0.3
 
 
+@pytest.mark.parametrize("held_kg", [0.0, 0.3])
 @pytest.mark.parametrize(("joint", "seed"), [("shoulder_lift", 0), ("elbow_flex", 2)])
-def test_a_joint_that_is_led_far_stays_where_it_is_let_go(wired, joint, seed):
-    arm = Guided(wired, q_start=FOLDED, spread=0.2, seed=seed)
+def test_a_joint_that_is_led_far_stays_where_it_is_let_go(wired, joint, seed, held_kg):
+    weight = loaded(held_kg).gravity_torque
+    arm = Guided(wired, gravity=weight, q_start=FOLDED, spread=0.2, seed=seed)
     arm.arm.guide(Compliance())
     arm.hand(led(joint, arm.q_deg[ARM_JOINTS.index(joint)], 70.0, 2.3))
     arm.look(3.31)
