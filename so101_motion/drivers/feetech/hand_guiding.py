@@ -92,8 +92,8 @@ FAST = to_rad(60.0)
 LEAD = 0.1
 """How far beyond a moving joint its goal lies, by its speed above ``SLOW`` [s]. It covers the lag
 of the set-point up to ``FAST``: 0.065 s to stop from there by 464 deg/s^2, and 0.03 s until a goal
-acts. More would change nothing, because the limit decides. It grows by ``FAST`` at most, so a goal
-is no faster than twice that."""
+acts. More would change nothing, because the limit decides. It grows by ``FAST`` at most, and only
+as long as the goal is no faster than twice that."""
 
 STANDING = 0.3
 """How long after a motion the limit of a standing joint is back [s]: by then its servo's set-point
@@ -136,7 +136,7 @@ class HandGuiding:
         self._compliance, self._trim, self._now, self._wall = compliance, trim, now, wall
         self._anchor = list(q[:N])
         self._q, self._way = list(q), [0.0] * N
-        self._moving, self._ahead = [0.0] * N, [0.0] * N
+        self._moving, self._ahead, self._goals = [0.0] * N, [0.0] * N, list(q[:N])
         self._mass, self._known = trim.taken_for_mass()
         self._learnt, self._trusted = [0.0] * N, [1.0] * N
         self._softness = [
@@ -190,10 +190,12 @@ class HandGuiding:
             stiffest = self._compliance.resistance * give
             wanted = min(max(self._softness[i] * away, -stiffest), stiffest) + carried
             lead = LEAD * max(abs(speed) - SLOW, 0.0) if wanted * speed > 0.0 else 0.0
-            self._ahead[i] = min(lead, self._ahead[i] + FAST * dt)
+            reach = (self._goals[i] - q[i] - wanted) * math.copysign(1.0, wanted) + 2.0 * FAST * dt
+            self._ahead[i] = max(min(lead, self._ahead[i] + FAST * dt, reach), 0.0)
             goals.append(q[i] + wanted + math.copysign(self._ahead[i], wanted))
             own = self._trim.models[i].drive(wanted)
             shares.append(limit + self._moving[i] * (own - limit))
+        self._goals = goals
         return goals, shares
 
     def _trust(self, q: Sequence[float]) -> None:

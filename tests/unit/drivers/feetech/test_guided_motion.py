@@ -101,6 +101,25 @@ def test_an_arm_whose_object_is_taken_away_neither_rises_nor_goes_on_when_it_is_
     assert arm.look(1.0).max() < 0.3
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_an_object_taken_up_while_guided_is_known_after_a_small_move(wired, seed):
+    q = np.array([0.0, -0.2, 0.0, 0.2, 0.0])
+    arm = Guided(wired, q_start=(*q, 0.3), spread=0.2, seed=seed)
+    arm.arm.guide(Compliance())
+    arm.port.world.gravity = loaded(0.2).gravity_torque
+    arm.look(1.0)
+    arm.arm.guide(None)
+    for k in range(200):
+        there_and_back = math.sin(0.01 * math.pi * k) * np.array([0.0, 0.2, -0.1, 0.0, 0.0])
+        arm.arm.write(q + there_and_back, 0.3)
+        arm.look(0.01)
+    arm.look(1.0)
+    arm.arm.guide(Compliance())
+    arm.hand(led("shoulder_lift", arm.q_deg[1], -25.0, 1.7), 3.0)
+    arm.look(2.71)
+    assert arm.look(3.0).max() < 2.0, "without the move it sinks by 45 to 75 deg"
+
+
 @pytest.mark.parametrize("held_kg", [0.0, 0.3])
 @pytest.mark.parametrize(("joint", "seed"), [("shoulder_lift", 0), ("elbow_flex", 2)])
 def test_a_joint_that_is_led_far_stays_where_it_is_let_go(wired, joint, seed, held_kg):
@@ -153,6 +172,19 @@ def test_nothing_leads_a_joint_towards_a_wall_near_by():
     near, *_ = led_at(speed, lambda q, q_led: np.minimum(q_led, there))
     assert free > LEAD * (speed - SLOW)
     assert near <= 0.0
+
+
+def test_no_goal_is_faster_than_twice_the_speed_that_is_helped():
+    """A strong hand breaks through a wall, and flings the joint."""
+    guide = HandGuiding(Compliance(), Trim(lambda q: np.zeros(6)), [0.0] * 6, 0.0)
+    q, speed, before = [0.0] * 6, 0.0, 0.0
+    for k in range(1, 31):
+        speed = min(speed + 0.15, 1.6)
+        q[0] += 0.01 * speed
+        goals, _ = guide.step(q, [speed, *[0.0] * 5], 0.01 * k)
+        assert goals[0] - before <= 0.02 * FAST + 0.002, "what it is helped by may grow meanwhile"
+        before = goals[0]
+    assert before - q[0] > LEAD * (FAST - SLOW), "the goal leads all the same"
 
 
 def test_how_the_bound_of_the_way_after_letting_go_follows():
