@@ -103,12 +103,12 @@ def test_an_arm_whose_object_is_taken_away_neither_rises_nor_goes_on_when_it_is_
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_an_object_taken_up_while_guided_is_known_after_a_small_move(wired, seed):
-    q = np.array([0.0, -0.2, 0.0, 0.2, 0.0])
-    arm = Guided(wired, q_start=(*q, 0.3), spread=0.2, seed=seed)
+    arm = Guided(wired, q_start=(0.0, -0.2, 0.0, 0.2, 0.0, 0.3), spread=0.2, seed=seed)
     arm.arm.guide(Compliance())
     arm.port.world.gravity = loaded(0.2).gravity_torque
     arm.look(1.0)
     arm.arm.guide(None)
+    q = arm.arm.read().q
     for k in range(200):
         there_and_back = math.sin(0.01 * math.pi * k) * np.array([0.0, 0.2, -0.1, 0.0, 0.0])
         arm.arm.write(q + there_and_back, 0.3)
