@@ -167,13 +167,15 @@ async def test_a_led_arm_keeps_off_a_component_until_it_is_gone(machine):
             return abs(await pan() + 90.0) < 2.0
 
         async def comes_to(is_there):
-            """A busy machine may part them; then the leader goes back to the follower."""
+            """A busy machine may part them or end it; then the leader goes back to the follower."""
             while True:
                 await goes_to(leader, -90.0)
-                await until(lambda: any_of(is_there(), is_in("waiting")))
+                await until(lambda: any_of(is_there(), is_in("waiting"), is_in("stopped")))
                 if await is_there():
                     return
                 await goes_to(leader, await pan())
+                if await is_in("stopped"):
+                    await client.do_command({"command": "start"})
                 await until(lambda: is_in("mirroring"))
 
         async def any_of(*asked):
@@ -260,7 +262,7 @@ async def test_a_component_that_comes_while_a_stream_is_played_stops_it(machine)
     machine.configs.remove(CRATE)
     async with on_the_left(machine) as (_, client, pan):
         updates = []
-        playing = asyncio.ensure_future(streamed(client, LEFT, RIGHT, 20.0, updates))
+        playing = asyncio.ensure_future(streamed(client, LEFT, RIGHT, 60.0, updates))
         await until(lambda: updates)
         machine.configs.append(CRATE)
         with pytest.raises(GRPCError, match="'crate'"):
