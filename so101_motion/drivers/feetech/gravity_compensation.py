@@ -120,8 +120,8 @@ _FELT = 0.5
 
 _DOUBT = 2.0
 """Where a kilogram adds this torque [N m], half of an error is taken for carried mass and half for
-something else; less where it adds less. Chosen by trial: with a fifth of it, errors near the
-upright looked like 0.2 kg."""
+something else; less where it adds less. Chosen by trial: without that, errors near the upright
+looked like 0.2 kg."""
 
 _STILL = 0.06
 """How long the command must have stood still [s]: twice a healthy servo's delay. Chosen."""
@@ -172,9 +172,9 @@ class Trim:
     def explain(
         self,
         q: Sequence[float],
-        way: Sequence[float] = (0.0,) * 5,
-        qd: Sequence[float] = (0.0,) * 5,
-        carried: Sequence[float] = (),
+        way: Sequence[float],
+        qd: Sequence[float],
+        carried: Sequence[float],
     ) -> list[float]:
         """The offsets of the arm joints' goals for weight, friction and speed [rad].
 
@@ -182,11 +182,10 @@ class Trim:
             q: Where all six joints are [rad].
             way: Which way and how fully friction is overcome, -1 to 1.
             qd: How fast they turn [rad/s].
-            carried: Mass in the gripper that each joint counts on [kg]; what was learnt if empty.
+            carried: Mass in the gripper that each joint counts on [kg].
         """
-        own, per_kg = self._own_weights(q)
-        masses = carried or [self.carried] * _JAW
-        weights = [w + m * u for w, u, m in zip(own, per_kg, masses, strict=False)]
+        own, per_kg = self._gravity(np.array(q)).tolist(), self.per_kg(q)
+        weights = [w + m * u for w, u, m in zip(own, per_kg, carried, strict=False)]
         return [
             limited(
                 model.distance(weight + side * model.friction(weight, side), speed),
@@ -206,8 +205,11 @@ class Trim:
         return self._weight
 
     def per_kg(self, q: Sequence[float]) -> list[float]:
-        """The torques that each kilogram in the gripper adds to the arm joints at ``q`` [rad]."""
-        return self._own_weights(q)[1][:_JAW]
+        """What each kilogram in the gripper adds to the six joints at ``q`` [rad], in [N m/kg]."""
+        if self._load is None:
+            return self._per_kg
+        per_kg: list[float] = self._load(np.array(q)).tolist()
+        return per_kg
 
     def taken_for_mass(self) -> tuple[float, list[float]]:
         """Take as much as possible of what was learnt for a mass in the gripper.
@@ -420,14 +422,8 @@ class Trim:
 
     def _weights(self, q: Sequence[float]) -> tuple[list[float], list[float]]:
         """Holding torques at ``q`` [rad], and the torque that each kilogram carried adds."""
-        own, per_kg = self._own_weights(q)
+        own, per_kg = self._gravity(np.array(q)).tolist(), self.per_kg(q)
         return [w + self.carried * u for w, u in zip(own, per_kg, strict=True)], per_kg
-
-    def _own_weights(self, q: Sequence[float]) -> tuple[list[float], list[float]]:
-        """The same torques of the arm alone, and what each kilogram adds."""
-        at = np.array(q)
-        per_kg = self._per_kg if self._load is None else self._load(at).tolist()
-        return self._gravity(at).tolist(), per_kg
 
     def _find(self, i: int, speed: float = 0.0) -> None:
         """Update the offset of joint ``i`` for its weight and friction."""

@@ -137,8 +137,9 @@ class HandGuiding:
         self._anchor = list(q[:N])
         self._q, self._way = list(q), [0.0] * N
         self._moving, self._ahead, self._goals = [0.0] * N, [0.0] * N, list(q[:N])
-        self._mass, self._known = trim.taken_for_mass()
-        self._learnt, self._trusted = [0.0] * N, [1.0] * N
+        self._mass, self._known = trim.taken_for_mass()  # [kg], [rad]: what holding has learnt
+        self._trusted = [1.0] * N  # the share of both that each joint counts on
+        self._learnt = [0.0] * N
         self._softness = [
             min(give / yielding(1) * compliance.p_gain, 1.0) for give in trim.yielding
         ]
@@ -200,7 +201,7 @@ class HandGuiding:
 
     def _trust(self, q: Sequence[float]) -> None:
         """Find how far each joint counts on the load that was learnt before."""
-        for i, per_kg in enumerate(self._trim.per_kg(q)):
+        for i, per_kg in enumerate(self._trim.per_kg(q)[:N]):
             torque = self._mass * per_kg + self._trim.models[i].torque(self._known[i])
             way = (q[i] - self._q[i]) * float(np.sign(torque)) / (2.0 * ENGAGING)
             self._trusted[i] = min(max(self._trusted[i] - way, 0.0), 1.0)
