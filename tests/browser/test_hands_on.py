@@ -81,10 +81,17 @@ def switch_on(guest: Guest) -> None:
 
 
 def hold(guest: Guest, rig: Rig, key: str, until: Callable[[], bool]) -> None:
-    """Hold a key until something is so, then let the arm come to rest."""
+    """Hold a key until something is so, then let the arm come to rest.
+
+    A key that is pressed before the page listens, or that a busy page has let go of, is pressed
+    anew after a while.
+    """
+    looks = 0
 
     def is_so() -> bool:
-        if guest.has_stalled():
+        nonlocal looks
+        looks += 1
+        if guest.has_stalled() or (looks % 60 == 0 and not moves(rig)):
             guest.page.keyboard.up(key)
             switch_on(guest)
         guest.page.keyboard.down(key)

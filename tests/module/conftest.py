@@ -28,6 +28,14 @@ def planning_process():
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def module_data(tmp_path_factory):
+    """What modules in this process keep, recordings and paths, is not left where the tests run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("VIAM_MODULE_DATA", str(tmp_path_factory.mktemp("module-data")))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def every_test_begins_with_new_arms():
     """A simulated arm stands where the last one of its name was left."""
