@@ -9,6 +9,7 @@ import click
 
 from so101_motion.cli.param_types import IN_FILE, SECONDS, Finite, OutFile
 from so101_motion.cli.shared import (
+    STOPPED,
     Verbs,
     have_agreed,
     json_option,
@@ -76,6 +77,8 @@ def record(
         print_json("guide-record", {"file": str(file), **_facts(path)})
     else:
         click.echo(f"saved {file}: {_in_words(path)}", err=True)
+    if recorder.ended_by:
+        raise SystemExit(STOPPED)
 
 
 def _run_keys(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float | None) -> None:

@@ -206,3 +206,17 @@ def test_a_setup_in_the_browser_prints_its_link_and_ends_with_ctrl_c(make_kit):
         person.interrupts()
         person.sees("so101 setup --web continues here")
         assert person.code() == 0
+
+
+# Guiding
+
+
+def test_a_recording_whose_cable_comes_out_is_saved_and_ends_as_stopped(arm, tmp_path):
+    file = tmp_path / "wave.json"
+    with Typist("guide", "record", "--port", arm.port, "--yes", str(file)) as person:
+        person.sees("recording")
+        arm.unplug()
+        person.sees("ended: the arm could not be reached any more")
+        person.sees("saved")
+        assert person.code() == 7
+    assert json.loads(file.read_text())["q_deg"]
