@@ -9,6 +9,7 @@ from harness.cell_pair import crossing_task
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.arm.cell import Cell
+from so101_motion.arm.place import Place
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import (
     ConfigError,
@@ -202,6 +203,7 @@ def test_one_stop_brings_all_arms_to_rest(pair_of):
 def until_both_move(pair, *motions):
     """They begin at one moment, some milliseconds after their plan."""
     while not (pair.left.is_moving and pair.right.is_moving):
+        assert not any(each.future.done() for each in motions)
         wait([each.future for each in motions], timeout=0.001)
         pair.advance(0.0002)
 
@@ -223,6 +225,34 @@ def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
     assert sum(a != b for a, b in moving) <= 30, "one may take a little longer to settle"
     np.testing.assert_allclose(pair.left.state.q_ref, goals[0], atol=1e-6)
     np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
+
+
+def test_an_arm_that_is_ready_late_begins_with_the_other(pair_of, monkeypatch):
+    own = Place.entered
+
+    def late(place, trajectory, pause):  # the thread of a busy computer
+        if place.name == "right":
+            pause(0.04)
+        return own(place, trajectory, pause)
+
+    monkeypatch.setattr(Place, "entered", late)
+    facing = Facing(31)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, *starts)
+    wanted = {name: JointGoal(q=q) for name, q in zip(("left", "right"), goals, strict=True)}
+    motions = pair.cell.start_together(wanted)
+    began = {}
+    while len(began) < 2:
+        assert not any(motion.future.done() for motion in motions.values())
+        wait([motion.future for motion in motions.values()], timeout=0.001)
+        pair.advance(0.0002)
+        for name, arm in (("left", pair.left), ("right", pair.right)):
+            if arm.is_moving:
+                began.setdefault(name, pair.clock.now())
+    assert abs(began["left"] - began["right"]) < 0.011, "one cycle"
+    pair.finish(*motions.values())
+    for motion in motions.values():
+        motion.result()
 
 
 def planned_pair(pair_of):
