@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
+from so101_motion.common.errors import InCollision, MotionError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
 from so101_motion.planning.among import crosses, crossing, delayed
@@ -148,23 +150,32 @@ class Place:
 
         Raises:
             InCollision: It crosses another arm's motion, even if it begins later.
+            MotionError: So does a part of a common motion for which this arm was ready too late.
         """
         with self.cell.entry:
             with self.cell.lock:
                 self._beside.clear()  # a plan begins where the arm rests, and only leads away
             planned, expected = self._planned, self._expected
-            wait, other, early = 0.0, "", 0.0
+            wait, other, late = 0.0, "", math.inf
+            if planned is not None and expected is trajectory:
+                late = self._now() - planned.t
             self._expected = None
-            if expected is not trajectory or planned is None or self._now() > planned.t + PROMPT:
-                wait, other = self._wait_for(trajectory)
+            if late > PROMPT:
+                try:
+                    wait, other = self._wait_for(trajectory)
+                except InCollision:
+                    if math.isinf(late):
+                        raise
+                    raise MotionError(
+                        f"it was ready {late:.2f} s after the common motion was to begin, and would"
+                        " meet another arm now; check how busy the computer is, then plan again"
+                    ) from None
                 self._planned = self.along(trajectory, self._now() + wait)
-            else:
-                early = planned.t - self._now()
         if wait:
             _log.info("%s waits %.1f s more before it moves, for %s", self.name, wait, other)
         try:
-            if early > 0.0:
-                pause(early)
+            if late < 0.0:
+                pause(-late)
             yield delayed(trajectory, wait)
         finally:
             self._planned = None

@@ -8,6 +8,7 @@ import pytest
 from harness.cell_pair import crossing_task
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
+from so101_motion.arm import place as place_module
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.place import Place
 from so101_motion.common.clock import ManualClock
@@ -227,20 +228,25 @@ def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
     np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
 
 
-def test_an_arm_that_is_ready_late_begins_with_the_other(pair_of, monkeypatch):
+def start_with_a_late_arm(pair_of, monkeypatch, seconds):
+    """Begin a common motion for which the left arm's thread, on a busy computer, comes late."""
     own = Place.entered
 
-    def late(place, trajectory, pause):  # the thread of a busy computer
-        if place.name == "right":
-            pause(0.04)
+    def late(place, trajectory, pause):
+        if place.name == "left":
+            pause(seconds)
         return own(place, trajectory, pause)
 
     monkeypatch.setattr(Place, "entered", late)
-    facing = Facing(31)
+    facing = Facing(33)
     starts, goals = crossing_task(facing)
     pair = pair_of(facing, *starts)
     wanted = {name: JointGoal(q=q) for name, q in zip(("left", "right"), goals, strict=True)}
-    motions = pair.cell.start_together(wanted)
+    return pair, pair.cell.start_together(wanted)
+
+
+def test_an_arm_that_is_ready_late_begins_with_the_other(pair_of, monkeypatch):
+    pair, motions = start_with_a_late_arm(pair_of, monkeypatch, 0.04)
     began = {}
     while len(began) < 2:
         assert not any(motion.future.done() for motion in motions.values())
@@ -253,6 +259,16 @@ def test_an_arm_that_is_ready_late_begins_with_the_other(pair_of, monkeypatch):
     pair.finish(*motions.values())
     for motion in motions.values():
         motion.result()
+
+
+def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(pair_of, monkeypatch):
+    monkeypatch.setattr(place_module, "LATEST", 0.01)  # here a later begin would do, too
+    pair, motions = start_with_a_late_arm(pair_of, monkeypatch, 0.3)
+    before = pair.left.state.q_ref
+    pair.finish(*motions.values())
+    with pytest.raises(MotionError, match=r"ready 0\.\d+ s after the .* how busy"):
+        motions["left"].result()
+    np.testing.assert_array_equal(pair.left.state.q_ref, before)
 
 
 def planned_pair(pair_of):
