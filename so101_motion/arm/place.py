@@ -46,9 +46,10 @@ PROMPT = 0.5 * EARLY
 for twice as much."""
 
 LEAD = 0.05
-"""A common motion begins so long after its plan is there [s]. Chosen: all arms have to wait for the
-same moment by then. With 10 ms, arms of a busy computer came up to 127 ms late and their motion was
-refused; with 50 ms they came at most 1 ms late (simulated, four other programs on two cores)."""
+"""A common motion begins so long after its plan is there [s]. Chosen: by then all arms wait for the
+same moment. With 10 ms, arms of a busy computer came up to 127 ms late in eight of ten handovers;
+with 50 ms those of three came at most 1 ms late (simulated, beside four programs on two cores). It
+also has to be longer than an arm at rest is looked at, which takes up to 6 ms."""
 
 GOES_ON = 0.2
 """An arm that is moved by hand is taken to keep its velocity for so long [s]; chosen."""
@@ -150,17 +151,18 @@ class Place:
 
         Raises:
             InCollision: It crosses another arm's motion, even if it begins later.
-            MotionError: So does a part of a common motion for which this arm was ready too late.
+            MotionError: It is part of a common motion for which this arm was ready too late, and
+                would meet another arm now.
         """
         with self.cell.entry:
             with self.cell.lock:
                 self._beside.clear()  # a plan begins where the arm rests, and only leads away
             planned, expected = self._planned, self._expected
-            wait, other, late = 0.0, "", math.inf
+            wait, other, late = 0.0, "", math.inf  # no common motion
             if planned is not None and expected is trajectory:
                 late = self._now() - planned.t
             self._expected = None
-            if late > PROMPT:
+            if late > PROMPT:  # the check of before does not hold for it
                 try:
                     wait, other = self._wait_for(trajectory)
                 except InCollision:
