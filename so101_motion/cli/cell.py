@@ -18,6 +18,7 @@ from so101_motion.cli.shared import (
     json_option,
     print_json,
     quietly,
+    stops_on_ctrl_c,
 )
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 _POINT = Numbers("X", "Y", "Z", most=1e6)
 _JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
+_HOLD = "all arms hold"
 
 
 @click.group(cls=Verbs)
@@ -188,12 +190,9 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
         if not yes:
             have_agreed("Move the arms?")
         running = start_cell_program(opened.cell, rehearsal)
-        try:
+        with stops_on_ctrl_c(opened.cell, _HOLD):
             while not wait((running.future,), 0.1).done:
                 pass
-        except KeyboardInterrupt:
-            opened.cell.stop()
-            raise
         running.future.result()
         reached = _joints_deg(opened.rigs)
     if as_json:
@@ -261,12 +260,10 @@ def _wait_for_all(cell: Cell, motions: Mapping[str, Motion]) -> None:
     problems = []
     for name, motion in motions.items():
         try:
-            motion.result()
+            with stops_on_ctrl_c(cell, _HOLD):
+                motion.result()
         except So101Error as error:
             problems.append(error if name in str(error) else error.about(name))
-        except KeyboardInterrupt:
-            cell.stop()
-            raise
     if problems:  # the failure of one arm interrupts the others; its error has the reason
         raise next((each for each in problems if not isinstance(each, Interrupted)), problems[0])
 

@@ -20,6 +20,7 @@ from so101_motion.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
+    from so101_motion.arm.cell import Cell
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -127,13 +128,13 @@ def have_agreed(question: str) -> None:
 
 
 @contextmanager
-def stops_on_ctrl_c(arm: Arm) -> Iterator[None]:
-    """On Ctrl-C in this block, stop the arm, wait until it rests, and end the program."""
+def stops_on_ctrl_c(moving: Arm | Cell, holds: str = "the arm holds") -> Iterator[None]:
+    """On Ctrl-C in this block, stop what moves, wait until it rests, and end the program."""
     try:
         yield
     except KeyboardInterrupt:
-        arm.stop()
-        aside("stopped; the arm holds")
+        moving.stop()
+        aside(f"stopped; {holds}")
         raise SystemExit(INTERRUPTED) from None
 
 

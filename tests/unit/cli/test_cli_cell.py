@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from so101_motion.arm.cell import Cell
+from so101_motion.arm.motion_handle import Motion
 from so101_motion.cli.verbs import main
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig import cell_rigs
@@ -168,3 +170,29 @@ def test_a_program_of_several_arms_is_run(tmp_path):
     assert result.exit_code == 0, result.output
     reached = json.loads(result.stdout)["joints_deg"]
     assert reached == {"left": [2, 0, 0, 0, 0], "right": [0, 0, 0, 2, 0]}
+
+
+@pytest.mark.parametrize("flags", [(), ("--json",)])
+def test_ctrl_c_stops_all_arms_and_says_so(tmp_path, monkeypatch, flags):
+    path = tmp_path / "cell.json"
+    far = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
+    path.write_text(json.dumps({"arms": [{"name": "left"}, far]}))
+    stopped = []
+    own = Cell.stop
+
+    def interrupted(motion, timeout=None):
+        raise KeyboardInterrupt
+
+    def stop(cell):
+        own(cell)
+        stopped.append([place.arm.is_moving for place in cell.places.values()])
+
+    monkeypatch.setattr(Motion, "result", interrupted)
+    monkeypatch.setattr(Cell, "stop", stop)
+    asked = ["cell", "move", str(path), "--joints", "left", "60,0,0,0,0", "--yes", *flags]
+    result = CliRunner().invoke(main, asked)
+    assert result.exit_code == 130
+    assert "stopped; all arms hold" in result.stderr
+    assert stopped == [[False, False]]
+    if flags:
+        assert json.loads(result.stdout)["kind"] == "interrupted"
