@@ -1,4 +1,4 @@
-"""Serve the preview page of one arm.
+"""Serve the page of one arm.
 
 The page is up at once; its arm may come later (``source.py``).
 """

@@ -19,7 +19,7 @@ T = TypeVar("T", bound=Closable)
 
 _WAITS = Sentence(
     text="This page keeps looking for the arm, and shows it here as soon as it answers. Nothing"
-    " moves by that. Meanwhile check:"
+    " moves. Meanwhile check:"
 )
 _CHECK = (
     ("Power", "the arm's own supply is switched on: USB does not feed the motors"),

@@ -391,4 +391,4 @@ class Arm(PlannedArm):
             raise MotionError(lent_out(state.lent_to))
         if state.mode is Mode.FAULT:
             raise NotHolding(f"the arm is in a fault: {state.fault}; clear it, then hold again")
-        return self.in_manual
+        return self.is_movable_by_hand

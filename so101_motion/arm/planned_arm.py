@@ -88,7 +88,7 @@ class PlannedArm(CappedJoints):
         return self.state.arm_moving
 
     @property
-    def in_manual(self) -> bool:
+    def is_movable_by_hand(self) -> bool:
         """Whether the joints can be moved by hand: guided, or limp."""
         return self.state.mode in (Mode.GUIDING, Mode.LIMP)
 

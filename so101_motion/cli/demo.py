@@ -27,7 +27,7 @@ _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
 )
 @page_options
 def demo(text: bool, arms: int, page: Page) -> None:
-    """Run the simulated arm with the preview in the browser; needs no hardware."""
+    """Run the simulated arm with its page in the browser; needs no hardware."""
     if text and arms > 1:
         raise click.UsageError("--text shows a single arm; leave out --arms")
     if text:

@@ -63,7 +63,7 @@ def _goal_options(verb: F) -> F:
         type=click.Choice(["tool", "jaw_tip"]),
         default="tool",
         show_default=True,
-        help="With --xyz: the frame of the hand that moves to the point.",
+        help="With --xyz: the frame of the gripper that moves to the point.",
     )
     @click.option("--joints", type=_JOINTS, help="Move the joints to these angles [deg].")
     @click.option(

@@ -42,7 +42,7 @@ def run(
     yes: bool,
     as_json: bool,
 ) -> None:
-    """Run PROGRAM: the name of one saved in the preview, or a .json file.
+    """Run PROGRAM: the name of one saved on the page, or a .json file.
 
     Everything is planned and checked for collisions before anything moves. Where "Pass through"
     is ticked the arm does not stop, and each joint comes within 3 degrees of the waypoint. Ctrl-C

@@ -178,7 +178,7 @@ def events_option(verb: F) -> F:
 
 
 def import_preview() -> Any:
-    """Import ``so101_viewer``, which serves the preview.
+    """Import ``so101_viewer``, which serves the page.
 
     Raises:
         ConfigError: It is not installed.
@@ -195,7 +195,7 @@ def import_preview() -> Any:
 
 
 def _how_to_install() -> str:
-    """The command that installs the packages that the preview needs."""
+    """The command that installs the packages that the page needs."""
     wanted = [
         found[1]
         for line in requires("so101-motion") or ()

@@ -45,9 +45,9 @@ _SECTIONS: dict[str, tuple[click.Command, ...]] = {
         cell,
     ),
     "Move": (view, status, plan, move, run, stop, guide, teleop),
-    "Learn": (dataset, sweep),
+    "Data sets and sweeps": (dataset, sweep),
     "Viam": (viam,),
-    "Workshop": (emulate, bench, completion),
+    "Tools": (emulate, bench, completion),
 }
 """The verbs, in the order in which a newcomer needs them."""
 

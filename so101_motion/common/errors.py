@@ -100,13 +100,14 @@ class ConfigError(So101Error, ValueError):
 
     Attributes:
         key: The attribute or request key.
-        value: What was given.
+        value: What was given; None if nothing was, and then the message shows no value.
         reason: What is wrong and what would be right.
     """
 
     def __init__(self, key: str, value: object, reason: str) -> None:
         self.key, self.value, self.reason = key, value, reason
-        super().__init__(f'"{clipped(key, LONGEST_QUOTE)}" = {quoted(value)}: {reason}')
+        given = "" if value is None else f" = {quoted(value)}"
+        super().__init__(f'"{clipped(key, LONGEST_QUOTE)}"{given}: {reason}')
 
 
 class PlanningError(So101Error):

@@ -88,6 +88,21 @@ def can(mode: Mode, event: Event) -> bool:
     return (mode, event) in TRANSITIONS
 
 
+_REFUSALS = {
+    Event.MOVE: "the arm cannot move",
+    Event.RELEASE: "torque cannot go off",
+    Event.HOLD: "the arm cannot be told to hold",
+    Event.GUIDE: "the arm cannot be guided by hand",
+    Event.CALIBRATE: "a calibration cannot start",
+}
+
+
+def refusal(mode: Mode, event: Event) -> str:
+    """Say that ``event`` is not allowed in ``mode``, and what to do first."""
+    first = "leave manual mode first" if mode is Mode.GUIDING else "stop it or wait until it rests"
+    return f"{_REFUSALS[event]} while the arm is {mode.value}; {first}"
+
+
 def after(mode: Mode, event: Event) -> Mode:
     """The mode that follows ``event`` in ``mode``.
 

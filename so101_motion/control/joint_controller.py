@@ -23,7 +23,7 @@ from so101_motion.common.errors import (
     ServoAlarm,
     So101Error,
 )
-from so101_motion.common.modes import HELD, Event, Mode, after, can
+from so101_motion.common.modes import HELD, Event, Mode, after, can, refusal
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, JointState, lent_out
 from so101_motion.control.channel_player import ChannelPlayer
 from so101_motion.control.following import Following
@@ -405,11 +405,8 @@ class JointController:
         if self.mode is Mode.FAULT:
             raise NotHolding(f"the arm is in a fault: {self._fault}; clear it, then hold again")
         if self.mode is Mode.LIMP:
-            raise NotHolding("the arm is limp, in manual mode; leave manual mode first")
-        now, hint = self.mode.value, "stop it or wait for its end"
-        if self.mode is Mode.GUIDING:
-            hint = "leave manual mode first"
-        raise MotionError(f"{event.value}: not possible while the arm is {now}; {hint}")
+            raise NotHolding("the arm is limp; let it hold first (set_torque, or Hold on the page)")
+        raise MotionError(refusal(self.mode, event))
 
     def _refuse_lent(self) -> None:
         if self._lent_to is not None:

@@ -156,7 +156,8 @@ class GoalLimiter:
                 raise CommandRefused(
                     f"{self._names[i]} was to move by {to_deg(q - self._q[i]):.1f} deg within"
                     f" {1000.0 * elapsed:.0f} ms; {to_deg(allowed):.1f} deg are allowed, so"
-                    " nothing was sent and the arm holds. Let it hold again, then move anew",
+                    " nothing was sent and the servos keep their last goal. Let the arm hold, then"
+                    " move again",
                     joint=self._names[i],
                 )
             used = (step - more) / v if v > 0.0 and step > more else 0.0
@@ -221,8 +222,8 @@ class GoalLimiter:
             raise CommandRefused(
                 f"{self._names[i]} was to change its speed from {to_deg(before):.0f} to"
                 f" {to_deg(qd):.0f} deg/s at once; steps of {to_deg(change):.0f} deg/s up to"
-                f" {to_deg(self._speed):.0f} deg/s are allowed, so nothing was sent and the"
-                " arm holds. Let it hold again, then move anew",
+                f" {to_deg(self._speed):.0f} deg/s are allowed, so nothing was sent and"
+                " the servos keep their last goal. Let the arm hold, then move again",
                 joint=self._names[i],
             )
 

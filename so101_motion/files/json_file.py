@@ -65,7 +65,7 @@ def read_bytes(path: Path) -> bytes:
         ) from error
     if len(data) > LARGEST:
         raise CalibrationError(
-            None, f"{path} is larger than a calibration can be ({LARGEST} byte)", "check the path"
+            None, f"{path} is larger than a calibration can be ({LARGEST} bytes)", "check the path"
         )
     return data
 

@@ -413,7 +413,7 @@ class ServoDriver:
             raise PortUnavailable(
                 settings.port,
                 "the servos could not be set up again yet; check the USB cable and the arm's"
-                " power, it is tried again every second",
+                " power. It is tried again every second",
             )
         is_patient = readiness.begin_try()
         required = ARM_JOINTS if settings.servo_ids is not None else settings.required()

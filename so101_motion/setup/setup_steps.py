@@ -301,7 +301,7 @@ TEST = SetupStep(
 CONFIGURE = SetupStep(
     name="configure",
     title="Use it",
-    instruction="Copy the configuration, or move the arm in the preview.",
+    instruction="Copy the configuration, or move the arm on its page.",
     minutes=1,
     check=_usable,
 )

@@ -433,7 +433,7 @@ def test_the_configuration_is_ready_to_copy(person: Newcomer, kit: Kit) -> None:
     with person.guest.page.expect_download() as download:
         person.presses("Save it as a file")
     assert json.loads(Path(download.value.path()).read_text()) == json.loads(snippet)
-    person.presses("Open the preview")
+    person.presses("Open the arm's page")
     person.sees("The preview of the arm")
 
 

@@ -107,7 +107,7 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.until(lambda: hand.can("Look again"), "Look again")
         kit.world.power(12.0)
         set_up(hand, kit, "gripper")
-        hand.expect("Unplug the motor of gripper and write its name on it")
+        hand.expect("Unplug the motor of gripper and write 6 on it")
         assert not hand.can("Write id 5 to this motor")  # the finished one is still connected
 
         skip(hand, "wrist_roll")
@@ -150,7 +150,7 @@ def test_a_motor_that_was_swapped_too_early_gives_its_id_back(
         kit.set_id("gripper", 1)  # the other one was on the cable when the id was written
         kit.set_id("wrist_roll", TARGETS["gripper"])
         kit.connect_only("wrist_roll")
-        hand.expect("Unplug the motor of gripper and write its name on it")
+        hand.expect("Unplug the motor of gripper and write 6 on it")
         swapped, sure = "No, this is already the next motor", "Press again: both get new ids"
         hand.until(lambda: hand.can(swapped), swapped)
         hand.press(swapped)

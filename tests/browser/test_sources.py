@@ -165,13 +165,13 @@ def test_the_servos_tab_says_what_will_move_and_stop_ends_it(
     assert "wrist_roll" in moves.inner_text()
     assert moves.evaluate("text => text.scrollHeight <= text.clientHeight")  # all of it is seen
     np.testing.assert_allclose(cable.q, before, atol=0.06)
-    guest.press("The hand is empty")
+    guest.press("The gripper is empty")
     guest.until(lambda: arm.is_moving and guest.says("Raising the arm … Stop ends it."))
     guest.press("STOP")
     guest.until(lambda: guest.says("Stopped. The arm holds where it is."))
     guest.until(lambda: arm.state.mode is Mode.HOLDING)
     guest.until(lambda: guest.button("Plan the motions").is_enabled())
-    guest.until(lambda: guest.button("The hand is empty").count() == 0)
+    guest.until(lambda: guest.button("The gripper is empty").count() == 0)
     assert guest.problems == []
 
 

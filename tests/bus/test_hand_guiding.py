@@ -42,7 +42,7 @@ def rig(bench):
 
 def test_the_arm_goes_where_it_is_led_and_is_seen_there(bench, rig):
     assert rig.arm.state.mode is Mode.GUIDING
-    assert rig.arm.in_manual
+    assert rig.arm.is_movable_by_hand
     assert not rig.arm.is_moving
     before = bench.q_deg
     lead(bench)

@@ -270,7 +270,7 @@ def test_so_does_one_that_only_sent_a_goal(machine, rig):
 
 def test_manual_mode_is_the_machines(rig):
     rig.arm.set_manual(True)
-    assert rig.arm.in_manual
+    assert rig.arm.is_movable_by_hand
     rig.arm.set_manual(False)
     assert rig.arm.state.mode is Mode.HOLDING
 

@@ -23,7 +23,7 @@ _PLANNED = Sentence(
     text="Planned; nothing moves yet. Read what will move, then press a button below it.",
     tone=Tone.GOOD,
 )
-_EMPTY, _CARRYING = "The hand is empty", "It carries something"
+_EMPTY, _CARRYING = "The gripper is empty", "It carries something"
 
 
 class IdentifyPart(Part):
@@ -65,7 +65,7 @@ class IdentifyPart(Part):
         grey(self._move, not holds)
         if now.outline is not None:
             left_out = [f"{joint} is left out: {why}" for joint, why in now.outline.obstacles]
-            clear = "Move only when nothing is in its way and no hand is near it."
+            clear = "Move only when nothing is in its way and nobody is near it."
             told = markup.small(" ".join([*left_out, clear]))
             self._note.content = markup.warning(now.outline.sentence) + told
         self._table.content = "" if now.report is None else _table(now.report)

@@ -146,7 +146,7 @@ def check_locked(address: str, port: int) -> None:
             connection.close()
         if status != 401:
             raise GuardError(
-                f"the preview answered {status} instead of 401 to a request without its key, so it "
+                f"the page answered {status} instead of 401 to a request without its key, so it "
                 "was stopped; check that the installed viser is the version this was made for"
             )
 

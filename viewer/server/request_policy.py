@@ -88,7 +88,7 @@ class RequestPolicy:
         headers = request.headers
         host = _single(headers, "Host")
         if host is None or not self._is_ours(host):
-            return _reply(403, "This name does not belong to the preview.\n")
+            return _reply(403, "This name does not belong to this page.\n")
         if "Origin" in headers and _single(headers, "Origin") != f"http://{host}":
             return _reply(403, "Requests from other pages are refused.\n")
         if self._holds_cookie(headers):

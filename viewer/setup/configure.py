@@ -1,4 +1,4 @@
-"""The last page: the configuration for Viam, and the preview of the calibrated arm."""
+"""The last page: the configuration for Viam, and the page of the calibrated arm."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SetupPreview:
 
     Args:
         serve: Serves a preview, as ``so101_viewer.serve`` does.
-        target: The arm. The port is shared, so the preview stays when the target is closed.
+        target: The arm. The port is shared, so its page stays when the target is closed.
 
     Raises:
         So101Error: The arm cannot be held, or the page cannot be served.
@@ -61,7 +61,7 @@ class ConfigurePage(StepPage):
         """Make the widgets."""
         self._about = gui.add_html("")
         self._ways = gui.add_html("")
-        self._open = gui.add_button("Open the preview", icon=viser.Icon.ROBOT, visible=False)
+        self._open = gui.add_button("Open the arm's page", icon=viser.Icon.ROBOT, visible=False)
         self._snippet = gui.add_html("")
         self._keep = gui.add_button(
             "Save it as a file", icon=viser.Icon.DOWNLOAD, color="gray", visible=False
@@ -83,7 +83,7 @@ class ConfigurePage(StepPage):
         return not before
 
     def show(self) -> None:
-        """Show the configuration, and the link to the preview."""
+        """Show the configuration, and the link to its page."""
         target = self._setup.target
         if target is None:
             return
@@ -123,7 +123,7 @@ class ConfigurePage(StepPage):
     def _preview(self) -> None:
         serve = self._setup.preview
         if serve is not None and not self._url:
-            self._do("opening the preview", partial(SetupPreview, serve), self._show_preview)
+            self._do("opening the arm's page", partial(SetupPreview, serve), self._show_preview)
 
     def _show_preview(self, preview: SetupPreview) -> None:
         self._setup.opened.callback(preview.close)

@@ -133,7 +133,10 @@ class MotorCards:
         settled = [m for m in view.motors.values() if m.state == "configured"]
         there = [m.joint for m in settled if m.target_id == found != AS_NEW]
         done = there or [m.joint for m in settled]
-        unplug = f"unplug the motor of {done[-1]} and write its name on it, then " if done else ""
+        unplug = ""
+        if done:
+            number = view.motors[done[-1]].target_id
+            unplug = f"unplug the motor of {done[-1]} and write {number} on it, then "
         return unplug + connect_alone(joint)
 
 

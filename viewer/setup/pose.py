@@ -74,7 +74,7 @@ class PosePage(CalibrationPage):
             "Take the pose again", icon=viser.Icon.REPEAT, color="gray", visible=False
         )
         self._mend = gui.add_button(
-            "Put the motors back", icon=viser.Icon.ARROW_BACK_UP, visible=False
+            "Restore the motors' settings", icon=viser.Icon.ARROW_BACK_UP, visible=False
         )
         self._status = gui.add_html("")
         on_press = self._setup.context.on_press
@@ -165,11 +165,13 @@ class PosePage(CalibrationPage):
             target.calibrator.step(Command.ABORT)
             target.calibrator.step(Command.START)
 
-        if self._do("putting the motors back, to begin again", again):
+        if self._do("restoring the motors' settings, to begin again", again):
             self._setup.saved = self._setup.tested = None
 
     def _put_back(self) -> None:
-        self._do("putting the motors back", lambda target: target.calibrator.step(Command.RESET))
+        self._do(
+            "restoring the motors' settings", lambda target: target.calibrator.step(Command.RESET)
+        )
 
     def _wait_for_stillness(self) -> None:
         if not self._setup.doing:

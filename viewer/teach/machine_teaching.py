@@ -135,7 +135,7 @@ class MachineTeaching:
         return self._can_teach and self._is_idle and self._rig.arm.state.mode in allowed
 
     def record(self) -> None:
-        """Let the arm go soft and record its path; a path that is there already stays."""
+        """Let the arm yield to a hand, and record its path; a path that is there already stays."""
         if self.can_record:
             name = self._free(self.name.strip() or "path")
             command = {"command": "record_path", "name": name, "enabled_for": GUIDED_FOR}

@@ -93,7 +93,7 @@ class PathTeaching:
         )
 
     def record(self) -> None:
-        """Let the arm go soft and record its path; an unsaved one is kept under a name first."""
+        """Let the arm yield to a hand, and record its path; an unsaved one is kept first."""
         if self.can_record:
             self._kept = self._keep_unsaved()
             self.doing, self.sentence = Doing.BEGINNING, BEGINS

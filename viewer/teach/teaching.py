@@ -14,13 +14,13 @@ from so101_motion.common.geometry import Array
 from ..page.screen_state import Sentence, Tone
 from ..page.shared_fields import CanUndo
 
-WELCOME = Sentence(text="Press Record a path: the arm goes soft, and you guide it by hand.")
+WELCOME = Sentence(text="Press Record a path, then guide the arm by hand.")
 STANDS = Sentence(
     text="A simulated arm cannot be guided by hand: what you record stands still. Load a path to"
     " replay it."
 )
 """For a simulated arm."""
-BEGINS = Sentence(text="The arm goes soft …", tone=Tone.WARM)
+BEGINS = Sentence(text="Switching to manual mode …", tone=Tone.WARM)
 PLANNING = Sentence(text="Planning the replay …")
 PLAN = Sentence(text="Press Plan replay to check it for collisions; nothing moves.")
 ARM_MOVED = Sentence(text="The arm has moved. Press Plan replay again.")
@@ -78,7 +78,7 @@ class Teaching(Protocol):
         """Whether the plan can be run now."""
 
     def record(self) -> None:
-        """Let the arm go soft and record its path."""
+        """Let the arm yield to a hand, and record its path."""
 
     def end_recording(self) -> None:
         """End the recording; the arm holds where it is."""

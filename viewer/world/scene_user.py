@@ -130,7 +130,7 @@ class ArmsOfCell:
         held: dict[str, list[Attached]] = {name: [] for name in self.arms}
         for each in scene.attached:
             if holder_of(each) not in held:
-                reason = "is held by a gripper, and it is not said by which; attach it on this page"
+                reason = "is held, but the file does not say by which arm; attach it on this page"
                 raise ConfigError("attached", each.name, reason)
             held[holder_of(each)].append(without_holder(each))
         names = {each.name for each in scene.attached}

@@ -1,6 +1,6 @@
 """Identify the servos on a bus, and whether they are a leader arm or a follower arm.
 
-``look`` reads registers and writes nothing. Everything else here needs no bus.
+``look`` and ``read_facts`` read registers and write nothing. Everything else here needs no bus.
 
 All six servos of both arms report the same model, because gears do not show in any register. These
 tell a leader from a follower, in this order:

@@ -87,7 +87,9 @@ def read_back(tuner: Tuner, joint: str) -> ServoFacts:
             break
         heard = listen(tuner)
     if heard.ids != (servo_id,) or heard.garbled:
-        raise _not_taken(joint, f"now {_list(heard.ids) or 'none'} answers, not {servo_id} alone")
+        raise _not_taken(
+            joint, f"only {servo_id} should answer now, but {_list(heard.ids) or 'none'} did"
+        )
     facts = tuner.call(lambda bus: read_facts(bus, servo_id))
     wanted = {
         **servo_program.settings(joint, facts, moved=False),

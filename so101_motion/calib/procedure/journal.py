@@ -156,7 +156,8 @@ def recover(bus: Bus, calibration_file: Path) -> str | None:
     except BusError as error:
         raise CalibrationError(
             None,
-            f"a calibration was interrupted, and its servos cannot be put back: {error}",
+            "a calibration was interrupted, and its servos' settings could not be restored:"
+            f" {error}",
             f"if this servo is gone for good, remove {path_for(calibration_file)}",
         ) from error
     remove(calibration_file)
@@ -175,7 +176,9 @@ def _end(bus: Bus, calibration_file: Path, journal: Journal) -> str:
     if saving is None or not journal.is_decided:
         for joint, held in journal.before.items():
             write_held(bus, SERVO_IDS[joint], held)
-        return "A calibration was interrupted before it was saved; the servos were put back."
+        return (
+            "A calibration was interrupted before it was saved; the servos' settings were restored."
+        )
     for joint, entry in saving.calibration.items():
         write_held(bus, SERVO_IDS[joint], HeldCalibration.of(entry))
     store.save(calibration_file, saving.calibration, zeros=saving.zeros)

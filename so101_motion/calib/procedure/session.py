@@ -154,7 +154,7 @@ class Session:
             self._lent().call(jobs.let_go)
 
     def close(self) -> None:
-        """Abort a running calibration; servos that cannot be put back now are at the next start."""
+        """Abort a running calibration; the next start restores what is out of reach now."""
         with self._lock:
             if self._access is None:
                 return
@@ -319,7 +319,7 @@ def _in_order(key: str, joints: Collection[str]) -> tuple[str, ...]:
     """The joints in order, base to jaw."""
     for joint in joints:
         if joint not in JOINTS:
-            raise ConfigError(key, joint, f"must be of {', '.join(JOINTS)}")
+            raise ConfigError(key, joint, f"must be one of {', '.join(JOINTS)}")
     return tuple(joint for joint in JOINTS if joint in joints)
 
 

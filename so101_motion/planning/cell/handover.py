@@ -117,8 +117,8 @@ class _Planning:
             raise problem
         raise NoPath(
             f"{self._giver.name} and {self._taker.name} cannot meet so that"
-            f" '{self._thing.name}' is passed on; hold it nearer to one end, or put the arms"
-            f" {ROOM * 1e3:.0f} mm or more nearer to each other",
+            f" '{self._thing.name}' is passed on; hold it nearer to one end, or move the arms"
+            f" at least {ROOM * 1e3:.0f} mm closer together",
             where="goal",
             blockers=(self._thing.name,),
         )
@@ -302,8 +302,9 @@ class _Planning:
         met = first_meeting(first, second, T, since=0.0, early=0.0)
         if met is not None:
             raise NoPath(
-                f"{giver.name}'s {met.first} would stay {met.distance * 1e3:.0f} mm from"
-                f" {taker.name}'s {met.second} after it has let go of it",
+                f"after letting go, {giver.name}'s {met.first} would be only"
+                f" {met.distance * 1e3:.0f} mm from {taker.name}'s {met.second}; hold the object"
+                " nearer to one end",
                 where="goal",
                 blockers=(met.second,),
             )

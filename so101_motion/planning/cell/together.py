@@ -2,10 +2,11 @@
 
 Three methods, the quickest first; each is tried only if the one before fails. *All at once*: every
 arm is planned as if it were alone, and the faster ones are slowed down to the slowest. *One after
-the other*: one arm is planned, and the next among those before it (``planning/among.py``), in
-several orders; the order that ends earliest is taken, and an arm that arrives early rests. *As
-one*: where arms have to make room for each other, a path is searched for all joints together and
-timed as one motion, slower where the arms are near each other (``pace.py``).
+the other*: arms are planned in turn, each around the motions of those planned before
+(``planning/among.py``), in several orders; the order that ends earliest is taken, and an arm that
+arrives early rests. *As one*: where arms have to make room for each other, a path is searched for
+all joints together and timed as one motion, slower where the arms are near each other
+(``pace.py``).
 
 The result is proven as a whole: every arm by itself as always, and every two arms in time.
 """

@@ -35,7 +35,8 @@ class MotionLimits:
         for name in ("velocity", "acceleration", "jerk"):
             values = frozen_array(getattr(self, name), (-1,))
             if len(values) != len(np.asarray(self.velocity)):
-                raise ValueError(f"{name} has {len(values)} entries, velocity another number")
+                joints = len(np.asarray(self.velocity))
+                raise ValueError(f"{name} has {len(values)} entries, but velocity has {joints}")
             if not all(0.0 < value < math.inf for value in values.tolist()):
                 raise ValueError(f"{name} must be positive and finite, got {values}")
             object.__setattr__(self, name, values)

@@ -87,7 +87,7 @@ def retime(
             positive, or a tool speed cap without ``tool_speed_fn``.
     """
     if len(limits.velocity) != path.n:
-        raise ValueError(f"limits for {len(limits.velocity)} joints, a path for {path.n}")
+        raise ValueError(f"the limits are for {len(limits.velocity)} joints, the path for {path.n}")
     if not (0.0 < dt < math.inf and 0.0 < deviation < math.inf):
         raise ValueError(f"dt = {dt} and deviation = {deviation} must be positive and finite")
     if limits.tool_speed is not None and tool_speed_fn is None:

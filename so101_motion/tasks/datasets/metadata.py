@@ -172,7 +172,7 @@ def _bytes(path: Path, most: int) -> bytes:
     except OSError as error:
         raise refusal(path, f"cannot be read: {error.strerror or error}") from error
     if len(data) > most:
-        raise refusal(path, f"is larger than {most} byte, which no data set needs")
+        raise refusal(path, f"is larger than {most} bytes, which no data set needs")
     return data
 
 

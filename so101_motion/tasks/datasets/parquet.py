@@ -181,7 +181,7 @@ class Reader:
         except Exception as error:
             raise self._broken(error) from error
         if total > MOST_BYTES:
-            raise refusal(self._path, f"unpacks to {total} byte; at most {MOST_BYTES} are read")
+            raise refusal(self._path, f"unpacks to {total} bytes; at most {MOST_BYTES} are read")
 
     def _scalars(self, name: str, column: Any) -> NDArray[np.float64]:
         types = self._arrow.types

@@ -241,7 +241,7 @@ def _pose(number: int, content: object) -> TaskPose:
 
 def _rotation(given: Attributes) -> Array | None:
     if given.given("approach") and given.given("rpy_deg"):
-        raise ConfigError("approach", None, "and rpy_deg say the same; leave one out")
+        raise ConfigError("approach", None, "rpy_deg says the same; leave one of them out")
     if given.given("rpy_deg"):
         return SE3.from_rpy(to_rad(_three(given, "rpy_deg", 360.0))).R
     if not given.given("approach"):

@@ -36,8 +36,8 @@ ATTRIBUTES = (
         otherwise="required",
     ),
     Attribute(
-        "leader_gripper", "the leader's gripper; without both, jaws are left alone", kind="text",
-        form="name",
+        "leader_gripper", "the leader's gripper; the jaw follows only if both grippers are named",
+        kind="text", form="name",
     ),
     Attribute("follower_gripper", "the follower's gripper", kind="text", form="name"),
     Attribute(

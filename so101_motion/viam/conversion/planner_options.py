@@ -162,7 +162,7 @@ def cloud_in(extra: Mapping[str, object]) -> PoseCloud | None:
         return None
     if "goal_metric_type" in extra:
         raise ConfigError(
-            "pose_cloud", value, "and goal_metric_type exclude each other; give one of them"
+            "pose_cloud", value, "cannot be given together with goal_metric_type; give one of them"
         )
     if not isinstance(value, Mapping):
         raise ConfigError("pose_cloud", value, 'must be an object such as {"x": 3, "theta": 180}')

@@ -363,7 +363,7 @@ class ArmResource(Configured, Arm):
     async def get_manual_mode(self, **kwargs: Any) -> bool:
         """Whether the arm can be moved by hand: in manual mode, or without torque."""
         await self.found()
-        return self._arm.in_manual
+        return self._arm.is_movable_by_hand
 
     # Description
 
@@ -393,7 +393,7 @@ class ArmResource(Configured, Arm):
         """Mode, joints, and figures of the control loop."""
         state = self._arm.state
         status = {
-            "mode": "manual" if self._arm.in_manual else "auto",
+            "mode": "manual" if self._arm.is_movable_by_hand else "auto",
             "state": state.mode.value,
             "is_moving": await self.is_moving(),
             "joint_positions_deg": dict(zip(ARM_JOINTS, to_deg(state.q), strict=True)),

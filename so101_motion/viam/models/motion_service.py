@@ -118,7 +118,7 @@ class So101Motion(ServiceForAnArm, MotionService):
             resource = await self._arm_for(component_name, wanted.transforms)
             await resource.ready()
             arm, loop = resource.rig.arm, asyncio.get_running_loop()
-            if arm.in_manual or not arm.newest_motion.future.done():
+            if arm.is_movable_by_hand or not arm.newest_motion.future.done():
                 await self._refuse_hopeless(wanted, arm.scene)
             await self._seen_through(
                 resource,

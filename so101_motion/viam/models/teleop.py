@@ -243,7 +243,7 @@ class So101Teleop(Configured, Generic):
             raise ConfigError(
                 "follower_arm",
                 config.follower_arm,
-                "and the leader have different clocks; set simulate_time to true for both",
+                "has another clock than the leader; set simulate_time to true for both",
             )
         clock = clocks[-1] if clocks else MonotonicClock()
         return leader, follower, clock, len(clocks) == 2

@@ -103,7 +103,7 @@ class PathCommands:
                 ' {"command": "end_path"} first'
             )
         rig = self._arm.rig
-        if seconds > 0.0 or not rig.arm.in_manual:
+        if seconds > 0.0 or not rig.arm.is_movable_by_hand:
             await self._arm.set_manual_mode(True, seconds)
         recorder = PathRecorder(rig.executor, jaw_of(rig))
         saved = asyncio.ensure_future(self._save(recorder, file, replace))

@@ -208,9 +208,9 @@ def test_waypoints_are_passed_without_stopping(arm, clock):
 
 def test_a_motion_leaves_manual_mode_from_where_the_arm_was_put(arm, clock):
     in_time(clock, lambda: arm.set_manual(True))
-    assert arm.in_manual
+    assert arm.is_movable_by_hand
     finish(clock, arm.start_move(JointGoal(q=READY)))
-    assert not arm.in_manual
+    assert not arm.is_movable_by_hand
 
 
 def test_out_of_reach_says_how_far(arm, clock):

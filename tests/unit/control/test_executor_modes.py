@@ -39,7 +39,7 @@ def test_limp_joints_refuse_to_move(sim):
         retarget(sim.executor, Q_GOAL, sim.limits),
         sim.open_stream().future,
     ):
-        with pytest.raises(NotHolding, match="leave manual mode first"):
+        with pytest.raises(NotHolding, match="the arm is limp; let it hold first"):
             sim.after(0.0, future)
 
 
@@ -86,7 +86,9 @@ def test_a_guided_arm_is_looked_at_in_every_tick_and_refuses_to_move(sim):
 
 def test_a_moving_arm_is_not_guided(sim):
     move = sim.executor.execute(sim.to_goal(Q_GOAL))
-    with pytest.raises(MotionError, match="while the arm is moving; stop it or wait"):
+    with pytest.raises(
+        MotionError, match="guided by hand while the arm is moving; stop it or wait"
+    ):
         sim.after(0.1, sim.executor.guide(Compliance()))
     sim.after(5.0, move)
 
@@ -105,7 +107,7 @@ def test_what_fails_while_it_is_guided_is_a_fault_and_it_yields_no_more(sim):
 
 def test_a_moving_arm_is_not_let_go(sim):
     move = sim.executor.execute(sim.to_goal(Q_GOAL))
-    with pytest.raises(MotionError, match="torque goes off: not possible while the arm is moving"):
+    with pytest.raises(MotionError, match="torque cannot go off while the arm is moving"):
         sim.after(0.1, sim.executor.release())
     sim.after(5.0, move)
 

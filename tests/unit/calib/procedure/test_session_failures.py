@@ -221,7 +221,7 @@ def test_the_next_start_rolls_back_what_closing_could_not(arm, file):
     arm.wire.unplugged = False
     view = Session(file).start(arm)
     assert view.note == (
-        "A calibration was interrupted before it was saved; the servos were put back."
+        "A calibration was interrupted before it was saved; the servos' settings were restored."
     )
     assert all_held(arm) == {joint: HeldCalibration(homing_offset=0) for joint in JOINTS}
 

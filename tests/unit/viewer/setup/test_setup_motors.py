@@ -84,8 +84,7 @@ def test_the_motor_that_was_just_set_up_is_not_taken_for_the_next(motors: MotorC
     look, words, _ = motors.look(still, still.motors["wrist_roll"])
     assert look == "now"
     assert words.startswith(
-        "unplug the motor of gripper and write its name on it, then connect only the motor of"
-        " wrist_roll"
+        "unplug the motor of gripper and write 6 on it, then connect only the motor of wrist_roll"
     )
 
 
