@@ -49,7 +49,7 @@ from so101_motion.rig.servo_driver import ServoSettings
 
 NAMES = ("left", "right")
 BASES = (SE3.identity(), SE3.from_rpy((0.0, 0.0, np.pi), (0.9, 0.0, 0.0)))
-"""Out of each other's reach, as in the test with a pretended clock."""
+"""Out of each other's reach, as in the test with a simulated clock."""
 
 SERVOS = (1, 2, 3, 4, 5)
 BAR = 0.005

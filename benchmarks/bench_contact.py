@@ -4,7 +4,7 @@ First one joint of an emulated arm after the other meets a wall, at different sp
 and with 0.2 kg in the hand: from the contact, as the emulator knows it, until the first setpoint
 that no longer moves the joint on. Then arms whose servos differ (spread 0.2), with an unannounced
 load of 0 to 0.2 kg in the hand, move through random waypoints at 10 to 180
-deg/s, an hour on the pretended clock in all: none of those motions may end as a contact does.
+deg/s, an hour on the simulated clock in all: none of those motions may end as a contact does.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
 """

@@ -1,7 +1,7 @@
 """Four arms that reach each other: together, one after the other, and led.
 
 They stand in a square or on a ring around the place where all of them work, simulated, on a
-pretended clock. Three ways to crowd them:
+simulated clock. Three ways to crowd them:
 
 *together*: random goals for all, one motion (``Cell.start_together``);
 *each by itself*: every arm that rests for a while is sent to a random goal, whatever the others do;

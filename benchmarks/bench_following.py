@@ -2,7 +2,7 @@
 
 *Hostile targets.* Ten thousand of every kind (60 deg jumps, what is no number, out of range, into
 the table, into the arm itself, two places in turn, ending in motion) for an emulated arm on
-pretended time, with the real driver under the referee: contacts as commanded and as the joints
+simulated time, with the real driver under the referee: contacts as commanded and as the joints
 truly are, objections, and whether it ends.
 
 *What the guard costs.* Two followings of the same targets, one without a guard: a person's motion,
@@ -68,7 +68,7 @@ def hostile(count: int, seed: int, *, fast: bool) -> dict[str, Any]:
         "other laws broken": len(outcome.broken),
         "nearest, as commanded [mm]": 1e3 * outcome.nearest,
         "travelled [deg]": outcome.travelled,
-        "pretended [s]": outcome.seconds,
+        "simulated [s]": outcome.seconds,
     }
 
 

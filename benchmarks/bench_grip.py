@@ -1,7 +1,7 @@
 """Hold foam, wood, or nothing for ten minutes: how steady the grip is, and how warm it gets.
 
 A jaw of an emulated arm whose servos differ (spread 0.2) closes in a room of 30 degC and holds for
-ten minutes on the pretended clock. The torque is what the thing presses back with, by the emulator;
+ten minutes on the simulated clock. The torque is what the thing presses back with, by the emulator;
 once a second it is written down, from a second after the grab on.
 
 The heat of a servo is modelled coarsely, see ``electric.py``: the loss in the winding warms one

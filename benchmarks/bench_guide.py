@@ -7,7 +7,7 @@ as a joint goes, with something in the jaws that the arm does not know, and once
 away. Then among random obstacles, each time along a joint on whose way the arm would be in contact:
 how near it came to that, for hands of different strength, and without walls. Then the same beside
 another arm that faces it and rests in a random pose. Distances are those of the true joints.
-Pretended time.
+Simulated time.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
 ``--only-arms`` measures only the part with two arms and keeps the file's other rows.

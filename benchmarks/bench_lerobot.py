@@ -3,7 +3,7 @@
     python -m benchmarks.bench_lerobot
     python -m benchmarks.bench_lerobot --two-arms 10
 
-In pretended time, so figures are those of the emulated servo and of the control cycle, not of this
+In simulated time, so figures are those of the emulated servo and of the control cycle, not of this
 machine. The same recording, a person's reaches at 30 frames a second, is replayed by the plugin and
 by a client that does what LeRobot's own follower does: P 16, no caps, each action a goal at once;
 where LeRobot is installed (in the environment that ``make test-lerobot`` makes) by that one, too.

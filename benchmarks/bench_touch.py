@@ -148,7 +148,7 @@ class Pair:
         self.clock.wait(self.clock.now() + seconds + 0.5, threading.Event())
 
     def touch(self, *_: object) -> None:
-        """Hands let the tips touch at a drawn place; what they do takes pretended time."""
+        """Hands let the tips touch at a drawn place; what they do takes simulated time."""
         with self.clock.attend():
             q = goal = self.place()
             self.lead(goal, 3.0)

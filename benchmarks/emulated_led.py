@@ -2,7 +2,7 @@
 
 The arms face each other at 350 mm, in one cell, each behind the real driver. Their servos are
 emulated (fitted on recordings of one real servo), so the joints lag, droop and swing past a stop:
-what counts here are the true poses of the joints, not the commands. Everything runs on a pretended
+what counts here are the true poses of the joints, not the commands. Everything runs on a simulated
 clock; the wire is answered at once, without a pseudo-terminal.
 """
 

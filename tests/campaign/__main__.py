@@ -92,13 +92,13 @@ def count_good_answers(seed, seconds, count):
 def interleave(faulty):
     def run(seed, seconds, count):
         told, end, first = {}, time.monotonic() + seconds, 0
-        key = "pretended_s" if faulty else "interleavings"
+        key = "simulated_s" if faulty else "interleavings"
         while told.get(key, 0) < count and time.monotonic() < end:
             left = 50 if faulty else min(50, count - told.get(key, 0))
             done, passed, broken = interleavings.run(f"{seed}-{first}", count=left, faulty=faulty)
             figures = {
                 "interleavings": left,
-                "pretended_s": round(passed),
+                "simulated_s": round(passed),
                 "each": dict(sorted(done.items())),
                 "failures": broken,
             }

@@ -1,6 +1,6 @@
 """An emulated arm that gets random requests, and random faults meanwhile.
 
-The real driver and executor, the emulated servos, one pretended clock; no pseudo-terminal, so a
+The real driver and executor, the emulated servos, one simulated clock; no pseudo-terminal, so a
 seed gives the same run on any machine.
 """
 

@@ -1,4 +1,4 @@
-"""Requests to an arm in random order, with faults on its bus among them, on pretended time.
+"""Requests to an arm in random order, with faults on its bus among them, on simulated time.
 
 An interleaving is some requests with pauses between them, and a Stop at the end. Laws: every
 request ends, with success or with an error of ours; after the Stop nothing moves; the referee
@@ -12,7 +12,7 @@ from harness.clocks import TurnClock
 from campaign.campaign_arm import Arm
 from so101_motion.common.errors import So101Error
 
-LONGEST = 20.0  # [s] of pretended time that a request may take after the Stop
+LONGEST = 20.0  # [s] of simulated time that a request may take after the Stop
 PAUSES = (0.0, 0.0, 0.01, 0.03, 0.1, 0.3)
 LONG_PAUSES = (
     0.0,
@@ -87,7 +87,7 @@ class Interleaver:
 def run(seed, *, count, faulty=False, each=50):
     """``count`` interleavings on arms that are made anew after some.
 
-    Returns what was done, how much time was pretended, and the laws that were broken.
+    Returns what was done, how much simulated time passed, and the laws that were broken.
     """
     done, seconds, broken = Counter(), 0.0, []
     for first in range(0, count, each):

@@ -1,6 +1,6 @@
 """Random actions to the plugin's LeRobot robot, with faults among them, on emulated servos.
 
-The plugin's robot is sent one action after another, some like the one before, while pretended time
+The plugin's robot is sent one action after another, some like the one before, while simulated time
 passes. Laws: no two bodies touch, as commanded and as the joints truly are; nothing is raised but a
 ``ConnectionError``, after which the robot can be connected anew; no call takes more than
 ``LONGEST``; the arm rests within a second after the last action; the referee finds nothing.

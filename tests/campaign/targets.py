@@ -1,4 +1,4 @@
-"""Targets of every kind for an arm that follows them, on emulated servos and pretended time.
+"""Targets of every kind for an arm that follows them, on emulated servos and simulated time.
 
 The real rig, with one target or more in each control cycle. Laws: no two bodies touch, as commanded
 and as the joints truly are; every refusal is one of ours; the following goes on to the end, and the

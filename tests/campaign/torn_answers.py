@@ -2,7 +2,7 @@
 
 The real driver and the real control of the modes talk to emulated servos through ``TornPort``,
 which spoils answers: it cuts them short, overwrites bytes, puts noise between them, and forges
-positions with a right checksum. Time is pretended and nothing waits, so an hour of an arm takes
+positions with a right checksum. Time is simulated and nothing waits, so an hour of an arm takes
 minutes. ``run`` plays episodes until so many answers were spoiled::
 
     PYTHONPATH=tests python -m campaign.torn_answers 1000000 --seed 1

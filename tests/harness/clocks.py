@@ -1,4 +1,4 @@
-"""Pretended clocks with which a run repeats exactly.
+"""Simulated clocks with which a run repeats exactly.
 
 With ``ManualClock`` a thread goes on as soon as it is woken, at the same time as the one that woke
 it, so what a test sees may differ from run to run. On a ``TurnClock`` a woken thread waits until

@@ -1,6 +1,6 @@
 """A port without a pseudo-terminal: what is written is answered at once, and nothing waits.
 
-``DirectPort`` is what a driver opens. An answer that does not come lets the pretended time pass for
+``DirectPort`` is what a driver opens. An answer that does not come lets the simulated time pass for
 which it was waited. Subclasses spoil or count what passes through.
 """
 

@@ -22,7 +22,7 @@ KEPT_BY = ("ChannelPlayer._take_up", "ChannelPlayer._take_up", "Trajectory.sampl
 """What a motion that begins is left to, and what makes its setpoints."""
 
 NOT_THE_MODULE = ("drivers/emulator/", "common/clock.py")
-"""Ours, but no part of a walk: the servos' side, and what lets the pretended time pass."""
+"""Ours, but no part of a walk: the servos' side, and what lets the simulated time pass."""
 
 _C_CALLS = frozenset({"put", "send", "write", "start_new_thread"})
 _CALLS = frozenset(

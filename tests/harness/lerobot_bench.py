@@ -1,4 +1,4 @@
-"""An arm as LeRobot's commands use it, on emulated servos and pretended time."""
+"""An arm as LeRobot's commands use it, on emulated servos and simulated time."""
 
 import dataclasses
 import importlib.util

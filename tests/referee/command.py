@@ -1,6 +1,6 @@
 """The command ``q_cmd`` itself: speed, acceleration and jerk, exactly.
 
-The record holds every command with its time. On pretended time the cycles are exact, so differences
+The record holds every command with its time. On simulated time the cycles are exact, so differences
 of neighbouring commands are averages of what the command did in between and must keep its caps to
 the last digit. A command that was repeated later stood still meanwhile.
 

@@ -1,4 +1,4 @@
-"""Arms of one cell keep apart when motions are planned: simulated joints on a pretended clock."""
+"""Arms of one cell keep apart when motions are planned: simulated joints on a simulated clock."""
 
 import re
 from concurrent.futures import wait

@@ -1,4 +1,4 @@
-"""Arms of one cell keep apart when they are led: simulated joints on a pretended clock."""
+"""Arms of one cell keep apart when they are led: simulated joints on a simulated clock."""
 
 from functools import partial
 

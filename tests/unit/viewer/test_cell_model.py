@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness.pretended_page import aside, pages_of, run_at_once
+from harness.fake_page import aside, pages_of, run_at_once
 from so101_viewer.cell_model import CellModel
 from so101_viewer.panels.cell_part import plan_facts
 

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import pytest
-from harness.pretended_page import (
+from harness.fake_page import (
     WELCOME,
+    FakeArm,
+    FakeGripper,
     PageInputs,
-    PretendedArm,
-    PretendedGripper,
     run_at_once,
 )
 from so101_viewer.view_model import ViewModel
 
 
 @pytest.fixture
-def arm() -> PretendedArm:
-    return PretendedArm()
+def arm() -> FakeArm:
+    return FakeArm()
 
 
 @pytest.fixture
-def gripper() -> PretendedGripper:
-    return PretendedGripper()
+def gripper() -> FakeGripper:
+    return FakeGripper()
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def inputs() -> PageInputs:
 
 
 @pytest.fixture
-def page(arm: PretendedArm, gripper: PretendedGripper, inputs: PageInputs) -> ViewModel:
+def page(arm: FakeArm, gripper: FakeGripper, inputs: PageInputs) -> ViewModel:
     return ViewModel(
         arm=arm,  # type: ignore[arg-type]
         gripper=gripper,  # type: ignore[arg-type]

@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from harness.pretended_page import (
+from harness.fake_page import (
     WELCOME,
+    FakeArm,
     PageInputs,
-    PretendedArm,
     planned,
 )
 from so101_viewer.page.screen_state import Tone
@@ -19,7 +19,7 @@ from so101_motion.common.units import to_rad
 
 
 def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_path(
-    page: ViewModel, arm: PretendedArm
+    page: ViewModel, arm: FakeArm
 ) -> None:
     screen = page.screen()
     assert screen.sentence.text == WELCOME
@@ -75,7 +75,7 @@ def test_the_nearest_place_is_taken_also_when_the_target_is_in_contact(page: Vie
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, -0.4])
 
 
-def test_two_buttons_show_the_product(page: ViewModel, arm: PretendedArm) -> None:
+def test_two_buttons_show_the_product(page: ViewModel, arm: FakeArm) -> None:
     screen = planned(page)
     assert screen.can_execute
     assert screen.path is not None
@@ -97,7 +97,7 @@ def test_two_buttons_show_the_product(page: ViewModel, arm: PretendedArm) -> Non
     assert not screen.can_execute
 
 
-def test_nothing_moves_without_a_plan(page: ViewModel, arm: PretendedArm) -> None:
+def test_nothing_moves_without_a_plan(page: ViewModel, arm: FakeArm) -> None:
     page.execute()
     assert arm.executed == []
 
@@ -137,7 +137,7 @@ def test_a_target_inside_the_table_says_what_touches_what(page: ViewModel) -> No
     ids=["target", "pose", "joint", "frame", "speed", "acceleration", "jaw"],
 )
 def test_whatever_a_plan_was_made_for_changes_drops_it(
-    page: ViewModel, arm: PretendedArm, change: Callable[[ViewModel], None]
+    page: ViewModel, arm: FakeArm, change: Callable[[ViewModel], None]
 ) -> None:
     assert planned(page).can_execute
     change(page)
@@ -148,7 +148,7 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(
 
 @pytest.mark.parametrize("cap", ["speed", "acceleration"])
 def test_a_limit_that_another_program_has_set_drops_the_plan(
-    page: ViewModel, arm: PretendedArm, cap: str
+    page: ViewModel, arm: FakeArm, cap: str
 ) -> None:
     assert planned(page).can_execute
     setattr(arm, cap, 0.5)
@@ -162,7 +162,7 @@ def test_a_limit_that_another_program_has_set_drops_the_plan(
 
 
 def test_a_plan_being_made_is_dropped_when_another_program_sets_a_limit(
-    page: ViewModel, arm: PretendedArm
+    page: ViewModel, arm: FakeArm
 ) -> None:
     page.plan()
     arm.speed = 0.5
@@ -172,7 +172,7 @@ def test_a_plan_being_made_is_dropped_when_another_program_sets_a_limit(
     assert planned(page).can_execute
 
 
-def test_an_arm_moved_by_somebody_else_drops_the_plan(page: ViewModel, arm: PretendedArm) -> None:
+def test_an_arm_moved_by_somebody_else_drops_the_plan(page: ViewModel, arm: FakeArm) -> None:
     assert planned(page).can_execute
     arm.be(np.full(5, to_rad(1.0)))
     assert page.refresh()
@@ -192,9 +192,7 @@ def test_the_preview_moves_the_ghost_along_the_plan(page: ViewModel) -> None:
     assert page.screen().preview_time == 1.0
 
 
-def test_progress_follows_the_clock_from_the_first_movement(
-    page: ViewModel, arm: PretendedArm
-) -> None:
+def test_progress_follows_the_clock_from_the_first_movement(page: ViewModel, arm: FakeArm) -> None:
     planned(page)
     page.execute()
     assert page.screen().progress == 0.0
@@ -206,7 +204,7 @@ def test_progress_follows_the_clock_from_the_first_movement(
 
 
 def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(
-    page: ViewModel, arm: PretendedArm
+    page: ViewModel, arm: FakeArm
 ) -> None:
     planned(page)
     page.execute()
@@ -219,7 +217,7 @@ def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(
     assert not screen.can_execute
 
 
-def test_a_failed_plan_is_reported_in_its_own_words(page: ViewModel, arm: PretendedArm) -> None:
+def test_a_failed_plan_is_reported_in_its_own_words(page: ViewModel, arm: FakeArm) -> None:
     arm.failure = NoPath("no way around <the table>; move the target")
     screen = planned(page)
     assert screen.sentence.text == "No way around <the table>; move the target."
@@ -228,7 +226,7 @@ def test_a_failed_plan_is_reported_in_its_own_words(page: ViewModel, arm: Preten
 
 
 def test_a_mistake_inside_is_reported_and_does_not_stop_the_page(
-    page: ViewModel, arm: PretendedArm
+    page: ViewModel, arm: FakeArm
 ) -> None:
     arm.failure = ZeroDivisionError("oops")
     assert "Internal error" in planned(page).sentence.text
@@ -239,7 +237,7 @@ def test_a_mistake_inside_is_reported_and_does_not_stop_the_page(
     [(Mode.LIMP, "limp"), (Mode.FAULT, "Fault: see above"), (Mode.CALIBRATING, "calibrated")],
 )
 def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(
-    page: ViewModel, arm: PretendedArm, mode: Mode, words: str
+    page: ViewModel, arm: FakeArm, mode: Mode, words: str
 ) -> None:
     planned(page)
     arm.be(np.zeros(5), mode=mode)

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness.pretended_page import (
+from harness.fake_page import (
+    FakeArm,
+    FakeGripper,
     PageInputs,
-    PretendedArm,
-    PretendedGripper,
     planned,
 )
 from so101_viewer.view_model import ViewModel
@@ -19,7 +19,7 @@ from so101_motion.planning.goals import PoseGoal
 
 
 def test_dragging_during_a_motion_neither_stops_nor_redirects_it(
-    page: ViewModel, arm: PretendedArm
+    page: ViewModel, arm: FakeArm
 ) -> None:
     planned(page)
     page.execute()
@@ -36,7 +36,7 @@ def test_dragging_during_a_motion_neither_stops_nor_redirects_it(
     assert len(arm.executed) == 1
 
 
-def test_an_arm_at_rest_gives_nothing_new_to_show(page: ViewModel, arm: PretendedArm) -> None:
+def test_an_arm_at_rest_gives_nothing_new_to_show(page: ViewModel, arm: FakeArm) -> None:
     assert not page.refresh()
     arm.be(np.full(5, to_rad(0.001)))
     assert not page.refresh()
@@ -45,7 +45,7 @@ def test_an_arm_at_rest_gives_nothing_new_to_show(page: ViewModel, arm: Pretende
     assert not page.refresh()
 
 
-def test_the_gripper_moves_at_once(page: ViewModel, gripper: PretendedGripper) -> None:
+def test_the_gripper_moves_at_once(page: ViewModel, gripper: FakeGripper) -> None:
     page.move_jaw(1.0)
     page.move_jaw(0.0)
     assert gripper.apertures == [1.0, 0.0]
@@ -83,7 +83,7 @@ def test_another_frame_is_aimed_with_from_where_the_ghost_stands(page: ViewModel
         page.set_target_frame("elbow")
 
 
-def test_here_is_where_the_arm_is(page: ViewModel, arm: PretendedArm) -> None:
+def test_here_is_where_the_arm_is(page: ViewModel, arm: FakeArm) -> None:
     arm.be(np.full(5, 0.3))
     page.refresh()
     page.set_target_here()
@@ -126,7 +126,7 @@ def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(
 
 
 def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
-    page: ViewModel, arm: PretendedArm, inputs: PageInputs
+    page: ViewModel, arm: FakeArm, inputs: PageInputs
 ) -> None:
     assert planned(page).can_execute
     arm.scene = object()
@@ -145,7 +145,7 @@ def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
 
 
 def test_surroundings_that_cannot_be_taken_up_are_reported(
-    page: ViewModel, arm: PretendedArm, inputs: PageInputs
+    page: ViewModel, arm: FakeArm, inputs: PageInputs
 ) -> None:
     inputs.failure = ConfigError("elbow_flex", [1, 1], "leaves no angle")
     arm.range = (np.full(5, 1.0), np.full(5, 1.0))
@@ -154,9 +154,7 @@ def test_surroundings_that_cannot_be_taken_up_are_reported(
     assert "leaves no angle" in page.screen().sentence.text
 
 
-def test_after_a_motion_it_is_told_how_well_the_arm_followed(
-    page: ViewModel, arm: PretendedArm
-) -> None:
+def test_after_a_motion_it_is_told_how_well_the_arm_followed(page: ViewModel, arm: FakeArm) -> None:
     assert planned(page).tracking is None
     page.execute()
     for k in range(5):

@@ -3,7 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from harness.pretended_page import STILL
+from harness.fake_page import STILL
 from so101_viewer.page.alarms import (
     LATE_MANY,
     LateCycles,

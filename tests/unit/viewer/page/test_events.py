@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from harness.pretended_page import STILL
+from harness.fake_page import STILL
 from so101_viewer.page.events import KEPT, ArmEvents, EventLog
 from so101_viewer.page.screen_state import Tone
 

@@ -21,7 +21,7 @@ PAN, X = np.array([1.0, 0, 0, 0, 0, 0, 0]), np.array([1.0, 0, 0, 0, 0, 0, 0])
 
 
 class Hand:
-    """A hand on the Jog tab, in pretended time."""
+    """A hand on the Jog tab, in simulated time."""
 
     def __init__(self, rig: Rig, clock: ManualClock) -> None:
         self.rig, self.clock = rig, clock

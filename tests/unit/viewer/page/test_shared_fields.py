@@ -9,7 +9,7 @@ from so101_viewer.page.page_context import ArmContext
 from so101_viewer.page.shared_fields import SharedField
 
 
-class PretendedWidget:
+class FakeWidget:
     """Keeps what it was set to, and every time it was."""
 
     def __init__(self) -> None:
@@ -35,8 +35,8 @@ class PretendedWidget:
         await self._entered(SimpleNamespace(client_id=client_id, target=self))
 
 
-def make() -> tuple[PretendedWidget, SharedField, deque[Callable[[], None]], list[Any]]:
-    widget, commands, done = PretendedWidget(), deque[Callable[[], None]](), list[Any]()
+def make() -> tuple[FakeWidget, SharedField, deque[Callable[[], None]], list[Any]]:
+    widget, commands, done = FakeWidget(), deque[Callable[[], None]](), list[Any]()
     unused: Any = None
     context = ArmContext(
         server=unused, rig=unused, tabs=unused, workers=unused, post=commands.append

@@ -12,7 +12,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.files.saved_poses import SavedPoses
 
 
-class PretendedPage:
+class FakePage:
     """Has an arm and a target, and remembers what it was told."""
 
     def __init__(self) -> None:
@@ -33,12 +33,12 @@ class PretendedPage:
 
 
 @pytest.fixture
-def page() -> PretendedPage:
-    return PretendedPage()
+def page() -> FakePage:
+    return FakePage()
 
 
 @pytest.fixture
-def poses(tmp_path: Path, page: PretendedPage) -> PoseList:
+def poses(tmp_path: Path, page: FakePage) -> PoseList:
     return PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
 
 
@@ -46,7 +46,7 @@ def names(poses: PoseList) -> list[str]:
     return [pose.name for pose in poses.poses]
 
 
-def test_arm_and_target_can_be_saved_and_aimed_at(poses: PoseList, page: PretendedPage) -> None:
+def test_arm_and_target_can_be_saved_and_aimed_at(poses: PoseList, page: FakePage) -> None:
     poses.call("mine")
     poses.save_arm()
     poses.call("ghost")
@@ -61,7 +61,7 @@ def test_arm_and_target_can_be_saved_and_aimed_at(poses: PoseList, page: Pretend
     np.testing.assert_allclose(page.aimed[-1], 0.2, atol=1e-6)
 
 
-def test_a_pose_can_be_renamed_and_deleted(poses: PoseList, page: PretendedPage) -> None:
+def test_a_pose_can_be_renamed_and_deleted(poses: PoseList, page: FakePage) -> None:
     poses.call("mine")
     poses.save_arm()
     poses.call("<b>other</b>")
@@ -93,7 +93,7 @@ def test_without_a_pose_there_is_nothing_to_use(poses: PoseList) -> None:
 
 
 def test_a_broken_file_is_reported_and_the_page_opens_all_the_same(
-    tmp_path: Path, page: PretendedPage
+    tmp_path: Path, page: FakePage
 ) -> None:
     (tmp_path / "poses.json").write_text("{")
     poses = PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]

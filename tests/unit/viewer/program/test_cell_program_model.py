@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from harness.pretended_page import aside, pages_of, run_at_once
+from harness.fake_page import aside, pages_of, run_at_once
 from so101_viewer.program import program_texts as words
 from so101_viewer.program.arm_in_step import ArmInStep
 from so101_viewer.program.cell_program_model import CellProgramModel

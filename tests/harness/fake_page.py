@@ -1,4 +1,4 @@
-"""An arm, a gripper and a planner that are pretended, for the state of the Move tab."""
+"""A fake arm, gripper and planner for the state of the Move tab."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from so101_motion.planning.timing.trajectory import Trajectory
 from so101_motion.rig.cell_rigs import CellRigs
 
 REACH = 0.5
-"""The pretended arm's tool point is its first three angles, and it reaches this far [m]."""
+"""The fake arm's tool point is its first three angles, and it reaches this far [m]."""
 
 WELCOME = "Welcome."
 
@@ -48,7 +48,7 @@ def point(q: Array, frame: str) -> Array:
 
 
 def clearance(q: Array, _q_jaw: float) -> Any:
-    """How far the pretended arm is from the floor that it touches at -0.2 m."""
+    """How far the fake arm is from the floor that it touches at -0.2 m."""
     return SimpleNamespace(distance=q[2] + 0.2, first="gripper", second="floor")
 
 
@@ -78,7 +78,7 @@ def contact(q: Array, _q_jaw: float) -> tuple[str, str] | None:
 
 
 @dataclass(eq=False)
-class PretendedPlan:
+class FakePlan:
     q_start: Array
     q_goal: Array
     trajectory: Trajectory
@@ -91,10 +91,10 @@ class PretendedPlan:
         return self.trajectory.duration
 
 
-def straight(q_start: Array, q_goal: Array) -> PretendedPlan:
+def straight(q_start: Array, q_goal: Array) -> FakePlan:
     q = np.linspace(q_start, q_goal, 101)
     still = np.zeros_like(q)
-    return PretendedPlan(
+    return FakePlan(
         q_start=q_start,
         q_goal=q_goal,
         trajectory=Trajectory(dt=0.01, q=q, qd=still, qdd=still, duration=1.0),
@@ -104,7 +104,7 @@ def straight(q_start: Array, q_goal: Array) -> PretendedPlan:
     )
 
 
-class PretendedArm:
+class FakeArm:
     """An arm that is where it is told to be, and whose motions end when the test says so."""
 
     def __init__(self) -> None:
@@ -113,7 +113,7 @@ class PretendedArm:
         self.range = (np.full(5, -2.0), np.full(5, 2.0))
         self.newest = None
         self.failure: Exception | None = None
-        self.executed: list[PretendedPlan] = []
+        self.executed: list[FakePlan] = []
         self.motion = SimpleNamespace(future=Future())
         self.state = STILL
 
@@ -135,19 +135,19 @@ class PretendedArm:
     def set_acceleration(self, acceleration: float) -> None:
         self.acceleration = acceleration
 
-    def plan(self, goal: PoseGoal | JointGoal) -> PretendedPlan:
+    def plan(self, goal: PoseGoal | JointGoal) -> FakePlan:
         if self.failure is not None:
             raise self.failure
         q = goal.q if isinstance(goal, JointGoal) else np.append(goal.T_base_tool.p, np.zeros(2))
         return straight(self.state.q_ref, q)
 
-    def start_execute(self, plan: PretendedPlan) -> Any:
+    def start_execute(self, plan: FakePlan) -> Any:
         self.executed.append(plan)
         self.motion = SimpleNamespace(future=Future())
         return self.motion
 
 
-class PretendedGripper:
+class FakeGripper:
     def __init__(self) -> None:
         self.apertures: list[float] = []
         self.is_holding = False
