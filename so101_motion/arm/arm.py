@@ -292,11 +292,14 @@ class Arm(PlannedArm):
             self._executor.hold().result()
 
     def set_torque(self, on: bool) -> None:
-        """Hold all joints, the jaw too, or release them: the arm then sinks under its weight."""
+        """Hold all joints, or stop and release them: the arm then sinks. The jaw is a joint too."""
         if on:
             self._executor.hold().result()
-        else:
-            self.stop()
+            return
+        self.start_stop()
+        try:
+            self._executor.stop().result()  # the jaw as well
+        finally:
             self._executor.release().result()
 
     def take_place(self, place: Place | None) -> None:

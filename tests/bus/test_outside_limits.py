@@ -10,6 +10,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.control.limit_recovery import remarks
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emu
+from so101_motion.drivers.emulator.hand import Hand, parse_script
 
 CRAWL_DEG = 14.0
 """Faster than this nobody comes in [deg/s]: 8 by our caps, 8.8 is the slowest the servos can, and
@@ -268,3 +269,36 @@ def test_its_limits_are_in_the_servo_all_the_while(bench):
     assert rig.arm.state.reading.out_of_range["shoulder_pan"] == pytest.approx(
         rad(deg(2130 - (2130 + 3000) / 2)), abs=rad(0.5)
     )
+
+
+# Guided outside by a hand
+
+
+@pytest.mark.parametrize("joint", ["shoulder_pan", "elbow_flex"])
+@pytest.mark.parametrize("lets_go", [True, False])
+@pytest.mark.parametrize("ending", ["hold", "stop"])
+def test_a_joint_that_a_hand_guided_outside_stays_there_when_it_is_held(
+    bench, joint, lets_go, ending
+):
+    i = ("shoulder_pan", "shoulder_lift", "elbow_flex").index(joint)
+    rig = bench.open(calibration_file=filed(bench, **{joint: (1900, 2200)}))
+    bench.advance(1.0)
+    rig.arm.set_manual(True)
+    bench.emulator.advance()
+    there = bench.q_deg[i] + 40.0
+    release = f"2.15 {joint} release\n" if lets_go else f"9.0 {joint} {there}\n"
+    script = f"0.1 {joint} start\n2.1 {joint} {there}\n{release}"
+    bench.world.hand = Hand(parse_script(script), bench.clock.now())
+    bench.advance(2.2)
+    before = bench.q_deg
+    assert before[i] > deg(2200 - 2048) + 15.0
+
+    (rig.arm.stop if ending == "stop" else lambda: rig.arm.set_manual(False))()
+    fastest = max(speeds(bench, i, 1.0))
+
+    assert fastest < CRAWL_DEG
+    assert bench.q_deg == pytest.approx(before, abs=3.0)
+    assert torque(bench, i + 1) == 1
+    assert rig.arm.state.mode is Mode.HOLDING
+    (remark,) = remarks(rig.arm.state.reading)
+    assert f"{joint} is " in remark

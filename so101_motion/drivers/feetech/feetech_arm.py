@@ -241,14 +241,19 @@ class FeetechArm:
         """
         with self._chain.watching():
             bus = self._chain.bus()
-            self._end_guiding(bus)
-            self._pull.end(bus)
             if on:
+                self._end_guiding(bus)
+                self._pull.end(bus)
                 self._switch.on(bus)
                 self._torque = True
-            else:
-                self._torque = False
+                return
+            guide, self._guide, self._torque = self._guide, None, False
+            try:
+                self._pull.end(bus)
+            finally:
                 self._switch.off(bus)
+                if guide is not None:
+                    self._switch.limit_again()
 
     def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
         """Let the joints of the arm yield to a hand; the jaw holds on.
@@ -439,5 +444,7 @@ class FeetechArm:
             return
         here = [*self._at.q[:5], self._compensation.q[5]]
         self._compensation.begin(here, here, self._clock.now(), ())
+        for i, ticks in self._out_of_range.stop(bus, self._at, self._presence.silent).items():
+            self._compensation.held[i] = ticks
         self._send(bus)
         self._switch.limit_again()

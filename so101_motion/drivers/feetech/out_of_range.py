@@ -8,8 +8,9 @@ these limits were set.
 The first goal inside the limits brings it in: its caps are lowered to a crawl, then it is driven.
 Once inside it gets its caps back and is a joint like any other. If a goal outside comes before
 that, it is stopped where it is: its torque is switched off and on again, and a servo that is
-switched on holds its present position. (LeRobot relies on that on many arms. With a firmware that
-behaves otherwise, the joint would crawl on to its limit.)
+switched on holds its present position. So is a joint that a hand has guided outside. (LeRobot
+relies on that on many arms. With a firmware that behaves otherwise, the joint would move on to its
+limit: at a crawl, or at its caps if a hand had guided it.)
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import Register
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
+from so101_motion.drivers.feetech.joint_estimate import JointEstimate
 from so101_motion.drivers.feetech.servo_setup import CRAWL, engage, is_outside
 
 _MARGIN = to_rad(0.3)  # how far inside its limit a joint is brought; more than the trim leaves
@@ -99,10 +101,7 @@ class OutOfRangeJoints:
             if servo_id not in ticks or (i in self._coming) == self._holds(i, goals[i]):
                 continue
             if i in self._coming:
-                bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-                bus.write(servo_id, reg.TORQUE_ENABLE, 1)
-                self._coming.discard(i)
-                self.left.add(i)
+                self._stop(bus, i)
                 stopped.append(i)
                 continue
             self._crawling.add(i)
@@ -111,6 +110,28 @@ class OutOfRangeJoints:
             engage(bus, servo_id, ticks[servo_id])
             self.left.discard(i)
             self._coming.add(i)
+        return stopped
+
+    def stop(self, bus: Bus, at: JointEstimate, silent: Collection[int]) -> dict[int, Ticks]:
+        """Hold joints of the arm that a hand has guided outside, where no goal would keep them.
+
+        Args:
+            bus: The bus.
+            at: Where the joints are.
+            silent: Ids of the servos that do not answer.
+
+        Returns:
+            Where joints were stopped, by index.
+
+        Raises:
+            BusError: A servo did not obey.
+        """
+        stopped = {}
+        for i, joint in self._maps.items():
+            is_guided = i < 5 and i not in self.left and joint.servo_id not in silent
+            if is_guided and is_outside(joint, here := at.ticks(i)):
+                self._stop(bus, i)
+                stopped[i] = here
         return stopped
 
     def arrive(self, bus: Bus, q: Sequence[float]) -> None:
@@ -146,6 +167,13 @@ class OutOfRangeJoints:
     def _holds(self, i: int, q: float) -> bool:
         joint = self._maps[i]
         return joint.lower - 1e-6 <= q <= joint.upper + 1e-6
+
+    def _stop(self, bus: Bus, i: int) -> None:
+        servo_id = self._maps[i].servo_id
+        bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+        bus.write(servo_id, reg.TORQUE_ENABLE, 1)
+        self._coming.discard(i)
+        self.left.add(i)
 
     def _put_back(self, bus: Bus, i: int) -> None:
         if i in self._crawling:
