@@ -12,8 +12,9 @@ in between, meets no resistance when it presses; it then closes further.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, Unpack
@@ -244,11 +245,18 @@ class Gripper:
             self._executor.turn(following, channel=Channel.JAW)
             return following
 
+        made: list[JawFollowing] = []
+
+        def start() -> Future[None]:
+            made.append(JawFollowing(self, begin, self._executor.interrupt))
+            return made[0].future
+
         motion = Motion()
         with self._lock:
             previous, self._latest = self._latest, motion
-        jaw = JawFollowing(self, begin, self._executor.interrupt)
-        motion.begin(lambda: jaw.future, lambda _, by: jaw.interrupt(by))
+        with _failing(motion):
+            motion.begin(start, lambda _, by: made[0].interrupt(by))
+        (jaw,) = made
         jaw.future.add_done_callback(motion.take_outcome)
         if previous is not None:
             previous.interrupt(SUPERSEDED)
@@ -300,7 +308,8 @@ class Gripper:
         motion = Motion()
         with self._lock:
             previous, self._latest, self._grabs = self._latest, motion, move.grabs
-            running = self._begin(motion, move.q_goal, move.limits)
+            with _failing(motion):
+                running = self._begin(motion, move.q_goal, move.limits)
         if previous is not None:  # it is superseded already; a prepared one must not begin
             previous.interrupt(SUPERSEDED)
         running.add_done_callback(partial(self._arrived_or_met, motion, move))
@@ -380,3 +389,13 @@ class Gripper:
             motion.future.set_exception(refusal)
         else:
             running.add_done_callback(then)
+
+
+@contextmanager
+def _failing(motion: Motion) -> Iterator[None]:
+    """End ``motion`` with what is raised in this block."""
+    try:
+        yield
+    except BaseException as error:
+        motion.future.set_exception(error)
+        raise

@@ -67,7 +67,6 @@ class JawFollowing:
             ConfigError: These are not finite numbers; the aperture before stays.
             So101Error: The following has ended; the error says why.
         """
-        self._refuse_if_over()
         try:
             values = [float(aperture), float(rate)]
         except (TypeError, ValueError) as error:
@@ -76,6 +75,7 @@ class JawFollowing:
             raise ConfigError("aperture", aperture, "must be finite, and so must its rate")
         taken = min(max(values[0], 0.0), 1.0)
         with self._lock:
+            self._refuse_if_over()
             self._wanted = taken
             if self._grip is not None:
                 if not self._is_to_let_go(taken, self._grip):

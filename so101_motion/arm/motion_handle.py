@@ -39,6 +39,7 @@ class Motion:
         self.plan: Plan | None = None
         self._lock = threading.Lock()
         self._interruption: Future[str] = Future()
+        self._wake = threading.Event()  # set when it is interrupted
         self._halt: Callable[[str], object] | None = None
 
     def result(self, timeout: float | None = None) -> None:
@@ -78,6 +79,7 @@ class Motion:
             if self.future.done() or self._interruption.done():
                 return None
             self._interruption.set_result(by)
+            self._wake.set()
             return self._halt
 
     def wait_for(self, awaited: Future[T]) -> T:
@@ -94,7 +96,7 @@ class Motion:
         return awaited.result()
 
     def pause(self, clock: Clock, seconds: float) -> None:
-        """Wait, unless this motion is interrupted.
+        """Wait, unless this motion is interrupted; called by one thread at a time.
 
         Args:
             clock: The clock that measures the time.
@@ -103,12 +105,10 @@ class Motion:
         Raises:
             Interrupted: The motion was interrupted meanwhile.
         """
-        wake = threading.Event()
-        self._interruption.add_done_callback(lambda _: wake.set())
         with clock.attend():
             until = clock.now() + seconds
             while clock.now() < until and not self._interruption.done():
-                clock.wait(until, wake)
+                clock.wait(until, self._wake)
         self.refuse_interrupted()
 
     def begin(

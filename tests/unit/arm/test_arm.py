@@ -36,9 +36,14 @@ def planning_process():
 
 
 @pytest.fixture
-def arm(clock):
+def rig(clock):
     with open_simulated(clock=clock) as rig:
-        yield rig.arm
+        yield rig
+
+
+@pytest.fixture
+def arm(rig):
+    return rig.arm
 
 
 def finish(clock, motion):
@@ -336,3 +341,11 @@ def test_a_move_that_was_superseded_does_not_stop_what_superseded_it(arm, clock,
         finish(clock, move)
     finish(clock, retarget)
     np.testing.assert_allclose(arm.state.q_ref, ASIDE)
+
+
+def test_letting_go_stops_a_jaw_that_follows(rig, arm, clock):
+    jaw = rig.gripper.open_following()
+    clock.advance(0.1)
+    in_time(clock, lambda: arm.set_torque(False))
+    assert arm.state.mode is Mode.LIMP
+    assert jaw.future.exception(timeout=0).by == "stop"

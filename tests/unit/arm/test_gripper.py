@@ -6,8 +6,10 @@ from unittest.mock import Mock
 import pytest
 from harness.retarget import retarget
 
+from so101_motion.arm import gripper as gripper_module
 from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
 from so101_motion.arm.jaw_following import JawFollowing
+from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import (
     ConfigError,
     FollowingError,
@@ -279,3 +281,62 @@ def test_a_stop_of_a_jaw_that_grips_ends_its_following(rig, gripper):
     rig.after(0.5, gripper.start_stop())
     assert jaw.future.exception(timeout=0).by == "stop"
     assert gripper.is_holding, "and it holds on"
+
+
+@pytest.fixture
+def stopped_at_once(monkeypatch):
+    """A stop on another thread comes just before a motion of the jaw begins."""
+
+    class Stopped(Motion):
+        def begin(self, start, halt):
+            self.interrupt("stop")
+            return super().begin(start, halt)
+
+    monkeypatch.setattr(gripper_module, "Motion", Stopped)
+
+
+@pytest.mark.usefixtures("stopped_at_once")
+def test_a_jaw_that_is_stopped_before_it_follows_does_not_follow(rig, gripper):
+    before, called = gripper.aperture, []
+
+    def widen(jaw):
+        called.append(jaw.aim(1.0))
+
+    with pytest.raises(Interrupted):
+        gripper.open_following(each=widen, stale_after=None)
+    rig.clock.advance(1.0)
+    assert called == []
+    assert gripper.aperture == before
+
+
+def test_a_motion_that_could_not_begin_keeps_no_grip_from_changing(rig, gripper, monkeypatch):
+    rig.after(3.0, gripper.start_move(0.5).future)
+    grab = gripper.start_grab()
+    rig.clock.advance(0.1)
+    rig.arm.jam("gripper")
+    rig.after(2.0, grab.future)
+    assert gripper.is_holding
+    with monkeypatch.context() as patch:
+        patch.setattr(rig.executor, "turn", Mock(side_effect=MotionError("no")))
+        with pytest.raises(MotionError):
+            gripper.start_grab()
+    gripper.set_force(GENTLEST)
+    rig.clock.advance(1.0)
+    assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(GENTLEST * SQUEEZE, abs=1e-3)
+
+
+def test_a_jaw_that_grips_does_not_open_after_its_following_has_ended(rig, gripper):
+    jaw = gripper.open_following()
+    lead(rig, jaw, 0.6, 2.0)
+    lead(rig, jaw, 0.0, 0.1)
+    rig.arm.jam("gripper")
+    lead(rig, jaw, 0.0, 1.5)
+
+    class Aperture(float):
+        def __float__(self):  # a stop on another thread, after the following was looked at
+            jaw.interrupt("stop")
+            return super().__float__()
+
+    with pytest.raises(Interrupted):
+        jaw.aim(Aperture(1.0))
+    assert gripper.is_holding

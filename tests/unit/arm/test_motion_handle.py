@@ -1,4 +1,5 @@
 import threading
+import tracemalloc
 from concurrent.futures import Future
 
 import pytest
@@ -83,3 +84,14 @@ def test_an_interrupted_wait_for_another_motion_leaves_its_future_alone():
         waiting.wait_for(other.future)
     assert not other.future.cancelled()
     other.future.set_result(None)
+
+
+def test_pauses_of_an_endless_motion_leave_nothing_behind():
+    clock, motion = ManualClock(), Motion()
+    motion.pause(clock, 0.0)
+    tracemalloc.start()
+    for _ in range(1000):
+        motion.pause(clock, 0.0)
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 50_000
