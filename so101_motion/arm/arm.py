@@ -357,11 +357,15 @@ class Arm(PlannedArm):
         turn = partial(self._executor.turn, channel=Channel.ARM)
 
         def begin(motion: Motion) -> Future[None]:
-            if self._must_hold():
-                self._executor.hold()  # before the turn, for requests are served in order
-            following = make()
+            must_hold, following = self._must_hold(), make()
             following.aim(q_goal)
-            return motion.begin(lambda: turn(following), self._executor.interrupt)
+
+            def start() -> Future[None]:
+                if must_hold:
+                    self._executor.hold()  # before the turn, for requests are served in order
+                return turn(following)
+
+            return motion.begin(start, self._executor.interrupt)
 
         if guarded and not self._led.has_guard(self._situation):
             return self._motions.start(begin)  # has a thread, which can make one

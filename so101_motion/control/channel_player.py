@@ -213,7 +213,8 @@ class ChannelPlayer:
                 f"the {self._channel.value} is being stopped; ask again when it is at rest"
             )
         self._recovery.refuse_far()
-        following.take_over(self.reference, None if previous is None else previous.source)
+        source = None if previous is None else previous.source
+        following.take_over(self.reference, source, self.stop_limits)
         start = k if previous is None else self._k
         self._take_up(_Motion(source=following, start=start), start)
         if previous is not None:
@@ -255,7 +256,7 @@ class ChannelPlayer:
         source = motion.source
         resumed: MotionSource | None = None
         if isinstance(source, Following):
-            source.take_over(Setpoint.at_rest(self.reference.q), None)
+            source.take_over(Setpoint.at_rest(self.reference.q), None, self.stop_limits)
             resumed = source
         elif isinstance(source, PlannedMotion) and motion.ending is None:
             resumed = source.resumed()

@@ -253,7 +253,7 @@ class Following(LedMotion):
         """Where it begins."""
         return self._start
 
-    def take_over(self, now: Setpoint, previous: MotionSource | None) -> None:
+    def take_over(self, now: Setpoint, previous: MotionSource | None, brakes: MotionLimits) -> None:
         """Begin at the last setpoint of another motion, without a stop in between.
 
         A guarded following first lets an unguarded motion come to rest on that motion's own path,
@@ -262,12 +262,14 @@ class Following(LedMotion):
         Args:
             now: The last setpoint.
             previous: The motion that made it; None for joints that rest.
+            brakes: How hard that motion may brake.
         """
+        self._slowing = None
         guarded = isinstance(previous, Following) and previous.is_guarded
         if isinstance(previous, Following):
             self.foreseen = previous.foreseen
         if self.guard is not None and previous is not None and not guarded:
-            self._slowing = PlannedMotion(previous.brake(now, self._stop_limits))
+            self._slowing = PlannedMotion(previous.brake(now, brakes))
             self._k = 1
         self._begin_at(now)
 

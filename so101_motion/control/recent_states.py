@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable
 
 from so101_motion.common.errors import NotReady
 from so101_motion.common.state import JointState
+
+_log = logging.getLogger(__name__)
 
 SPAN = 1.0
 """How long a time an error's states cover [s]."""
@@ -41,4 +44,7 @@ class RecentStates:
         is_new = error is not self._notified and not isinstance(error, NotReady)
         if self.on_failure is not None and is_new:
             self._notified = error
-            self.on_failure(error, recent)
+            try:
+                self.on_failure(error, recent)
+            except Exception:
+                _log.exception("a failure was not recorded; the joints are not affected")

@@ -53,6 +53,10 @@ LEAD = 0.2
 """How far ahead the points must reach before playing begins [s]; rides out an uneven network.
 Chosen."""
 
+MOST_AHEAD = 600.0
+"""How far ahead a point may be of what is played [s]. Chosen: longer than any motion that is sent
+in one piece, and checked in 20 ms."""
+
 START_GATE = to_rad(5.0)
 """How far the first point may be from where the arm is, per joint [rad]; the published module's."""
 
@@ -134,7 +138,7 @@ class Stream:
         """Add points, later than all before; the very first one is for time 0.
 
         Raises:
-            ValueError: The times do not begin at 0 or do not increase.
+            ValueError: The times do not begin at 0, do not increase, or are ``MOST_AHEAD`` ahead.
             OutsideLimits: The first point is too far from the arm, or the points are too fast or
                 change their speed too quickly; nothing of the batch is taken.
             MotionError: The stream is over; when it failed, the error says why.
@@ -152,6 +156,11 @@ class Stream:
             new = slice(max(0, len(t_all) - len(t) - 1), None)
             if np.any(np.diff(t_all[new]) <= 0.0):
                 raise ValueError("the times of a stream must increase from point to point")
+            if t[-1] - self._t_played > MOST_AHEAD:
+                raise ValueError(
+                    f"the point for {t[-1]:g} s is more than {MOST_AHEAD:g} s ahead of what is"
+                    " played; give times in seconds, and push later points later"
+                )
             self._refuse_fast(t_all[new], q_all[new])
             if self._kernel is not None:
                 self._refuse_abrupt(t_all, q_all, t_all[new][0])

@@ -131,6 +131,8 @@ class GoalLimiter:
             CommandRefused: It moves more than the caps allow; the last command stays in force.
         """
         elapsed = max(now - self._t, 0.0)
+        if elapsed > PAUSE + CATCH_UP:
+            elapsed = CATCH_UP  # the joints stand, so what comes now begins, or goes on, from rest
         # The pause may have ended just before the last command: nothing moved in a single period.
         has_paused = now - self._t_before >= PAUSE
         change = self._acceleration * (elapsed + CATCH_UP)

@@ -11,7 +11,7 @@ from functools import partial
 from typing import TypeVar
 
 from so101_motion.common.clock import Clock
-from so101_motion.common.errors import PortUnavailable
+from so101_motion.common.errors import BusError, PortUnavailable
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import Register
@@ -93,7 +93,7 @@ class BusMonitor:
         """Switch off the torque of all servos that answer.
 
         Raises:
-            BusError: A servo did not take it.
+            BusError: A servo did not take it; the others have been tried.
         """
         self.on_bus(self._let_go)
 
@@ -121,9 +121,17 @@ class BusMonitor:
         }
 
     def _let_go(self, bus: Bus) -> None:
+        failures: list[BusError] = []
         for servo_id in bus.answering(self._joints):
-            if bus.read(servo_id, reg.TORQUE_ENABLE):
-                bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+            try:
+                if bus.read(servo_id, reg.TORQUE_ENABLE):
+                    bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+            except PortUnavailable:
+                raise
+            except BusError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
 
 
 def _held(data: bytes, register: Register) -> int:

@@ -148,3 +148,19 @@ def test_an_arm_in_a_fault_can_be_closed(sim):
     sim.clock.advance(0.1)
     sim.executor.close()
     assert sim.arm.is_closed
+
+
+def test_a_listener_for_failures_that_fails_itself_ends_nothing_else(sim):
+    def no_threads(error, recent):
+        raise RuntimeError("can't start new thread")
+
+    sim.executor.on_failure(no_threads)
+    motion = sim.executor.execute(sim.to_goal(Q_GOAL))
+    sim.clock.advance(0.1)
+    sim.arm.disconnect(ConnectionError("the cable"))
+    with pytest.raises(ConnectionError):
+        sim.after(0.1, motion)
+    sim.arm.reconnect()
+    sim.after(0.1, sim.executor.stop())
+    sim.after(0.1, sim.executor.hold())
+    assert sim.state.mode is Mode.HOLDING

@@ -12,9 +12,11 @@ from so101_motion.control.approach import CATCH_UP, EASE, GATE, Approach
 from so101_motion.control.following import STALE_AFTER, Following
 from so101_motion.control.foreseen import KNOWN_JERK
 from so101_motion.control.joint_group import Channel
+from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.pursuit import FORESIGHT, Pursuit
+from so101_motion.planning.timing.trajectory import Setpoint
 
 CAPS = MotionLimits.uniform(velocity=2.0, acceleration=6.0, jerk=150.0)
 SLOW = MotionLimits.uniform(velocity=0.3, acceleration=1.0, jerk=30.0)
@@ -443,3 +445,44 @@ def test_the_guard_hears_when_the_servos_may_be_ahead_of_the_setpoint(sim):
     assert all(guard.ahead[:29])
     assert all(guard.ahead[32:78]), "what makes up for lag is given up slowly"
     assert not any(guard.ahead[82:])
+
+
+def guarded(sim, **settings):
+    return Following(
+        q_start=np.zeros(5), lower=np.full(5, -3.0), upper=np.full(5, 3.0), limits=CAPS,
+        stop_limits=MotionLimits.uniform(velocity=math.pi, acceleration=6.6, jerk=60.0),
+        dt=sim.dt, guard=Fence(at=2.0), stale_after=None, **settings,
+    )  # fmt: skip
+
+
+def on_its_way(sim, k):
+    """A planned motion that accelerates as hard as any may, and its setpoint ``k``."""
+    hard = MotionLimits.uniform(velocity=math.pi, acceleration=math.radians(430.0), jerk=75.0)
+    goal = np.array([1.5, 1.0, 0.5, -0.8, 2.0])
+    planned = PlannedMotion(online.point_to_point(np.zeros(5), goal, hard, sim.dt))
+    for i in range(k):
+        now = planned.sample(i)
+    return planned, now, goal
+
+
+@pytest.mark.parametrize("k", range(5, 90, 5))
+def test_a_planned_motion_is_left_on_its_path_however_hard_it_moved(sim, k):
+    planned, now, goal = on_its_way(sim, k)
+    following = guarded(sim)
+    following.aim(np.full(5, -0.5))
+    following.take_over(now, planned, sim.executor.stop_limits(Channel.ARM))
+    while following.keeps_apart is following.is_guarded is False and now.qd.any():
+        now = following.sample(0)
+        across = now.q - goal * (now.q @ goal) / (goal @ goal)
+        assert np.max(np.abs(across)) < 1e-3
+
+
+def test_a_following_that_was_still_slowing_another_motion_goes_on_from_rest_after_a_pause(sim):
+    planned, now, _ = on_its_way(sim, 45)
+    following, brakes = guarded(sim), sim.executor.stop_limits(Channel.ARM)
+    following.aim(np.full(5, -0.5))
+    following.take_over(now, planned, brakes)
+    now = following.sample(0)
+    assert np.max(np.abs(now.qd)) > 0.5
+    following.take_over(Setpoint.at_rest(now.q), None, brakes)
+    assert np.max(np.abs(following.sample(0).qd)) < 0.1

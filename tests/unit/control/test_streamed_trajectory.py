@@ -260,3 +260,11 @@ def test_a_stop_near_the_end_goes_on_to_the_last_point():
     stop = stream.brake(now, LIMITS)
     np.testing.assert_allclose(stop.q[0], now.q, atol=1e-12)
     np.testing.assert_allclose(stop.q[-1], q[-1], atol=1e-9)
+
+
+def test_a_point_that_is_hours_ahead_is_refused_and_not_taken():
+    stream = make_stream()
+    with pytest.raises(ValueError, match="point for 80000 s is more than 600 s ahead"):
+        stream.push(points([0.0, 80_000.0], [HOME, HOME]))
+    stream.push(points([0.0, 0.1], [HOME, HOME]))
+    assert stream.t_last == pytest.approx(0.1)

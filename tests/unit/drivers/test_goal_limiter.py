@@ -156,3 +156,10 @@ def test_goals_follow_a_hand_no_faster_than_the_hard_cap(limiter):
     assert limiter.yielded(six(1.0), DT)[0] == pytest.approx(SPEED * (DT + SLACK))
     travelled = [limiter.yielded(six(1e9), k * DT)[0] for k in range(2, 30)][-1]
     assert travelled == pytest.approx(SPEED * (29 * DT + SLACK))
+
+
+@pytest.mark.parametrize("rest", [0.2, 1.0, 60.0])
+def test_a_motion_after_a_rest_begins_where_the_joint_rests(limiter, rest):
+    with pytest.raises(CommandRefused, match="pan was to move by 2"):
+        limiter.follow(six(math.radians(2.0)), NONE[:5], rest, nowhere)
+    limiter.follow(six(0.5 * ACCELERATION * DT**2), [ACCELERATION * DT, *NONE[1:5]], rest, nowhere)
