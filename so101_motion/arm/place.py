@@ -309,7 +309,7 @@ class Place:
         return max(state.q_jaw, state.q_jaw_ref)
 
     def _stop(self, q: Array, dt: float, now: float) -> Course:
-        return Course.stop(q, self._q_jaw, t=now, dt=dt)
+        return Course.through(q, self._q_jaw, t=now, dt=dt)
 
     def _neighbours(self) -> list[Place]:
         places, (known, minded) = self.cell.places, self._known
