@@ -25,7 +25,7 @@ def stoppable(limits: MotionLimits, stop: MotionLimits, *, with_jerk: bool) -> M
     With more jerk than a stop has joints creep up on the end of their range. That only matters to a
     motion that is to end there, so jerk is lowered on request.
     """
-    lowered = limits.scaled_to(stop.velocity, stop.acceleration)
+    lowered = limits.lowered_to(stop.velocity, stop.acceleration)
     return gentle(lowered, stop) if with_jerk else lowered
 
 

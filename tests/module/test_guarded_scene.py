@@ -146,7 +146,7 @@ async def led(machine, *also, **attributes):
 
 async def goes_to(leader, pan):
     """Let the leader turn its pan, slowly enough for a follower on a busy machine."""
-    slowly = leader.limits.scaled_to(to_rad(20.0), to_rad(100.0))
+    slowly = leader.limits.lowered_to(to_rad(20.0), to_rad(100.0))
     goal = JointGoal(q=np.radians([pan, 0.0, 0.0, 0.0, 0.0]))
     await asyncio.wrap_future(leader.start_move(goal, limits=slowly).future)
 

@@ -310,7 +310,7 @@ class LocalFollower(Follower):
         if jaw.executor.state.mode in (Mode.LIMP, Mode.FAULT):
             raise NotHolding("the follower's jaw does not hold; let its servos hold first")
         limits = jaw.gripper.limits
-        slow = limits.scaled_to(JAW_APPROACH * limits.velocity, limits.acceleration)
+        slow = limits.lowered_to(JAW_APPROACH * limits.velocity, limits.acceleration)
         self._jaw = jaw.gripper.open_following(approach=slow)
 
     @property

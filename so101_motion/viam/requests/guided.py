@@ -201,7 +201,7 @@ def _limits(given: Attributes, own: MotionLimits) -> MotionLimits:
     def cap(key: str, bounds: tuple[float, float], unit: str) -> float:
         return to_rad(given.number(key, bounds[1], lower=bounds[0], upper=bounds[1], unit=unit))
 
-    return own.scaled_to(
+    return own.lowered_to(
         cap("speed_degs_per_sec", SPEED_RANGE_DEG, "deg/s"),
         cap("acceleration_degs_per_sec_per_sec", ACCELERATION_RANGE_DEG, "deg/s^2"),
     )
