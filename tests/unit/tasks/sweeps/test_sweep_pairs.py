@@ -44,7 +44,7 @@ def test_the_arms_of_each_pair_keep_apart_wherever_they_are(found):
     assert pairs.best
     for pair in pairs.best:
         T = [
-            sweep.region.base(base.cell)
+            sweep.region.base(base.lattice_index)
             for sweep, base in zip((LEFT, RIGHT), pair.bases, strict=True)
         ]
         at_poses = [
