@@ -39,8 +39,8 @@ from benchmarks.bench_cell import T_LEFT_RIGHT, Tasks
 from benchmarks.emulated_led import emulated_followings
 from benchmarks.solids import Solids
 from so101_motion.arm.cell import Cell
+from so101_motion.arm.cell_member import CellMember
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.arm.place import Place
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3
 from so101_motion.control.following import Following
@@ -64,7 +64,7 @@ WAY, TREMBLE = 300, 1e-3
 PROOFS = 10
 """Ticks after which it is measured what a proof would take instead."""
 
-ASKED = ((Guard, "within_reach"), (Guard, "admits"), (Place, "near"), (Place, "admits"))
+ASKED = ((Guard, "within_reach"), (Guard, "admits"), (CellMember, "near"), (CellMember, "admits"))
 """What a following asks its guard and its cell in a tick."""
 
 
@@ -108,9 +108,9 @@ def guided(ticks: int, seed: int) -> list[dict[str, object]]:
     proof = {how: list[float]() for how in took}
     with ExitStack() as stack:
         arms = facing.FacingArms(stack).arms
-        arm, clock = arms["left"], arms["right"].place.clock
+        arm, clock = arms["left"], arms["right"].cell_member.clock
         guard = Guard(CollisionModel(arm.model, arm.scene), lambda: arm.state.q_jaw_ref)
-        wall = GuidingWall(guard, arm.place)
+        wall = GuidingWall(guard, arm.cell_member)
         gc.collect()
         gc.freeze()
         while sum(map(len, took.values())) < ticks:
@@ -124,7 +124,7 @@ def guided(ticks: int, seed: int) -> list[dict[str, object]]:
                 how = "overlapping" if room <= 0.0 else "within 20 mm" if room < 0.02 else "apart"
                 took[how].append(times)
                 if k % PROOFS == 0:
-                    proof[how] += _asked_again(arm.place.admits, np.array([q, q]), 0.01)[:1]
+                    proof[how] += _asked_again(arm.cell_member.admits, np.array([q, q]), 0.01)[:1]
     return [
         {
             "what": f"a wall before another arm, {how}, seed {seed}, CPU",

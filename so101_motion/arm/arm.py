@@ -37,7 +37,7 @@ from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 
 if TYPE_CHECKING:
-    from so101_motion.arm.place import Place
+    from so101_motion.arm.cell_member import CellMember
     from so101_motion.planning.collision.scene import Scene
 
 T = TypeVar("T")
@@ -299,9 +299,9 @@ class Arm(PlannedArm):
             self.stop()
             self._executor.release().result()
 
-    def take_place(self, place: Place | None) -> None:
+    def set_cell_member(self, member: CellMember | None) -> None:
         """Keep off the other arms of a cell from now on; None ends that."""
-        self.place = self._led.neighbours = place
+        self.cell_member = self._led.neighbours = member
 
     def close(self) -> None:
         """End what is under way and the arm's own threads; the executor belongs to the rig."""
@@ -317,11 +317,11 @@ class Arm(PlannedArm):
                 f"the arm is {to_deg(off):.1f} deg away from where this plan starts; plan again"
             )
         self._range.check_path(plan.trajectory.q)
-        place, planned = self.place, plan.trajectory
+        member, planned = self.cell_member, plan.trajectory
         with (
             nullcontext(planned)
-            if place is None
-            else place.entered(planned, partial(motion.pause, place.clock))
+            if member is None
+            else member.entered(planned, partial(motion.pause, member.clock))
         ) as trajectory:
             motion.plan = plan
             execute = partial(self._executor.execute, trajectory, channel=Channel.ARM)

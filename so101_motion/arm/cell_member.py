@@ -81,7 +81,7 @@ class Stand(NamedTuple):
     q_jaw: float
 
 
-class Place:
+class CellMember:
     """One arm in a cell: what it knows of the others, and they of it. ``Cell.add`` makes it.
 
     Attributes:
@@ -113,7 +113,8 @@ class Place:
         self._course: Course | None = None
         self._planned: Course | None = None
         self._beside: dict[str, Beside] = {}  # by name of the other arm
-        self._known: tuple[Mapping[str, Place], list[Place]] = ({}, [])  # of the cell; minded of it
+        # The members of the cell, and those of them that are minded.
+        self._known: tuple[Mapping[str, CellMember], list[CellMember]] = ({}, [])
         bodies_of()  # made before the control loop needs it
 
     @property
@@ -239,13 +240,13 @@ class Place:
             self._course = course
         return True
 
-    def _memory_of(self, other: Place) -> Beside:
+    def _memory_of(self, other: CellMember) -> Beside:
         if other.name not in self._beside:
             self._beside[other.name] = Beside()
         return self._beside[other.name]
 
     def _pair(
-        self, course: Course, other: Place, others: Course
+        self, course: Course, other: CellMember, others: Course
     ) -> tuple[tuple[ArmBodies, Course], tuple[ArmBodies, Course], SE3]:
         """Both arms' bodies and courses, and the other's base in this one's, for ``led_apart``."""
         attached = self.attached_to(other)
@@ -284,7 +285,7 @@ class Place:
             return course
         return Course.resting(state.q_ref, self._q_jaw)
 
-    def seen_from(self, other: Place, course: Course) -> OtherArm:
+    def seen_from(self, other: CellMember, course: Course) -> OtherArm:
         """This arm as seen by another one."""
         return OtherArm(
             name=self.name,
@@ -293,9 +294,9 @@ class Place:
             attached=as_seen_by(other.name, other.attached_to(self)),
         )
 
-    def attached_to(self, place: Place) -> tuple[Attached, ...]:
+    def attached_to(self, member: CellMember) -> tuple[Attached, ...]:
         """What an arm holds as far as this one knows, itself included."""
-        return (*place.arm.scene.attached, *self.held.get(place.name, ()))
+        return (*member.arm.scene.attached, *self.held.get(member.name, ()))
 
     @property
     def bodies(self) -> ArmBodies:
@@ -311,12 +312,12 @@ class Place:
     def _stop(self, q: Array, dt: float, now: float) -> Course:
         return Course.through(q, self._q_jaw, t=now, dt=dt)
 
-    def _neighbours(self) -> list[Place]:
-        places, (known, minded) = self.cell.places, self._known
-        if known is not places:
-            unminded = {*places} if ALL in self._ignores else {self.name, *self._ignores}
-            minded = [each for key, each in places.items() if key not in unminded]
-            self._known = places, minded
+    def _neighbours(self) -> list[CellMember]:
+        members, (known, minded) = self.cell.members, self._known
+        if known is not members:
+            unminded = {*members} if ALL in self._ignores else {self.name, *self._ignores}
+            minded = [each for key, each in members.items() if key not in unminded]
+            self._known = members, minded
         return minded
 
 
