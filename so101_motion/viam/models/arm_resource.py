@@ -45,7 +45,12 @@ from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Configured
 from so101_motion.viam.models.dependencies import motion_name, sources
 from so101_motion.viam.models.gripper_resource import GripperResource
-from so101_motion.viam.requests.await_motion import arrival, in_own_thread, left_alone, rest
+from so101_motion.viam.requests.await_motion import (
+    in_own_thread,
+    log_failure_of,
+    rest,
+    wait_for_arrival,
+)
 from so101_motion.viam.requests.commands import (
     KEYS,
     Command,
@@ -223,7 +228,7 @@ class ArmResource(Configured, Arm):
                 await self.arrived(self._start_move(JointGoal(q=q_goal), Search()))
             else:
                 await self.guarded_scene.known()
-                left_alone(self._retarget(q_goal), self.logger)
+                log_failure_of(self._retarget(q_goal), self.logger)
 
     async def move_through_joint_positions(
         self,
@@ -259,7 +264,7 @@ class ArmResource(Configured, Arm):
             if waits:
                 await self.arrived(motion)
             else:
-                left_alone(motion, self.logger)
+                log_failure_of(motion, self.logger)
 
     # The SDK declares its async generator as a coroutine that returns one.
     async def move_through_joint_positions_streamed(  # type: ignore[override]
@@ -344,7 +349,7 @@ class ArmResource(Configured, Arm):
 
     async def arrived(self, motion: Motion) -> None:
         """Wait until a motion of this arm has arrived; a cancelled wait ends it first."""
-        await arrival(motion, self._come_to_rest)
+        await wait_for_arrival(motion, self._come_to_rest)
 
     async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
         """Wait until a motion that is being ended is over, also if it failed."""
