@@ -141,7 +141,7 @@ class ChannelPlayer:
         """Acceleration expected from now on, shape (n,), [rad/s^2]; None if it is not known."""
         source = None if self._motion is None else self._motion.source
         if isinstance(source, Following):
-            return source.foreseen.qdd
+            return source.expected_acceleration.qdd
         if isinstance(source, PlannedMotion):
             return source.acceleration
         return self.reference.qdd if source is None else None

@@ -35,7 +35,7 @@ from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.approach import GATE, Approach
-from so101_motion.control.foreseen import Foreseen
+from so101_motion.control.expected_acceleration import ExpectedAcceleration
 from so101_motion.control.joint_bounds import JointBounds, gentle, landed, stoppable
 from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
@@ -122,7 +122,7 @@ class Following(LedMotion):
 
     Attributes:
         now: The last setpoint.
-        foreseen: The joints' expected acceleration, for the driver.
+        expected_acceleration: How the joints are expected to accelerate, for the driver.
         guard: As given; any thread may set another one whose ``look_every`` is no smaller.
     """
 
@@ -158,7 +158,7 @@ class Following(LedMotion):
         looks = LOOK_EVERY if neighbours is None else STEP
         looks = looks if guard is None else min(guard.look_every, looks)
         self._stops, self._pursuit = StopPaths(stop_limits, dt, looks), Pursuit(n, dt)
-        self.foreseen = Foreseen(dt)
+        self.expected_acceleration = ExpectedAcceleration(dt)
         self._aimed: _Aim | None = None
         self._briefly = False
         self._seen: _Aim | None = None
@@ -265,7 +265,7 @@ class Following(LedMotion):
         """
         guarded = isinstance(previous, Following) and previous.is_guarded
         if isinstance(previous, Following):
-            self.foreseen = previous.foreseen
+            self.expected_acceleration = previous.expected_acceleration
         if self.guard is not None and previous is not None and not guarded:
             self._slowing = PlannedMotion(previous.brake(now, self._stop_limits))
             self._k = 1
@@ -296,7 +296,7 @@ class Following(LedMotion):
             if self._slowing.is_over:
                 self._slowing = None
             self._braked = self.now
-            self.foreseen.braking(self.now)
+            self.expected_acceleration.braking(self.now)
             return self.now
         if aim is None:
             self._held = ()
@@ -360,7 +360,7 @@ class Following(LedMotion):
     def _brake(self) -> None:
         """Take the next step of the path to rest that the last setpoint has left free."""
         self.now = self._braked
-        self.foreseen.braking(self.now)
+        self.expected_acceleration.braking(self.now)
         self._braked = self._stops.to_rest(self.now).after
 
     def _lead(self, aim: _Aim) -> None:
@@ -395,7 +395,7 @@ class Following(LedMotion):
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
         path = np.concatenate((self.now.q[None], rest.path))
-        ahead = qdd is not None or self.foreseen.may_be_ahead
+        ahead = qdd is not None or self.expected_acceleration.may_be_ahead
         if guard is not None and not guard.admits(path, ahead=ahead):
             self._held = self._held or ("too little room to brake",)
             self._t_gentle = self._t + GENTLE
@@ -405,9 +405,9 @@ class Following(LedMotion):
             return self._brake()
         self.now, self._braked = led, rest.after
         if aim.qdd is None:
-            self.foreseen.unknown()
+            self.expected_acceleration.unknown()
         else:
-            self.foreseen.beside(led, led.qdd if onward is None else onward)
+            self.expected_acceleration.beside(led, led.qdd if onward is None else onward)
 
     def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
         """``led``, with joints braking that could not stop in time, and the path to rest."""

@@ -25,7 +25,7 @@ AHEAD = 0.5
 compensation fades slowly (``goal_compensation.py``); so it must still know how joints brake."""
 
 
-class Foreseen:
+class ExpectedAcceleration:
     """The acceleration that the driver is told in each period.
 
     Args:
