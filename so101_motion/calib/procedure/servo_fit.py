@@ -350,7 +350,7 @@ def _rows(
         mean = float(np.mean(volts[begin:end]))
         share = max(abs(mean) / float(np.mean(record.volts[cut])), START_DUTY)
         slope = kind.duty_shape * share ** (1.0 - 1.0 / kind.duty_shape)
-        stiffness = slope * float(np.mean(record.volts[cut])) / model.yielding
+        stiffness = slope * float(np.mean(record.volts[cut])) / model.full_drive_error
         yield _Row(
             i=i,
             torque=kind.torque_per_volt * (mean - kind.back_emf * float(turned)),
