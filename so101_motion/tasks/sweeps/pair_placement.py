@@ -2,7 +2,8 @@
 
 Both repeat their cycles at their own speed, and neither waits: wherever one arm is on its path, it
 keeps as far off every configuration of the other as planned arms do
-(``planning/collision/anytime.py``). So two computers may run them without knowing of each other.
+(``planning/collision/apart_at_any_timing.py``). So two computers may run them without knowing of
+each other.
 
 How it works. Bases of each arm are screened and planned as for one (``placement.py``), some more
 while they may still give better pairs. All pairs of planned bases are checked against each other,
@@ -27,8 +28,8 @@ import numpy as np
 from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.units import to_mm
 from so101_motion.files.scene_file import scene_from
-from so101_motion.planning.collision.anytime import never_meet
 from so101_motion.planning.collision.apart import ROOM
+from so101_motion.planning.collision.apart_at_any_timing import never_meet
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.bodies import around_base
 from so101_motion.planning.collision.scene import Scene, StandingArm

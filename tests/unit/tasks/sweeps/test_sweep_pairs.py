@@ -7,7 +7,7 @@ import pytest
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.files.cell_file import read_cell
-from so101_motion.planning.collision.anytime import evenly, never_meet
+from so101_motion.planning.collision.apart_at_any_timing import evenly, never_meet
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.tasks.program import files
 from so101_motion.tasks.sweeps import PlaceSweep, Region, find_pairs, task_text, write_pairs
