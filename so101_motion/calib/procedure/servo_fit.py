@@ -32,7 +32,7 @@ from so101_motion.calib.procedure.servo_twin import JointRecord, predicted, repl
 from so101_motion.calib.procedure.twin_fit import OPEN, TwinFit
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
-from so101_motion.drivers.emulator.hardware import MAX_DUTY
+from so101_motion.drivers.emulator.joint_figures import MAX_DUTY
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.servo_types import START_DUTY, ServoFigures
 
