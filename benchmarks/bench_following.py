@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
-from so101_motion.arm.led_motions import GUARDED_STOP
+from so101_motion.arm.open_ended_motions import GUARDED_STOP
 from so101_motion.common.clock import MonotonicClock
 from so101_motion.common.geometry import Array
 from so101_motion.control.executor import Channel, Executor

@@ -21,7 +21,7 @@ from so101_motion.planning.among import crosses, crossing, delayed
 from so101_motion.planning.collision.apart import EARLY, GUARDED, first_meeting
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import Course, NearArms, OtherArm, stop_along
-from so101_motion.planning.collision.led_apart import Beside, close, led_apart
+from so101_motion.planning.collision.following_apart import Beside, close, following_apart
 from so101_motion.planning.collision.scene import Attached, as_seen_by
 
 if TYPE_CHECKING:
@@ -233,7 +233,7 @@ class CellMember:
         with self.cell.lock:
             for other in self._neighbours():
                 pair = self._pair(course, other, other.course_at(now))
-                meeting = led_apart(*pair, since=now, beside=self._memory_of(other))
+                meeting = following_apart(*pair, since=now, beside=self._memory_of(other))
                 if meeting is not None:
                     self.against = close(meeting.first, other.name, meeting.second)
                     return False
@@ -248,7 +248,7 @@ class CellMember:
     def _pair(
         self, course: Course, other: CellMember, others: Course
     ) -> tuple[tuple[ArmBodies, Course], tuple[ArmBodies, Course], SE3]:
-        """Both arms' bodies and courses, and the other's base in this one's, for ``led_apart``."""
+        """Both arms' bodies and courses, and the other's base in this one's frame."""
         attached = self.attached_to(other)
         return (
             (bodies_of(self.attached_to(self), other.name), course),

@@ -73,7 +73,7 @@ class JointCaps:
         )
 
 
-LED = 0.92
+FOLLOWING_ACCELERATION = 0.92
 """Share of the servos' acceleration that joints use while they follow targets. Chosen by trial: it
 is not known beforehand when they must brake, so servos begin late and then have to brake harder."""
 
@@ -133,10 +133,10 @@ class CappedJoints:
         """The caps of a motion without limits of its own; see also ``slowdown``."""
         return self._caps.limits
 
-    def led_limits(self, limits: MotionLimits | None) -> MotionLimits:
+    def following_limits(self, limits: MotionLimits | None) -> MotionLimits:
         """The caps of a following that asks for ``limits``; None for the arm's own."""
         wanted = self._below_ceiling(limits)
-        return wanted.lowered_to(wanted.velocity, LED * self.servo_acceleration)
+        return wanted.lowered_to(wanted.velocity, FOLLOWING_ACCELERATION * self.servo_acceleration)
 
     def effective_limits(self, limits: MotionLimits | None) -> MotionLimits:
         """The caps of a motion that asks for ``limits``; None for the arm's own."""

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from so101_motion.arm.joint_caps import CappedJoints, JointCaps, JointRange
-from so101_motion.arm.led_motions import Situation
+from so101_motion.arm.open_ended_motions import Situation
 from so101_motion.arm.protocols import ArmExecutor
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.geometry import SE3, Array

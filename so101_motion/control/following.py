@@ -37,8 +37,8 @@ from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.approach import GATE, Approach
 from so101_motion.control.expected_acceleration import ExpectedAcceleration
 from so101_motion.control.joint_bounds import JointBounds, gentle, landed, stoppable
-from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
+from so101_motion.control.open_ended_motion import OpenEndedMotion
 from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -100,7 +100,7 @@ class _Aim(NamedTuple):
     outside: Array
 
 
-class Following(LedMotion):
+class Following(OpenEndedMotion):
     """Takes targets and hands out setpoints; made by ``Arm.open_following``.
 
     Args:
@@ -387,11 +387,12 @@ class Following(LedMotion):
             # From rest close to things, joints that do not set off together come closer first.
             arrival = "straight" if is_gentle else "together"
         try:
-            led, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
-            if self._bounds.too_fast(led):  # speed up no harder than a stop can take back in time
+            setpoint, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
+            if self._bounds.too_fast(setpoint):
+                # speed up no harder than a stop can take back in time
                 limits = gentle(limits, self._stop_limits)
-                led, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
-            led, rest = self._inside(landed(led, q, qd), limits)
+                setpoint, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
+            setpoint, rest = self._inside(landed(setpoint, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
         path = np.concatenate((self.now.q[None], rest.path))
@@ -403,25 +404,25 @@ class Following(LedMotion):
         if self._neighbours is not None and not self._neighbours.admits(path[1:], rest.step):
             self._held = (*self._held, self._neighbours.against)
             return self._brake()
-        self.now, self._braked = led, rest.after
+        self.now, self._braked = setpoint, rest.after
         if aim.qdd is None:
             self.expected_acceleration.unknown()
         else:
-            self.expected_acceleration.beside(led, led.qdd if onward is None else onward)
+            self.expected_acceleration.beside(setpoint, setpoint.qdd if onward is None else onward)
 
-    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
-        """``led``, with joints braking that could not stop in time, and the path to rest."""
-        rest = self._stops.to_rest(led)
-        outside = self._bounds.outside(led, limits, rest.least, rest.largest)
+    def _inside(self, setpoint: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
+        """``setpoint``, with joints braking that could not stop in time, and the path to rest."""
+        rest = self._stops.to_rest(setpoint)
+        outside = self._bounds.outside(setpoint, limits, rest.least, rest.largest)
         if not any(outside):
-            return led, rest
+            return setpoint, rest
         braked, which = self._braked, np.array(outside)
-        led = Setpoint(
-            q=np.where(which, braked.q, led.q),
-            qd=np.where(which, braked.qd, led.qd),
-            qdd=np.where(which, braked.qdd, led.qdd),
+        setpoint = Setpoint(
+            q=np.where(which, braked.q, setpoint.q),
+            qd=np.where(which, braked.qd, setpoint.qd),
+            qdd=np.where(which, braked.qdd, setpoint.qdd),
         )
-        return led, self._stops.to_rest(led)
+        return setpoint, self._stops.to_rest(setpoint)
 
     def _refuse_short(self, aim: _Aim) -> None:
         if not self._ends_there:

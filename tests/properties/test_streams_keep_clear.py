@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from harness.random_scenes import random_scene
 
-from so101_motion.arm.led_motions import GUARDED_STOP
+from so101_motion.arm.open_ended_motions import GUARDED_STOP
 from so101_motion.common.errors import MotionError, PlanningError
 from so101_motion.control.streamed_trajectory import Stream, TimedPoint
 from so101_motion.planning.collision.collision import CollisionModel

@@ -42,7 +42,7 @@ Gravity = Callable[[Array], Array]
 N = 5
 
 STEADY = 0.2
-"""For how long a joint must have been led at one speed [s]; chosen: its lag has built up."""
+"""For how long the setpoints must have had one speed [s]; chosen: the lag has built up."""
 
 STRETCH = 0.4
 """How long a stretch of steady motion is taken together [s]; chosen: 40 readings, whose rounding
@@ -380,7 +380,7 @@ def _volts(record: JointRecord, model: ServoModel) -> Array:
 
 
 def _stretches(record: JointRecord) -> Iterator[slice]:
-    """Where the joint is led at one speed, in pieces."""
+    """Where the setpoints have one speed, in pieces."""
     speed, t = record.qd_ref, record.t
     begin: int | None = None
     for k in range(1, len(t) + 1):

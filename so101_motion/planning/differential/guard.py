@@ -25,7 +25,7 @@ from so101_motion.planning.collision.batch_check import BOUND, NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
 from so101_motion.planning.collision.collision import ClosePair, CollisionModel
 from so101_motion.planning.collision.course import NearArms
-from so101_motion.planning.collision.led_apart import GAP
+from so101_motion.planning.collision.following_apart import GAP
 from so101_motion.planning.differential.nearest_within import BoundedStep
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 

@@ -43,7 +43,7 @@ from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.collision import ClosePair, CollisionModel
 from so101_motion.planning.collision.course import Neighbours
-from so101_motion.planning.collision.led_apart import GAP
+from so101_motion.planning.collision.following_apart import GAP
 from so101_motion.planning.differential.guard import Guard, room_of
 from so101_motion.planning.differential.moving_average import MovingAverage
 from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
