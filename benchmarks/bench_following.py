@@ -126,9 +126,9 @@ class _Watched(SimArm):
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
-        is_led: bool = False,
+        follows_target: bool = False,
     ) -> None:
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
         if not np.array_equal(q_cmd, self._last):
             self._last = np.array(q_cmd)
             self.changed.append(time.perf_counter())

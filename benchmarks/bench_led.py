@@ -118,8 +118,8 @@ def guided(ticks: int, seed: int) -> list[dict[str, object]]:
             q_jaw, other = arm.state.q_jaw_ref, arms["right"].state
             q_other = np.append(other.q_ref, other.q_jaw_ref)
             for k, q in enumerate(np.linspace(facing.ASIDE, tasks.near(), WAY)):
-                q_led = q + tasks.random.normal(0.0, TREMBLE, (2, 5))  # as the driver asks
-                times = _asked_again(wall, q, q_led)
+                q_guided = q + tasks.random.normal(0.0, TREMBLE, (2, 5))  # as the driver asks
+                times = _asked_again(wall, q, q_guided)
                 room = facing.distance(bodies, np.append(q, q_jaw), q_other)
                 how = "overlapping" if room <= 0.0 else "within 20 mm" if room < 0.02 else "apart"
                 took[how].append(times)

@@ -147,7 +147,7 @@ class ChannelPlayer:
         return self.reference.qdd if source is None else None
 
     @property
-    def is_led(self) -> bool:
+    def follows_target(self) -> bool:
         """Whether it follows targets instead of a planned motion."""
         return self._motion is not None and isinstance(self._motion.source, Following)
 

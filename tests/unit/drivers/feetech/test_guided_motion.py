@@ -135,7 +135,9 @@ def test_a_joint_that_is_led_far_stays_where_it_is_let_go(wired, joint, seed, he
 @pytest.mark.parametrize(("stronger", "late"), [(2.0, 0.0), (1.4, LATE)])
 def test_joints_between_walls_that_are_stronger_come_to_rest(wired, seed, stronger, late):
     arm = Guided(wired, spread=0.2, seed=seed)
-    arm.arm.guide(Compliance(wall=stronger * Compliance().wall), lambda q, q_led: 0.0 * q_led + q)
+    arm.arm.guide(
+        Compliance(wall=stronger * Compliance().wall), lambda q, q_guided: 0.0 * q_guided + q
+    )
     arm.hand(all_led(arm.q_deg, 8.0, 0.3, hold=0.4), 3.0)
     arm.look(1.8, late=late)
     assert arm.look(1.0, late=late).max() < 0.1
@@ -169,7 +171,7 @@ def test_nothing_leads_a_joint_towards_a_wall_near_by():
     speed = to_rad(30.0)
     there = 0.5 * speed + 0.5 * LEAD * speed
     free, *_ = led_at(speed)
-    near, *_ = led_at(speed, lambda q, q_led: np.minimum(q_led, there))
+    near, *_ = led_at(speed, lambda q, q_guided: np.minimum(q_guided, there))
     assert free > LEAD * (speed - SLOW)
     assert near <= 0.0
 
