@@ -122,7 +122,7 @@ class HandGuiding:
         trim: The gravity compensation that has carried them until now.
         q: Their angles [rad].
         now: The time [s].
-        wall: How far they may be led without resistance; None for anywhere.
+        wall: How far a hand may lead them without resistance; None for anywhere.
     """
 
     def __init__(
@@ -219,11 +219,11 @@ class HandGuiding:
             return off, ()
         later = np.array([[LOOK_AHEAD], [LOOK_AHEAD + LEAD]])
         ahead = np.array(q[:N]) + later * np.array(qd[:N])
-        led = np.clip(here, ahead - band, ahead + band)
-        if np.array_equal(led, [here, here]):
+        guided = np.clip(here, ahead - band, ahead + band)
+        if np.array_equal(guided, [here, here]):
             return off, ()
-        allowed = self._wall(np.array(here), led)
-        held = np.abs(allowed - led) > _ROUNDING
+        allowed = self._wall(np.array(here), guided)
+        held = np.abs(allowed - guided) > _ROUNDING
         for i in np.flatnonzero(held[0]):
             at = float(ahead[0, i])
             self._anchor[i] = _near(float(allowed[0, i]), at, band + WALL_DEPTH)

@@ -287,8 +287,8 @@ class LocalFollower(Follower):
         """See ``Follower.detach``."""
         if self._end is not None:
             self._end()
-        led, self._following, self._jaw = (self._following, self._jaw), None, None
-        for each in led:
+        followings, self._following, self._jaw = (self._following, self._jaw), None, None
+        for each in followings:
             if each is not None:
                 each.close().exception()
 

@@ -31,7 +31,7 @@ class ManualMode:
     Args:
         arm: The arm.
         logger: Gets a warning if the arm cannot hold when the time is up, and one for each thing
-            that the arm is led into.
+            that a hand leads the arm into.
         surroundings: Lets the arm know what is around it.
 
     Attributes:
