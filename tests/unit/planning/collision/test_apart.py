@@ -70,7 +70,7 @@ def without_library():
     return bodies
 
 
-def test_an_arm_that_is_led_may_part_from_one_that_is_near_with_and_without_the_library():
+def test_an_arm_that_follows_a_target_may_part_from_one_that_is_near_with_and_without_the_library():
     facing, by_coal, verdicts = Facing(6), without_library(), []
     while len(verdicts) < 12:
         q_left, q_right = facing.near(), facing.near()
@@ -78,12 +78,12 @@ def test_an_arm_that_is_led_may_part_from_one_that_is_near_with_and_without_the_
         if not 0.003 < far < 0.009:
             continue
         stop = q_left + np.outer(np.linspace(0.0, 0.1, 8), facing.random.uniform(-1.0, 1.0, 5))
-        led = Course(t=0.0, dt=0.02, q=np.column_stack([stop, np.zeros(8)]))
+        following = Course(t=0.0, dt=0.02, q=np.column_stack([stop, np.zeros(8)]))
         still = Course.resting(q_right, 0.0)
         found = []
         for bodies in (facing.bodies, by_coal):
             beside = Beside()
-            pair = (bodies, led), (bodies, still)
+            pair = (bodies, following), (bodies, still)
             met = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
             again = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
             assert (met is None) == (again is None)
@@ -91,14 +91,14 @@ def test_an_arm_that_is_led_may_part_from_one_that_is_near_with_and_without_the_
             found.append(met is None)
         assert found[0] == found[1]
         if found[0]:
-            nearest = [distance(facing.bodies, q, still.q[0]) for q in led.q]
+            nearest = [distance(facing.bodies, q, still.q[0]) for q in following.q]
             assert min(nearest) > 0.75 * (far - apart.PARTING)
         verdicts.append(found[0])
     assert set(verdicts) == {True, False}
 
 
 @pytest.mark.parametrize("by_coal", [False, True])
-@pytest.mark.parametrize("who", ["led", "other"])
+@pytest.mark.parametrize("who", ["following", "other"])
 def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_coal):
     facing = Facing(9)
     bodies = without_library() if by_coal else facing.bodies
@@ -111,7 +111,7 @@ def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_c
         away = facing.random.uniform(-0.05, 0.05, 5)
         q = (q_left, q_right)[who == "other"] + np.outer(share, away)
         moving = Course(t=0.0, dt=0.01, q=np.column_stack([q, np.zeros(31)]))
-        course = {"led": Course.resting(q_left, 0.0), "other": Course.resting(q_right, 0.0)}
+        course = {"following": Course.resting(q_left, 0.0), "other": Course.resting(q_right, 0.0)}
         course[who] = moving
         k = np.array([0.05])
         near = distance(bodies, *(each.at(k)[0] for each in course.values()))
@@ -119,11 +119,11 @@ def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_c
             break
     beside = Beside()
     beside.gained = far - 1e-4
-    pair = (bodies, course["led"]), (bodies, course["other"])
+    pair = (bodies, course["following"]), (bodies, course["other"])
     assert following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside) is not None
 
 
-def test_an_arm_that_is_led_and_pushed_towards_another_may_only_part():
+def test_an_arm_that_follows_a_target_and_is_pushed_towards_another_may_only_part():
     facing = Facing(8)
     beside = Beside()
     beside.gained = 0.009
