@@ -3,7 +3,7 @@
 Tasks are drawn so that the tools begin and end where both arms reach, and so that arms that moved
 in straight joint lines at the same pace would meet halfway. The benchmark measures how many tasks
 are solved, how long planning and proof take, and how much sooner both arrive than one after the
-other. ``bench_led.py`` measures arms that are led into each other.
+other. ``bench_arms_apart.py`` measures arms whose targets lead into each other.
 
 The makespan, when both have arrived, is also compared with the shortest that a long search
 (``long_search.py``) finds for the first tasks of the same draw: ``--searched`` says for how many,

@@ -1,11 +1,11 @@
-"""Four arms that reach each other: together, one after the other, and led.
+"""Four arms that reach each other: together, one after the other, and following targets.
 
 They stand in a square or on a ring around the place where all of them work, simulated, on a
 simulated clock. Three ways to crowd them:
 
 *together*: random goals for all, one motion (``Cell.start_together``);
 *each by itself*: every arm that rests for a while is sent to a random goal, whatever the others do;
-*led*: every arm follows random targets, all of them in the middle.
+*following*: every arm follows random targets, all of them in the middle.
 
 Contact is judged by other means than planning and the guard (``solids.py``), at every tick. What is
 refused or stopped is counted by its reason. A goal near which another arm rests is refused rightly;
@@ -54,7 +54,7 @@ LONGEST = 60.0
 TRIES = 20
 """So many goals are drawn for an arm that is sent by itself, until one keeps that clear."""
 
-LED = MotionLimits.uniform(velocity=np.pi, acceleration=8.0, jerk=150.0)
+CAPS = MotionLimits.uniform(velocity=np.pi, acceleration=8.0, jerk=150.0)
 
 
 def around(radius: float, turned: float = 0.0) -> list[SE3]:
@@ -245,14 +245,14 @@ def _keeps_clear(
     return True
 
 
-def led(crowd: Crowd, ticks: int) -> Counter[str]:
+def follow_targets(crowd: Crowd, ticks: int) -> Counter[str]:
     """Every arm follows random targets."""
     ends: Counter[str] = Counter()
     with ThreadPoolExecutor(1) as threads:
         followings = [
             crowd.in_time(
                 threads,
-                lambda rig=rig: rig.arm.open_following(limits=LED, stale_after=None, gate=10.0),
+                lambda rig=rig: rig.arm.open_following(limits=CAPS, stale_after=None, gate=10.0),
             )
             for rig in crowd.rigs
         ]
@@ -279,7 +279,7 @@ def rows(layout: str, rounds: int, ticks: int, seed: int) -> list[dict[str, obje
     for name, attack, count in (
         ("together", together, rounds),
         ("each by itself", by_themselves, rounds),
-        ("led", led, ticks),
+        ("following", follow_targets, ticks),
     ):
         crowd = Crowd(LAYOUTS[layout], seed)
         with crowd.opened():

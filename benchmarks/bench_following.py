@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
-from so101_motion.arm.led_motions import GUARDED_STOP
+from so101_motion.arm.open_ended_motions import GUARDED_STOP
 from so101_motion.common.clock import MonotonicClock
 from so101_motion.common.geometry import Array
 from so101_motion.control.executor import Channel, Executor
@@ -98,16 +98,16 @@ def _timed(model: RobotModel, way: Array, *, guarded: bool, told: bool) -> Array
     changes = np.gradient(rates, TICK, axis=0)
     load = Load.of(model, Strength.of_servos(7.4), READY, None)
     guard = Guard(CollisionModel(model), lambda: 0.3, load, acceleration=GUARDED_STOP.acceleration)
-    led = Following(
+    following = Following(
         q_start=READY, lower=model.lower, upper=model.upper, limits=Pace().full,
         stop_limits=GUARDED_STOP if guarded else HARD_STOP, dt=TICK,
         guard=guard if guarded else None,
     )  # fmt: skip
     times = []
     for k, q in enumerate(way):
-        _ = led.aim(q, rates[k], changes[k]) if told else led.aim(q)
+        _ = following.aim(q, rates[k], changes[k]) if told else following.aim(q)
         begin = time.thread_time()
-        led.sample(k)
+        following.sample(k)
         times.append(time.thread_time() - begin)
     return np.array(times)
 
@@ -126,9 +126,9 @@ class _Watched(SimArm):
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
-        is_led: bool = False,
+        follows_target: bool = False,
     ) -> None:
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
         if not np.array_equal(q_cmd, self._last):
             self._last = np.array(q_cmd)
             self.changed.append(time.perf_counter())
@@ -142,21 +142,21 @@ def responding(seconds: float) -> dict[str, Any]:
     rng, found = np.random.default_rng(2), []
     executor.start()
     guard = Guard(CollisionModel(model), lambda: 0.3, acceleration=HARD_STOP.acceleration)
-    led = Following(
+    following = Following(
         q_start=executor.state.q_ref, lower=model.lower, upper=model.upper, limits=Pace().full,
         stop_limits=executor.stop_limits(Channel.ARM), dt=TICK, guard=guard, stale_after=None,
     )  # fmt: skip
-    executor.play(led)
+    executor.play(following)
     end, k = time.perf_counter() + seconds, 0
     while time.perf_counter() < end:
         time.sleep(0.25 + rng.uniform(0.0, TICK))
         k += 1
         arm.changed.clear()
         begin = time.perf_counter()
-        led.aim(READY + np.radians([4.0 if k % 2 else 0.0, 0.0, 0.0, 0.0, 0.0]))
+        following.aim(READY + np.radians([4.0 if k % 2 else 0.0, 0.0, 0.0, 0.0, 0.0]))
         time.sleep(0.2)
         found.append(arm.changed[0] - begin)
-    led.close().result(5.0)
+    following.close().result(5.0)
     late = executor.state.late_ticks
     executor.close()
     return {"what": "from aim to the goal", **_common.summary(found), "late ticks": late}

@@ -162,7 +162,7 @@ LOADS = (0.0, 0.1, 0.2, 0.3)
 """Masses in the jaws, which the arms do not know [kg]."""
 
 
-def led_far(seed: int, cases: int, held_kg: float, *, taken: bool) -> list[tuple[float, float]]:
+def guided_far(seed: int, cases: int, held_kg: float, *, taken: bool) -> list[tuple[float, float]]:
     """Lead a joint of an arm anywhere within its limits, with something in the jaws or after it.
 
     Returns:
@@ -266,15 +266,15 @@ def among_obstacles(seed: int) -> Iterator[tuple[Guided, Obstacles]]:
         yield guided, Obstacles(guided)
 
 
-Led = tuple[float, float, float]
+Contact = tuple[float, float, float]
 """The least distance on the way, that at the end [m], how far the joint went back [rad]."""
 
 
 def into_contact(
     place: Callable[[int], Any], seed: int, cases: int, strength: float, *, walls: bool
-) -> list[Led]:
+) -> list[Contact]:
     """Lead a joint of an arm beyond its first contact with what is around it."""
-    found: list[Led] = []
+    found: list[Contact] = []
     rng = np.random.default_rng(seed)
     with place(seed) as (guided, around):
         arm = guided.rig.arm
@@ -314,12 +314,12 @@ def _way_into_contact(
         if room(q) < ROOM:
             continue
         for way in np.arange(0.0, FARTHEST, math.radians(1.0)):
-            led = q.copy()
-            led[i] += side * way
-            inside = arm.model.lower[i] < led[i] < arm.model.upper[i]
-            if not inside or not around.is_in_the_way(led):
+            q_guided = q.copy()
+            q_guided[i] += side * way
+            inside = arm.model.lower[i] < q_guided[i] < arm.model.upper[i]
+            if not inside or not around.is_in_the_way(q_guided):
                 break
-            if room(led) < 0.0:
+            if room(q_guided) < 0.0:
                 return i, side * (way + BEYOND), room
     return None
 
@@ -337,13 +337,13 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=25, help="for each arm and hand")
     parser.add_argument("--only-arms", action="store_true")
     asked = parser.parse_args()
-    beside = led_into_contact("another arm", beside_another, asked.arms, asked.cases)
+    beside = guided_into_contact("another arm", beside_another, asked.arms, asked.cases)
     if asked.only_arms:
         _common.update("bench_guide", beside)
         return
     felt = felt_in_free_space(asked.arms, asked.poses)
-    far = led_anywhere(asked.arms, asked.cases)
-    among = led_into_contact("obstacles", among_obstacles, asked.arms, asked.cases)
+    far = guided_anywhere(asked.arms, asked.cases)
+    among = guided_into_contact("obstacles", among_obstacles, asked.arms, asked.cases)
     _common.write("bench_guide", [*felt, *far, *among, *beside])
 
 
@@ -369,13 +369,13 @@ def felt_in_free_space(arms: int, poses: int) -> list[dict[str, Any]]:
     return rows
 
 
-def led_anywhere(arms: int, cases: int) -> list[dict[str, Any]]:
+def guided_anywhere(arms: int, cases: int) -> list[dict[str, Any]]:
     """A row for each mass in the jaws, and for one that was taken away."""
     rows: list[dict[str, Any]] = []
     for held_kg, taken in (*((each, False) for each in LOADS), (LOADS[-1], True)):
         name = f"led anywhere with {held_kg:g} kg" + (", which was taken away" if taken else "")
         pieces = {
-            f"{name} {k}": partial(led_far, k, cases, held_kg, taken=taken) for k in range(arms)
+            f"{name} {k}": partial(guided_far, k, cases, held_kg, taken=taken) for k in range(arms)
         }
         found = [each for arm in _common.in_pieces("bench_guide", pieces) for each in arm]
         untouched, let_go = zip(*found, strict=True)
@@ -390,7 +390,7 @@ def led_anywhere(arms: int, cases: int) -> list[dict[str, Any]]:
     return rows
 
 
-def led_into_contact(
+def guided_into_contact(
     what: str, place: Callable[[int], Any], arms: int, cases: int
 ) -> list[dict[str, Any]]:
     """A row for each hand."""
@@ -401,16 +401,16 @@ def led_into_contact(
             f"{name} {k}": partial(into_contact, place, k, cases, strength, walls=walls)
             for k in range(arms)
         }
-        led = np.array([each for arm in _common.in_pieces("bench_guide", pieces) for each in arm])
+        found = np.array([each for arm in _common.in_pieces("bench_guide", pieces) for each in arm])
         rows.append(
             {
                 "what": f"led into {name}",
-                "cases": len(led),
-                "in contact on the way": int(np.sum(led[:, 0] < 0.0)),
-                "in contact at the end": int(np.sum(led[:, 1] < 0.0)),
-                "least distance, median [mm]": 1000.0 * float(np.median(led[:, 0])),
-                "least distance [mm]": 1000.0 * float(led[:, 0].min()),
-                "went back once let go, most [deg]": math.degrees(float(led[:, 2].max())),
+                "cases": len(found),
+                "in contact on the way": int(np.sum(found[:, 0] < 0.0)),
+                "in contact at the end": int(np.sum(found[:, 1] < 0.0)),
+                "least distance, median [mm]": 1000.0 * float(np.median(found[:, 0])),
+                "least distance [mm]": 1000.0 * float(found[:, 0].min()),
+                "went back once let go, most [deg]": math.degrees(float(found[:, 2].max())),
             }
         )
     return rows

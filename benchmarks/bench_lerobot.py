@@ -52,8 +52,8 @@ LOWERED = np.array([0.0, -25.0, 25.0, 20.0, 0.0])  # keeps the reaches off the t
 
 SIDES = ("left", "right")
 RATE = 60.0  # of teleoperation [Hz]
-ABOVE = np.array([0.0, -20.0, 0.0, -20.0, 0.0])  # keeps what is led for minutes off the table
-HELD, LED_FROM = 25.0, 30.0  # how long a hand keeps a leader still, and when it has led it off [s]
+ABOVE = np.array([0.0, -20.0, 0.0, -20.0, 0.0])  # keeps arms that reach for minutes off the table
+HELD, GUIDED_FROM = 25.0, 30.0  # until a hand keeps a leader still, and from when it guides it [s]
 SETTLED = 3.0  # of teleoperation after the way to where the leaders are [s]
 
 
@@ -197,9 +197,9 @@ def leading_hand(seconds: float, seed: int) -> str:
     every = 0.05
     rows = 0.5 * _pair.human_motion(seconds, seed, dt=every)[:, :5] + LOWERED + ABOVE + MIDDLES_DEG
     lines = [f"{t} {joint} start" for joint in _pair.JOINTS for t in (0, HELD)]
-    lines += [f"{LED_FROM} gripper {JAW}"]
+    lines += [f"{GUIDED_FROM} gripper {JAW}"]
     for joint, column in zip(_pair.JOINTS, rows.T, strict=False):
-        lines += [f"{LED_FROM + every * k:.2f} {joint} {q:.3f}" for k, q in enumerate(column)]
+        lines += [f"{GUIDED_FROM + every * k:.2f} {joint} {q:.3f}" for k, q in enumerate(column)]
     return "\n".join(lines) + "\n"
 
 

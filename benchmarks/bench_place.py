@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks import _common
 from so101_motion.tasks.sweeps import PlaceSweep, Region, find_bases
-from so101_motion.tasks.sweeps.mounting import COARSE, Cell
+from so101_motion.tasks.sweeps.mounting import COARSE, LatticeIndex
 
 TIMES = 100.0
 DRAWN = 64
@@ -65,12 +65,12 @@ def sweep_of(name: str) -> PlaceSweep:
     return PlaceSweep(task=json.dumps(task), region=REGION, scene=scene)
 
 
-def drawn(random: np.random.Generator) -> tuple[Cell, ...]:
+def drawn(random: np.random.Generator) -> tuple[LatticeIndex, ...]:
     """Random bases of the fine lattice."""
-    last = np.array(list(REGION.cells())).max(axis=0)
+    last = np.array(list(REGION.first_round())).max(axis=0)
     assert last.max() >= COARSE
-    cells = random.integers(0, last + 1, (DRAWN, 4)).tolist()
-    return tuple((x, y, z, turn) for x, y, z, turn in cells)
+    indices = random.integers(0, last + 1, (DRAWN, 4)).tolist()
+    return tuple((x, y, z, turn) for x, y, z, turn in indices)
 
 
 class RandomSearch:
@@ -99,7 +99,7 @@ class RandomSearch:
         """Look at one more batch of random bases of the fine lattice."""
         random = np.random.default_rng(self.known["batches"])
         begin = time.process_time()
-        batch = replace(self._sweep, cells=drawn(random), planned=True)
+        batch = replace(self._sweep, indices=drawn(random), planned=True)
         judge = batch.open()
         best = min(float(judge(shard)["time"].min()) for shard in range(batch.shards))
         self.known["best"] = min(self.known["best"], best)

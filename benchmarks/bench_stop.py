@@ -76,9 +76,9 @@ def module() -> None:
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
-        is_led: bool = False,
+        follows_target: bool = False,
     ) -> None:
-        write(self, q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+        write(self, q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
         written.append((time.monotonic(), 0.0 if qd_cmd is None else float(qd_cmd[0])))
 
     FeetechArm.write = noted  # type: ignore[method-assign]

@@ -206,7 +206,7 @@ def compared(commit: str) -> Iterator[dict[str, Any]]:
                 (f"the teleoperation of {commit}", old, {}),
             ):
                 found = _followed(checkout, ways, options)
-                yield {"what": who, "led at up to [deg/s]": speed, **found}
+                yield {"what": who, "leader at up to [deg/s]": speed, **found}
 
 
 def _followed(checkout: Path, ways: Path, options: dict[str, bool]) -> dict[str, float]:
@@ -268,7 +268,7 @@ def costing() -> Iterator[dict[str, Any]]:
     way = np.radians(_bench.human_motion(60.0, SEEDS[0])[:, :5])
     for name in ("a setpoint", "a setpoint, guarded"):
         guard = Guard(CollisionModel(model), lambda: 0.3, acceleration=HARD_STOP.acceleration)
-        led = Following(
+        following = Following(
             q_start=way[0],
             lower=model.lower,
             upper=model.upper,
@@ -278,12 +278,12 @@ def costing() -> Iterator[dict[str, Any]]:
             guard=guard if "guarded" in name else None,
             each=partial(_aim, iter(way)),
         )
-        _, times = _common.measure(lambda led: led.sample(0), [led] * len(way))
+        _, times = _common.measure(lambda each: each.sample(0), [following] * len(way))
         yield {"what": name, **_common.summary(times)}
 
 
-def _aim(targets: Iterator[Array], led: Following) -> None:
-    led.aim(next(targets))
+def _aim(targets: Iterator[Array], following: Following) -> None:
+    following.aim(next(targets))
 
 
 def lasting(minutes: float) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.servo_model import GRAVITY, RAD_PER_TICK, Array, Parameters, Recordings
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.electric import Supply
-from so101_motion.drivers.emulator.hardware import Joint
+from so101_motion.drivers.emulator.joint_figures import Joint
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.emulator.world import World
 from so101_motion.drivers.servo_types import STS3215_12V, ServoType

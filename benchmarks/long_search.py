@@ -6,7 +6,7 @@ in turn:
 
 *another seed*: the planner itself (``plan_together``), with other random choices;
 *as one*: its search of one path for all joints, which it tries last, with other random choices;
-*detours*: each arm, or one of them, is led through a random configuration about halfway; the
+*detours*: each arm, or one of them, goes through a random configuration about halfway; the
 planner's first two methods order them in time, all at once and one after the other;
 *nearby*: the best detours so far, changed a little, by steps that become smaller.
 

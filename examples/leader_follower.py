@@ -21,7 +21,7 @@ from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
 from so101_motion.tasks.teleop.gate import Phase
 
-LED_THROUGH = np.radians([[40, 20, -30, 25, 60], [-40, -20, 20, -15, -60], [0, 0, 0, 0, 0]])
+GUIDED_THROUGH = np.radians([[40, 20, -30, 25, 60], [-40, -20, 20, -15, -60], [0, 0, 0, 0, 0]])
 ACCELERATION = to_rad(200.0)
 PATIENCE = 20.0
 TOGETHER_DEG = 0.2  # two ticks of an encoder; what is closer does not make the follower move
@@ -39,7 +39,7 @@ def in_simulation() -> None:
         ) as teleop,
     ):
         teleop.start()
-        for q in LED_THROUGH:
+        for q in GUIDED_THROUGH:
             leader.arm.start_move(so101.JointGoal(q=q)).result()
             leader.gripper.start_move(0.5 + 0.5 * np.sign(q[0])).result()
             off = come_together(teleop, leader, follower)

@@ -304,7 +304,7 @@ class ArmSession:
         jaw = self._jaw
         if jaw is None or jaw.future.done():
             limits = self.rig.gripper.limits
-            slow = limits.scaled_to(JAW_APPROACH * limits.velocity, limits.acceleration)
+            slow = limits.lowered_to(JAW_APPROACH * limits.velocity, limits.acceleration)
             self._jaw = jaw = self.rig.gripper.open_following(
                 approach=slow, stale_after=self._pace.stale_after
             )

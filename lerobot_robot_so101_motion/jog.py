@@ -171,13 +171,13 @@ class _ToolLead:
         is_held = bool(held[:6].any())
         if is_held and not self._was_held and self._is_elsewhere():
             self._servo = self._begin()
-        self._was_held, is_led = is_held, is_held and self._off() <= LEFT_BEHIND
+        self._was_held, is_jogged = is_held, is_held and self._off() <= LEFT_BEHIND
         steps, self._left = divmod(self._left + elapsed, dt)
         speeds = self._speed * held[:6]
         twist = Twist(linear=speeds[:3], angular=speeds[3:], in_tool=self._in_tool)
         for _ in range(int(steps)):
-            step = self._servo.step(twist if is_led else STILL, rig.gripper.q_jaw)
-            if is_led and step.share < _HELD_BELOW:
+            step = self._servo.step(twist if is_jogged else STILL, rig.gripper.q_jaw)
+            if is_jogged and step.share < _HELD_BELOW:
                 self._log_holder(now)
         self._aperture = min(max(self._aperture + JAW_RATE * elapsed * held[6], 0.0), 1.0)
         return self.arm.units.to_lerobot(self._servo.q, self._aperture)

@@ -145,8 +145,8 @@ class TapedArm(SimArm):
         self.torques = []
         self.is_closed = False
 
-    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, is_led=False):
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
         self.tape.append((self._clock.now(), np.array(q_cmd), q_jaw_cmd))
 
     def set_torque(self, on):

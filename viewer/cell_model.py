@@ -311,12 +311,12 @@ class CellModel:
             arm.preview(self._playback.t)
 
     def _clearances(self, plans: Mapping[str, Plan]) -> tuple[Between, ...]:
-        places = self._cell.places
+        members = self._cell.members
         times = np.linspace(0.0, max(each.duration for each in plans.values()), LOOKS)
-        courses = {name: places[name].along(plan.trajectory, 0.0) for name, plan in plans.items()}
+        courses = {name: members[name].along(plan.trajectory, 0.0) for name, plan in plans.items()}
         found = []
         for a, b in combinations(plans, 2):
-            T = places[a].T_cell_base.inverse @ places[b].T_cell_base
-            pair = (places[a].bodies, courses[a]), (places[b].bodies, courses[b])
+            T = members[a].T_cell_base.inverse @ members[b].T_cell_base
+            pair = (members[a].bodies, courses[a]), (members[b].bodies, courses[b])
             found.append(Between(a, b, tuple(clearance_over_time(*pair, T, times))))
         return tuple(found)

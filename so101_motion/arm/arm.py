@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, TypeVar, Unpack
 
 import numpy as np
 
-from so101_motion.arm.led_motions import LedMotions
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import MotionQueue, Opening
+from so101_motion.arm.open_ended_motions import OpenEndedMotions
 from so101_motion.arm.planned_arm import ArmParts, PlannedArm
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import SUPERSEDED, InCollision, MotionError, NotHolding
@@ -37,7 +37,7 @@ from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 
 if TYPE_CHECKING:
-    from so101_motion.arm.place import Place
+    from so101_motion.arm.cell_member import CellMember
     from so101_motion.planning.collision.scene import Scene
 
 T = TypeVar("T")
@@ -64,7 +64,7 @@ class Arm(PlannedArm):
         super().__init__(**parts)
         self.stops = 0
         self.compliance = Compliance()
-        self._led = LedMotions(self.model, self._executor)
+        self._open_ended = OpenEndedMotions(self.model, self._executor)
         self._motions = MotionQueue(self._come_to_rest)
 
     @property
@@ -197,7 +197,7 @@ class Arm(PlannedArm):
 
         Args:
             limits: Caps of the joints; the arm's own if not given.
-            frame: Which frame of the gripper is led.
+            frame: Which frame of the gripper is jogged.
 
         Raises:
             ConfigError: There is no such frame.
@@ -205,8 +205,8 @@ class Arm(PlannedArm):
         """
         self.model.check_gripper_frame(frame)
 
-        return self._lead(
-            lambda: self._led.jog(self._situation, self.effective_limits(limits), frame)
+        return self._open_source(
+            lambda: self._open_ended.jog(self._situation, self.effective_limits(limits), frame)
         ).opened.result()
 
     def open_following(
@@ -258,7 +258,7 @@ class Arm(PlannedArm):
                 counts alone.
             around: ``own`` with further obstacles and held objects.
         """
-        use = self._led.renewal(self._situation_in(around))
+        use = self._open_ended.renewal(self._situation_in(around))
         self._kept_off = own, around
         use()
 
@@ -286,7 +286,7 @@ class Arm(PlannedArm):
         if enabled:
             compliance = compliance or self.compliance
             self.stop()
-            wall = self._led.wall(self._situation) if compliance.wall else None
+            wall = self._open_ended.wall(self._situation) if compliance.wall else None
             self._executor.guide(compliance, wall).result()
         else:
             self._executor.hold().result()
@@ -302,9 +302,9 @@ class Arm(PlannedArm):
         finally:
             self._executor.release().result()
 
-    def take_place(self, place: Place | None) -> None:
+    def set_cell_member(self, member: CellMember | None) -> None:
         """Keep off the other arms of a cell from now on; None ends that."""
-        self.place = self._led.neighbours = place
+        self.cell_member = self._open_ended.neighbours = member
 
     def close(self) -> None:
         """End what is under way and the arm's own threads; the executor belongs to the rig."""
@@ -320,11 +320,11 @@ class Arm(PlannedArm):
                 f"the arm is {to_deg(off):.1f} deg away from where this plan starts; plan again"
             )
         self._range.check_path(plan.trajectory.q)
-        place, planned = self.place, plan.trajectory
+        member, planned = self.cell_member, plan.trajectory
         with (
             nullcontext(planned)
-            if place is None
-            else place.entered(planned, partial(motion.pause, place.clock))
+            if member is None
+            else member.entered(planned, partial(motion.pause, member.clock))
         ) as trajectory:
             motion.plan = plan
             execute = partial(self._executor.execute, trajectory, channel=Channel.ARM)
@@ -334,18 +334,20 @@ class Arm(PlannedArm):
         self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]
     ) -> Following:
         how = {"approach": APPROACH, **how}
-        return self._lead(self._maker(limits, guarded=guarded, **how)).opened.result()
+        return self._open_source(self._maker(limits, guarded=guarded, **how)).opened.result()
 
     def _stream(self, limits: MotionLimits | None, *, guarded: bool) -> Opening[Stream]:
         caps = self.effective_limits(limits)
-        return self._lead(lambda: self._led.stream(self._situation, caps, guarded=guarded))
+        return self._open_source(
+            lambda: self._open_ended.stream(self._situation, caps, guarded=guarded)
+        )
 
     def _maker(
         self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]
     ) -> Callable[[], Following]:
-        caps = self.led_limits(limits)
+        caps = self.following_limits(limits)
         # The situation is that in which it begins: ``keep_off`` may be called before.
-        return lambda: self._led.following(
+        return lambda: self._open_ended.following(
             self._situation, caps, guarded=guarded, share=self.slowdown, **how
         )
 
@@ -367,18 +369,18 @@ class Arm(PlannedArm):
 
             return motion.begin(start, self._executor.interrupt)
 
-        if guarded and not self._led.has_guard(self._situation):
+        if guarded and not self._open_ended.has_guard(self._situation):
             return self._motions.start(begin)  # has a thread, which can make one
         return self._motions.take_over(begin)
 
-    def _lead(self, make: Callable[[], S]) -> Opening[S]:
-        """Begin the led motion that ``make`` prepares, once the arm rests."""
+    def _open_source(self, make: Callable[[], S]) -> Opening[S]:
+        """Begin the open-ended motion that ``make`` prepares, once the arm rests."""
 
         def prepare(motion: Motion) -> S:
             self._leave_manual(motion)
             return make()
 
-        return self._motions.lead(prepare, self._executor.play, self._executor.interrupt)
+        return self._motions.open_source(prepare, self._executor.play, self._executor.interrupt)
 
     def _come_to_rest(self) -> Future[None] | None:
         """Slow down for a newer motion; None if the arm rests."""

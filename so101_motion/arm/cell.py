@@ -24,8 +24,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from so101_motion.arm.cell_member import LEAD, CellMember, RigWithExecutor, Stand
 from so101_motion.arm.handover import HandoverRun
-from so101_motion.arm.place import LEAD, Place, RigWithExecutor, Stand
 from so101_motion.arm.team_motion import TeamPlanning, TeamSeries, TeamStep, end_together
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
@@ -53,12 +53,12 @@ class Cell:
     def __init__(self) -> None:
         self.lock = threading.Lock()  # of all courses; held for moments, in control cycles too
         self.entry = threading.Lock()  # of all planned motions; held while one is checked
-        self._places: Mapping[str, Place] = {}
+        self._members: Mapping[str, CellMember] = {}
 
     @property
-    def places(self) -> Mapping[str, Place]:
+    def members(self) -> Mapping[str, CellMember]:
         """The arms, by name."""
-        return self._places
+        return self._members
 
     def add(
         self,
@@ -67,7 +67,7 @@ class Cell:
         T_cell_base: SE3,
         *,
         ignores: Collection[str] = (),
-    ) -> Place:
+    ) -> CellMember:
         """Add an arm: from now on it keeps off the others, and they keep off it.
 
         Args:
@@ -79,18 +79,18 @@ class Cell:
         Raises:
             ConfigError: There is an arm of that name already.
         """
-        if name in self._places:
+        if name in self._members:
             raise ConfigError("name", name, "is used twice; each arm needs its own name")
-        place = Place(self, name, rig, T_cell_base, frozenset(ignores))
-        rig.executor.ask(lambda control: control.keep_off(place)).result()
-        self._places = {**self._places, name: place}
-        rig.arm.take_place(place)
-        return place
+        member = CellMember(self, name, rig, T_cell_base, frozenset(ignores))
+        rig.executor.ask(lambda control: control.keep_off(member)).result()
+        self._members = {**self._members, name: member}
+        rig.arm.set_cell_member(member)
+        return member
 
     def remove(self, name: str, rig: RigWithExecutor) -> None:
         """Remove an arm: it and the others ignore each other from now on."""
-        self._places = {key: each for key, each in self._places.items() if key != name}
-        rig.arm.take_place(None)
+        self._members = {key: each for key, each in self._members.items() if key != name}
+        rig.arm.set_cell_member(None)
         rig.executor.ask(lambda control: control.keep_off(None)).result()
 
     def plan_together(
@@ -206,22 +206,24 @@ class Cell:
             closed its jaw on nothing.
         """
         self._refuse_other_than_all(plan.approach)
-        held = self._places[plan.giver].arm.scene.attached
+        held = self._members[plan.giver].arm.scene.attached
         if plan.thing.name not in {each.name for each in held}:
             what = f"'{plan.thing.name}' is not in the hand of {plan.giver} any more; plan again"
             raise ConfigError("thing", plan.thing.name, what)
-        run = HandoverRun(self._places, plan)
-        planning = TeamPlanning(self._places, lambda: self.check_again(plan.approach), self._expect)
+        run = HandoverRun(self._members, plan)
+        planning = TeamPlanning(
+            self._members, lambda: self.check_again(plan.approach), self._expect
+        )
         motions = {
-            name: place.arm.start_series(run.steps(place, planning.part))
-            for name, place in self._places.items()
+            name: member.arm.start_series(run.steps(member, planning.part))
+            for name, member in self._members.items()
         }
         end_together(motions)
         return motions
 
     def stands(self) -> dict[str, Stand]:
         """The setpoint of each arm, by its name."""
-        return {name: place.stand for name, place in self._places.items()}
+        return {name: member.stand for name, member in self._members.items()}
 
     def start_series(self, steps: Iterator[TeamStep]) -> dict[str, Motion]:
         """Carry out several common motions, one after the other; supersedes what is under way.
@@ -232,9 +234,9 @@ class Cell:
         Returns:
             The motion of each arm of the cell, from the first step to the last.
         """
-        series = TeamSeries(self._places, steps, self._expect)
+        series = TeamSeries(self._members, steps, self._expect)
         motions = {
-            name: place.arm.start_series(series.of(name)) for name, place in self._places.items()
+            name: member.arm.start_series(series.of(name)) for name, member in self._members.items()
         }
         end_together(motions)
         return motions
@@ -248,13 +250,14 @@ class Cell:
         Raises:
             InCollision: They would meet, because of what they hold or how wide their jaws are.
         """
-        arms = list(self._places.values())
+        arms = list(self._members.values())
         courses = {
-            name: place.along(plans[name].trajectory, 0.0) for name, place in self._places.items()
+            name: member.along(plans[name].trajectory, 0.0)
+            for name, member in self._members.items()
         }
-        for k, place in enumerate(arms):
-            others = [each.seen_from(place, courses[each.name]) for each in arms[k + 1 :]]
-            met = crossing(place.attached_to(place), courses[place.name], others)
+        for k, member in enumerate(arms):
+            others = [each.seen_from(member, courses[each.name]) for each in arms[k + 1 :]]
+            met = crossing(member.attached_to(member), courses[member.name], others)
             if met is not None:
                 raise crosses(*met)
         checked: Future[dict[str, Plan]] = Future()
@@ -262,29 +265,29 @@ class Cell:
         return checked
 
     def _start(self, plan: Callable[[], Future[dict[str, Plan]]]) -> dict[str, Motion]:
-        planning = TeamPlanning(self._places, plan, self._expect)
+        planning = TeamPlanning(self._members, plan, self._expect)
         motions = {
-            name: place.arm.start_planned(partial(planning.part, name))
-            for name, place in self._places.items()
+            name: member.arm.start_planned(partial(planning.part, name))
+            for name, member in self._members.items()
         }
         end_together(motions)
         return motions
 
     def _refuse_other_than_all(self, plans: Mapping[str, Plan]) -> None:
         self._refuse_unknown(plans)
-        for name in self._places:
+        for name in self._members:
             if name not in plans:
                 raise ConfigError("plans", list(plans), f'has none for "{name}"; plan again')
 
     def _refuse_unknown(self, names: Iterable[str]) -> None:
         for name in names:
-            if name not in self._places:
-                known = ", ".join(sorted(self._places)) or "none"
+            if name not in self._members:
+                known = ", ".join(sorted(self._members)) or "none"
                 raise ConfigError("goals", name, f"is no arm of this cell; there are: {known}")
 
     @property
     def _worker(self) -> PlanningWorker:
-        return next(iter(self._places.values())).worker
+        return next(iter(self._members.values())).worker
 
     def _team(
         self,
@@ -295,26 +298,26 @@ class Cell:
     ) -> tuple[TeamMember, ...]:
         """All arms; those without a goal stay where they are."""
         team = []
-        for name, place in self._places.items():
-            stand = stands.get(name) or place.stand
+        for name, member in self._members.items():
+            stand = stands.get(name) or member.stand
             goal = goals.get(name) or JointGoal(q=stand.q)
             scene = scenes.get(name)
             if scene is None:
-                scene = replace(place.arm.scene, attached=place.attached_to(place))
-            asked = place.arm.request(
+                scene = replace(member.arm.scene, attached=member.attached_to(member))
+            asked = member.arm.request(
                 goal, limits=limits.get(name), q_start=stand.q, q_jaw=stand.q_jaw
             )
             request = replace(asked, others=(), scene=scene)
-            team.append(TeamMember(name=name, T_cell_base=place.T_cell_base, request=request))
+            team.append(TeamMember(name=name, T_cell_base=member.T_cell_base, request=request))
         return tuple(team)
 
     def _expect(self, plans: Mapping[str, Plan]) -> None:
         with self.entry:
-            begin = next(iter(self._places.values())).clock.now() + LEAD
+            begin = next(iter(self._members.values())).clock.now() + LEAD
             for name, plan in plans.items():
-                self._places[name].expect(plan.trajectory, begin)
+                self._members[name].expect(plan.trajectory, begin)
 
     def stop(self) -> None:
         """Bring all arms to rest at once; returns when they are."""
-        for stopped in [each.arm.start_stop() for each in self._places.values()]:
+        for stopped in [each.arm.start_stop() for each in self._members.values()]:
             stopped.result()

@@ -17,9 +17,9 @@ from so101_motion.arm.gripper import move_jaw
 from so101_motion.common.errors import MotionError
 
 if TYPE_CHECKING:
+    from so101_motion.arm.cell_member import CellMember
     from so101_motion.arm.gripper import Gripper
     from so101_motion.arm.motion_handle import Motion
-    from so101_motion.arm.place import Place
     from so101_motion.planning.cell.team_requests import Handover
     from so101_motion.planning.collision.scene import Attached
     from so101_motion.planning.request import Plan
@@ -29,52 +29,52 @@ class HandoverRun:
     """The steps of the arms of a cell in a handover.
 
     Args:
-        places: The arms.
+        members: The arms.
         plan: The planned handover.
     """
 
-    def __init__(self, places: Mapping[str, Place], plan: Handover) -> None:
-        self._plan, self._giver, self._taker = plan, places[plan.giver], places[plan.taker]
+    def __init__(self, members: Mapping[str, CellMember], plan: Handover) -> None:
+        self._plan, self._giver, self._taker = plan, members[plan.giver], members[plan.taker]
         self._offered, self._taken, self._left = Future[None](), Future[None](), Future[None]()
 
     def steps(
-        self, place: Place, approach: Callable[[str], Future[Plan]]
+        self, member: CellMember, approach: Callable[[str], Future[Plan]]
     ) -> Iterator[Plan | Callable[[Motion], None]]:
         """The steps of one arm, for ``Arm.start_series``.
 
         Args:
-            place: The arm.
+            member: The arm.
             approach: Called when an arm is ready; completes with its first plan when all are.
         """
-        if place is self._giver:
+        if member is self._giver:
             yield self._hold
-        elif place is self._taker:
-            yield partial(_open, place.gripper, self._plan.q_jaw_open)
+        elif member is self._taker:
+            yield partial(_open, member.gripper, self._plan.q_jaw_open)
         ready: list[Plan] = []
-        yield lambda motion: ready.append(motion.wait_for(approach(place.name)))
+        yield lambda motion: ready.append(motion.wait_for(approach(member.name)))
         yield from ready
-        if place is self._giver:
+        if member is self._giver:
             yield from self._giving()
-        elif place is self._taker:
+        elif member is self._taker:
             yield from self._taking()
 
     def _giving(self) -> Iterator[Plan | Callable[[Motion], None]]:
-        plan, place = self._plan, self._giver
-        _take_up(place, replace(plan.thing, passed_to=plan.taker))
+        plan, member = self._plan, self._giver
+        _take_up(member, replace(plan.thing, passed_to=plan.taker))
         self._offered.set_result(None)
         yield lambda motion: motion.wait_for(_shared(self._taken))
-        yield partial(_open, place.gripper, plan.q_jaw_free)
-        _put_down(place, plan.thing)
+        yield partial(_open, member.gripper, plan.q_jaw_free)
+        _put_down(member, plan.thing)
         yield plan.leave
         _take_up(self._taker, plan.taken)
         self._left.set_result(None)
 
     def _taking(self) -> Iterator[Plan | Callable[[Motion], None]]:
-        plan, place = self._plan, self._taker
+        plan, member = self._plan, self._taker
         yield lambda motion: motion.wait_for(_shared(self._offered))
         yield plan.take
         yield self._close
-        _take_up(place, replace(plan.taken, passed_to=plan.giver))
+        _take_up(member, replace(plan.taken, passed_to=plan.giver))
         self._taken.set_result(None)
         yield lambda motion: motion.wait_for(_shared(self._left))
 
@@ -103,12 +103,12 @@ class HandoverRun:
         move_jaw(gripper, 0.0, motion)
         self._refuse_empty(self._taker)
 
-    def _refuse_empty(self, place: Place) -> None:
-        if not place.gripper.is_holding:
+    def _refuse_empty(self, member: CellMember) -> None:
+        if not member.gripper.is_holding:
             plan = self._plan
-            still = "" if place is self._giver else f"; {plan.giver} still holds it"
+            still = "" if member is self._giver else f"; {plan.giver} still holds it"
             raise MotionError(
-                f"{place.name} closed its jaw but holds nothing, so '{plan.thing.name}' cannot"
+                f"{member.name} closed its jaw but holds nothing, so '{plan.thing.name}' cannot"
                 f" be passed from {plan.giver} to {plan.taker}{still}"
             )
 
@@ -122,17 +122,17 @@ def _aperture(gripper: Gripper, q_jaw: float) -> float:
     return min(max(share, 0.0), 1.0)
 
 
-def _take_up(place: Place, thing: Attached) -> None:
+def _take_up(member: CellMember, thing: Attached) -> None:
     """Have an arm hold a thing from now on, in place of what it held by that name."""
-    scene = place.arm.scene
+    scene = member.arm.scene
     others = tuple(each for each in scene.attached if each.name != thing.name)
-    place.arm.scene = replace(scene, attached=(*others, thing))
+    member.arm.scene = replace(scene, attached=(*others, thing))
 
 
-def _put_down(place: Place, thing: Attached) -> None:
-    scene = place.arm.scene
+def _put_down(member: CellMember, thing: Attached) -> None:
+    scene = member.arm.scene
     others = tuple(each for each in scene.attached if each.name != thing.name)
-    place.arm.scene = replace(scene, attached=others)
+    member.arm.scene = replace(scene, attached=others)
 
 
 def _shared(awaited: Future[None]) -> Future[None]:

@@ -73,7 +73,7 @@ class JointCaps:
         )
 
 
-LED = 0.92
+FOLLOWING_ACCELERATION = 0.92
 """Share of the servos' acceleration that joints use while they follow targets. Chosen by trial: it
 is not known beforehand when they must brake, so servos begin late and then have to brake harder."""
 
@@ -133,10 +133,10 @@ class CappedJoints:
         """The caps of a motion without limits of its own; see also ``slowdown``."""
         return self._caps.limits
 
-    def led_limits(self, limits: MotionLimits | None) -> MotionLimits:
+    def following_limits(self, limits: MotionLimits | None) -> MotionLimits:
         """The caps of a following that asks for ``limits``; None for the arm's own."""
         wanted = self._below_ceiling(limits)
-        return wanted.scaled_to(wanted.velocity, LED * self.servo_acceleration)
+        return wanted.lowered_to(wanted.velocity, FOLLOWING_ACCELERATION * self.servo_acceleration)
 
     def effective_limits(self, limits: MotionLimits | None) -> MotionLimits:
         """The caps of a motion that asks for ``limits``; None for the arm's own."""
@@ -145,7 +145,7 @@ class CappedJoints:
     def _below_ceiling(self, limits: MotionLimits | None) -> MotionLimits:
         wanted = limits or self.limits
         most = np.minimum(self._ceiling.acceleration, self.servo_acceleration)
-        return wanted.scaled_to(self._ceiling.speed, most)
+        return wanted.lowered_to(self._ceiling.speed, most)
 
 
 def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) -> None:

@@ -85,7 +85,7 @@ class MotionQueue:
             previous.interrupt(SUPERSEDED)
         return motion
 
-    def lead(
+    def open_source(
         self,
         prepare: Callable[[Motion], S],
         play: Callable[[S], S],

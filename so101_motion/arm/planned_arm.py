@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from so101_motion.arm.joint_caps import CappedJoints, JointCaps, JointRange
-from so101_motion.arm.led_motions import Situation
+from so101_motion.arm.open_ended_motions import Situation
 from so101_motion.arm.protocols import ArmExecutor
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.geometry import SE3, Array
@@ -26,7 +26,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
 
 if TYPE_CHECKING:
-    from so101_motion.arm.place import Place
+    from so101_motion.arm.cell_member import CellMember
     from so101_motion.planning.kinematics.model import RobotModel
 
 
@@ -60,7 +60,7 @@ class PlannedArm(CappedJoints):
         model: Kinematics and limits.
         scene: What is around it and in its hand, for plans made from now on.
         newest: The newest plan and its request, for display; None before the first.
-        place: Its place in a cell with other arms; None outside a cell.
+        cell_member: What keeps it clear of the other arms of its cell; None outside a cell.
     """
 
     def __init__(self, **parts: Unpack[ArmParts]) -> None:
@@ -72,7 +72,7 @@ class PlannedArm(CappedJoints):
         self.set_load(LoadConfig())
         self.newest: tuple[PlanRequest, Plan] | None = None
         self._kept_off: tuple[Scene, Scene] | None = None  # made from which scene, and which
-        self.place: Place | None = None
+        self.cell_member: CellMember | None = None
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
         self._looking = threading.Lock()  # guards what follows
         self._looked_with: CollisionModel | None = None
@@ -117,7 +117,7 @@ class PlannedArm(CappedJoints):
                 collision = self._looked_with = CollisionModel(self.model, scene)
             close = collision.first_contact(state.q, state.q_jaw)
         if close is None:
-            return "" if self.place is None else self.place.touching()
+            return "" if self.cell_member is None else self.cell_member.touching()
         return " close to ".join(map(scene.called, close))
 
     def set_load(self, load: LoadConfig) -> None:
@@ -175,7 +175,7 @@ class PlannedArm(CappedJoints):
             limits=self.effective_limits(limits),
             q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
             scene=self._with_surroundings(search.scene or self.scene),
-            others=() if self.place is None else self.place.others(),
+            others=() if self.cell_member is None else self.cell_member.others(),
             payload=self._payload,
             strength=self._strength,
             frames=search.frames,

@@ -37,7 +37,7 @@ class Approach:
 
     def __init__(self, full: MotionLimits, slow: MotionLimits | None, gate: float = GATE) -> None:
         self._full, self._gate, self._t_near, self._t_held = full, gate, -math.inf, math.inf
-        self._slow = None if slow is None else slow.scaled_to(full.velocity, full.acceleration)
+        self._slow = None if slow is None else slow.lowered_to(full.velocity, full.acceleration)
         self.is_under_way = slow is not None
 
     def begin(self) -> None:

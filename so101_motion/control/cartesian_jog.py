@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.control.led_motion import LedMotion
+from so101_motion.control.open_ended_motion import OpenEndedMotion
 from so101_motion.planning.collision.scene import LARGEST
 from so101_motion.planning.differential.targets import STILL, Target, Twist
 from so101_motion.planning.timing import online
@@ -38,7 +38,7 @@ _TEXT_EVERY = 10  # ticks between two texts of ``held_by``, which take longer th
 _HELD_BELOW = 0.9  # share of the wanted speed below which something is said to hold the tool
 
 
-class Jog(LedMotion):
+class Jog(OpenEndedMotion):
     """Turns velocities, poses and points into setpoints; made by ``Arm.open_jog``.
 
     Args:

@@ -37,10 +37,10 @@ from so101_motion.common.units import to_rad
 from so101_motion.control.following import Following
 from so101_motion.control.following_check import FollowingCheck
 from so101_motion.control.joint_group import Channel, Tolerances
-from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.limit_recovery import RECOVERY_TIME, LimitRecovery
 from so101_motion.control.motion_errors import barred, left_behind, refuse_jump, unsettled
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
+from so101_motion.control.open_ended_motion import OpenEndedMotion
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.timing import online
@@ -141,13 +141,13 @@ class ChannelPlayer:
         """Acceleration expected from now on, shape (n,), [rad/s^2]; None if it is not known."""
         source = None if self._motion is None else self._motion.source
         if isinstance(source, Following):
-            return source.foreseen.qdd
+            return source.expected_acceleration.qdd
         if isinstance(source, PlannedMotion):
             return source.acceleration
         return self.reference.qdd if source is None else None
 
     @property
-    def is_led(self) -> bool:
+    def follows_target(self) -> bool:
         """Whether it follows targets instead of a planned motion."""
         return self._motion is not None and isinstance(self._motion.source, Following)
 
@@ -282,9 +282,9 @@ class ChannelPlayer:
             motion.start, motion.waits_until = k, None
         if motion is not None and motion.last is None and motion.start is not None:
             try:
-                led = motion.source.sample(k - motion.start)
-                self._refuse_near(motion, led)
-                self.reference = led
+                setpoint = motion.source.sample(k - motion.start)
+                self._refuse_near(motion, setpoint)
+                self.reference = setpoint
             except MotionError as error:
                 self._slow_down(motion, error)
                 self.reference = motion.source.sample(k - self._k)
@@ -342,21 +342,21 @@ class ChannelPlayer:
             motion.start, motion.waits_until = None, k + round(RECOVERY_TIME / self._dt)
         self._motion, self._k = motion, k
 
-    def _refuse_near(self, motion: _Motion, led: Setpoint) -> None:
+    def _refuse_near(self, motion: _Motion, setpoint: Setpoint) -> None:
         """Refuse a setpoint from which the joints could not stop without coming near other arms.
 
         Raises:
-            MotionError: ``led`` is such a setpoint.
+            MotionError: ``setpoint`` is one.
         """
         source, neighbours = motion.source, self.neighbours
         if neighbours is None or motion.ending is not None:
             return
         if isinstance(source, (PlannedMotion, Stream)):
             admitted = neighbours.admits(*source.stop_ahead())
-        elif isinstance(source, LedMotion) and source.keeps_apart:
+        elif isinstance(source, OpenEndedMotion) and source.keeps_apart:
             return
         else:
-            stop = source.brake(led, self.stop_limits)
+            stop = source.brake(setpoint, self.stop_limits)
             admitted = neighbours.admits(stop.q, stop.dt)
         if not admitted:
             raise MotionError(

@@ -35,10 +35,10 @@ from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.approach import GATE, Approach
-from so101_motion.control.foreseen import Foreseen
+from so101_motion.control.expected_acceleration import ExpectedAcceleration
 from so101_motion.control.joint_bounds import JointBounds, gentle, landed, stoppable
-from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
+from so101_motion.control.open_ended_motion import OpenEndedMotion
 from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -100,7 +100,7 @@ class _Aim(NamedTuple):
     outside: Array
 
 
-class Following(LedMotion):
+class Following(OpenEndedMotion):
     """Takes targets and hands out setpoints; made by ``Arm.open_following``.
 
     Args:
@@ -122,7 +122,7 @@ class Following(LedMotion):
 
     Attributes:
         now: The last setpoint.
-        foreseen: The joints' expected acceleration, for the driver.
+        expected_acceleration: How the joints are expected to accelerate, for the driver.
         guard: As given; any thread may set another one whose ``look_every`` is no smaller.
     """
 
@@ -158,7 +158,7 @@ class Following(LedMotion):
         looks = LOOK_EVERY if neighbours is None else STEP
         looks = looks if guard is None else min(guard.look_every, looks)
         self._stops, self._pursuit = StopPaths(stop_limits, dt, looks), Pursuit(n, dt)
-        self.foreseen = Foreseen(dt)
+        self.expected_acceleration = ExpectedAcceleration(dt)
         self._aimed: _Aim | None = None
         self._briefly = False
         self._seen: _Aim | None = None
@@ -267,7 +267,7 @@ class Following(LedMotion):
         self._slowing = None
         guarded = isinstance(previous, Following) and previous.is_guarded
         if isinstance(previous, Following):
-            self.foreseen = previous.foreseen
+            self.expected_acceleration = previous.expected_acceleration
         if self.guard is not None and previous is not None and not guarded:
             self._slowing = PlannedMotion(previous.brake(now, brakes))
             self._k = 1
@@ -298,7 +298,7 @@ class Following(LedMotion):
             if self._slowing.is_over:
                 self._slowing = None
             self._braked = self.now
-            self.foreseen.braking(self.now)
+            self.expected_acceleration.braking(self.now)
             return self.now
         if aim is None:
             self._held = ()
@@ -362,7 +362,7 @@ class Following(LedMotion):
     def _brake(self) -> None:
         """Take the next step of the path to rest that the last setpoint has left free."""
         self.now = self._braked
-        self.foreseen.braking(self.now)
+        self.expected_acceleration.braking(self.now)
         self._braked = self._stops.to_rest(self.now).after
 
     def _lead(self, aim: _Aim) -> None:
@@ -389,15 +389,16 @@ class Following(LedMotion):
             # From rest close to things, joints that do not set off together come closer first.
             arrival = "straight" if is_gentle else "together"
         try:
-            led, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
-            if self._bounds.too_fast(led):  # speed up no harder than a stop can take back in time
+            setpoint, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
+            if self._bounds.too_fast(setpoint):
+                # speed up no harder than a stop can take back in time
                 limits = gentle(limits, self._stop_limits)
-                led, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
-            led, rest = self._inside(landed(led, q, qd), limits)
+                setpoint, onward = self._pursuit.step(self.now, (q, qd, qdd), limits, arrival)
+            setpoint, rest = self._inside(landed(setpoint, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
         path = np.concatenate((self.now.q[None], rest.path))
-        ahead = qdd is not None or self.foreseen.may_be_ahead
+        ahead = qdd is not None or self.expected_acceleration.may_be_ahead
         if guard is not None and not guard.admits(path, ahead=ahead):
             self._held = self._held or ("too little room to brake",)
             self._t_gentle = self._t + GENTLE
@@ -405,25 +406,25 @@ class Following(LedMotion):
         if self._neighbours is not None and not self._neighbours.admits(path[1:], rest.step):
             self._held = (*self._held, self._neighbours.against)
             return self._brake()
-        self.now, self._braked = led, rest.after
+        self.now, self._braked = setpoint, rest.after
         if aim.qdd is None:
-            self.foreseen.unknown()
+            self.expected_acceleration.unknown()
         else:
-            self.foreseen.beside(led, led.qdd if onward is None else onward)
+            self.expected_acceleration.beside(setpoint, setpoint.qdd if onward is None else onward)
 
-    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
-        """``led``, with joints braking that could not stop in time, and the path to rest."""
-        rest = self._stops.to_rest(led)
-        outside = self._bounds.outside(led, limits, rest.least, rest.largest)
+    def _inside(self, setpoint: Setpoint, limits: MotionLimits) -> tuple[Setpoint, PathToRest]:
+        """``setpoint``, with joints braking that could not stop in time, and the path to rest."""
+        rest = self._stops.to_rest(setpoint)
+        outside = self._bounds.outside(setpoint, limits, rest.least, rest.largest)
         if not any(outside):
-            return led, rest
+            return setpoint, rest
         braked, which = self._braked, np.array(outside)
-        led = Setpoint(
-            q=np.where(which, braked.q, led.q),
-            qd=np.where(which, braked.qd, led.qd),
-            qdd=np.where(which, braked.qdd, led.qdd),
+        setpoint = Setpoint(
+            q=np.where(which, braked.q, setpoint.q),
+            qd=np.where(which, braked.qd, setpoint.qd),
+            qdd=np.where(which, braked.qdd, setpoint.qdd),
         )
-        return led, self._stops.to_rest(led)
+        return setpoint, self._stops.to_rest(setpoint)
 
     def _refuse_short(self, aim: _Aim) -> None:
         if not self._ends_there:

@@ -1,11 +1,11 @@
 """Tell whether joints follow their setpoints, or something holds them up.
 
 Three ways to see it. *A joint is far from where it was wanted*, whatever the reason: servos lag, so
-it is measured against all the setpoints of the last ``following_lag``. *A joint stands while it is
-led on*: over one of ``contact_windows`` it has moved much less than the setpoints have. That is
+it is measured against all the setpoints of the last ``following_lag``. *A joint stands while its
+setpoints go on*: over one of ``contact_windows`` it has moved much less than they have. That is
 seen long before the joint is far off, because what makes joints stand off (weight, friction, delay)
 changes little in so short a time; so it tells a contact from a load. The longer window is for slow
-motions, in which a joint is led on no farther than play lets it stand. *A joint stops that followed
+motions, whose setpoints go no farther on than play lets a joint stand. *A joint stops that followed
 slowly and evenly*: how far it strays from its setpoints was seen just before, 0.1 deg or so, so
 what its play lets it stand (its load may change sides on the way) is enough to be beyond that. The
 driver says how far a joint strays until its motor has crossed the play; ``servo_model.py`` computes
@@ -182,7 +182,7 @@ class FollowingCheck:
         return off
 
     def held_up(self, q: Array, in_play: Array, *, silent: bool = False) -> NDArray[np.bool_]:
-        """Which of the joints, seen at ``q`` in this tick, stand while they are led on; (n,).
+        """Which of the joints, seen at ``q`` in this tick, stand while their setpoints go on; (n,).
 
         Args:
             q: Measured angles, shape (n,), [rad].
@@ -270,7 +270,7 @@ class FollowingCheck:
     def _has_stopped(self, wanted: Array, seen: Array, stop: int) -> NDArray[np.bool_]:
         """Which joints followed slowly and evenly until ``stop`` ticks ago, and stand since.
 
-        Setpoints and measured angles grow on the way that the joints are led now.
+        Setpoints and measured angles count as growing in the present direction of the setpoints.
         """
         since = seen[-1 - stop :]
         # A joint whose load turns round falls back on its motor, which is no farther behind then.
@@ -298,9 +298,9 @@ class FollowingCheck:
         return bool(np.abs(wanted - q).max() > NEAREST * self._tolerances.contact_distance)
 
     def _stands(self, wanted: Array, window: int, moved: Array, q: Array) -> NDArray[np.bool_]:
-        led = wanted[window:] - wanted[:-window]
+        steps = wanted[window:] - wanted[:-window]
         # By whatever lag it is explained best: only then is it no lag.
-        low, high = led.min(axis=0), led.max(axis=0)
+        low, high = steps.min(axis=0), steps.max(axis=0)
         way = np.where(low > 0.0, low, np.where(high < 0.0, high, 0.0))
         # One that goes backwards has not met anything, it sags or turns round.
         missing = np.abs(way) - np.maximum(np.sign(way) * moved, 0.0)

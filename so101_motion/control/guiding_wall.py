@@ -24,7 +24,7 @@ class GuidingWall:
     def __init__(self, guard: Guard, neighbours: Neighbours | None) -> None:
         self.guard, self._neighbours = guard, neighbours
 
-    def __call__(self, q: Array, q_led: Array) -> Array:
-        """How far a hand leads the joints from ``q``, shape (5,), to ``q_led``, (k, 5)."""
+    def __call__(self, q: Array, q_guided: Array) -> Array:
+        """How far a hand leads the joints from ``q``, shape (5,), to ``q_guided``, (k, 5)."""
         others = () if self._neighbours is None else self._neighbours.near_at(q)
-        return self.guard.led(q, q_led, others)
+        return self.guard.guided_to(q, q_guided, others)

@@ -25,7 +25,7 @@ def stoppable(limits: MotionLimits, stop: MotionLimits, *, with_jerk: bool) -> M
     With more jerk than a stop has joints creep up on the end of their range. That only matters to a
     motion that is to end there, so jerk is lowered on request.
     """
-    lowered = limits.scaled_to(stop.velocity, stop.acceleration)
+    lowered = limits.lowered_to(stop.velocity, stop.acceleration)
     return gentle(lowered, stop) if with_jerk else lowered
 
 
@@ -35,26 +35,31 @@ def gentle(limits: MotionLimits, stop: MotionLimits) -> MotionLimits:
     return replace(limits, jerk=np.minimum(limits.jerk, stop.jerk))
 
 
-def landed(led: Setpoint, q: Array, qd: Array) -> Setpoint:
+def landed(setpoint: Setpoint, q: Array, qd: Array) -> Setpoint:
     """Put joints that have arrived at a goal that stands still exactly there, at rest.
 
     Args:
-        led: A setpoint.
-        q: Where the joints are led to, shape (n,), [rad].
+        setpoint: The setpoint of the joints.
+        q: Their goal, shape (n,), [rad].
         qd: How fast that goal moves, shape (n,), [rad/s].
     """
     there = [
         w == 0.0 and abs(v) < _THERE and abs(a) < 100.0 * _THERE and abs(x - goal) < _THERE
         for x, v, a, goal, w in zip(
-            led.q.tolist(), led.qd.tolist(), led.qdd.tolist(), q.tolist(), qd.tolist(), strict=True
+            setpoint.q.tolist(),
+            setpoint.qd.tolist(),
+            setpoint.qdd.tolist(),
+            q.tolist(),
+            qd.tolist(),
+            strict=True,
         )
     ]
     if not any(there):
-        return led
+        return setpoint
     return Setpoint(
-        q=np.where(there, q, led.q),
-        qd=np.where(there, 0.0, led.qd),
-        qdd=np.where(there, 0.0, led.qdd),
+        q=np.where(there, q, setpoint.q),
+        qd=np.where(there, 0.0, setpoint.qd),
+        qdd=np.where(there, 0.0, setpoint.qdd),
     )
 
 
@@ -64,7 +69,7 @@ class JointBounds:
     Args:
         least: Lowest angles, shape (n,), [rad].
         most: Highest angles, shape (n,), [rad].
-        limits: Largest caps with which they are led.
+        limits: Largest caps of their setpoints.
         stop: How hard they brake.
         begin: Where they begin; joints that are faster there may be as fast.
     """
@@ -79,19 +84,19 @@ class JointBounds:
         self._rows = np.column_stack(rows).tolist()
 
     def outside(
-        self, led: Setpoint, limits: MotionLimits, lowest: list[float], highest: list[float]
+        self, setpoint: Setpoint, limits: MotionLimits, lowest: list[float], highest: list[float]
     ) -> list[bool]:
         """Which joints could not stop in time, or would turn round too hard.
 
         Args:
-            led: Where they are to be next.
-            limits: How they are led now.
+            setpoint: Their next setpoint.
+            limits: Their caps now.
             lowest: Their lowest angles on the path to rest from there [rad].
             highest: Their highest [rad].
         """
         found = list[bool]()
         for low, high, qd, qdd, jerk, row in zip(
-            lowest, highest, led.qd.tolist(), led.qdd.tolist(), limits.jerk.tolist(),
+            lowest, highest, setpoint.qd.tolist(), setpoint.qdd.tolist(), limits.jerk.tolist(),
             self._rows, strict=True,
         ):  # fmt: skip
             least, most, hardest, stop_jerk, fastest = row
@@ -107,11 +112,11 @@ class JointBounds:
             )
         return found
 
-    def too_fast(self, led: Setpoint) -> bool:
+    def too_fast(self, setpoint: Setpoint) -> bool:
         """Whether a joint would exceed its speed cap while its acceleration is taken back."""
         return any(
             abs(qd + 0.5 * qdd * abs(qdd) / stop_jerk) > fastest
             for qd, qdd, (_, _, _, stop_jerk, fastest) in zip(
-                led.qd.tolist(), led.qdd.tolist(), self._rows, strict=True
+                setpoint.qd.tolist(), setpoint.qdd.tolist(), self._rows, strict=True
             )
         )

@@ -294,7 +294,7 @@ class JointController:
                 player.step(self.k)
             arm, jaw = self._arm, self._jaw
             self._driver.write(
-                arm.command, float(jaw.command[0]), arm.speed, arm.acceleration, arm.is_led
+                arm.command, float(jaw.command[0]), arm.speed, arm.acceleration, arm.follows_target
             )
         if self._watch is not None:
             self._watch()

@@ -28,7 +28,7 @@ class JointDriver(Protocol):
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
-        is_led: bool = False,
+        follows_target: bool = False,
     ) -> None:
         """Set the goals: arm joints, shape (5,), and jaw [rad].
 
@@ -36,8 +36,8 @@ class JointDriver(Protocol):
         farther from the last one than it allows is refused. For None or NaN the driver's own cap
         holds, and the joint may be told to stay where it is. With torque off this only seeds the
         goal, which is then what was just measured. ``qdd_cmd`` is the acceleration, shape (5,),
-        [rad/s^2], if it is known; lag compensation uses it. ``is_led`` says that the joints follow
-        targets instead of a plan: a joint may be told to turn round at any moment.
+        [rad/s^2], if it is known; lag compensation uses it. ``follows_target`` says that the joints
+        follow targets instead of a plan: a joint may be told to turn round at any moment.
 
         Raises ``CommandRefused`` for a goal that is too far away; the joints stay at the last one.
         """

@@ -28,11 +28,12 @@ class Request:
     """A job for the I/O thread, run between two ticks.
 
     Attributes:
-        future: What comes of it.
+        future: Completes with the result or the error; fails with ``Interrupted`` if a stop throws
+            the request out.
         channel: The channel whose stop throws it out; None if no stop does.
-        run: Does it.
-        is_job: Whether ``future`` completes with what ``run`` returns; otherwise ``run`` sees to
-            it, and only its error is passed on.
+        run: Called on the I/O thread, between two ticks.
+        is_job: Whether ``future`` completes with what ``run`` returns. Otherwise ``run``, or the
+            motion that it begins, completes it; an error of ``run`` fails it in either case.
     """
 
     future: Future[Any]
@@ -73,12 +74,13 @@ class RequestQueue:
         """Queue a request; it fails with ``Interrupted("shutdown")`` when the queue is closed.
 
         Args:
-            run: Does it.
-            future: What comes of it, if ``run`` sees to that; otherwise what ``run`` returns.
+            run: Called on the I/O thread, between two ticks.
+            future: A future that ``run``, or the motion that it begins, completes. If None, a new
+                one completes with what ``run`` returns.
             channel: The channel whose stop throws it out; None if no stop does.
 
         Returns:
-            What comes of it.
+            The future.
 
         Raises:
             RuntimeError: The queue has not been opened.
@@ -101,9 +103,10 @@ class RequestQueue:
         """Serve ``stop`` next, and end the waiting requests of ``channels``.
 
         Args:
-            stop: Completes at once when no thread serves, for everything rests then.
-            channels: What is stopped.
-            by: What those requests end with.
+            stop: The stop; its future completes at once when no thread serves, for everything
+                rests then.
+            channels: The channels that it stops.
+            by: The reason in the ``Interrupted`` with which their waiting requests fail.
         """
         if self.on_request is not None:
             self.on_request(stop.future, channels)

@@ -198,7 +198,7 @@ class GoalLimiter:
         ]
         self._t_goal, self._begins = now, False
         parts = zip(self._q, self._offset, self._lead, strict=True)
-        self._goal = [q + offset + led for q, offset, led in parts]
+        self._goal = [q + offset + ahead for q, offset, ahead in parts]
         return list(self._goal)
 
     def yielded(self, goals: Sequence[float], now: float) -> list[float]:

@@ -95,7 +95,7 @@ class SimArm:
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
-        is_led: bool = False,
+        follows_target: bool = False,
     ) -> None:
         """Send the arm joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
@@ -104,7 +104,7 @@ class SimArm:
             q_jaw_cmd: Angle of the jaw.
             qd_cmd: Velocities of the arm joints there, shape (5,), [rad/s].
             qdd_cmd: Not used; these joints have no lag.
-            is_led: Not used.
+            follows_target: Not used.
 
         Raises:
             CommandRefused: It is further than the caps of driven joints allow, as on a real arm.

@@ -117,7 +117,7 @@ class MotionBuilder:
         Raises:
             InCollision: The motion is not harmless, unlike the path.
         """
-        slow = self.limits.scaled_to(np.full(5, DEPARTURE_SPEED), np.inf)
+        slow = self.limits.lowered_to(np.full(5, DEPARTURE_SPEED), np.inf)
         trajectory = replace(self, limits=slow).straight(q_from, q_to)
         if not is_harmless(self.collision, trajectory.q, self.q_jaw):
             raise self.in_collision(q_from, "start")
@@ -227,7 +227,7 @@ class MotionBuilder:
             return limits
         with np.errstate(divide="ignore"):
             fastest = np.where(step == 0.0, np.inf, np.abs(step) * (cap / per_path))
-        return limits.scaled_to(fastest, np.inf)
+        return limits.lowered_to(fastest, np.inf)
 
     def _splined(self, waypoints: Array, tolerance: float, smoothing: float) -> Iterator[Pieces]:
         """The motion along the curve through all waypoints, if that stays near and is free."""

@@ -175,10 +175,10 @@ class ServoDriver:
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
-        is_led: bool = False,
+        follows_target: bool = False,
     ) -> None:
         """Send the joints to ``q_cmd``, shape (5,), and the jaw; see ``FeetechArm.write``."""
-        self._driver().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+        self._driver().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
 
     def set_torque(self, on: bool) -> None:
         """Switch torque on at the last written goal, or switch it off."""

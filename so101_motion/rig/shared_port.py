@@ -189,7 +189,7 @@ class SharedPort:
         if models:
             brakes = np.array([each.braking for each in models])
             self.rig.arm.servo_acceleration = KEPT_UP * brakes
-            stop = HARD_STOP.scaled_to(HARD_STOP.velocity, brakes)  # or joints swing past its end
+            stop = HARD_STOP.lowered_to(HARD_STOP.velocity, brakes)  # or joints swing past its end
             self.rig.executor.set_stop_limits(stop)
             self.rig.arm.set_servo_strength([each.figures.torque for each in models])
         jaw = self.servos.setups.get(GRIPPER_JOINT)

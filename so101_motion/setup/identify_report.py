@@ -17,7 +17,7 @@ from so101_motion.calib.record.servo_file import HandLoad, ServoRecord
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 from so101_motion.setup.identify_figures import Prediction
 
 CHANGED = 0.25

@@ -102,7 +102,7 @@ def hold(guest: Guest, rig: Rig, key: str, until: Callable[[], bool]) -> None:
     guest.until(lambda: not moves(rig))
 
 
-def led(guest: Guest, rig: Rig, key: str) -> np.ndarray:
+def direction(guest: Guest, rig: Rig, key: str) -> np.ndarray:
     """Which way the tool goes while a key is held."""
     before = tip(rig)
     hold(guest, rig, key, lambda: float(np.linalg.norm(tip(rig) - before)) > 0.005)
@@ -126,16 +126,18 @@ def choose(guest: Guest, *names: str) -> None:
     switch_on(guest)
 
 
-def test_the_tool_is_led_along_the_axes_of_the_base_and_its_own(jogging: Guest, rig: Rig) -> None:
+def test_the_tool_is_jogged_along_the_axes_of_the_base_and_its_own(
+    jogging: Guest, rig: Rig
+) -> None:
     jogging.until(lambda: is_chosen(jogging, "joints") and is_chosen(jogging, "slow"))
     view = jogging.page.evaluate(VIEW)
     choose(jogging, "medium", "base")  # a busy page lets go of a key late
     jogging.until(lambda: not is_chosen(jogging, "joints"))
-    np.testing.assert_allclose(led(jogging, rig, "r"), [0.0, 0.0, 1.0], atol=0.05)
-    np.testing.assert_allclose(led(jogging, rig, "s"), [-1.0, 0.0, 0.0], atol=0.05)
+    np.testing.assert_allclose(direction(jogging, rig, "r"), [0.0, 0.0, 1.0], atol=0.05)
+    np.testing.assert_allclose(direction(jogging, rig, "s"), [-1.0, 0.0, 0.0], atol=0.05)
     choose(jogging, "tool")
     axis = rig.arm.model.frame(rig.arm.state.q_ref, "tool").R[:, 2]
-    np.testing.assert_allclose(led(jogging, rig, "f"), -axis, atol=0.05)
+    np.testing.assert_allclose(direction(jogging, rig, "f"), -axis, atol=0.05)
     jogging.page.set_viewport_size({"width": 390, "height": 844})  # all of it is seen on a phone
     jaw = jogging.page.get_by_label("gripper, open")
     jogging.until(lambda: jogging.page.locator("[data-dock-tab]").count() == 0)
@@ -323,15 +325,15 @@ def test_one_button_lets_the_arm_follow_its_leader_and_stop_ends_it(
     guest.until(lambda: guest.says("Keep a hand on the leader"))
     guest.press("Follow the leader")
     guest.until(lambda: guest.says("Following the leader."))
-    led = np.radians([12.0, 0.0, 0.0, 8.0, 0.0])
+    q_leader = np.radians([12.0, 0.0, 0.0, 8.0, 0.0])
     for share in np.linspace(0.0, 1.0, 20):
-        push(leader, share * led)
+        push(leader, share * q_leader)
         guest.page.wait_for_timeout(40)
 
     def rests_there() -> bool:
         state = rig.arm.state
         rests = np.max(np.abs(state.qd_ref)) < to_rad(0.5)
-        return bool(rests and np.max(np.abs(state.q - led)) < to_rad(1.5))
+        return bool(rests and np.max(np.abs(state.q - q_leader)) < to_rad(1.5))
 
     guest.until(rests_there)
     guest.press("STOP")
@@ -339,6 +341,6 @@ def test_one_button_lets_the_arm_follow_its_leader_and_stop_ends_it(
     guest.until(lambda: leader.arm.state.mode is rig.arm.state.mode is Mode.HOLDING)
     push(leader, HOME)
     guest.page.wait_for_timeout(300)
-    assert float(np.max(np.abs(rig.arm.state.q - led))) < to_rad(3.0), "it follows no longer"
+    assert float(np.max(np.abs(rig.arm.state.q - q_leader))) < to_rad(3.0), "it follows no longer"
     in_front(guest, "Move")
     assert guest.problems == []

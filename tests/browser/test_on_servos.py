@@ -310,21 +310,21 @@ def test_the_arm_follows_a_leader_on_a_second_port_until_stop(
     guest.press("Follow the leader")
     guest.until(lambda: guest.says("Following the leader."))
     assert leader.rig is not None
-    led = leader.rig.arm
-    assert led.state.mode is Mode.LIMP
-    guest.until(lambda: np.allclose(arm.state.q, led.state.q, rtol=0.0, atol=NEAR))
+    leading = leader.rig.arm
+    assert leading.state.mode is Mode.LIMP
+    guest.until(lambda: np.allclose(arm.state.q, leading.state.q, rtol=0.0, atol=NEAR))
 
     leader.servos.type("sweep=40")  # a hand turns its shoulder first
 
     def is_beside() -> bool:
-        behind = float(np.abs(arm.state.q - led.state.q).max())
+        behind = float(np.abs(arm.state.q - leading.state.q).max())
         return float(arm.state.q[0]) < to_rad(-30.0) and behind < to_rad(10.0)
 
     guest.until(is_beside)
     guest.press("STOP")
     guest.until(lambda: guest.button("Follow the leader").count() == 1)
     leader.servos.type("end sweep")
-    guest.until(lambda: led.state.mode is Mode.HOLDING and arm.state.mode is Mode.HOLDING)
+    guest.until(lambda: leading.state.mode is Mode.HOLDING and arm.state.mode is Mode.HOLDING)
     there = arm.state.q
     guest.page.wait_for_timeout(500)
     np.testing.assert_allclose(arm.state.q, there, atol=to_rad(1.0))

@@ -104,7 +104,7 @@ def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None
     whole = float(timeline.get_attribute("data-duration") or "nan")
     shown = program.page.get_by_role("slider", name="Rehearsal (s)")
 
-    def is_led_to_the_middle() -> bool:
+    def goes_to_the_middle() -> bool:
         """Whether a finger does; the page may just be moving the line."""
         line = timeline.bounding_box()
         assert line is not None
@@ -116,7 +116,7 @@ def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None
             program.page.wait_for_timeout(50)
         return False
 
-    program.until(is_led_to_the_middle)
+    program.until(goes_to_the_middle)
     assert at(HOME, rig)  # planning moves nothing
     runs(program, rig)
     assert at(HOME, rig)

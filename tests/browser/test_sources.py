@@ -299,9 +299,9 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             with MachineRig.connect(machine.address, arm="leader") as leader:
                 goal = JointGoal(q=np.radians([20.0, -10.0, 5.0, 5.0, 0.0]))
                 leader.arm.start_move(goal).result(60.0)
-                led = model.frame(leader.arm.state.q, "gripper_link").p
-            guest.until(lambda: np.allclose(hand(guest), led, atol=0.005))
-            assert not np.allclose(before, led, atol=0.02)
+                p_leader = model.frame(leader.arm.state.q, "gripper_link").p
+            guest.until(lambda: np.allclose(hand(guest), p_leader, atol=0.005))
+            assert not np.allclose(before, p_leader, atol=0.02)
             guest.press("STOP")
             guest.until(lambda: guest.button("Follow the leader").count() == 1)
             guest.until(lambda: guest.says("Idle, holding"))

@@ -49,9 +49,9 @@ class TapedDriver:
         self.tape.append((self._q_cmd, self.world.q[:5]))
         return reading
 
-    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, is_led=False):
+    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
         self._q_cmd = np.array(q_cmd)
-        self.arm.write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+        self.arm.write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
 
     def set_torque(self, on):
         self.arm.set_torque(on)

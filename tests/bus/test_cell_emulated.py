@@ -138,7 +138,7 @@ def test_an_arm_that_a_strong_hand_leads_into_another_says_what_it_touches(arms,
     assert re.fullmatch("the .* close to beside's .*", guided.rig.arm.touching())
 
 
-def test_an_arm_that_is_led_stays_off_one_that_a_hand_guides(arms, beside, clock):
+def test_an_arm_that_follows_targets_stays_off_one_that_a_hand_guides(arms, beside, clock):
     guided = arms[0]
     following = in_time(
         clock, lambda: beside.arm.open_following(limits=FAST, stale_after=None, gate=10.0)

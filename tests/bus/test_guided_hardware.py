@@ -11,7 +11,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.tasks.guided import PathRecorder, plan_replay, start_replay
 
-LED = """
+GUIDED = """
 0.1 shoulder_pan start
 0.1 shoulder_lift start
 1.6 shoulder_pan 30
@@ -29,7 +29,7 @@ NUDGE = """
 """
 
 
-def lead(bench, script=LED):
+def lead(bench, script=GUIDED):
     bench.emulator.advance()
     bench.world.hand = Hand(parse_script(script), bench.clock.now())
 

@@ -116,7 +116,7 @@ def test_without_a_wall_a_gentle_hand_leads_it_into_contact(guided):
 @pytest.mark.parametrize("joint", ARM_JOINTS)
 def test_a_joint_between_walls_twice_as_strong_comes_to_rest(guided, joint):
     twice = replace(guided.arm.compliance, wall=2.0 * guided.arm.compliance.wall)
-    guided.bench.finish(guided.rig.executor.guide(twice, lambda q, q_led: q))
+    guided.bench.finish(guided.rig.executor.guide(twice, lambda q, q_guided: q))
     here = np.degrees(guided.q[ARM_JOINTS.index(joint)])
     script = f"0.1 {joint} start\n0.4 {joint} {here + 8.0}\n0.8 {joint} release\n"
     q, _ = guided.lead(script, 3.0, 2.8)

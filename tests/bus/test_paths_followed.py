@@ -47,7 +47,7 @@ def test_the_arm_stays_within_3_deg_of_its_path_at_every_speed(bench, speed, acc
         assert_followed(follow(bench, rig, *random_plan(rig, seed)))
 
 
-def test_servos_that_another_program_left_with_more_acceleration_are_led_no_further(bench):
+def test_servos_that_another_program_left_with_more_acceleration_are_sent_no_further(bench):
     for servo in bench.world.servos:
         servo.memory.keep(emu.MAX_ACCELERATION, 254)
     rig = opened(bench, 180, 500)

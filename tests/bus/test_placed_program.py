@@ -62,7 +62,7 @@ def test_the_best_run_and_come_where_they_should(bench, tmp_path):
         bench.finish(run)
         bench.advance(0.5)
         q = np.array([math.radians(each) for each in bench.arm_deg(rig)])
-        p = REGION.base(base.cell) @ model.frame(q, "jaw_tip").p
+        p = REGION.base(base.lattice_index) @ model.frame(q, "jaw_tip").p
         assert np.linalg.norm(p - TASK.poses[-1].p) < 0.01
 
 

@@ -40,7 +40,7 @@ def impatient(tmp_path, planning_process):
 
 
 def at(bench, *degrees):
-    """The leader is led to these angles, without the follower, before anything has begun."""
+    """A hand leads the leader to these angles, without the follower, before anything has begun."""
     bench.run(lambda: bench.leader.rig.arm.set_manual(True))
     bench.leader.lead_to(degrees, 1.5)
     bench.clock.advance(2.5)
@@ -125,7 +125,7 @@ def test_the_follower_is_10_ms_behind_a_person_and_within_a_degree(bench):
     assert bench.teleop.status.last_error == ""
 
 
-def test_a_shoulder_that_is_led_as_hard_as_it_can_swings_past_by_no_more_than_it_may(bench):
+def test_a_shoulder_that_follows_as_hard_as_it_can_swings_past_by_no_more_than_it_may(bench):
     bench.start()
     bench.advance(0.5)
     bench.leader.lead(human_motion(61.5, seed=2, fastest=180.0)[:2700])

@@ -10,7 +10,7 @@ from harness.emulated_rig import MIDDLES_DEG, ModelBench, arm_client, hardware_b
 from so101_motion.calib.record import store, zero
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.errors import ConfigError
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 
 ARM = JOINTS[:5]
 STANDS = (0.3, -0.4, 0.5, -0.2, 0.6, 0.4)

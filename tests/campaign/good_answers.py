@@ -33,7 +33,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 
-LED = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+GUIDED = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 
 
 class CountingPort:
@@ -131,12 +131,12 @@ class RoughHandling:
         self._ticks(150)
 
     def _blocked(self):
-        joint = self._rng.choice(LED)
+        joint = self._rng.choice(GUIDED)
         self._hand(f"0.1 {joint} start\n1.5 {joint} release")
         self._move([self._rng.uniform(-0.8, 0.8) for _ in range(5)], 2.0)
 
     def _take_hold(self):
-        joint, speed = self._rng.choice(LED), self._rng.uniform(50.0, 400.0)
+        joint, speed = self._rng.choice(GUIDED), self._rng.uniform(50.0, 400.0)
         goal = self._rng.choice((-1, 1)) * self._rng.uniform(20.0, 60.0)
         t = 0.2 + 2.0 * abs(goal) / speed
         self._hand(

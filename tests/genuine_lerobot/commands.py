@@ -92,21 +92,21 @@ def calibrate_leader(bench):
 @contextmanager
 def both(bench):
     """A follower, and a leader that a hand sweeps."""
-    with bench.arm("arm") as arm, bench.arm("leader") as led:
-        led.type("pose")
-        sweeping = threading.Timer(12.0, lambda: led.type("sweep"))
+    with bench.arm("arm") as arm, bench.arm("leader") as leading:
+        leading.type("pose")
+        sweeping = threading.Timer(12.0, lambda: leading.type("sweep"))
         sweeping.start()
         try:
-            yield arm, led
+            yield arm, leading
         finally:
             sweeping.cancel()
 
 
 def teleoperate(bench):
     """lerobot-teleoperate at 60 Hz for 40 s."""
-    with both(bench) as (arm, led):
+    with both(bench) as (arm, leading):
         running = bench.begin(
-            "teleoperate", *robot(arm), *leader(led), "--fps=60", "--teleop_time_s=40"
+            "teleoperate", *robot(arm), *leader(leading), "--fps=60", "--teleop_time_s=40"
         )
         running.end(90)
         loops = running.said.count("Teleop loop time")
@@ -158,8 +158,8 @@ def jog_with_a_gamepad(bench):
 
 
 def _ended_by(bench, number, code):
-    with both(bench) as (arm, led):
-        running = bench.begin("teleoperate", *robot(arm), *leader(led), "--fps=60")
+    with both(bench) as (arm, leading):
+        running = bench.begin("teleoperate", *robot(arm), *leader(leading), "--fps=60")
         running.await_text("Teleop loop time")
         time.sleep(9.0)  # in mid-motion
         running.send(number)
@@ -194,9 +194,9 @@ def _dataset(bench, name):
 
 
 def _record(bench, name, *more):
-    with both(bench) as (arm, led):
+    with both(bench) as (arm, leading):
         running = bench.begin(
-            "record", *robot(arm, *more), *leader(led), *_dataset(bench, name),
+            "record", *robot(arm, *more), *leader(leading), *_dataset(bench, name),
             "--dataset.num_episodes=1", "--dataset.episode_time_s=25", "--dataset.fps=30",
             "--dataset.single_task=wave", "--dataset.push_to_hub=false", "--play_sounds=false",
         )  # fmt: skip
@@ -290,8 +290,10 @@ def rollout_of_garbage(bench):
 
 def find_joint_limits(bench):
     """lerobot-find-joint-limits loads no plugins: it says so and touches nothing."""
-    with both(bench) as (arm, led):
-        running = bench.begin("find-joint-limits", *robot(arm), *leader(led), "--urdf_path=none")
+    with both(bench) as (arm, leading):
+        running = bench.begin(
+            "find-joint-limits", *robot(arm), *leader(leading), "--urdf_path=none"
+        )
         running.end(60, code=None)
         if "so101_motion" not in running.said or "Connecting" in running.said:
             raise Failure(running.said[-900:])

@@ -21,7 +21,7 @@ from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
 from so101_motion.drivers.emulator.codec import Code
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.emulator.faults import WireFaults
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 
 TICK = 0.01
 TICKS_PER_DEG = 4096 / 360

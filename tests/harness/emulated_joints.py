@@ -3,7 +3,7 @@
 import math
 
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 
 MAPS = {
     each.name: JointMap(

@@ -14,7 +14,7 @@ from harness.fake_parent import until
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.hand import STIFFNESS, Hand, parse_script
-from so101_motion.drivers.emulator.hardware import JOINTS, SO101
+from so101_motion.drivers.emulator.joint_figures import JOINTS, SO101
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.servo_types import STS3215_12V
 from so101_motion.planning.kinematics.model import RobotModel

@@ -89,7 +89,7 @@ class Guided:
         return [self.port.memory(i, reg.TORQUE_LIMIT) for i in range(1, 7)]
 
 
-def led(joint, start_deg, by_deg, seconds):
+def hand_leads(joint, start_deg, by_deg, seconds):
     """A hand that takes a joint after half a second, leads it, waits, lets go."""
     return (
         f"0.5 {joint} start\n"

@@ -20,7 +20,7 @@ from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import parse_fault
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.planning.kinematics.model import RobotModel
 

@@ -120,7 +120,7 @@ async def test_a_machine_that_cannot_be_read_is_an_error_as_for_plans(machine):
 
 
 @asynccontextmanager
-async def led(machine, *also, **attributes):
+async def teleoperated(machine, *also, **attributes):
     """A teleoperation of an arm beside a crate that stands where its leader is going to be."""
     arms = [new_arm(name=name, **QUICK) for name in ("arm", "leader")]
     machine.configs = [
@@ -146,13 +146,13 @@ async def led(machine, *also, **attributes):
 
 async def goes_to(leader, pan):
     """Let the leader turn its pan, slowly enough for a follower on a busy machine."""
-    slowly = leader.limits.scaled_to(to_rad(20.0), to_rad(100.0))
+    slowly = leader.limits.lowered_to(to_rad(20.0), to_rad(100.0))
     goal = JointGoal(q=np.radians([pan, 0.0, 0.0, 0.0, 0.0]))
     await asyncio.wrap_future(leader.start_move(goal, limits=slowly).future)
 
 
-async def test_a_led_arm_keeps_off_a_component_until_it_is_gone(machine):
-    async with led(machine) as (client, leader, follower):
+async def test_a_follower_keeps_off_a_component_until_it_is_gone(machine):
+    async with teleoperated(machine) as (client, leader, follower):
 
         async def pan():
             return (await follower.get_joint_positions()).values[0]
@@ -193,7 +193,7 @@ async def test_a_led_arm_keeps_off_a_component_until_it_is_gone(machine):
 
 
 async def test_a_teleoperation_is_refused_beside_what_cannot_be_read(machine):
-    async with led(machine, hanging("shed")) as (client, *_):
+    async with teleoperated(machine, hanging("shed")) as (client, *_):
         with pytest.raises(GRPCError, match='"shed" has a frame but does not run'):
             await client.do_command({"command": "start"})
         assert not (await client.do_command({"command": "status"}))["running"]
@@ -203,7 +203,7 @@ WAITS = "teleoperation waits for the machine"
 
 
 async def test_one_that_starts_by_itself_waits_for_the_machine(machine, caplog):
-    async with led(machine, hanging("shed"), auto_start=True) as (client, *_):
+    async with teleoperated(machine, hanging("shed"), auto_start=True) as (client, *_):
         await until(lambda: WAITS in caplog.text)
         machine.things["shed"] = Thing("shed")
 
@@ -215,7 +215,7 @@ async def test_one_that_starts_by_itself_waits_for_the_machine(machine, caplog):
 
 
 async def test_a_stop_ends_one_that_waits_to_start_by_itself(machine, caplog):
-    async with led(machine, hanging("shed"), auto_start=True) as (client, *_):
+    async with teleoperated(machine, hanging("shed"), auto_start=True) as (client, *_):
         await until(lambda: WAITS in caplog.text)
         assert await client.do_command({"command": "stop"}) == {"running": False}
         machine.things["shed"] = Thing("shed")

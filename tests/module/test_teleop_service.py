@@ -115,20 +115,20 @@ async def parted(client):
     return now["state"] == "waiting" and any(words in now["reason"] for words in LOST)
 
 
-async def led(client, leader, follower, go, is_led):
-    """Let the leader ``go()``, as a task, until ``is_led()``; begun again if they are parted."""
+async def followed(client, leader, follower, go, is_there):
+    """Let the leader ``go()``, as a task, until ``is_there()``; begun again if they are parted."""
     for _ in range(10):
         await until(lambda: is_in(client, "mirroring"))
         going = asyncio.ensure_future(patiently(go, came_late=processes_came_late))
-        led = False
+        there = False
 
         async def is_over():
-            nonlocal led
-            led = await is_led()
-            return led or await parted(client)
+            nonlocal there
+            there = await is_there()
+            return there or await parted(client)
 
         await until(is_over)
-        if led:
+        if there:
             return going
         await going
         here = await follower.get_joint_positions()
@@ -150,7 +150,7 @@ async def test_the_follower_does_what_the_leader_does_wherever_they_are(here):
             off = joints(await follower.get_joint_positions()) - goal
             return np.abs(off).max() < 0.5 and abs(jaw - 60.0) < 2.0
 
-        await (await led(client, leader, follower, go, is_there))
+        await (await followed(client, leader, follower, go, is_there))
         await until(lambda: is_in(client, "mirroring"))
         status = await told(client)
         assert status["running"] is True
@@ -238,7 +238,7 @@ async def test_a_side_elsewhere_that_does_not_answer_makes_the_follower_hold(her
         far = [JointPositions(values=[40.0, 0.0, 0.0, 0.0, 0.0])]
         slowly = MoveOptions(max_vel_degs_per_sec=15.0)  # the follower is to miss most of it
         go = partial(leader.move_through_joint_positions, far, slowly)
-        moving = await led(client, leader, follower, go, follower.is_moving)
+        moving = await followed(client, leader, follower, go, follower.is_moving)
         side.is_deaf = True
         await until(lambda: parted(client))
         await moving  # an answer that was on its way may have made the follower go on for a moment

@@ -62,7 +62,7 @@ def test_a_held_stick_leads_the_tool_along_a_straight_line_until_it_is_let_go(be
     assert not bench.rig.arm.state.qd_ref.any()
 
 
-def test_an_arm_that_lies_close_to_itself_and_to_the_table_is_led_away_from_rest(tmp_path):
+def test_an_arm_that_lies_close_to_itself_and_to_the_table_is_jogged_away_from_rest(tmp_path):
     rest = next(pose.q for pose in POSES if pose.name == "rest")
     lying = rest + np.radians((0.0, 0.0, 10.0, 0.0, 0.0))
     aside = np.array((0.0, 0.1, -1.15, 0.95, 0.02, 0.0))  # up, on a straight line of the tool

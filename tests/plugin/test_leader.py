@@ -72,44 +72,44 @@ class Pair:
         for name in ("follower", "leader"):
             (folder / name).mkdir()
         self.follower = LeRobotBench(folder / "follower", q_start=START)
-        self.led = LeRobotBench(folder / "leader", clock=self.follower.clock, q_start=START)
+        self.leading = LeRobotBench(folder / "leader", clock=self.follower.clock, q_start=START)
         self.hand(0.0, 0.0)
         self.robot = self.follower.connected()
-        self.leader = self.led.robot(SO101MotionLeader, SO101MotionLeaderConfig, **leader)
+        self.leader = self.leading.robot(SO101MotionLeader, SO101MotionLeaderConfig, **leader)
         self.leader.connect(calibrate=False)
 
     def hand(self, lift, seconds):
         """Hold all joints; lead the shoulder on by ``lift`` [deg] within so many seconds."""
-        there = self.led.q_deg[1] + lift
+        there = self.leading.q_deg[1] + lift
         lines = [f"0 {joint} start" for joint in ARM_JOINTS]
         script = "\n".join([*lines, f"{max(seconds, 0.01)} shoulder_lift {there}"])
-        self.led.world.hand = Hand(parse_script(script), self.led.clock.now())
+        self.leading.world.hand = Hand(parse_script(script), self.leading.clock.now())
 
     def teleoperate(self, seconds):
         """What LeRobot does; which share of their drive the leader's servos might use [0.1 %]."""
         shares = []
         for _ in range(round(50 * seconds)):
             self.robot.send_action(self.leader.get_action())
-            self.led.advance(0.02)
+            self.leading.advance(0.02)
             shares.append(self.shares())
         return np.array(shares)
 
     def shares(self):
-        driven = [servo.drive.torque for servo in self.led.world.servos]
+        driven = [servo.drive.torque for servo in self.leading.world.servos]
         return [torque * limit for torque, limit in zip(driven, self.limits, strict=True)]
 
     @property
     def limits(self):
         """Torque limits of the leader's servos [0.1 %]."""
-        return [servo.memory.raw(emu.TORQUE_LIMIT) for servo in self.led.world.servos]
+        return [servo.memory.raw(emu.TORQUE_LIMIT) for servo in self.leading.world.servos]
 
     @property
     def lifts(self):
         """The shoulders of both [deg], the leader's first."""
-        return [bench.q_deg[1] for bench in (self.led, self.follower)]
+        return [bench.q_deg[1] for bench in (self.leading, self.follower)]
 
     def close(self):
-        self.led.close()
+        self.leading.close()
         self.follower.close()
 
 
@@ -134,9 +134,9 @@ def test_a_held_follower_is_felt_until_nobody_asks_and_the_hand_still_leads(pair
     shares = pair.teleoperate(0.9)
     assert shares[-1].tolist() == [1000 * HINT] * 5 + [0], "the jaw stays limp"
     assert shares.max() == 1000 * HINT, "not for a moment more"
-    assert pair.led.rig.arm.state.mode is Mode.LIMP
+    assert pair.leading.rig.arm.state.mode is Mode.LIMP
     assert pair.lifts[0] - before > 30.0, "the hand gets its way"
-    pair.led.advance(0.3)
+    pair.leading.advance(0.3)
     assert not any(pair.shares()), "it ends by itself"
     assert pair.limits[:5] == [1000] * 5
 
@@ -144,11 +144,11 @@ def test_a_held_follower_is_felt_until_nobody_asks_and_the_hand_still_leads(pair
 def test_a_leader_that_is_held_after_a_hint_holds_where_it_is_with_all_its_strength(pair):
     pair.hand(50.0, 0.6)
     assert pair.teleoperate(0.9)[-1].any()
-    here = pair.led.q_deg
+    here = pair.leading.q_deg
     pair.leader.enable_torque()
     assert pair.shares()[:5] == [1000] * 5
-    pair.led.advance(0.2)
-    assert pair.led.q_deg == pytest.approx(here, abs=4.0)
+    pair.leading.advance(0.2)
+    assert pair.leading.q_deg == pytest.approx(here, abs=4.0)
 
 
 def test_more_than_a_hint_is_refused(folded):

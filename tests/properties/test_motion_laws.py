@@ -27,8 +27,8 @@ class TapedArm(SimArm):
         super().__init__(clock)
         self.goals = []
 
-    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, is_led=False):
-        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
         self.goals.append(np.array(q_cmd))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from harness.random_scenes import random_scene
 
-from so101_motion.arm.led_motions import GUARDED_STOP
+from so101_motion.arm.open_ended_motions import GUARDED_STOP
 from so101_motion.common.errors import MotionError, PlanningError
 from so101_motion.control.streamed_trajectory import Stream, TimedPoint
 from so101_motion.planning.collision.collision import CollisionModel
@@ -68,7 +68,7 @@ def test_what_was_planned_is_played_to_its_end(limits, ahead):
         ends = two_free(rng, CollisionModel(MODEL, scene))
         if ends is None:
             continue
-        lower = limits.scaled_to(0.95 * limits.velocity, 0.9 * limits.acceleration)
+        lower = limits.lowered_to(0.95 * limits.velocity, 0.9 * limits.acceleration)
         request = PlanRequest(q_start=ends[0], goal=JointGoal(q=ends[1]), limits=lower, scene=scene)
         try:
             trajectory = planner.plan(replace(request, time_budget=1.0)).trajectory

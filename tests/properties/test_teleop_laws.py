@@ -65,19 +65,19 @@ def following(q_start, limits, **settings):
 def test_a_following_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target_does(
     q_start, limits, approach, plan
 ):
-    led = following(q_start, limits, approach=approach)
+    motion = following(q_start, limits, approach=approach)
     steps = [q_start, q_start]
     for asked, ticks in plan:
         for _ in range(ticks):
             if asked is not None and np.isfinite(asked).all():
-                led.aim(*asked)
+                motion.aim(*asked)
             elif asked is not None:
                 with pytest.raises(ConfigError):
-                    led.aim(*asked)
-            steps.append(led.sample(0).q)
-    led.close()
-    steps += [led.sample(0).q for _ in range(120)]
-    assert led.is_over
+                    motion.aim(*asked)
+            steps.append(motion.sample(0).q)
+    motion.close()
+    steps += [motion.sample(0).q for _ in range(120)]
+    assert motion.is_over
     steps = np.array(steps)
     assert np.all(steps >= np.minimum(LOWER, q_start) - 5e-4)
     assert np.all(steps <= np.maximum(UPPER, q_start) + 5e-4)
@@ -102,13 +102,13 @@ def test_guarded_distances_are_kept(q_start, goals, fence):
         def admits(self, way, *, ahead=False):
             return bool(np.all(way[:, 0] <= max(fence, q_start[0])))
 
-    led = following(q_start, PACE.full, guard=Fence(), stale_after=None)
+    motion = following(q_start, PACE.full, guard=Fence(), stale_after=None)
     steps = []
     for goal in goals:
-        led.aim(goal)
-        steps += [led.sample(0).q for _ in range(60)]
-    led.close()
-    steps += [led.sample(0).q for _ in range(60)]
+        motion.aim(goal)
+        steps += [motion.sample(0).q for _ in range(60)]
+    motion.close()
+    steps += [motion.sample(0).q for _ in range(60)]
     assert np.all(np.array(steps)[:, 0] <= max(fence, q_start[0]) + 5e-4)
 
 
@@ -145,12 +145,12 @@ def test_a_follower_never_steps_and_sets_off_only_near_its_leader(script, q_star
     pilot = Pilot(clock, predictor, Mirror(), PACE)
     pilot.fit(LOWER, UPPER)
 
-    def each(led):
-        wanted = pilot.arm(led.now.q)
+    def each(motion):
+        wanted = pilot.arm(motion.now.q)
         if wanted is None:
-            led.hold(briefly=pilot.gate.pauses_mirroring)
+            motion.hold(briefly=pilot.gate.pauses_mirroring)
         else:
-            led.aim(*wanted)
+            motion.aim(*wanted)
 
     pursuit = following(q_start, PACE.full, approach=PACE.approach, each=each)
     heard, leader = np.ones(6, dtype=bool), np.zeros(6)

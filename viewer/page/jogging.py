@@ -29,7 +29,7 @@ DEADMAN = 0.065
 """How long something counts as held without a repeat [s]; chosen: three repeats of the browser."""
 
 PERIOD = 0.02
-"""How often the arm is led [s]; chosen: two control cycles."""
+"""Time between two updates of the jog [s]; chosen: two control cycles."""
 
 _AHEAD = 0.15
 """How far the target may be ahead of the joints [s]; chosen: else it would run away from joints
@@ -67,7 +67,7 @@ three turns; then the jaw. Each from -1 to 1."""
 
 
 class _Lead(Protocol):
-    """A motion that is led."""
+    """A motion that goes on while something is held."""
 
     motion: Any
 
@@ -183,7 +183,7 @@ class Jogging:
         self._thread.start()
 
     def set_speed(self, speed: str) -> None:
-        """Take another step of the speed; what is led by joints is begun anew with it."""
+        """Take another step of the speed; a jog of the joints is begun anew with it."""
         self.speed = speed
         if self.mode in (JOINTS, ARROWS):
             self.start(self.mode)

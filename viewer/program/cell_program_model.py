@@ -82,7 +82,7 @@ class CellProgramModel:
         submit: Callable[[Callable[[], Any]], Future[Any]],
     ) -> None:
         self._cell, self._arms, self._submit = cell, dict(arms), submit
-        self._now = next(iter(cell.places.values())).clock.now
+        self._now = next(iter(cell.members.values())).clock.now
         self._edited = _Edited()
         self._history = History(self._edited, self._now)
         self.chosen: int | None = None
@@ -253,7 +253,7 @@ class CellProgramModel:
                 program = program.part(first, first + 1 if part == STEP else len(self.steps))
 
             def plan_all() -> CellRehearsalTime:
-                return CellRehearsalTime(rehearse_cell(cell, program), cell.places)
+                return CellRehearsalTime(rehearse_cell(cell, program), cell.members)
 
             self._planning = self._submit(plan_all)
             self._sentence = words.CELL_PLANNING
@@ -283,8 +283,8 @@ class CellProgramModel:
         """What to know or to do now."""
         if self._run is not None:
             return words.running_step(self._run)
-        places = self._cell.places.items()
-        guided = [name for name, each in places if each.arm.state.mode is Mode.GUIDING]
+        members = self._cell.members.items()
+        guided = [name for name, each in members if each.arm.state.mode is Mode.GUIDING]
         return words.cell_guided(guided) if guided else self._sentence
 
     @property
@@ -329,7 +329,7 @@ class CellProgramModel:
 
     @property
     def _are_ready(self) -> bool:
-        holding = (each.arm.state.mode is Mode.HOLDING for each in self._cell.places.values())
+        holding = (each.arm.state.mode is Mode.HOLDING for each in self._cell.members.values())
         return self._run is None and all(holding)
 
     def refresh(self) -> bool:
@@ -365,7 +365,7 @@ class CellProgramModel:
         if self.timeline is None or self._run is not None:
             return
         for name, stand in self.timeline.rehearsal.steps[0].stands.items():
-            state = self._cell.places[name].arm.state
+            state = self._cell.members[name].arm.state
             if not stands_at(stand.q, state.q_ref):
                 self._drop_plan(texts.named(name, words.ARM_MOVED))
             elif abs(stand.q_jaw - state.q_jaw_ref) > SAME_JAW:
@@ -384,7 +384,7 @@ class CellProgramModel:
         self._sentence = sentence
 
     def _things(self) -> tuple[object, ...]:
-        return tuple(x for each in self._cell.places.values() for x in things_around(each.arm))
+        return tuple(x for each in self._cell.members.values() for x in things_around(each.arm))
 
     def _tell(self, sentence: Sentence) -> None:
         self._sentence = sentence

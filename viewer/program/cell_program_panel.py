@@ -53,7 +53,7 @@ class CellProgramPart(Part):
     ) -> None:
         self.model = CellProgramModel(cell, arms, context.in_background)
         self._context = context.reporting(self.model.report)
-        self._names, self._places = tuple(arms), cell.places
+        self._names, self._members = tuple(arms), cell.members
         self._arms = tuple(arms.values())
         self._ghosts = {
             name: GhostView(context.server.scene, f"{node}/program") for name, node in nodes.items()
@@ -179,7 +179,7 @@ class CellProgramPart(Part):
         stands = timeline.at(model.t)[1] if timeline is not None and is_seen else {}
         ghosts = {name: Ghost(*stand) for name, stand in stands.items()}
         for name, view in self._ghosts.items():
-            view.show(self._robot, ghosts.get(name), self._places[name].arm.state)
+            view.show(self._robot, ghosts.get(name), self._members[name].arm.state)
 
 
 def _do(commands: Mapping[str, Callable[[], None]], name: str) -> None:

@@ -9,8 +9,8 @@ from itertools import combinations
 
 import numpy as np
 
+from so101_motion.arm.cell_member import CellMember, Stand
 from so101_motion.arm.gripper import JAW_LIMITS
-from so101_motion.arm.place import Place, Stand
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.apart import clearance_over_time
 from so101_motion.planning.collision.course import Course
@@ -62,7 +62,7 @@ class CellRehearsalTime:
 
     Args:
         rehearsal: What was planned.
-        places: The arms of the cell, by their names.
+        members: The arms of the cell, by their names.
 
     Attributes:
         rehearsal: What was planned.
@@ -70,15 +70,15 @@ class CellRehearsalTime:
         nearest: How near two arms come to each other in each step of the whole program [m].
     """
 
-    def __init__(self, rehearsal: CellRehearsal, places: Mapping[str, Place]) -> None:
+    def __init__(self, rehearsal: CellRehearsal, members: Mapping[str, CellMember]) -> None:
         self.rehearsal = rehearsal
         self._spans: list[_Span] = []
         for planned in rehearsal.steps:
-            self._add(planned, places)
+            self._add(planned, members)
             if planned.visit.round > 0:
                 break
         self._begins = [each.begins for each in self._spans]
-        self.clearances = self._between(places)
+        self.clearances = self._between(members)
         self.nearest = self._by_step()
 
     @property
@@ -100,7 +100,7 @@ class CellRehearsalTime:
     def _place(self, t: float) -> int:
         return max(bisect_right(self._begins, t) - 1, 0)
 
-    def _add(self, planned: PlannedStep, places: Mapping[str, Place]) -> None:
+    def _add(self, planned: PlannedStep, members: Mapping[str, CellMember]) -> None:
         index = planned.step_index
         begins = self._spans[-1].ends if self._spans else 0.0
         arrived = begins + planned.duration
@@ -108,7 +108,7 @@ class CellRehearsalTime:
         for name, waypoint in self.rehearsal.program.steps[index].items():
             lasts, q_jaw = 0.0, planned.stands[name].q_jaw
             if waypoint.aperture is not None:
-                q_wanted = places[name].gripper.angle_of(waypoint.aperture)
+                q_wanted = members[name].gripper.angle_of(waypoint.aperture)
                 lasts = abs(q_wanted - q_jaw) / pace
                 jaws[name] = q_wanted, lasts
             ends = max(ends, arrived + lasts + min(waypoint.pause, SHOWN_PAUSE))
@@ -124,7 +124,7 @@ class CellRehearsalTime:
             )
         )
 
-    def _between(self, places: Mapping[str, Place]) -> tuple[Between, ...]:
+    def _between(self, members: Mapping[str, CellMember]) -> tuple[Between, ...]:
         times = np.concatenate(
             [np.linspace(each.begins, each.arrived, _LOOKS, endpoint=False) for each in self._spans]
         )
@@ -133,8 +133,8 @@ class CellRehearsalTime:
         found = []
         rows = {name: _rows([each[name] for each in stands]) for name in stands[0]}
         for a, b in combinations(rows, 2):
-            T = places[a].T_cell_base.inverse @ places[b].T_cell_base
-            pair = (places[a].bodies, rows[a]), (places[b].bodies, rows[b])
+            T = members[a].T_cell_base.inverse @ members[b].T_cell_base
+            pair = (members[a].bodies, rows[a]), (members[b].bodies, rows[b])
             looks = clearance_over_time(*pair, T, np.arange(len(times), dtype=np.float64))
             closest = (each._replace(t=float(t)) for each, t in zip(looks, times, strict=True))
             found.append(Between(a, b, tuple(closest)))

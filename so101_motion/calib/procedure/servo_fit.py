@@ -32,7 +32,7 @@ from so101_motion.calib.procedure.servo_twin import JointRecord, predicted, repl
 from so101_motion.calib.procedure.twin_fit import OPEN, TwinFit
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
-from so101_motion.drivers.emulator.hardware import MAX_DUTY
+from so101_motion.drivers.emulator.joint_figures import MAX_DUTY
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.servo_types import START_DUTY, ServoFigures
 
@@ -42,7 +42,7 @@ Gravity = Callable[[Array], Array]
 N = 5
 
 STEADY = 0.2
-"""For how long a joint must have been led at one speed [s]; chosen: its lag has built up."""
+"""For how long the setpoints must have had one speed [s]; chosen: the lag has built up."""
 
 STRETCH = 0.4
 """How long a stretch of steady motion is taken together [s]; chosen: 40 readings, whose rounding
@@ -51,18 +51,20 @@ to ticks averages out, and 6 deg at 15 deg/s, over which the weight hardly chang
 NOISE = 0.015
 """Of one stretch [N m]: a quarter of a tick of goal minus position. Chosen."""
 
-SURE = {"torque": 0.15, "friction": 0.3, "delay": 0.008, "mass": 0.3, "moment": 0.02}
+PRIOR_DEVIATIONS = {"torque": 0.15, "friction": 0.3, "delay": 0.008, "mass": 0.3, "moment": 0.02}
 """Standard deviations of the prior: shares, [s], [kg], and of the load's moment about the place
 where it is expected [kg m]. Chosen: what is wider than arms are likely to differ."""
 
 KNOWN = 0.08
-"""Share of that for figures of an earlier identification. Chosen: torque is known to 1.2 %."""
+"""Share of ``PRIOR_DEVIATIONS`` for figures of an earlier identification. Chosen: torque is known
+to 1.2 %."""
 
 PLAY_STEP = to_rad(0.2)
-"""Multiples of it are tried [rad]."""
+"""Plays that are multiples of it are tried [rad]."""
 
 MOST_PLAY = 8
-"""So many at most, and one more beside the best."""
+"""Largest play that is tried at first, in steps: every second multiple of ``PLAY_STEP`` up to it,
+1.6 deg. Then the multiples next to the best one are tried."""
 
 AROUND = (0.2, 0.5)
 """For how long before and after such a moment play is looked for [s]; chosen."""
@@ -84,7 +86,7 @@ class Load:
     Attributes:
         mass: Its mass [kg].
         com: Its centre of mass in the tool frame [m].
-        mass_deviation: How sure the mass is, a standard deviation [kg].
+        mass_deviation: Standard deviation of the mass [kg].
     """
 
     mass: float
@@ -254,10 +256,11 @@ def fit(
         + [0.0] * 4
     )
     near = KNOWN if known else 1.0
-    deviation = np.array(
-        [near * SURE["torque"]] * n + [near * SURE["friction"]] * n + [near * SURE["delay"]] * n
-        + ([SURE["mass"]] + [SURE["moment"]] * 3 if hand is not None else [1e-9] * 4)
-    )  # fmt: skip
+    servo_deviations = [
+        near * PRIOR_DEVIATIONS[figure] for figure in ("torque", "friction", "delay") for _ in names
+    ]
+    load_deviations = [PRIOR_DEVIATIONS["mass"]] + [PRIOR_DEVIATIONS["moment"]] * 3
+    deviation = np.array(servo_deviations + (load_deviations if hand is not None else [1e-9] * 4))
     place = np.zeros(3) if hand is None else np.asarray(hand, dtype=np.float64)
     x, covariance = _solved(rows, [models[name] for name in names], prior, deviation, place)
     sd = np.sqrt(np.diag(covariance))
@@ -347,7 +350,7 @@ def _rows(
         mean = float(np.mean(volts[begin:end]))
         share = max(abs(mean) / float(np.mean(record.volts[cut])), START_DUTY)
         slope = kind.duty_shape * share ** (1.0 - 1.0 / kind.duty_shape)
-        stiffness = slope * float(np.mean(record.volts[cut])) / model.yielding
+        stiffness = slope * float(np.mean(record.volts[cut])) / model.full_drive_error
         yield _Row(
             i=i,
             torque=kind.torque_per_volt * (mean - kind.back_emf * float(turned)),
@@ -377,7 +380,7 @@ def _volts(record: JointRecord, model: ServoModel) -> Array:
 
 
 def _stretches(record: JointRecord) -> Iterator[slice]:
-    """Where the joint is led at one speed, in pieces."""
+    """Where the setpoints have one speed, in pieces."""
     speed, t = record.qd_ref, record.t
     begin: int | None = None
     for k in range(1, len(t) + 1):

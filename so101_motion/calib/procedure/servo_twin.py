@@ -14,7 +14,7 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
 from so101_motion.drivers.emulator import registers as reg
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 from so101_motion.drivers.emulator.motion import Profile
 from so101_motion.drivers.emulator.register_values import SLOWEST
 from so101_motion.drivers.emulator.servo import Servo

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from so101_motion.calib.procedure.servo_twin import JointRecord, unrounded
 from so101_motion.common.geometry import Array
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 from so101_motion.drivers.servo_types import ServoFigures
 
 OPEN = 0.04

@@ -7,7 +7,7 @@ From the wire inwards:
     codec      packets
     servo      carries out instructions on ``memory``, ``registers`` and ``register_values``
     drive      controller and protections: ``motion``, ``protection``, ``electric``
-    mechanics  motor, play, friction, stops; ``hardware`` holds the figures
+    mechanics  motor, play, friction, stops; ``joint_figures`` has their numbers
     world      the six servos with gravity, supply and time; ``hand`` is a person's hand
     faults     faults to inject; ``emulator`` builds the whole, ``run`` is the program
 

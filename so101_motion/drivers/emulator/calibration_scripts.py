@@ -15,7 +15,7 @@ import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.drivers.emulator.hand import STIFFNESS
-from so101_motion.drivers.emulator.hardware import JOINTS, SO101
+from so101_motion.drivers.emulator.joint_figures import JOINTS, SO101
 from so101_motion.drivers.servo_types import STS3215_12V
 
 SPEED = math.radians(120.0)

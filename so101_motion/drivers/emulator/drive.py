@@ -17,7 +17,7 @@ from math import floor
 
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.electric import Motor
-from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint
+from so101_motion.drivers.emulator.joint_figures import TICKS_PER_RAD, Joint
 from so101_motion.drivers.emulator.mechanics import Shaft
 from so101_motion.drivers.emulator.motion import DT, Gains, GoalDelay, Loop, Profile, duty_table
 from so101_motion.drivers.emulator.protection import Condition, Guard, Limits

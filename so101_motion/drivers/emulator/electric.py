@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD
+from so101_motion.drivers.emulator.joint_figures import TICKS_PER_RAD
 from so101_motion.drivers.servo_types import ServoType
 
 ROOM_C = 25.0

@@ -22,7 +22,7 @@ from so101_motion.drivers.emulator.calibration_scripts import SPEED, holding_scr
 from so101_motion.drivers.emulator.electric import Supply
 from so101_motion.drivers.emulator.faults import FaultEvent, WireFaults
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.drivers.emulator.hardware import SO101, Joint
+from so101_motion.drivers.emulator.joint_figures import SO101, Joint
 from so101_motion.drivers.emulator.pty_port import Pacing, PtyPort
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.emulator.spread import differing_servos

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.drivers.emulator.hardware import JOINTS
+from so101_motion.drivers.emulator.joint_figures import JOINTS
 
 STRENGTH = 2.0
 """Largest torque of the hand [N m]; chosen: enough for any limp joint, not for a driven one."""

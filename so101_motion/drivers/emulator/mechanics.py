@@ -22,7 +22,7 @@ from __future__ import annotations
 import functools
 import math
 
-from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD
+from so101_motion.drivers.emulator.joint_figures import TICKS_PER_RAD
 from so101_motion.drivers.emulator.motion import DT
 from so101_motion.drivers.servo_types import ServoType
 

@@ -13,8 +13,8 @@ How it works
 
 Positions here are ticks of the unwrapped shaft angle, speeds ticks a second.
 
-Source: Feetech's examples (wait = d / V + V / a), the measurements named in ``hardware.py``, and
-github.com/0o8o0-blip/sts3215-firmware, motion.c and pid.c (behaviour only).
+Source: Feetech's examples (wait = d / V + V / a), the measurements named in ``joint_figures.py``,
+and github.com/0o8o0-blip/sts3215-firmware, motion.c and pid.c (behaviour only).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import functools
 from collections import deque
 from dataclasses import dataclass
 
-from so101_motion.drivers.emulator.hardware import MAX_DUTY
+from so101_motion.drivers.emulator.joint_figures import MAX_DUTY
 
 DT = 0.001
 """The servo's control period [s] (firmware: 1 kHz)."""

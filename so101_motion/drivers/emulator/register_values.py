@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.drive import Drive, Settings
-from so101_motion.drivers.emulator.hardware import Joint
+from so101_motion.drivers.emulator.joint_figures import Joint
 from so101_motion.drivers.emulator.memory import Memory
 from so101_motion.drivers.emulator.motion import Gains, Profile
 from so101_motion.drivers.emulator.protection import CURRENT_UNIT, Limits

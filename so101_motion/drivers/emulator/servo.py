@@ -26,7 +26,7 @@ from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.codec import Code
 from so101_motion.drivers.emulator.drive import Drive
 from so101_motion.drivers.emulator.electric import BROWN_OUT
-from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint
+from so101_motion.drivers.emulator.joint_figures import TICKS_PER_RAD, Joint
 from so101_motion.drivers.emulator.memory import Memory
 from so101_motion.drivers.emulator.register_values import (
     goal_of,

@@ -6,7 +6,7 @@ import random
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from so101_motion.drivers.emulator.hardware import Joint
+from so101_motion.drivers.emulator.joint_figures import Joint
 from so101_motion.drivers.servo_types import ServoFigures, ServoType
 
 _ZERO_TICKS = 100.0

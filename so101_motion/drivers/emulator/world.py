@@ -26,7 +26,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.drivers.emulator.electric import ROOM_C, Supply
 from so101_motion.drivers.emulator.hand import OBJECT_STIFFNESS, Hand, jaw_angle_for_gap
-from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD
+from so101_motion.drivers.emulator.joint_figures import TICKS_PER_RAD
 from so101_motion.drivers.emulator.mechanics import STOP_STIFFNESS
 from so101_motion.drivers.emulator.servo import Servo
 

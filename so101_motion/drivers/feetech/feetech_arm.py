@@ -182,7 +182,7 @@ class FeetechArm:
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
-        is_led: bool = False,
+        follows_target: bool = False,
     ) -> None:
         """Send the joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
@@ -191,8 +191,8 @@ class FeetechArm:
             q_jaw_cmd: Angle of the jaw.
             qd_cmd: Velocities of the arm joints there, shape (5,), [rad/s]; None for at rest.
             qdd_cmd: Accelerations there, shape (5,), [rad/s^2]; None if not known.
-            is_led: Whether the motion follows a target and is not planned, so that a joint may turn
-                round at any moment.
+            follows_target: Whether the motion follows a target and is not planned, so that a joint
+                may turn round at any moment.
 
         While the arm is guided only the jaw is commanded.
 
@@ -218,7 +218,7 @@ class FeetechArm:
                     )
                 qd = None if qd_cmd is None else qd_cmd.tolist()
                 qdd = None if qdd_cmd is None else qdd_cmd.tolist()
-                self._compensation.point(q, qd, now, here, free, qdd, is_led=is_led)
+                self._compensation.point(q, qd, now, here, free, qdd, follows_target=follows_target)
             else:
                 self._pull.end(bus)
                 self._switch.refuse_unsure(bus, self._maps)

@@ -47,7 +47,7 @@ _SLOW = 0.03
 _BLEND = 0.5
 """Time in which the compensation is faded in or out otherwise [s]; chosen, longer than a stop."""
 
-_TURNING, _LED_SHARE, _LED_BRAKING = to_rad(60.0), 0.4, 0.8
+_TURNING, _FOLLOWING_SHARE, _FOLLOWING_BRAKING = to_rad(60.0), 0.4, 0.8
 """For a joint that follows a target: below the first [rad/s] its lag is compensated less, down to
 the second as a share; and its set-point accelerates by at most the third, as a share of its
 braking. A servo that turns round has to cross its play; with a set-point as far ahead as in a
@@ -99,7 +99,8 @@ class GoalCompensation:
         self._maps, self._figures = maps, figures
         self._qd: Sequence[float] | None = None
         self._qdd: Sequence[float] = (0.0,) * 5
-        self._is_told = self._is_led = False  # how the speeds change; and nobody planned them
+        self._is_told = False  # how the speeds change
+        self._follows_target = False
         self._t_point = -math.inf
         self._foreseen = [0.0] * 6  # what share of the lag is made up for
         self._setpoint_qd = [0.0] * 6  # of the servos' own set-points [rad/s]
@@ -157,7 +158,7 @@ class GoalCompensation:
         free: Collection[int],
         qdd: Sequence[float] | None = None,
         *,
-        is_led: bool = False,
+        follows_target: bool = False,
     ) -> None:
         """Take the next command, ``q`` [rad].
 
@@ -168,8 +169,8 @@ class GoalCompensation:
             here: The confirmed angle of a joint [rad], else NaN.
             free: Joints that no goal keeps in place.
             qdd: Accelerations of the arm joints there [rad/s^2]; None if not known.
-            is_led: Whether the motion follows a target and is not planned, so that a joint may turn
-                round at any moment.
+            follows_target: Whether the motion follows a target and is not planned, so that a joint
+                may turn round at any moment.
 
         Raises:
             CommandRefused: It is further from the last command than the caps allow.
@@ -177,12 +178,12 @@ class GoalCompensation:
         self._limiter.follow(q, qd, now, here, free)
         self.q = q
         known = None if qd is None else [0.0 if math.isnan(each) else each for each in qd]
-        self._is_told, self._is_led = qdd is not None, is_led
+        self._is_told, self._follows_target = qdd is not None, follows_target
         # While lag compensation is faded out, a set-point must not run on as the joint slows.
         self._qdd = qdd or self._changes(known, now)
         dt = now - self._t_point
         ways: Sequence[float | None] = (None,) * 5
-        if known is not None and qdd is not None and not is_led:
+        if known is not None and qdd is not None and not follows_target:
             ways = self._reversals.foresee(known, qdd, dt if dt < _RECENT else SLACK)
         else:
             self._reversals.unknown()
@@ -243,8 +244,8 @@ class GoalCompensation:
         wanted, before = 1.0 if self._is_told else 0.0, self._foreseen[i]
         if abs(qd) < _SLOW:
             self._foreseen[i] = wanted
-        else:  # one that is led at speed is not overtaken
-            rise = 0.0 if self._is_led else dt / _BLEND
+        else:  # one that follows a target at speed is not overtaken
+            rise = 0.0 if self._follows_target else dt / _BLEND
             self._foreseen[i] += min(max(wanted - before, -dt / _BLEND), rise)
         crossing = self._reversals.crossing[i]
         if not (qd or qdd or self._setpoint_qd[i] or crossing):
@@ -254,9 +255,9 @@ class GoalCompensation:
         # The set-point runs ahead of the joint; no faster than it can.
         before, slower = self._setpoint_qd[i], model.braking * dt
         faster = slower
-        if self._is_led:
-            faster *= _LED_BRAKING if self._is_told else 1.0
-            share *= _LED_SHARE + (1.0 - _LED_SHARE) * min(abs(qd) / _TURNING, 1.0)
+        if self._follows_target:
+            faster *= _FOLLOWING_BRAKING if self._is_told else 1.0
+            share *= _FOLLOWING_SHARE + (1.0 - _FOLLOWING_SHARE) * min(abs(qd) / _TURNING, 1.0)
             self.trim.lags[i] = (1.0 - share) * self._lags[i]
         wanted = qd + share * qdd * (DELAY + model.lag)
         low, high = (slower, faster) if before > 0.0 else (faster, slower)
@@ -268,7 +269,7 @@ class GoalCompensation:
         )
         ahead = stopping_distance(self._setpoint_qd[i], model.braking) + share * behind
         ahead += self._maps[i].direction * cut_off(self._setpoint_qd[i])
-        return min(max(ahead, -_MOST_AHEAD), _MOST_AHEAD) if self._is_led else ahead
+        return min(max(ahead, -_MOST_AHEAD), _MOST_AHEAD) if self._follows_target else ahead
 
     def _in_ticks(self, goals: Sequence[float], absent: Collection[int]) -> dict[int, Ticks]:
         return {

@@ -165,9 +165,9 @@ class Trim:
         self._since = self._last = 0.0
 
     @property
-    def yielding(self) -> list[float]:
-        """How far each joint gives way under full drive [rad]."""
-        return [model.yielding for model in self.models]
+    def full_drive_errors(self) -> list[float]:
+        """The position error at which each servo drives fully [rad]."""
+        return [model.full_drive_error for model in self.models]
 
     def explain(
         self,
@@ -189,7 +189,7 @@ class Trim:
         return [
             limited(
                 model.distance(weight + side * model.friction(weight, side), speed),
-                LARGEST_SAG * model.yielding,
+                LARGEST_SAG * model.full_drive_error,
             )
             for model, weight, side, speed in zip(self.models, weights, way, qd, strict=False)
         ]
@@ -258,7 +258,7 @@ class Trim:
     @property
     def largest(self) -> list[float]:
         """Bounds of ``offset`` [rad]."""
-        return [LARGEST_OFFSET * model.yielding for model in self.models[:_JAW]] + [0.0]
+        return [LARGEST_OFFSET * model.full_drive_error for model in self.models[:_JAW]] + [0.0]
 
     @property
     def offset(self) -> list[float]:
@@ -333,7 +333,7 @@ class Trim:
             self._find(i)
             if off is None:
                 continue
-            model, most = self.models[i], LARGEST_SAG * self.models[i].yielding
+            model, most = self.models[i], LARGEST_SAG * self.models[i].full_drive_error
             off = limited(off, most)
             friction = model.friction(self._weight[i], 0.0)
             self._way[i] = limited(model.torque(off - self._known[i]) / friction, 1.0)
@@ -365,7 +365,7 @@ class Trim:
             if still >= LATE:
                 self._arrived[i] = self._arrived[i] or abs(error) <= SETTLE_POSITION
                 dead = LEFT_ALONE if self._arrived[i] else SETTLE_POSITION
-            is_droop = dead < abs(error) < LARGEST_SAG * self.models[i].yielding
+            is_droop = dead < abs(error) < LARGEST_SAG * self.models[i].full_drive_error
             is_droop = is_droop and not self._gives_way[i]
             if is_droop and abs(qd[i]) < _AT_REST and i in fresh:
                 steps[i] = self._turn_over(i, error, dt)
@@ -412,7 +412,7 @@ class Trim:
             self._find(i)
 
     def _add(self, i: int, step: float) -> None:
-        rest, bound = self._rest[i], LARGEST_DRIVE * self.models[i].yielding
+        rest, bound = self._rest[i], LARGEST_DRIVE * self.models[i].full_drive_error
         # One that began beyond its bound may only come back.
         self._rest[i] = min(max(rest + step, min(rest, -bound)), max(rest, bound))
 
@@ -433,4 +433,4 @@ class Trim:
             load = weight + model.torque(self._rest[i])
             torque += way * model.friction(load, way, speed)
         self._torque[i] = torque
-        self._known[i] = limited(model.distance(torque), LARGEST_SAG * model.yielding)
+        self._known[i] = limited(model.distance(torque), LARGEST_SAG * model.full_drive_error)

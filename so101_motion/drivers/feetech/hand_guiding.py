@@ -59,7 +59,7 @@ import numpy as np
 from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.feetech.gravity_compensation import ENGAGING, Trim
-from so101_motion.drivers.feetech.servo_model import yielding
+from so101_motion.drivers.feetech.servo_model import full_drive_error
 
 LEARNING = 5.0
 """Gain of the learnt offset [1/s], as when the joint holds."""
@@ -122,7 +122,7 @@ class HandGuiding:
         trim: The gravity compensation that has carried them until now.
         q: Their angles [rad].
         now: The time [s].
-        wall: How far they may be led without resistance; None for anywhere.
+        wall: How far a hand may lead them without resistance; None for anywhere.
     """
 
     def __init__(
@@ -141,7 +141,8 @@ class HandGuiding:
         self._trusted = [1.0] * N  # the share of both that each joint counts on
         self._learnt = [0.0] * N
         self._softness = [
-            min(give / yielding(1) * compliance.p_gain, 1.0) for give in trim.yielding
+            min(full_error / full_drive_error(1) * compliance.p_gain, 1.0)
+            for full_error in trim.full_drive_errors
         ]
 
     def step(
@@ -175,20 +176,20 @@ class HandGuiding:
         masses = [self._mass * trusted for trusted in self._trusted]
         weights = self._trim.explain(q, ways, [HELP_BRAKE * v for v in speeds], masses)
         for i, speed in enumerate(speeds):
-            away, give = self._anchor[i] - q[i], self._trim.yielding[i]
+            away, full_error = self._anchor[i] - q[i], self._trim.full_drive_errors[i]
             at_wall = abs(off[i]) > band
             if not at_wall:
                 self._learn(i, away, qd[i], dt, weights[i])
             carried = weights[i] + self._trusted[i] * self._known[i] + self._learnt[i]
-            limit = abs(carried) / give + self._compliance.resistance
+            limit = abs(carried) / full_error + self._compliance.resistance
             self._moving[i] = max(min(abs(speed) / SLOW, 1.0), self._moving[i] - dt / STANDING)
             if at_wall:
                 push = self._compliance.wall * min((abs(off[i]) - band) / WALL_DEPTH, 1.0)
                 self._ahead[i] = 0.0
-                goals.append(q[i] + math.copysign(push * give, off[i]) + carried)
-                shares.append(max(limit, abs(carried) / give + push))
+                goals.append(q[i] + math.copysign(push * full_error, off[i]) + carried)
+                shares.append(max(limit, abs(carried) / full_error + push))
                 continue
-            stiffest = self._compliance.resistance * give
+            stiffest = self._compliance.resistance * full_error
             wanted = min(max(self._softness[i] * away, -stiffest), stiffest) + carried
             lead = LEAD * max(abs(speed) - SLOW, 0.0) if wanted * speed > 0.0 else 0.0
             reach = (self._goals[i] - q[i] - wanted) * math.copysign(1.0, wanted) + 2.0 * FAST * dt
@@ -218,11 +219,11 @@ class HandGuiding:
             return off, ()
         later = np.array([[LOOK_AHEAD], [LOOK_AHEAD + LEAD]])
         ahead = np.array(q[:N]) + later * np.array(qd[:N])
-        led = np.clip(here, ahead - band, ahead + band)
-        if np.array_equal(led, [here, here]):
+        guided = np.clip(here, ahead - band, ahead + band)
+        if np.array_equal(guided, [here, here]):
             return off, ()
-        allowed = self._wall(np.array(here), led)
-        held = np.abs(allowed - led) > _ROUNDING
+        allowed = self._wall(np.array(here), guided)
+        held = np.abs(allowed - guided) > _ROUNDING
         for i in np.flatnonzero(held[0]):
             at = float(ahead[0, i])
             self._anchor[i] = _near(float(allowed[0, i]), at, band + WALL_DEPTH)
@@ -235,7 +236,7 @@ class HandGuiding:
             abs(qd) > SLOW and away * learnt >= 0.0
         ):
             return
-        bound = UNSURE * abs(weight) + UNSURE_DRIVE * self._trim.yielding[i]
+        bound = UNSURE * abs(weight) + UNSURE_DRIVE * self._trim.full_drive_errors[i]
         self._learnt[i] = min(max(learnt + LEARNING * dt * away, -bound), bound)
 
 

@@ -77,10 +77,10 @@ class HandPull:
             self.end(bus)
             return
         goals = []
-        for q, toward, give in zip(
-            self._at.q, pull.toward, self._compensation.trim.yielding, strict=False
+        for q, toward, full_error in zip(
+            self._at.q, pull.toward, self._compensation.trim.full_drive_errors, strict=False
         ):
-            most = pull.share * give
+            most = pull.share * full_error
             goals.append(q + min(max(toward - q, -most), most))
         left = {*self._out_of_range.left, _JAW}
         shares = [pull.share] * len(goals)

@@ -49,8 +49,8 @@ _DEAD_ZONE = 1.0 * RAD_PER_TICK
 """Errors up to this count as none: registers 26 and 27 as delivered [rad]."""
 
 
-def yielding(p_gain: int) -> float:
-    """The error at which a P gain makes full drive, if the servo is taken for a spring [rad]."""
+def full_drive_error(p_gain: int) -> float:
+    """The position error at which a P gain alone makes full drive [rad]."""
     return 4000.0 / max(p_gain, 1) * RAD_PER_TICK
 
 
@@ -70,7 +70,7 @@ class ServoModel:
         figures: As given.
         is_known: Whether an identification has found how it differs from its type.
         kind: The type with its own figures.
-        yielding: The error at which it makes full drive [rad].
+        full_drive_error: The position error at which it makes full drive [rad].
         volts: Its supply [V], measured if possible.
     """
 
@@ -84,7 +84,7 @@ class ServoModel:
         self.sold_as, self.p_gain, self.braking = sold_as, p_gain, braking
         self.figures, self.is_known = figures, figures != AS_SOLD
         self.kind, self.volts = figures.of(sold_as), sold_as.volts
-        self.yielding = yielding(p_gain)
+        self.full_drive_error = full_drive_error(p_gain)
 
     def distance(self, torque: float, speed: float = 0.0) -> float:
         """How far beyond its joint the goal must be [rad].
@@ -96,17 +96,19 @@ class ServoModel:
         kind = self.kind
         share = (torque / kind.torque_per_volt + kind.back_emf * speed) / self.volts
         duty = abs(share) ** (1.0 / kind.duty_shape) - START_DUTY
-        return math.copysign(duty * self.yielding + _DEAD_ZONE, share) if duty > 0.0 else 0.0
+        return (
+            math.copysign(duty * self.full_drive_error + _DEAD_ZONE, share) if duty > 0.0 else 0.0
+        )
 
     def drive(self, distance: float) -> float:
         """The share of full drive that the servo makes of an error [rad], as it measures it."""
         error = abs(distance) - _DEAD_ZONE
-        return error / self.yielding + START_DUTY if error > 0.0 else 0.0
+        return error / self.full_drive_error + START_DUTY if error > 0.0 else 0.0
 
     @property
     def lag(self) -> float:
         """How long a joint lags behind its setpoint without compensation [s]."""
-        return self.kind.goal_delay + self.kind.back_emf / self.volts * self.yielding
+        return self.kind.goal_delay + self.kind.back_emf / self.volts * self.full_drive_error
 
     def stray_in_play(self, speed: float) -> float:
         """How far a joint falls behind at ``speed`` while its motor crosses the play [rad].
@@ -129,7 +131,7 @@ class ServoModel:
 
     def torque(self, distance: float) -> float:
         """Approximate torque [N m] that a further ``distance`` [rad] of the goal adds."""
-        return distance / self.yielding * self.volts * self.kind.torque_per_volt
+        return distance / self.full_drive_error * self.volts * self.kind.torque_per_volt
 
     def friction(self, load: float, way: float, speed: float = 0.0) -> float:
         """Friction torque that the motor must overcome [N m], zero or positive.

@@ -1,9 +1,10 @@
-"""Segments of a tool path: lines, arcs and rounded corners between them.
+"""Segments of a tool path as curves: lines, arcs and rounded corners between them.
 
-A stretch is parametrised by the distance ``s`` from its start, also a little beyond its ends. Where
-two stretches meet, direction or curvature jumps, and an arm that moves on would have to jump with
-it. A rounded corner leaves both stretches some distance before and after their meeting point and
-follows a polynomial of fifth degree that agrees with each in place, direction and curvature.
+The curve of a segment is parametrised by the distance ``s`` from its start, also a little beyond
+its ends. Where two segments meet, direction or curvature jumps, and an arm that moves on would have
+to jump with it. A rounded corner leaves both segments some distance before and after their meeting
+point and follows a polynomial of fifth degree that agrees with each in place, direction and
+curvature.
 """
 
 from __future__ import annotations
@@ -38,11 +39,11 @@ _SAMPLES = 64
 
 
 class PathPoint(NamedTuple):
-    """Points of a stretch, each of shape (n, 3).
+    """Points of a curve, each of shape (n, 3).
 
     Attributes:
         p: Where they are [m].
-        direction: Unit vectors along the stretch.
+        direction: Unit vectors along the curve.
         curvature: Change of direction per metre [1/m].
     """
 
@@ -53,7 +54,7 @@ class PathPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A straight stretch; or a point, whose length is only nominal.
+    """A straight segment; or a point, whose length is only nominal.
 
     Attributes:
         p_start: Start point, shape (3,), [m].
@@ -98,7 +99,7 @@ class Arc:
         return PathPoint(self.centre + self.radius * outwards, along, -outwards / self.radius)
 
 
-Stretch = Line | Arc
+SegmentCurve = Line | Arc
 
 
 class Rounding(NamedTuple):
@@ -106,9 +107,9 @@ class Rounding(NamedTuple):
 
     Attributes:
         length: Its length [m]; the parameter is the distance travelled only on average.
-        reach: Distance from the corner at which it leaves and meets the stretches [m].
+        reach: Distance from the corner at which it leaves and meets the segments [m].
         coefficients: Of four polynomials in the share of ``length`` done, shape (6, 4): the place
-            [m], and the place on the stretches on either side as a distance from the corner, from
+            [m], and the place on the segments on either side as a distance from the corner, from
             ``-reach`` to ``reach`` [m].
     """
 
@@ -121,7 +122,7 @@ class Rounding(NamedTuple):
         return polynomial(self.coefficients, s / self.length)
 
 
-def stretch_to(p_start: Array, segment: LineTo | ArcTo, number: int) -> Stretch:
+def curve_of(p_start: Array, segment: LineTo | ArcTo, number: int) -> SegmentCurve:
     """The curve of one segment.
 
     Args:
@@ -167,11 +168,11 @@ def _arc(p_start: Array, p_via: Array, p_end: Array, number: int) -> Arc:
     return Arc(centre=centre, first=first, second=second, radius=radius, length=radius * angle)
 
 
-def rounded(before: Stretch, after: Stretch, reach: float) -> Rounding:
-    """The rounded corner between two stretches, ``reach`` [m] to either side."""
+def rounded(before: SegmentCurve, after: SegmentCurve, reach: float) -> Rounding:
+    """The rounded corner between two segments, ``reach`` [m] to either side."""
     ends = []
-    for stretch, at, off in ((before, before.length - reach, -reach), (after, reach, reach)):
-        place, direction, curvature = (value[0] for value in stretch.at(np.array([at])))
+    for curve, at, off in ((before, before.length - reach, -reach), (after, reach, reach)):
+        place, direction, curvature = (value[0] for value in curve.at(np.array([at])))
         ends.append((np.append(place, off), np.append(direction, 1.0), np.append(curvature, 0.0)))
 
     def through(length: float) -> Array:

@@ -26,11 +26,11 @@ from so101_motion.planning.cartesian.path_segments import (
     SHORTEST,
     Line,
     Rounding,
-    Stretch,
+    SegmentCurve,
+    curve_of,
     polynomial,
     quintic,
     rounded,
-    stretch_to,
 )
 from so101_motion.planning.goals import ArcTo, LineTo
 
@@ -46,7 +46,7 @@ class _Leg:
 
     Attributes:
         number: Number of the segment, from 0.
-        stretch: The whole segment.
+        curve: That of the whole segment.
         R_start: Orientation at its start, shape (3, 3).
         turn: Rotation from its start to its end, as a rotation vector [rad].
         begin: Where on the segment the leg begins [m].
@@ -54,7 +54,7 @@ class _Leg:
     """
 
     number: int
-    stretch: Stretch
+    curve: SegmentCurve
     R_start: Array
     turn: Array
     begin: float
@@ -65,7 +65,7 @@ class _Leg:
         return self.end - self.begin
 
     def places(self, s: Array) -> Array:
-        return self.stretch.at(self.begin + s).p
+        return self.curve.at(self.begin + s).p
 
     def rotations(self, s: Array) -> Array:
         return self.turned(self.begin + s)
@@ -73,7 +73,7 @@ class _Leg:
     def turned(self, along: Array) -> Array:
         """Rotations ``along`` the whole segment (n,), beyond its ends too."""
         return np.asarray(
-            self.R_start @ _rotations((along / self.stretch.length)[:, None] * self.turn)
+            self.R_start @ _rotations((along / self.curve.length)[:, None] * self.turn)
         )
 
 
@@ -102,7 +102,7 @@ class _Corner:
 
     def rotations(self, s: Array) -> Array:
         off = self.rounding.at(s)[:, 3]
-        R_before = self.before.turned(self.before.stretch.length + off)
+        R_before = self.before.turned(self.before.curve.length + off)
         R_after = self.after.turned(off)
         weight = polynomial(_SMOOTH_STEP, 0.5 * (off / self.rounding.reach + 1.0))
         turns = R_before.transpose(0, 2, 1) @ R_after
@@ -190,7 +190,7 @@ def straight_path(T_start: SE3, T_end: SE3) -> ToolPath:
     if spin:
         length = max(LEVER * float(np.linalg.norm(turn)), SHORTEST)
     line = Line(p_start=T_start.p, p_end=T_end.p, length=length)
-    leg = _Leg(number=0, stretch=line, R_start=T_start.R, turn=turn, begin=0.0, end=length)
+    leg = _Leg(number=0, curve=line, R_start=T_start.R, turn=turn, begin=0.0, end=length)
     return ToolPath(parts=(leg,), spin=spin)
 
 
@@ -215,7 +215,7 @@ def path_through(T_start: SE3, segments: Sequence[LineTo | ArcTo], blend: float)
     parts: list[_Leg | _Corner] = [legs[0]]
     for before, after in pairwise(legs):
         if blend > 0.0:
-            rounding = rounded(before.stretch, after.stretch, after.begin)
+            rounding = rounded(before.curve, after.curve, after.begin)
             parts.append(
                 _Corner(number=after.number, before=before, after=after, rounding=rounding)
             )
@@ -226,24 +226,24 @@ def path_through(T_start: SE3, segments: Sequence[LineTo | ArcTo], blend: float)
 def _legs(T_start: SE3, segments: Sequence[LineTo | ArcTo], blend: float) -> list[_Leg]:
     """The segments, shortened where a corner is to be rounded."""
     starts = [T_start, *(segment.T_base_tool for segment in segments)]
-    stretches = [
-        stretch_to(T.p, segment, number)
+    curves = [
+        curve_of(T.p, segment, number)
         for number, (T, segment) in enumerate(zip(starts[:-1], segments, strict=True), 1)
     ]
     cuts = [
-        min(blend, 0.5 * before.length, 0.5 * after.length) for before, after in pairwise(stretches)
+        min(blend, 0.5 * before.length, 0.5 * after.length) for before, after in pairwise(curves)
     ]
     return [
         _Leg(
             number=number,
-            stretch=stretch,
+            curve=curve,
             R_start=starts[number].R,
             turn=rotation_vector(starts[number].R.T @ starts[number + 1].R),
             begin=begin,
-            end=stretch.length - cut,
+            end=curve.length - cut,
         )
-        for number, (stretch, begin, cut) in enumerate(
-            zip(stretches, [0.0, *cuts], [*cuts, 0.0], strict=True)
+        for number, (curve, begin, cut) in enumerate(
+            zip(curves, [0.0, *cuts], [*cuts, 0.0], strict=True)
         )
     ]
 

@@ -1,4 +1,11 @@
-"""The courses of arms: joint angles over time, how an arm would stop, and its neighbours."""
+"""The courses of arms: joint angles over time, how an arm would stop, and its neighbours.
+
+A course says where an arm will be, for those that must keep off it. A trajectory says how to get
+there, for the loop that commands it. So a course has only what a comparison of two arms needs: the
+time at which it begins, the jaw as a sixth joint, and straight lines between samples that may be
+far apart. It has no velocities, keeps no limits, and goes on for ever: the arm rests before it and
+after it.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +55,15 @@ class Course:
             object.__setattr__(self, "q", frozen_array(self.q, (-1, 6)))
 
     @classmethod
-    def stop(cls, q: Array, q_jaw: float, *, t: float, dt: float) -> Course:
-        """The course of an arm through ``q``, shape (n, 5), with the jaw at ``q_jaw`` [rad]."""
+    def through(cls, q: Array, q_jaw: float, *, t: float, dt: float) -> Course:
+        """The course of an arm through configurations ``dt`` apart, with the jaw where it is.
+
+        Args:
+            q: Joint angles at ``t`` and every ``dt`` after it, shape (n, 5), n >= 1, [rad].
+            q_jaw: The jaw at all of them [rad].
+            t: Time of the first [s].
+            dt: Time between them [s].
+        """
         path = np.empty((len(q), 6))
         path[:, :5], path[:, 5] = q, q_jaw
         path.setflags(write=False)
@@ -58,12 +72,12 @@ class Course:
     @classmethod
     def resting(cls, q: Array, q_jaw: float) -> Course:
         """The course of an arm that stays at ``q``, shape (5,), with the jaw at ``q_jaw`` [rad]."""
-        return cls.stop(q[None], q_jaw, t=0.0, dt=1.0)
+        return cls.through(q[None], q_jaw, t=0.0, dt=1.0)
 
     @classmethod
     def along(cls, motion: Samples, q_jaw: float, *, t: float = 0.0) -> Course:
         """The course of an arm that starts a motion at ``t`` [s], the jaw at ``q_jaw`` [rad]."""
-        return cls.stop(motion.q, q_jaw, t=t, dt=motion.dt)
+        return cls.through(motion.q, q_jaw, t=t, dt=motion.dt)
 
     @property
     def end(self) -> float:

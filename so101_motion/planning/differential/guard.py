@@ -7,7 +7,7 @@ A control cycle asks five questions:
   that are linearised in the joint angles: the arm slides along obstacles.
 * ``admits``: is a path free, and can the servos bear it? A proof. An arm that only takes steps from
   which an admitted path leads to rest never touches anything, however wrong the estimate was.
-* ``led``: how far may a hand lead the joints? Those that bring bodies too near are held back.
+* ``guided_to``: how far may a hand lead the joints? Those that bring bodies too near are held back.
 * ``contact``: which bodies does a path bring into contact that somebody else has planned?
 
 Belongs to one thread, like the ``CollisionModel``.
@@ -25,7 +25,7 @@ from so101_motion.planning.collision.batch_check import BOUND, NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
 from so101_motion.planning.collision.collision import ClosePair, CollisionModel
 from so101_motion.planning.collision.course import NearArms
-from so101_motion.planning.collision.led_apart import GAP
+from so101_motion.planning.collision.following_apart import GAP
 from so101_motion.planning.differential.nearest_within import BoundedStep
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 
@@ -60,9 +60,9 @@ ALONG = 0.001
 """A joint that brings bodies nearer by less than this moves along them [m/rad]. Chosen: a hand that
 turns the pan above a table is not held back, nor is the margin used up by a turn of 90 degrees."""
 
-LED_GAP = 0.005
-"""Gap beyond the margin at which a hand is held back [m]. Chosen: fitted servos that were led at 30
-deg/s by a hand of 2 N m went 5 mm farther than that in the median, and 9 mm at most."""
+GUIDED_GAP = 0.005
+"""Gap beyond the margin at which a hand is held back [m]. Chosen: fitted servos, led at 30 deg/s by
+a hand of 2 N m, went 5 mm farther than that in the median, and 9 mm at most."""
 
 PLACES = 4
 """Approximate number of samples of a path at which it is checked whether bodies part; chosen."""
@@ -163,28 +163,28 @@ class Guard:
             return q
         return q + nearest if active else q_target
 
-    def led(self, q: Array, q_led: Array, others: Sequence[NearArms] = ()) -> Array:
-        """How far a hand may lead the joints, shape (5,) or (k, 5), [rad]: from ``q`` to ``q_led``.
+    def guided_to(self, q: Array, q_guided: Array, others: Sequence[NearArms] = ()) -> Array:
+        """How far a hand may lead the joints from ``q`` to ``q_guided``; (5,) or (k, 5), [rad].
 
         Each joint that brings near bodies nearer, by ``ALONG`` or more, goes as far as leaves them
-        their margins and ``LED_GAP`` if no other joint makes room; the others go all the way. An
+        their margins and ``GUIDED_GAP`` if no other joint makes room; the others go all the way. An
         estimate, from distances that are linearised in the joint angles. The load is not checked.
 
         Args:
             q: Present configuration, shape (5,), [rad].
-            q_led: Where the hand leads it, shape (5,) or (k, 5), [rad]: a few degrees away.
+            q_guided: Where the hand leads it, shape (5,) or (k, 5), [rad]: a few degrees away.
             others: Near bodies of other arms.
         """
-        self._find_near(q, LED_GAP)
+        self._find_near(q, GUIDED_GAP)
         bounds = np.concatenate([self._bounds, *(each.bounds for each in others)])
         rates = np.where(np.abs(bounds[:, :5]) < ALONG, 0.0, bounds[:, :5])
-        step, least = np.atleast_2d(q_led - q), np.minimum(bounds[:, 5], 0.0)
+        step, least = np.atleast_2d(q_guided - q), np.minimum(bounds[:, 5], 0.0)
         nearer = np.minimum(rates * step[:, None], 0.0)  # by each joint [m]
         total, shares = nearer.sum(axis=2), np.ones_like(step)
         for i, k in np.argwhere(total < least):
             culprits = nearer[i, k] < 0.0
             shares[i, culprits] = np.minimum(shares[i, culprits], least[k] / total[i, k])
-        return q + (shares * step).reshape(q_led.shape)
+        return q + (shares * step).reshape(q_guided.shape)
 
     def _named(self, k: int, others: Sequence[NearArms], heavy: Sequence[TorqueReserve]) -> str:
         """Words for the obstacle or load of bound ``k``, counted as in ``within_reach``."""

@@ -24,11 +24,11 @@ from so101_motion.planning.timing.limits import MotionLimits
 
 
 class MovingAverage:
-    """Filters the positions of a leader that starts at rest.
+    """Filters the positions of a reference that starts at rest.
 
     Args:
         q: Start position, shape (n,), [rad].
-        limits: The leader's accelerations, and the jerk that the output shall keep.
+        limits: The reference's accelerations, and the jerk that the output shall keep.
         dt: Time step [s].
 
     Attributes:
@@ -40,16 +40,16 @@ class MovingAverage:
         self.steps = max(1, math.ceil(window / dt - 1e-9))
         self._trail = np.tile(q, (self.steps, 1))  # the oldest first
 
-    def follow(self, lead: Array) -> Array:
-        """The output after the leader has stepped to ``lead``, shape (n,), [rad]."""
+    def step(self, q: Array) -> Array:
+        """The output after the reference has stepped to ``q``, shape (n,), [rad]."""
         self._trail[:-1] = self._trail[1:]
-        self._trail[-1] = lead
-        # Relative to the leader, so that it is exact when all are the same.
-        return np.asarray(lead + (self._trail - lead).sum(axis=0) / self.steps)
+        self._trail[-1] = q
+        # Relative to the reference, so that it is exact when all are the same.
+        return np.asarray(q + (self._trail - q).sum(axis=0) / self.steps)
 
-    def ahead(self, lead: Array) -> Array:
-        """The coming outputs, step by step, until they rest at the end of ``lead`` (m, n)."""
-        end, steps = lead[-1], self.steps
+    def ahead(self, q: Array) -> Array:
+        """The coming outputs, step by step, until they rest at the end of ``q``, (m, n) [rad]."""
+        end, steps = q[-1], self.steps
         waiting = np.broadcast_to(end, (steps - 1, len(end)))
-        sums = np.cumsum(np.concatenate((self._trail, lead, waiting)) - end, axis=0)
+        sums = np.cumsum(np.concatenate((self._trail, q, waiting)) - end, axis=0)
         return np.asarray(end + (sums[steps:] - sums[:-steps]) / steps)

@@ -9,16 +9,17 @@ Given a target of the tool, each step computes the next joint velocities. How it
 each joint limit, each near pair of bodies and each joint near its torque limit, the room that is
 left must suffice to brake, so these are approached more and more slowly.
 
-*The leader.* Such a motion has no bound of jerk. It is only a leader, and the arm follows it
-through a filter (:mod:`moving_average`): late by half the time that acceleration needs to change
-from one extreme to the other, a tenth of a second with the default limits, and as smoothly as in
-any motion.
+*The unfiltered reference.* Such a motion has no bound of jerk. It is only a reference, which the
+arm gets through a filter (:mod:`moving_average`): late by half the time that acceleration needs to
+change from one extreme to the other, a tenth of a second with the default limits, and as smoothly
+as in any motion.
 
-*The proof.* The leader can always brake, all joints in proportion to their speed, and the path on
-which the arm then follows it to rest is known. The last step left such a path that is free, inside
-the limits and bearable. A new velocity is taken only if it leaves one too, which the known
-distances show or a ``Guard`` proves; otherwise the leader brakes. So whatever the target, and
-however wrong a linearised distance, the arm can always stop and never touches anything.
+*The proof.* The unfiltered reference can always brake, all joints in proportion to their speed, and
+the path to rest that the filter then makes for the arm is known. The last step left such a path
+that is free, inside the limits and bearable. A new velocity is taken only if it leaves one too,
+which the known distances show or a ``Guard`` proves; otherwise the reference brakes. So whatever
+the target, and however wrong a linearised distance, the arm can always stop and never touches
+anything.
 
 Velocities and accelerations are the first and second differences of the positions, exactly.
 
@@ -43,7 +44,7 @@ from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.collision import ClosePair, CollisionModel
 from so101_motion.planning.collision.course import Neighbours
-from so101_motion.planning.collision.led_apart import GAP
+from so101_motion.planning.collision.following_apart import GAP
 from so101_motion.planning.differential.guard import Guard, room_of
 from so101_motion.planning.differential.moving_average import MovingAverage
 from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
@@ -160,8 +161,8 @@ class Servo:
         self.neighbours, self._arm_near = neighbours, ""
         self.q, self.qd = frozen_array(q_start, (5,)), np.zeros(5)
         self._before = self.q
-        self._lead, self._lead_qd, self._braking_time = self.q, self.qd, 0.0
-        self._follower = MovingAverage(self.q, limits, dt)
+        self._q_unfiltered, self._qd_unfiltered, self._braking_time = self.q, self.qd, 0.0
+        self._filter = MovingAverage(self.q, limits, dt)
         self._model, self._limits, self._dt = model, limits, dt
         self._q_jaw = 0.0
         self._task, self._qp = TaskControl(model, limits, dt, frame), ServoQp()
@@ -182,16 +183,18 @@ class Servo:
 
         The first is that of the last step, the second the present one.
         """
-        lead = self._braking(self._lead, self._lead_qd, self._braking_time)
-        ahead = self._follower.ahead(lead[1:] if len(lead) > 1 else lead)
+        braking = self._braking(self._q_unfiltered, self._qd_unfiltered, self._braking_time)
+        ahead = self._filter.ahead(braking[1:] if len(braking) > 1 else braking)
         return np.concatenate((self._before[None], self.q[None], ahead))
 
     def step(self, target: Target, q_jaw: float = 0.0) -> Step:
         """Move on by one step towards a target, or brake."""
-        self._q_jaw, q, time = q_jaw, self._lead, self._braking_time
-        rest = q + 0.5 * time * self._lead_qd
+        self._q_jaw, q, time = q_jaw, self._q_unfiltered, self._braking_time
+        rest = q + 0.5 * time * self._qd_unfiltered
         wanted = self._task.velocity(target, q, rest - self._lower, self._upper - rest)
-        brake = self._lead_qd * max(0.0, 1.0 - self._dt / time) if time > 0.0 else self._lead_qd
+        brake = self._qd_unfiltered
+        if time > 0.0:
+            brake = brake * max(0.0, 1.0 - self._dt / time)
         if not wanted.qd.any():
             self._last = None
             return self._taken(brake, 1.0)
@@ -255,7 +258,8 @@ class Servo:
         """Bounds of the velocities that leave enough room to brake, also after this step."""
         # The joints may become a step's worth faster, and would brake as much longer.
         time = 1.5 * self._dt + 0.5 * self._braking_time
-        below, above = (self._lower - self._lead) / time, (self._upper - self._lead) / time
+        below = (self._lower - self._q_unfiltered) / time
+        above = (self._upper - self._q_unfiltered) / time
         G = np.array([each.gradient for each in against]).reshape(-1, 5)
         b = np.array([GAP - each.left for each in against]) / time
         gain = G @ brake
@@ -266,8 +270,8 @@ class Servo:
             # Something needs full braking now. The other joints go on if they can brake in time.
             left = max(0.0, self._braking_time - self._dt)
             top = np.minimum(top, self._limits.acceleration * left)
-        lower = np.maximum(np.maximum(self._lead_qd - change, -top), below)
-        upper = np.minimum(np.minimum(self._lead_qd + change, top), above)
+        lower = np.maximum(np.maximum(self._qd_unfiltered - change, -top), below)
+        upper = np.minimum(np.minimum(self._qd_unfiltered + change, top), above)
         # Braking is always among them.
         return _Room(
             np.minimum(lower, brake), np.maximum(upper, brake), G, np.minimum(b, gain), against
@@ -280,17 +284,17 @@ class Servo:
         """
         size, limits = np.abs(wanted), self._limits
         change = limits.acceleration * self._dt
-        along = np.maximum(np.sign(wanted) * self._lead_qd, 0.0) + change
+        along = np.maximum(np.sign(wanted) * self._qd_unfiltered, 0.0) + change
         moves = size > SAME
         return min(1.0, float((np.minimum(along, limits.velocity)[moves] / size[moves]).min()))
 
     def _can_stop(self, qd: Array) -> bool:
-        """Whether a step of the leader leaves a free and bearable path to rest."""
+        """Whether a step of the unfiltered reference leaves a free, bearable path to rest."""
         self._arm_near = ""
-        lead = self._braking(self._lead + self._dt * qd, qd, self._time_to_brake(qd))
-        if (lead[-1] < self._lower - SAME).any() or (lead[-1] > self._upper + SAME).any():
+        braking = self._braking(self._q_unfiltered + self._dt * qd, qd, self._time_to_brake(qd))
+        if (braking[-1] < self._lower - SAME).any() or (braking[-1] > self._upper + SAME).any():
             return False
-        ahead = self._follower.ahead(lead)
+        ahead = self._filter.ahead(braking)
         guard, every = self._checked_by
         path = np.concatenate((self.q[None], ahead[every - 1 : -1 : every], ahead[-1:]))
         if not guard.admits(path):
@@ -301,7 +305,7 @@ class Servo:
         return False
 
     def _braking(self, q: Array, qd: Array, time: float) -> Array:
-        """Positions of a leader that brakes for ``time`` [s] from ``q``, step by step.
+        """Positions of a reference that brakes for ``time`` [s] from ``q``, step by step.
 
         All joints brake in proportion, along a straight line; the first position is ``q``.
         """
@@ -309,10 +313,11 @@ class Servo:
         lost = 0.5 * self._dt * k * (k + 1.0) / time if time > 0.0 else k
         return np.asarray(q + (self._dt * (k - lost))[:, None] * qd)
 
-    def _taken(self, lead_qd: Array, share: float) -> Step:
-        self._lead, self._lead_qd = self._lead + self._dt * lead_qd, lead_qd
-        self._braking_time = self._time_to_brake(lead_qd)
-        q = self._follower.follow(self._lead)
+    def _taken(self, qd_unfiltered: Array, share: float) -> Step:
+        self._q_unfiltered = self._q_unfiltered + self._dt * qd_unfiltered
+        self._qd_unfiltered = qd_unfiltered
+        self._braking_time = self._time_to_brake(qd_unfiltered)
+        q = self._filter.step(self._q_unfiltered)
         qd = (q - self.q) / self._dt
         qdd = (qd - self.qd) / self._dt
         self._before, self.q, self.qd = self.q, q, qd
@@ -324,11 +329,11 @@ class Servo:
     def _limit_of(self, i: int, wanted: float) -> str | None:
         """The limit that keeps a joint from a velocity, for messages; None if none does."""
         up, speed = wanted > 0.0, abs(wanted)
-        rest = self._lead[i] + 0.5 * self._braking_time * self._lead_qd[i]
+        rest = self._q_unfiltered[i] + 0.5 * self._braking_time * self._qd_unfiltered[i]
         left = self._upper[i] - rest if up else rest - self._lower[i]
         if left < CLOSE and speed > 0.5 * left / self._dt:
             limit = self._model.upper[i] if up else self._model.lower[i]
-            if abs(limit - self._lead[i]) > 2.0 * CLOSE:
+            if abs(limit - self._q_unfiltered[i]) > 2.0 * CLOSE:
                 return "the arm stretched out"
             return f"{ARM_JOINTS[i]} at its {'upper' if up else 'lower'} limit"
         if speed > self._limits.velocity[i]:

@@ -1,4 +1,4 @@
-/* Declarations shared by apart.c and led_apart.c, which prove that two arms keep apart. */
+/* Declarations shared by apart.c and following_apart.c, which prove that two arms keep apart. */
 #ifndef SO101_APART_H
 #define SO101_APART_H
 
@@ -26,8 +26,8 @@ typedef struct {
     const double *q;
 } Course;
 
-/* Question, answer and memory of so101_led_apart; zeros before the first. The first fields are laid out
- * as in led_apart.py. */
+/* Question, answer and memory of so101_following_apart; zeros before the first. The first fields are
+ * laid out as in following_apart.py. */
 typedef struct {
     const Scene *scene[2]; /* of both arms */
     const double *levers[2];

@@ -62,7 +62,10 @@ class MotionLimits:
         )
 
     def for_one(self) -> MotionLimits:
-        """The smallest cap of each kind, for a single joint."""
+        """The smallest cap of each kind, for a single joint; none on the tool's speed.
+
+        One joint alone, such as the jaw, does not tell how fast the tool point goes.
+        """
         return MotionLimits.uniform(
             velocity=float(np.min(self.velocity)),
             acceleration=float(np.min(self.acceleration)),
@@ -74,10 +77,13 @@ class MotionLimits:
         """These limits with this share of velocity and acceleration, 0 to 1."""
         if share >= 1.0:
             return self
-        return self.scaled_to(share * self.velocity, share * self.acceleration)
+        return self.lowered_to(share * self.velocity, share * self.acceleration)
 
     def eased_to(self, other: MotionLimits, share: float) -> MotionLimits:
-        """Interpolate from these limits to others; ``share`` is clamped to 0 to 1."""
+        """Interpolate from these limits to others; ``share`` is clamped to 0 to 1.
+
+        Below 1 the result has no cap on the tool's speed: this eases followings, which have none.
+        """
         if share >= 1.0:
             return other
         u = max(share, 0.0)
@@ -87,8 +93,13 @@ class MotionLimits:
             jerk=self.jerk + u * (other.jerk - self.jerk),
         )
 
-    def scaled_to(self, velocity: ArrayLike, acceleration: ArrayLike) -> MotionLimits:
-        """These limits with velocity and acceleration lowered to the given caps where smaller."""
+    def lowered_to(self, velocity: ArrayLike, acceleration: ArrayLike) -> MotionLimits:
+        """These limits with velocity and acceleration lowered to given caps where those are less.
+
+        Args:
+            velocity: Scalar or shape (n,), [rad/s].
+            acceleration: Scalar or shape (n,), [rad/s^2].
+        """
         return MotionLimits(
             velocity=np.minimum(self.velocity, velocity),
             acceleration=np.minimum(self.acceleration, acceleration),

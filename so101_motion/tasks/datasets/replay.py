@@ -228,7 +228,7 @@ class _Run:
 
 def _gentle(limits: MotionLimits) -> MotionLimits:
     """Caps of the path to the first frame."""
-    return APPROACH.scaled_to(limits.velocity, limits.acceleration)
+    return APPROACH.lowered_to(limits.velocity, limits.acceleration)
 
 
 def _wait_for(future: Future[None]) -> None:

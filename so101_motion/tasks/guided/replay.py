@@ -212,18 +212,18 @@ def _cut(corners: GuidedPath, tolerance: float, pace: _Pace | None) -> Iterator[
     corners = corners.taken(_without_halves(corners, _STANDS * tolerance))
     jaw = corners.aperture
     assert jaw is not None
-    start, begin, closes, led = 0, float(jaw[0]), False, False
+    start, begin, closes, jaw_led = 0, float(jaw[0]), False, False
     for k in range(1, len(corners)):
         change = float(jaw[k] - jaw[k - 1])
         moves = abs(change) > _STILL
         leads = moves and pace.jaw_leads(corners, k)
         standing = moves and _is_near(corners, k - 1, k, (1.0 if leads else _STANDS) * tolerance)
         opens = moves and closes and change > 0.0
-        if standing or opens or ((leads or led) and k > 1):
+        if standing or opens or ((leads or jaw_led) and k > 1):
             yield _part(corners, start, k - 1, begin)
             # The jaw has arrived before the arm goes on, wherever it was while the arm stood.
             start, begin = k - 1, float(jaw[k] if standing else jaw[k - 1])
-        led = leads and not standing
+        jaw_led = leads and not standing
         closes = change < 0.0 if moves else closes
     yield _part(corners, start, len(corners) - 1, begin)
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from so101_motion.arm.cell import Cell
+from so101_motion.arm.cell_member import Stand
 from so101_motion.arm.gripper import move_jaw
-from so101_motion.arm.place import Stand
 from so101_motion.arm.team_motion import TeamStep
 from so101_motion.common.errors import Interrupted, MotionError, PlanningError, So101Error
 from so101_motion.planning.goals import Goal, JointGoal
@@ -119,11 +119,11 @@ def _asked(
     cell: Cell, step: Mapping[str, Waypoint]
 ) -> tuple[dict[str, Goal], dict[str, MotionLimits]]:
     goals: dict[str, Goal] = {name: JointGoal(q=each.q) for name, each in step.items()}
-    places = cell.places
+    members = cell.members
     eased = {
-        name: places[name].arm.limits.eased(each.speed)
+        name: members[name].arm.limits.eased(each.speed)
         for name, each in step.items()
-        if name in places
+        if name in members
     }
     return goals, eased
 
@@ -136,7 +136,7 @@ def _after(
     for name, waypoint in step.items():
         q_jaw = stands[name].q_jaw
         if waypoint.aperture is not None:
-            q_jaw = cell.places[name].gripper.angle_of(waypoint.aperture)
+            q_jaw = cell.members[name].gripper.angle_of(waypoint.aperture)
         after[name] = Stand(waypoint.q, q_jaw)
     return after
 
@@ -179,8 +179,8 @@ class CellProgramRun:
         """Check that all arms are where the next step begins; returns its plans."""
         self.where = where
         cell, as_planned = self._cell, True
-        for name, place in cell.places.items():
-            state, stand = place.arm.state, planned.stands[name]
+        for name, member in cell.members.items():
+            state, stand = member.arm.state, planned.stands[name]
             if float(np.max(np.abs(stand.q - state.q_ref))) > ARRIVED:
                 raise MotionError(f"{name} has been moved meanwhile; plan the program again")
             as_planned = as_planned and abs(state.q_jaw_ref - stand.q_jaw) <= SAME_JAW
@@ -190,11 +190,11 @@ class CellProgramRun:
         return cell.start_plan(goals, limits=limits)
 
     def _stay(self, name: str, waypoint: Waypoint, motion: Motion) -> None:
-        place = self._cell.places[name]
+        member = self._cell.members[name]
         if waypoint.aperture is not None:
-            move_jaw(place.gripper, waypoint.aperture, motion)
+            move_jaw(member.gripper, waypoint.aperture, motion)
         if waypoint.pause > 0.0:
-            motion.pause(place.clock, waypoint.pause)
+            motion.pause(member.clock, waypoint.pause)
 
     def _ended(self, _: Future[None]) -> None:
         with self._lock:

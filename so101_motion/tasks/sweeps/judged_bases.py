@@ -22,7 +22,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.tasks.sweeps.engine import SweepResult
 from so101_motion.tasks.sweeps.folder import SweepFolder
 from so101_motion.tasks.sweeps.mounted_arm import GAIN
-from so101_motion.tasks.sweeps.mounting import Cell
+from so101_motion.tasks.sweeps.mounting import LatticeIndex
 from so101_motion.tasks.sweeps.place import Placed, PlaceSweep, Screened
 from so101_motion.tasks.sweeps.placement_task import task_from
 
@@ -37,7 +37,7 @@ class Base(NamedTuple):
     """A base that was found.
 
     Attributes:
-        cell: Its place on the lattice.
+        lattice_index: Its place on the lattice.
         x: Its position in the cell [m].
         y: Its position in the cell [m].
         z: Its position in the cell [m].
@@ -49,7 +49,7 @@ class Base(NamedTuple):
         q: The joint angles at each pose, shape (n, 5), [rad].
     """
 
-    cell: Cell
+    lattice_index: LatticeIndex
     x: float
     y: float
     z: float
@@ -79,8 +79,8 @@ class JudgedBases:
     def __init__(self, sweep: PlaceSweep, folder: Path, run: RunStep) -> None:
         self.sweep, self._folder, self._run = sweep, folder, run
         self._steps = 0
-        self.screened: dict[Cell, Screened] = {}
-        self.placed: dict[Cell, Placed] = {}
+        self.screened: dict[LatticeIndex, Screened] = {}
+        self.placed: dict[LatticeIndex, Placed] = {}
         self.failed: dict[str, str] = {}
         self._ratio = math.inf  # the least time of a plan, by its bound
         self._digest = hashlib.sha256()
@@ -112,63 +112,65 @@ class JudgedBases:
             )
         return first
 
-    def screen(self, cells: Iterable[Cell]) -> None:
+    def screen(self, indices: Iterable[LatticeIndex]) -> None:
         """Screen the bases that have not been screened."""
-        new = tuple(dict.fromkeys(cell for cell in cells if cell not in self.screened))
+        new = tuple(dict.fromkeys(index for index in indices if index not in self.screened))
         if new:
-            self._screened_by(replace(self.sweep, cells=new))
+            self._screened_by(replace(self.sweep, indices=new))
 
     def _screened_by(self, sweep: PlaceSweep) -> None:
         for row in self._rows(replace(sweep, planned=False)):
-            cell = _cell(row[0])
-            self.screened[cell] = Screened(cell, *row[1:])
+            index = _index(row[0])
+            self.screened[index] = Screened(index, *row[1:])
 
-    def promising(self, cells: Iterable[Cell], than: Key) -> list[Cell]:
+    def promising(self, indices: Iterable[LatticeIndex], than: Key) -> list[LatticeIndex]:
         """Bases not planned yet whose bounds are better than a key, the best first."""
         left = [
-            cell
-            for cell in cells
-            if cell not in self.placed
-            and math.isfinite(self.screened[cell].time)
-            and self._bound(cell) < than
+            index
+            for index in indices
+            if index not in self.placed
+            and math.isfinite(self.screened[index].time)
+            and self._bound(index) < than
         ]
         return sorted(left, key=self._bound)
 
-    def plan(self, cells: Iterable[Cell], *, jittered: bool = False) -> None:
+    def plan(self, indices: Iterable[LatticeIndex], *, jittered: bool = False) -> None:
         """Plan bases, again if they have been planned."""
-        wanted = tuple(dict.fromkeys(cells))
+        wanted = tuple(dict.fromkeys(indices))
         if not wanted:
             return
         jittered |= self.sweep.by == "robust"
-        for row in self._rows(replace(self.sweep, cells=wanted, planned=True, jittered=jittered)):
-            cell = _cell(row[0])
-            self.placed[cell] = Placed(cell, *row[1:])
-        for cell in wanted:  # of shards that failed; those are reported at the end
-            self.placed.setdefault(cell, Placed.nowhere(cell, "failed", 1))
-        ratios = (self.placed[cell].time / self.screened[cell].time for cell in wanted)
+        for row in self._rows(replace(self.sweep, indices=wanted, planned=True, jittered=jittered)):
+            index = _index(row[0])
+            self.placed[index] = Placed(index, *row[1:])
+        for index in wanted:  # of shards that failed; those are reported at the end
+            self.placed.setdefault(index, Placed.nowhere(index, "failed", 1))
+        ratios = (self.placed[index].time / self.screened[index].time for index in wanted)
         self._ratio = min(self._ratio, *ratios)
 
-    def ranked(self, cells: Iterable[Cell]) -> list[Cell]:
+    def ranked(self, indices: Iterable[LatticeIndex]) -> list[LatticeIndex]:
         """The bases that have a plan, the best first."""
         good = [
-            cell for cell in cells if cell in self.placed and math.isfinite(self.placed[cell].time)
+            index
+            for index in indices
+            if index in self.placed and math.isfinite(self.placed[index].time)
         ]
         return sorted(good, key=self.key)
 
-    def key(self, cell: Cell) -> Key:
+    def key(self, index: LatticeIndex) -> Key:
         """The sort key of a planned base."""
-        it = self.placed[cell]
-        return (*first_of(self.sweep.by, it.time, it.clearance, it.torque_left, it.robust), *cell)
+        it = self.placed[index]
+        return (*first_of(self.sweep.by, it.time, it.clearance, it.torque_left, it.robust), *index)
 
-    def base(self, cell: Cell) -> Base:
+    def base(self, index: LatticeIndex) -> Base:
         """A planned base with its place."""
-        it, (x, y, z, turn) = self.placed[cell], self.sweep.region.place(cell)
+        it, (x, y, z, turn) = self.placed[index], self.sweep.region.place(index)
         return Base(
-            cell, x, y, z, turn, it.time, it.clearance, it.torque_left, it.robust, np.array(it.q)
+            index, x, y, z, turn, it.time, it.clearance, it.torque_left, it.robust, np.array(it.q)
         )
 
-    def _bound(self, cell: Cell) -> Key:
-        it = self.screened[cell]
+    def _bound(self, index: LatticeIndex) -> Key:
+        it = self.screened[index]
         # A base is not worth planning if it cannot gain more than GAIN, or if its plan would have
         # to be nearer to its bound than any plan is: with passed poses, bounds are far off.
         time = it.time * (1.0 if self._ratio == math.inf else self._ratio) / (1.0 - GAIN)
@@ -203,6 +205,6 @@ def first_of(by: str, time: float, clearance: float, left: float, robust: float)
     return (time,)
 
 
-def _cell(row: NDArray[np.int64]) -> Cell:
+def _index(row: NDArray[np.int64]) -> LatticeIndex:
     x, y, z, turn = row.tolist()
     return x, y, z, turn

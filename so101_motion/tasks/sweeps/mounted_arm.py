@@ -22,7 +22,7 @@ import numpy as np
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.planning.collision.anytime import evenly
+from so101_motion.planning.collision.apart_at_any_timing import evenly
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.bodies import around_base
 from so101_motion.planning.collision.collision import CollisionModel

@@ -36,7 +36,7 @@ _MOST = 100_000
 
 _TABLE_SIZE = np.array([3.0, 3.0, 0.05])
 
-Cell = tuple[int, int, int, int]
+LatticeIndex = tuple[int, int, int, int]
 """A base's place on the lattice: steps along x, y, z and of the turn."""
 
 
@@ -108,33 +108,33 @@ class Region:
                 f"makes more than {_MOST} bases; take a wider one, or a smaller region",
             )  # fmt: skip
 
-    def cells(self) -> Iterator[Cell]:
+    def first_round(self) -> Iterator[LatticeIndex]:
         """The bases of the first round."""
         for x, y, z, turn in itertools.product(*(range(count) for count in self._counts())):
             yield COARSE * x, COARSE * y, COARSE * z, COARSE * turn
 
-    def around(self, cell: Cell, step: int) -> Iterator[Cell]:
+    def around(self, index: LatticeIndex, step: int) -> Iterator[LatticeIndex]:
         """The bases of the region next to one, ``step`` steps away along some of the axes."""
         counts = self._counts()
         ways = [(0,) if count == 1 else (-step, 0, step) for count in counts]
         for offsets in itertools.product(*ways):
-            moved = [at + by for at, by in zip(cell, offsets, strict=True)]
+            moved = [at + by for at, by in zip(index, offsets, strict=True)]
             if self._whole_turn:
                 moved[3] %= COARSE * counts[3]
             last = (COARSE * (count - 1) for count in counts[:3])
             inside = all(0 <= at <= end for at, end in zip(moved, last, strict=False))
             turns = self._whole_turn or 0 <= moved[3] <= COARSE * (counts[3] - 1)
-            if inside and turns and tuple(moved) != cell:
+            if inside and turns and tuple(moved) != index:
                 yield moved[0], moved[1], moved[2], moved[3]
 
-    def are_apart(self, cell: Cell, other: Cell) -> bool:
+    def are_apart(self, index: LatticeIndex, other: LatticeIndex) -> bool:
         """Whether two bases are more than a step of the first round apart, along any axis."""
-        off = [abs(a - b) for a, b in zip(cell, other, strict=True)]
+        off = [abs(a - b) for a, b in zip(index, other, strict=True)]
         if self._whole_turn:
             off[3] = min(off[3], COARSE * self._counts()[3] - off[3])
         return max(off) > COARSE
 
-    def place(self, cell: Cell) -> tuple[float, float, float, float]:
+    def place(self, index: LatticeIndex) -> tuple[float, float, float, float]:
         """Position of a base of the lattice, x, y, z [m], and its turn [rad]."""
         ends = (self.x, self.y, self.z, self.turn)
         steps = (self.spacing,) * 3 + (self.turn_step,)
@@ -142,14 +142,14 @@ class Region:
             (low if self._whole_turn and axis == 3 else 0.5 * (low + high - (count - 1) * step))
             + at * step / COARSE
             for axis, ((low, high), count, step, at) in enumerate(
-                zip(ends, self._counts(), steps, cell, strict=True)
+                zip(ends, self._counts(), steps, index, strict=True)
             )
         )
         return x, y, z, math.remainder(turn, 2.0 * math.pi)
 
-    def base(self, cell: Cell) -> SE3:
+    def base(self, index: LatticeIndex) -> SE3:
         """``T_cell_base`` of a base of the lattice."""
-        *p, turn = self.place(cell)
+        *p, turn = self.place(index)
         return SE3(self._R_mount @ rot_z(turn), np.array(p))
 
     def jittered(self, T_cell_base: SE3) -> Iterator[SE3]:

@@ -2,7 +2,8 @@
 
 Both repeat their cycles at their own speed, and neither waits: wherever one arm is on its path, it
 keeps as far off every configuration of the other as planned arms do
-(``planning/collision/anytime.py``). So two computers may run them without knowing of each other.
+(``planning/collision/apart_at_any_timing.py``). So two computers may run them without knowing of
+each other.
 
 How it works. Bases of each arm are screened and planned as for one (``placement.py``), some more
 while they may still give better pairs. All pairs of planned bases are checked against each other,
@@ -27,14 +28,14 @@ import numpy as np
 from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.units import to_mm
 from so101_motion.files.scene_file import scene_from
-from so101_motion.planning.collision.anytime import never_meet
 from so101_motion.planning.collision.apart import ROOM
+from so101_motion.planning.collision.apart_at_any_timing import never_meet
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.bodies import around_base
 from so101_motion.planning.collision.scene import Scene, StandingArm
 from so101_motion.tasks.sweeps.engine import WorkerPool
 from so101_motion.tasks.sweeps.judged_bases import Base, JudgedBases, Key, first_of
-from so101_motion.tasks.sweeps.mounting import COARSE, Cell
+from so101_motion.tasks.sweeps.mounting import COARSE, LatticeIndex
 from so101_motion.tasks.sweeps.place import PlaceSweep
 from so101_motion.tasks.sweeps.placement import (
     BATCH,
@@ -50,7 +51,7 @@ from so101_motion.tasks.sweeps.placement_task import task_from
 _HELD = 5000
 """So many pairs are checked before more bases are planned. Chosen: a minute."""
 
-Pair = tuple[Cell, Cell]
+Pair = tuple[LatticeIndex, LatticeIndex]
 
 
 class BasePair(NamedTuple):
@@ -138,7 +139,7 @@ class _PairSearch:
             worst = self._key(pairs[-1]) if len(pairs) == BEST else (math.inf,)
             planned = 0
             for arm, screened in zip(self._arms, first, strict=True):
-                promising = arm.promising((each.cell for each in screened), worst)[:BATCH]
+                promising = arm.promising((each.lattice_index for each in screened), worst)[:BATCH]
                 arm.plan(promising)
                 planned += len(promising)
             if not planned:
@@ -207,14 +208,15 @@ class _PairSearch:
         """Move one arm of each pair to the best base ``step`` around it."""
         arm = self._arms[which]
         around = [list(arm.sweep.region.around(pair[which], step)) for pair in pairs]
-        arm.screen(cell for cells in around for cell in cells)
+        arm.screen(index for indices in around for index in indices)
         promising = []
-        for pair, cells in zip(pairs, around, strict=True):
-            promising += arm.promising(cells, self._key(pair))[:OF_A_PLACE]
+        for pair, indices in zip(pairs, around, strict=True):
+            promising += arm.promising(indices, self._key(pair))[:OF_A_PLACE]
         arm.plan(promising)
-        for k, (pair, cells) in enumerate(zip(pairs, around, strict=True)):
+        for k, (pair, indices) in enumerate(zip(pairs, around, strict=True)):
             moved = [
-                (cell, pair[1]) if which == 0 else (pair[0], cell) for cell in arm.ranked(cells)
+                (index, pair[1]) if which == 0 else (pair[0], index)
+                for index in arm.ranked(indices)
             ]
             better = sorted(
                 (each for each in moved if self._key(each) < self._key(pair)), key=self._key
@@ -230,8 +232,8 @@ class _PairSearch:
         return self._known[pair]
 
     def _proven_apart(self, pair: Pair) -> bool:
-        a, b = (arm.sweep.region.base(cell) for arm, cell in zip(self._arms, pair, strict=True))
-        ways = [arm.placed[cell].way for arm, cell in zip(self._arms, pair, strict=True)]
+        a, b = (arm.sweep.region.base(index) for arm, index in zip(self._arms, pair, strict=True))
+        ways = [arm.placed[index].way for arm, index in zip(self._arms, pair, strict=True)]
         T = a.inverse @ b
         if not never_meet(self._bodies[0], self._bodies[1], T, ways[0], ways[1]):
             return False
@@ -240,11 +242,11 @@ class _PairSearch:
         return around_base(model, Scene(arms=(other,), floor_z=None)) is None
 
     def _pair(self, pair: Pair) -> BasePair:
-        first, second = (arm.base(cell) for arm, cell in zip(self._arms, pair, strict=True))
+        first, second = (arm.base(index) for arm, index in zip(self._arms, pair, strict=True))
         return BasePair((first, second), *self._figures(pair))
 
     def _figures(self, pair: Pair) -> tuple[float, float, float, float]:
-        one, other = (arm.placed[cell] for arm, cell in zip(self._arms, pair, strict=True))
+        one, other = (arm.placed[index] for arm, index in zip(self._arms, pair, strict=True))
         return (
             max(one.time, other.time),
             min(one.clearance, other.clearance),
@@ -253,7 +255,7 @@ class _PairSearch:
         )
 
     def _key(self, pair: Pair) -> Key:
-        both = sum(arm.placed[cell].time for arm, cell in zip(self._arms, pair, strict=True))
+        both = sum(arm.placed[index].time for arm, index in zip(self._arms, pair, strict=True))
         return (*first_of(self._by, *self._figures(pair)), both, *pair[0], *pair[1])
 
     def _apart_nowhere(self) -> PlanningError:

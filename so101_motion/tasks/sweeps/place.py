@@ -20,7 +20,7 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.files.scene_file import scene_from
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.sweeps.mounted_arm import CRITERIA, MountedArm, MountedCaps
-from so101_motion.tasks.sweeps.mounting import Cell, FixedArm, Region
+from so101_motion.tasks.sweeps.mounting import FixedArm, LatticeIndex, Region
 from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.placement_task import task_from
 
@@ -35,7 +35,7 @@ class PlaceSweep:
     Attributes:
         task: The task as JSON text; see ``placement_task.task_text``.
         region: The lattice.
-        cells: The bases; None for those of the region's first round.
+        indices: The bases; None for those of the region's first round.
         planned: Whether they are planned, or only screened.
         jittered: Whether bases near them are judged as well, if they are planned.
         by: The criterion, one of ``CRITERIA``.
@@ -50,7 +50,7 @@ class PlaceSweep:
 
     task: str
     region: Region
-    cells: tuple[Cell, ...] | None = None
+    indices: tuple[LatticeIndex, ...] | None = None
     planned: bool = False
     jittered: bool = False
     by: str = "time"
@@ -84,9 +84,9 @@ class PlaceSweep:
         return max(1, -(-self.items // self._of_a_shard))
 
     @property
-    def bases(self) -> tuple[Cell, ...]:
+    def bases(self) -> tuple[LatticeIndex, ...]:
         """All bases."""
-        return tuple(self.region.cells()) if self.cells is None else self.cells
+        return tuple(self.region.first_round()) if self.indices is None else self.indices
 
     @property
     def _of_a_shard(self) -> int:
@@ -106,7 +106,7 @@ class Screened(NamedTuple):
     """The result of screening a base: bounds that no plan can beat.
 
     Attributes:
-        cell: The base.
+        lattice_index: The base's place on the lattice.
         time: Lower bound on the cycle time [s]; infinite if a pose cannot be reached.
         clearance: Upper bound on the clearance beyond the margins [m].
         torque_left: Upper bound on the share of the servos' holding torque that is left.
@@ -114,7 +114,7 @@ class Screened(NamedTuple):
             obstacle.
     """
 
-    cell: Cell
+    lattice_index: LatticeIndex
     time: float
     clearance: float
     torque_left: float
@@ -125,7 +125,7 @@ class Placed(NamedTuple):
     """The result of planning a base.
 
     Attributes:
-        cell: The base.
+        lattice_index: The base's place on the lattice.
         time: Cycle time with pauses, without the jaw's own time [s]; infinite without a plan.
         clearance: Smallest clearance beyond the margins, measured every tenth of a second [m].
         torque_left: Smallest share of the servos' holding torque that is left.
@@ -136,7 +136,7 @@ class Placed(NamedTuple):
         way: Joints and jaw along the whole cycle, shape (m, 6), [rad]; the last row may repeat.
     """
 
-    cell: Cell
+    lattice_index: LatticeIndex
     time: float
     clearance: float
     torque_left: float
@@ -146,10 +146,10 @@ class Placed(NamedTuple):
     way: Array
 
     @classmethod
-    def nowhere(cls, cell: Cell, why: str, poses: int) -> Placed:
+    def nowhere(cls, index: LatticeIndex, why: str, poses: int) -> Placed:
         """A base without a plan."""
         q, way = np.full((poses, 5), np.nan), np.full((1, 6), np.nan)
-        return cls(cell, math.inf, -math.inf, -math.inf, 0.0, why, q, way)
+        return cls(index, math.inf, -math.inf, -math.inf, 0.0, why, q, way)
 
 
 class _Judge:
@@ -174,8 +174,8 @@ class _Judge:
         """The columns of a shard, one row a base: the fields of ``Screened`` or ``Placed``."""
         planned = self._sweep.planned
         count = PLANNED if planned else SCREENED
-        cells = self._bases[number * count : (number + 1) * count]
-        rows = [self._planned(each) if planned else self._screened(each) for each in cells]
+        indices = self._bases[number * count : (number + 1) * count]
+        rows = [self._planned(each) if planned else self._screened(each) for each in indices]
         kind = Placed if planned else Screened
         columns = {name: [getattr(row, name) for row in rows] for name in kind._fields}
         if planned:
@@ -189,23 +189,23 @@ class _Judge:
     def _seen(self, T_cell_base: SE3) -> Scene:
         return self._sweep.region.seen_from(self._scene, T_cell_base)
 
-    def _screened(self, cell: Cell) -> Screened:
-        T_cell_base = self._sweep.region.base(cell)
+    def _screened(self, index: LatticeIndex) -> Screened:
+        T_cell_base = self._sweep.region.base(index)
         choice, missed = self._arm.choice(T_cell_base, self._seen(T_cell_base))
         if choice is None:
-            return Screened(cell, math.inf, -math.inf, -math.inf, missed)
-        return Screened(cell, self._arm.least_time(choice), *choice.bounds(), missed)
+            return Screened(index, math.inf, -math.inf, -math.inf, missed)
+        return Screened(index, self._arm.least_time(choice), *choice.bounds(), missed)
 
-    def _planned(self, cell: Cell) -> Placed:
-        T_cell_base = self._sweep.region.base(cell)
+    def _planned(self, index: LatticeIndex) -> Placed:
+        T_cell_base = self._sweep.region.base(index)
         scene = self._seen(T_cell_base)
         choice, _ = self._arm.choice(T_cell_base, scene)
         found = "Unreachable" if choice is None else self._arm.planned(choice, scene)
         if isinstance(found, str):
-            return Placed.nowhere(cell, found, len(self._task.poses))
+            return Placed.nowhere(index, found, len(self._task.poses))
         clearance, left = self._arm.figures(found, scene)
         robust, way = self._robust(T_cell_base), self._arm.way(found)
-        return Placed(cell, found.time, clearance, left, robust, "", found.q, way)
+        return Placed(index, found.time, clearance, left, robust, "", found.q, way)
 
     def _robust(self, T_cell_base: SE3) -> float:
         if not self._sweep.jittered:

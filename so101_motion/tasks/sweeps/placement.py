@@ -19,7 +19,7 @@ from pathlib import Path
 from so101_motion.common.errors import PlanningError
 from so101_motion.tasks.sweeps.engine import Progress, SweepResult, WorkerPool, run_sweep
 from so101_motion.tasks.sweeps.judged_bases import Base, JudgedBases, RunStep
-from so101_motion.tasks.sweeps.mounting import COARSE, Cell
+from so101_motion.tasks.sweeps.mounting import COARSE, LatticeIndex
 from so101_motion.tasks.sweeps.place import PlaceSweep, Screened
 
 BEST = 10
@@ -73,7 +73,7 @@ def find_bases(
     """Find the best bases for a task, or resume such a search.
 
     Args:
-        sweep: The parameters; the search sets ``cells``, ``planned`` and ``jittered`` itself.
+        sweep: The parameters; the search sets ``indices``, ``planned`` and ``jittered`` itself.
         folder: The folder for the steps.
         workers: As for ``run_sweep``; better a pool, because there are some dozens of steps.
         executor: As for ``run_sweep``.
@@ -116,7 +116,7 @@ class _Search:
         """Run all rounds."""
         bases = self._bases
         first = bases.first_round()
-        self._plan([each.cell for each in first])
+        self._plan([each.lattice_index for each in first])
         middles = self._places()
         step = COARSE // 2
         while step:
@@ -130,52 +130,54 @@ class _Search:
         if bases.sweep.by != "robust":
             bases.plan(best, jittered=True)
         return Placement(
-            best=tuple(bases.base(cell) for cell in best),
+            best=tuple(bases.base(index) for index in best),
             screened=first,
             planned=len(bases.placed),
             failed=bases.failed,
             sha256=bases.sha256,
         )
 
-    def _plan(self, cells: list[Cell]) -> None:
+    def _plan(self, indices: list[LatticeIndex]) -> None:
         """Plan bases until no other one can be among the best."""
         for _ in range(BATCHES):
             best = self._places()
             worst = self._bases.key(best[-1]) if len(best) == BEST else (math.inf,)
-            promising = self._bases.promising(cells, worst)[:BATCH]
+            promising = self._bases.promising(indices, worst)[:BATCH]
             if not promising:
                 return
             self._bases.plan(promising)
 
-    def _closer(self, middles: list[Cell], which: list[int], step: int) -> list[int]:
+    def _closer(self, middles: list[LatticeIndex], which: list[int], step: int) -> list[int]:
         """Move some bases to the best one ``step`` around them; returns those that moved."""
         bases = self._bases
         around = {k: list(self._region.around(middles[k], step)) for k in which}
-        bases.screen(cell for cells in around.values() for cell in cells)
+        bases.screen(index for indices in around.values() for index in indices)
         for _ in range(_CLOSER):
             promising = []
-            for k, cells in around.items():
-                best = bases.key(bases.ranked([middles[k], *cells])[0])
-                promising += bases.promising(cells, best)[:OF_A_PLACE]
+            for k, indices in around.items():
+                best = bases.key(bases.ranked([middles[k], *indices])[0])
+                promising += bases.promising(indices, best)[:OF_A_PLACE]
             if not promising:
                 break
             bases.plan(promising)
         moved = []
-        for k, cells in around.items():
-            best_cell = bases.ranked([middles[k], *cells])[0]
-            if best_cell != middles[k]:
-                middles[k] = best_cell
+        for k, indices in around.items():
+            moved_to = bases.ranked([middles[k], *indices])[0]
+            if moved_to != middles[k]:
+                middles[k] = moved_to
                 moved.append(k)
         return moved
 
-    def _places(self) -> list[Cell]:
+    def _places(self) -> list[LatticeIndex]:
         """The best ten planned bases, none of them next to a better one."""
         return distinct(self._bases.ranked(self._bases.placed), self._region.are_apart)
 
 
-def distinct(ranked: Iterable[Cell], are_apart: Callable[[Cell, Cell], bool]) -> list[Cell]:
+def distinct(
+    ranked: Iterable[LatticeIndex], are_apart: Callable[[LatticeIndex, LatticeIndex], bool]
+) -> list[LatticeIndex]:
     """The first ten bases that are apart from all before them."""
-    chosen: list[Cell] = []
+    chosen: list[LatticeIndex] = []
     for each in ranked:
         if all(are_apart(each, other) for other in chosen):
             chosen.append(each)

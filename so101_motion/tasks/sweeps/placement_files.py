@@ -45,7 +45,7 @@ def write_placement(
     for number, base in enumerate(placement.best, 1):
         _write_base(sweep, base, folder, f"{number:02d}")
         if sweep.others:
-            _write_cell({arm: sweep.region.base(base.cell)}, sweep, folder, number)
+            _write_cell({arm: sweep.region.base(base.lattice_index)}, sweep, folder, number)
     rows = [in_figures(base) for base in placement.best]
     _write_table(folder, sweep.by, placement.sha256, rows)
     atomic.write(folder / "map.svg", placement_map(placement, sweep).encode())
@@ -69,7 +69,7 @@ def write_pairs(
         placed = {}
         for name, sweep, base in zip(names, sweeps, pair.bases, strict=True):
             _write_base(sweep, base, folder, f"{number:02d}-{name}")
-            placed[name] = sweep.region.base(base.cell)
+            placed[name] = sweep.region.base(base.lattice_index)
         _write_cell(placed, sweeps[0], folder, number)
     rows = [pair_in_figures(pair, names) for pair in found.best]
     _write_table(folder, sweeps[0].by, found.sha256, rows)
@@ -81,7 +81,7 @@ def _write_base(sweep: PlaceSweep, base: Base, folder: Path, called: str) -> Non
     best = folder / "best"
     best.mkdir(exist_ok=True)
     write_program(task_from(json.loads(sweep.task)).program(base.q), best / f"{called}.json")
-    seen = sweep.region.seen_from(_scene(sweep), sweep.region.base(base.cell))
+    seen = sweep.region.seen_from(_scene(sweep), sweep.region.base(base.lattice_index))
     write_scene(seen, best / f"{called}-scene.json")
 
 
@@ -136,11 +136,13 @@ def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
     arms.
     """
     task = task_from(json.loads(sweep.task))
-    places = {each.cell: sweep.region.place(each.cell) for each in placement.screened}
+    places = {
+        each.lattice_index: sweep.region.place(each.lattice_index) for each in placement.screened
+    }
     across, up = _axes(sweep)
     bound: dict[tuple[float, float], float] = {}
     for each in placement.screened:
-        at = places[each.cell][across], places[each.cell][up]
+        at = places[each.lattice_index][across], places[each.lattice_index][up]
         bound[at] = min(bound.get(at, math.inf), each.time)
     left = min(x for x, _ in bound)
     top = max(y for _, y in bound)
@@ -176,9 +178,9 @@ def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
             f"{escape(arm.name)}</text>"
         )
     for number, base in reversed([*enumerate(placement.best, 1)]):
-        place = sweep.region.place(base.cell)
+        place = sweep.region.place(base.lattice_index)
         px, py = pixels(place[across], place[up])
-        ahead = sweep.region.base(base.cell).R[:, 0]
+        ahead = sweep.region.base(base.lattice_index).R[:, 0]
         dx, dy = 24.0 * ahead[across], -24.0 * ahead[up]
         parts.append(
             f'<path d="M{px:.1f} {py:.1f}l{dx:.1f} {dy:.1f}" stroke="#c92a2a" stroke-width="3"/>'

@@ -71,7 +71,7 @@ class ProgramCheckSweep:
     @property
     def items(self) -> int:
         """How many paths from stop to stop it has."""
-        return len(_ways(self.taught))
+        return len(_paths(self.taught))
 
     shards = items
 
@@ -99,7 +99,7 @@ class _Check:
             q = self._reading.angles(np.array([each.q for each in program.waypoints]))
             moved = zip(program.waypoints, q, strict=True)
             program = replace(program, waypoints=tuple(replace(each, q=of) for each, of in moved))
-        self._program, self._ways = program, _ways(program)
+        self._program, self._paths = program, _paths(program)
         self._model, self._sweep = RobotModel.load(), sweep
         self._scene = scene_from(json.loads(sweep.scene), folder=None)
         self._collision = CollisionModel(self._model, self._scene)
@@ -107,26 +107,29 @@ class _Check:
         self._jaws = jaw_angles(apertures, goes_around=program.rounds != 1)
 
     def shard(self, number: int) -> Columns:
-        """The columns of a shard.
+        """The columns of a shard: n waypoints up to a stop, and the path to it.
 
-        For each of the n waypoints up to a stop: ``waypoint``, its index; ``why`` the arm cannot be
-        there, empty if it can. For the path to the stop: ``way``, why there is none, empty if there
-        is one or if a waypoint failed; ``duration`` [s], 0 without a path.
+        Of the waypoints, shape (n,): ``waypoint``, the index in the program; ``waypoint_problem``,
+        why the arm cannot be there, empty if it can. Of the path, shape (1,): ``path_problem``, why
+        there is no path, empty if there is one or none was planned because a waypoint has a
+        problem; ``duration`` of the motion [s], 0 without a path.
         """
-        origin, indices = self._ways[number]
-        whys = [
+        origin, indices = self._paths[number]
+        waypoint_problems = [
             self._blocked(index, before)
             for index, before in zip(indices, (origin, *indices), strict=False)
         ]
-        way, duration = "", 0.0
+        path_problem, duration = "", 0.0
         # Where the arm comes from is not known if the program runs once.
         begin, leg = (indices[0], indices[1:]) if origin is None else (origin, indices)
-        if len(leg) and not any(whys) and not self._blocked(begin, None):
-            way, duration = self._planned(leg, self._program.waypoints[begin].q, self._jaws[begin])
+        if len(leg) and not any(waypoint_problems) and not self._blocked(begin, None):
+            path_problem, duration = self._planned(
+                leg, self._program.waypoints[begin].q, self._jaws[begin]
+            )
         return {
             "waypoint": np.array(indices, dtype=np.int64),
-            "why": np.array(whys, dtype="U200"),
-            "way": np.array([way], dtype="U200"),
+            "waypoint_problem": np.array(waypoint_problems, dtype="U200"),
+            "path_problem": np.array([path_problem], dtype="U200"),
             "duration": np.array([duration]),
         }
 
@@ -163,15 +166,15 @@ class _Check:
         return "", 0.0 if plan is None else plan.duration
 
 
-def _ways(program: Program) -> list[tuple[int | None, range]]:
+def _paths(program: Program) -> list[tuple[int | None, range]]:
     """The paths of a program: the stop that each begins at, and the waypoints on it.
 
     The stop is None for the arm's own position; a program of several rounds comes from its last
     stop.
     """
     first = None if program.rounds == 1 else len(program) - 1
-    ways = ((each.origin, each.indices) for each in program.visits(most=2))
-    return [*dict.fromkeys((first if origin is None else origin, way) for origin, way in ways)]
+    paths = ((each.origin, each.indices) for each in program.visits(most=2))
+    return [*dict.fromkeys((first if origin is None else origin, each) for origin, each in paths)]
 
 
 def program_check_summary(
@@ -193,13 +196,12 @@ def program_check_summary(
             continue
         waypoints, stops = waypoints | {*shard["waypoint"].tolist()}, stops + 1
         duration += float(shard["duration"][0])
-        for index, why in zip(shard["waypoint"].tolist(), shard["why"].tolist(), strict=True):
-            if why:
-                failed[program.called(index)] = why
-        if shard["way"][0]:
-            failed[f"the path to {program.called(shard['waypoint'].tolist()[-1])}"] = str(
-                shard["way"][0]
-            )
+        indices, problems = shard["waypoint"].tolist(), shard["waypoint_problem"].tolist()
+        for index, problem in zip(indices, problems, strict=True):
+            if problem:
+                failed[program.called(index)] = problem
+        if shard["path_problem"][0]:
+            failed[f"the path to {program.called(indices[-1])}"] = str(shard["path_problem"][0])
     figures: dict[str, float] = {
         "waypoints": len(waypoints),
         "stops": stops,

@@ -287,8 +287,8 @@ class LocalFollower(Follower):
         """See ``Follower.detach``."""
         if self._end is not None:
             self._end()
-        led, self._following, self._jaw = (self._following, self._jaw), None, None
-        for each in led:
+        followings, self._following, self._jaw = (self._following, self._jaw), None, None
+        for each in followings:
             if each is not None:
                 each.close().exception()
 
@@ -310,7 +310,7 @@ class LocalFollower(Follower):
         if jaw.executor.state.mode in (Mode.LIMP, Mode.FAULT):
             raise NotHolding("the follower's jaw does not hold; let its servos hold first")
         limits = jaw.gripper.limits
-        slow = limits.scaled_to(JAW_APPROACH * limits.velocity, limits.acceleration)
+        slow = limits.lowered_to(JAW_APPROACH * limits.velocity, limits.acceleration)
         self._jaw = jaw.gripper.open_following(approach=slow)
 
     @property

@@ -127,8 +127,8 @@ class MachineExecutor(MotionRunner):
             MotionError: Always; says what to do instead.
         """
         raise MotionError(
-            "the arm of a machine cannot be jogged, streamed to or led over the network; plan a"
-            " motion, or send goals with start_retarget"
+            "the arm of a machine cannot be jogged, streamed to or made to follow targets over the"
+            " network; plan a motion, or send goals with start_retarget"
         )
 
     def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:

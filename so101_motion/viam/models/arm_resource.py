@@ -2,9 +2,9 @@
 
 Each method converts its arguments, calls the arm and converts the result. Stop goes from the event
 loop straight to the arm's I/O thread; calls that block (release, close) run in a thread of their
-own. A ``Motion`` is awaited with ``arrival``, so that it ends when its client goes away. Forward
-kinematics takes microseconds and runs on the event loop, because the kinematic model belongs to one
-thread.
+own. A ``Motion`` is awaited with ``wait_for_arrival``, so that it ends when its client goes away.
+Forward kinematics takes microseconds and runs on the event loop, because the kinematic model
+belongs to one thread.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Configured
 from so101_motion.viam.models.dependencies import motion_name, sources
 from so101_motion.viam.models.gripper_resource import GripperResource
-from so101_motion.viam.requests.await_motion import arrival, in_own_thread, left_alone, rest
+from so101_motion.viam.requests import await_motion
 from so101_motion.viam.requests.commands import (
     KEYS,
     Command,
@@ -223,7 +223,7 @@ class ArmResource(Configured, Arm):
                 await self.arrived(self._start_move(JointGoal(q=q_goal), Search()))
             else:
                 await self.guarded_scene.known()
-                left_alone(self._retarget(q_goal), self.logger)
+                await_motion.log_failure_of(self._retarget(q_goal), self.logger)
 
     async def move_through_joint_positions(
         self,
@@ -259,7 +259,7 @@ class ArmResource(Configured, Arm):
             if waits:
                 await self.arrived(motion)
             else:
-                left_alone(motion, self.logger)
+                await_motion.log_failure_of(motion, self.logger)
 
     # The SDK declares its async generator as a coroutine that returns one.
     async def move_through_joint_positions_streamed(  # type: ignore[override]
@@ -344,11 +344,11 @@ class ArmResource(Configured, Arm):
 
     async def arrived(self, motion: Motion) -> None:
         """Wait until a motion of this arm has arrived; a cancelled wait ends it first."""
-        await arrival(motion, self._come_to_rest)
+        await await_motion.wait_for_arrival(motion, self._come_to_rest)
 
     async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
         """Wait until a motion that is being ended is over, also if it failed."""
-        await rest(over)
+        await await_motion.rest(over)
 
     # Manual mode
 
@@ -442,7 +442,7 @@ class ArmResource(Configured, Arm):
         await self.paths.close()
         await self.guarded_scene.close()
         await self.surroundings.close()
-        await in_own_thread(self._leave)
+        await await_motion.in_own_thread(self._leave)
 
     def _leave(self) -> None:
         with suppress(So101Error):  # the servos may not answer any more

@@ -19,7 +19,7 @@ from so101_motion.viam.component_config import CalibrationConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured, Dependencies
-from so101_motion.viam.requests.await_motion import carried_out
+from so101_motion.viam.requests.await_motion import run_to_end
 from so101_motion.viam.requests.commands import answer
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class So101Calibration(Configured, Sensor):
 
     async def close(self) -> None:
         """Undo a running calibration, and close the port."""
-        await carried_out(self._calibrator.close)
+        await run_to_end(self._calibrator.close)
 
 
 def _port_settings(wanted: CalibrationConfig) -> ServoSettings:

@@ -25,7 +25,7 @@ from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.models.gripper_resource import GripperResource, clamped
 from so101_motion.viam.models.hardware_arm import HardwareArm
-from so101_motion.viam.requests.await_motion import arrival, left_alone
+from so101_motion.viam.requests.await_motion import log_failure_of, wait_for_arrival
 from so101_motion.viam.requests.commands import Taking, in_deg
 from so101_motion.viam.requests.servo_commands import controller, health, out_of_fault, ready
 
@@ -107,7 +107,7 @@ class HardwareGripper(GripperResource):
     async def open(self, **kwargs: Any) -> None:
         """Open to 95 %; returns when it is open."""
         with grpc_statuses():
-            await arrival(await self._start(self._open_percent))
+            await wait_for_arrival(await self._start(self._open_percent))
 
     async def grab(self, **kwargs: Any) -> bool:
         """Close until something stops the jaw, and hold the object gently.
@@ -118,7 +118,7 @@ class HardwareGripper(GripperResource):
         with grpc_statuses():
             await out_of_fault(self.rig)
             closed = self._closed_percent / 100.0
-            await arrival(self._watched(self._gripper.start_grab(closed)))
+            await wait_for_arrival(self._watched(self._gripper.start_grab(closed)))
             return self._gripper.is_holding
 
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
@@ -151,7 +151,7 @@ class HardwareGripper(GripperResource):
             return
         with suppress(ServoAlarm):
             here = min(max(self._gripper.aperture, 0.0), 1.0)
-            await arrival(self._watched(self._gripper.start_move(here)))
+            await wait_for_arrival(self._watched(self._gripper.start_move(here)))
         for _ in range(10):
             if GRIPPER_JOINT not in self.rig.arm.state.reading.alarms:
                 return
@@ -193,7 +193,7 @@ class HardwareGripper(GripperResource):
             jaw = self._gripper
             q = self.rig.servos.to_angle(GRIPPER_JOINT, round(min(max(ticks, 0.0), 4095.0)))
             percentage = 100.0 * (q - jaw.closed) / (jaw.opened - jaw.closed)
-            left_alone(await self._start(clamped(percentage)), self.logger)
+            log_failure_of(await self._start(clamped(percentage)), self.logger)
             return {"success": True}
         for key in ("percentage", "position_percentage"):
             if given.given(key):
@@ -209,9 +209,9 @@ class HardwareGripper(GripperResource):
         percentage = clamped(percentage)
         motion = await self._start(percentage)
         if waits:
-            await arrival(motion)
+            await wait_for_arrival(motion)
         else:
-            left_alone(motion, self.logger)
+            log_failure_of(motion, self.logger)
         return percentage
 
     async def _controller_status(self) -> dict[str, Any]:

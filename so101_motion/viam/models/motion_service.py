@@ -265,7 +265,7 @@ class So101Motion(ServiceForAnArm, MotionService):
             wanted.constraints, counts_turn=options.metric is GoalMetric.FULL_POSE
         )
         if wanted.constraints is not None:
-            refuse_through(arm.place, wanted.constraints)
+            refuse_through(arm.cell_member, wanted.constraints)
             for specification in wanted.constraints.collision_specification:
                 scene = await allowing(scene, specification, frames)
         T_tool_component = await frames.T_tool(wanted.component)

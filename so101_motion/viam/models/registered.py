@@ -33,19 +33,20 @@ class RegisteredModel:
         api: Its API.
         model: Its name.
         file: The file in this folder that has it, without ending.
-        name: The class in that file.
+        class_name: The class in that file.
         plans: Whether it has an arm, and so needs the planning process.
     """
 
     api: API
     model: Model
     file: str
-    name: str
+    class_name: str
     plans: bool = False
 
     def load(self) -> type[Configured]:
         """Import it; takes half a second the first time."""
-        found: type[Configured] = getattr(import_quietly(f"{__package__}.{self.file}"), self.name)
+        module = import_quietly(f"{__package__}.{self.file}")
+        found: type[Configured] = getattr(module, self.class_name)
         return found
 
     def validate_config(self, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
@@ -59,12 +60,14 @@ class RegisteredModel:
         return made
 
 
-def _of(api: API, model: str, file: str, name: str, *, plans: bool = False) -> RegisteredModel:
+def _of(
+    api: API, model: str, file: str, class_name: str, *, plans: bool = False
+) -> RegisteredModel:
     return RegisteredModel(
         api=api,
         model=Model.from_string(f"devrel:so101:{model}"),
         file=file,
-        name=name,
+        class_name=class_name,
         plans=plans,
     )
 

@@ -19,7 +19,7 @@ from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.models.gripper_resource import GripperResource, clamped
-from so101_motion.viam.requests.await_motion import arrival, left_alone
+from so101_motion.viam.requests.await_motion import log_failure_of, wait_for_arrival
 from so101_motion.viam.requests.commands import Taking
 
 
@@ -63,12 +63,12 @@ class SimulatedGripper(GripperResource):
     async def open(self, **kwargs: Any) -> None:
         """Open fully; returns when it is open."""
         with grpc_statuses():
-            await arrival(self._start(1.0))
+            await wait_for_arrival(self._start(1.0))
 
     async def grab(self, **kwargs: Any) -> bool:
         """Close fully; returns when it is closed. It never holds anything: False."""
         with grpc_statuses():
-            await arrival(self._start(0.0))
+            await wait_for_arrival(self._start(0.0))
         return False
 
     def _start(self, aperture: float) -> Motion:
@@ -107,7 +107,7 @@ class SimulatedGripper(GripperResource):
     async def _go(self, percentage: float, *, waits: bool = False) -> float:
         """Start moving to a percentage; never waits."""
         percentage = clamped(percentage)
-        left_alone(self._start(percentage / 100.0), self.logger)
+        log_failure_of(self._start(percentage / 100.0), self.logger)
         return percentage
 
     def _position(self) -> dict[str, Any]:

@@ -50,7 +50,7 @@ from so101_motion.viam.models.teleop_remote import (
     RemoteFollower,
     RemoteLeader,
 )
-from so101_motion.viam.requests.await_motion import carried_out
+from so101_motion.viam.requests.await_motion import run_to_end
 from so101_motion.viam.requests.commands import Command, Taking, answer
 from so101_motion.viam.surroundings.guarded_scene import GuardedScene
 
@@ -139,7 +139,7 @@ class So101Teleop(Configured, Generic):
             self._starting.cancel()
         async with self._one_at_a_time:
             if self._session is not None:
-                await carried_out(self._session.stop)
+                await run_to_end(self._session.stop)
         return {"running": False}
 
     async def _status(self) -> dict[str, Any]:
@@ -185,12 +185,12 @@ class So101Teleop(Configured, Generic):
             else max(LOST_AFTER, 2.5 / self._rate),
         )
         try:
-            await carried_out(lambda: session.start(recorder))
+            await run_to_end(lambda: session.start(recorder))
         except BaseException:
             if recorder is not None:
                 recorder.close()
             self._record = None
-            await carried_out(session.close)
+            await run_to_end(session.close)
             raise
         self._session = session
         if guarded is not None:
@@ -205,7 +205,7 @@ class So101Teleop(Configured, Generic):
         if self._informing is not None:
             self._informing.cancel()
         if session is not None:
-            await carried_out(session.close)
+            await run_to_end(session.close)
 
     def _guarded_scene(self, follower: Follower) -> GuardedScene | None:
         """What tells the follower's guard about the machine; None if this module guards nothing."""

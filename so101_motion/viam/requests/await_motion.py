@@ -25,7 +25,7 @@ Rest = Callable[[asyncio.Future[None]], Awaitable[None]]
 """Waits until a motion that is being ended is over, also if it failed."""
 
 
-async def arrival(motion: Motion, come_to_rest: Rest | None = None) -> None:
+async def wait_for_arrival(motion: Motion, come_to_rest: Rest | None = None) -> None:
     """Wait until the arm has arrived; when the wait is cancelled, stop this motion first.
 
     Args:
@@ -80,7 +80,7 @@ def in_own_thread(job: Callable[[], T]) -> asyncio.Future[T]:
     return asyncio.wrap_future(own_thread(job))
 
 
-async def carried_out(job: Callable[[], T]) -> T:
+async def run_to_end(job: Callable[[], T]) -> T:
     """Run ``job`` in a thread to its end, even if the wait for it is cancelled.
 
     A cancellation takes effect after the job, so that no other step starts before its end.
@@ -89,10 +89,10 @@ async def carried_out(job: Callable[[], T]) -> T:
         Exception: As ``job`` raised it.
         asyncio.CancelledError: The wait was cancelled; the job is over.
     """
-    return await finished(in_own_thread(job))
+    return await wait_to_end(in_own_thread(job))
 
 
-async def finished(step: Awaitable[T]) -> T:
+async def wait_to_end(step: Awaitable[T]) -> T:
     """Wait for a step to its end, even if the wait is cancelled."""
     future = asyncio.ensure_future(step)
     try:
@@ -118,7 +118,7 @@ class TurnQueue:
             await asyncio.sleep(0)
 
 
-def left_alone(motion: Motion, logger: logging.Logger) -> None:
+def log_failure_of(motion: Motion, logger: logging.Logger) -> None:
     """Log the error of a ``motion`` that no caller waits for."""
 
     def report(done: Future[None]) -> None:

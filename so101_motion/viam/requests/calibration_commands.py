@@ -19,7 +19,7 @@ from so101_motion.common.units import to_deg
 from so101_motion.setup import setup_steps
 from so101_motion.setup.calibrator import Calibrator, StepResult
 from so101_motion.setup.situation_json import about_servo
-from so101_motion.viam.requests.await_motion import carried_out
+from so101_motion.viam.requests.await_motion import run_to_end
 from so101_motion.viam.requests.commands import Command, Taking
 
 
@@ -111,7 +111,7 @@ class CalibrationCommands:
 
     async def _restore(self, given: Attributes) -> dict[str, Any]:
         number = _whole(given, "number", 9999)
-        ended = await carried_out(lambda: self._calibrator.restore(number))
+        ended = await run_to_end(lambda: self._calibrator.restore(number))
         stored = ended.stored
         assert stored is not None
         return {
@@ -145,7 +145,7 @@ class CalibrationCommands:
         }
 
     async def _carry_out(self, step: steps.Command, *, accept: Collection[str] = ()) -> StepResult:
-        return await carried_out(partial(self._calibrator.step, step, accept=accept))
+        return await run_to_end(partial(self._calibrator.step, step, accept=accept))
 
     def _next(self) -> dict[str, Any]:
         view = self._calibrator.situation.view
@@ -166,7 +166,7 @@ class CalibrationCommands:
 
     async def _discover(self, given: Attributes) -> dict[str, Any]:
         joint = _motor_name(given)
-        found = await carried_out(lambda: self._setup.discover(joint))
+        found = await run_to_end(lambda: self._setup.discover(joint))
         return {
             "success": True,
             "motor_name": joint,
@@ -181,7 +181,7 @@ class CalibrationCommands:
         joint = _motor_name(given)
         current, target = _whole(given, "current_id", 253), _whole(given, "target_id", 253)
         baud = _whole(given, "current_baudrate", 10_000_000)
-        done = await carried_out(
+        done = await run_to_end(
             lambda: self._setup.assign(
                 joint, current_id=current, target_id=target, current_baud=baud
             )
@@ -200,7 +200,7 @@ class CalibrationCommands:
 
     async def _skip(self, given: Attributes) -> dict[str, Any]:
         joint = _motor_name(given)
-        skipped = await carried_out(lambda: self._setup.skip(joint))
+        skipped = await run_to_end(lambda: self._setup.skip(joint))
         return {
             "success": True,
             "motor_name": joint,
@@ -210,11 +210,11 @@ class CalibrationCommands:
 
     async def _forget(self, given: Attributes) -> dict[str, Any]:
         joint = _motor_name(given)
-        await carried_out(lambda: self._setup.forget(joint))
+        await run_to_end(lambda: self._setup.forget(joint))
         return {"success": True, "motor_name": joint, "next_step": self._setup.view.next_step}
 
     async def _verify(self) -> dict[str, Any]:
-        found = await carried_out(self._setup.verify)
+        found = await run_to_end(self._setup.verify)
         return {
             "success": found.ok,
             "all_ok": found.ok,
@@ -226,7 +226,7 @@ class CalibrationCommands:
         }
 
     async def _scan(self) -> dict[str, Any]:
-        found = await carried_out(self._setup.scan)
+        found = await run_to_end(self._setup.scan)
         return {
             "success": True,
             "servos_found": len(found.servos),
@@ -236,7 +236,7 @@ class CalibrationCommands:
         }
 
     async def _reset_status(self) -> dict[str, Any]:
-        await carried_out(self._setup.reset)
+        await run_to_end(self._setup.reset)
         return {"success": True, "status": self._setup.view.status}
 
     # All steps of a workflow

@@ -129,7 +129,7 @@ async def _surroundings(arm: Arm, standing: Callable[[Scene], Awaitable[Scene]])
 
 def _others(arm: Arm) -> Iterator[StandingArm]:
     """The other arms that it keeps off: where each is now, and where its motion ends."""
-    for other in () if arm.place is None else arm.place.others():
+    for other in () if arm.cell_member is None else arm.cell_member.others():
         q = other.course.q
         yield StandingArm(
             name=other.name,

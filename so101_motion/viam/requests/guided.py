@@ -32,7 +32,7 @@ from so101_motion.tasks.guided import (
 from so101_motion.tasks.guided.path import TOLERANCE
 from so101_motion.tasks.guided.replay import TOLERANCE_RANGE
 from so101_motion.tasks.teleop.local_arms import jaw_of
-from so101_motion.viam.requests.await_motion import carried_out, finished, own_thread
+from so101_motion.viam.requests.await_motion import own_thread, run_to_end, wait_to_end
 from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.manual import LONGEST
 
@@ -89,7 +89,7 @@ class PathCommands:
         file, replace = _file(given), given.flag("replace", False)
         seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
         files.refuse_taken(file, replace=replace)
-        return await finished(self._begin(file, seconds, replace=replace))
+        return await wait_to_end(self._begin(file, seconds, replace=replace))
 
     async def _begin(self, file: Path, seconds: float, *, replace: bool) -> dict[str, Any]:
         async with self._one_at_a_time:
@@ -165,7 +165,7 @@ class PathCommands:
 
         if outline:
             async with self._one_outline:
-                await carried_out(plan)
+                await run_to_end(plan)
         else:
             await self._arm.set_manual_mode(False)  # holds again after a fault, too
             # Planning and replay are one motion, so a stop ends it while it is being planned, too.
@@ -201,7 +201,7 @@ def _limits(given: Attributes, own: MotionLimits) -> MotionLimits:
     def cap(key: str, bounds: tuple[float, float], unit: str) -> float:
         return to_rad(given.number(key, bounds[1], lower=bounds[0], upper=bounds[1], unit=unit))
 
-    return own.scaled_to(
+    return own.lowered_to(
         cap("speed_degs_per_sec", SPEED_RANGE_DEG, "deg/s"),
         cap("acceleration_degs_per_sec_per_sec", ACCELERATION_RANGE_DEG, "deg/s^2"),
     )

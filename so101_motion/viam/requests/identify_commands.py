@@ -14,7 +14,7 @@ from so101_motion.common.errors import CalibrationError, ConfigError, MotionErro
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.request import Search
 from so101_motion.rig.hardware_rig import HardwareRig
-from so101_motion.viam.requests.await_motion import carried_out, in_own_thread, rest
+from so101_motion.viam.requests.await_motion import in_own_thread, rest, run_to_end
 from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.servo_commands import out_of_fault
 from so101_motion.viam.surroundings.surroundings import Surroundings
@@ -67,16 +67,16 @@ class IdentifyCommands:
             if self._surroundings.is_asked():
                 scene = await self._surroundings.around(scene)
             identification = Identification(self._rig, joints, Search(scene=scene))
-            planned = await carried_out(identification.outline)
+            planned = await run_to_end(identification.outline)
             plan_json = {"will_move": planned.sentence, "cannot_move": dict(planned.obstacles)}
             if outline:
                 return {**plan_json, "duration_s": round(planned.duration, 1)}
             await self._moved(identification, planned)
-            report = await carried_out(
+            report = await run_to_end(
                 partial(identification.report, hand_is_empty=not carrying, keeps=not check)
             )
             if report.file is not None:
-                await carried_out(self._rig.reload)
+                await run_to_end(self._rig.reload)
             return {**plan_json, **report.to_json()}
         finally:
             self._is_under_way = False
@@ -101,6 +101,6 @@ class IdentifyCommands:
             raise CalibrationError(
                 None, "no calibration file is configured", 'set "calibration_file"'
             )
-        kept = await carried_out(partial(servo_file.restore, file))
-        await carried_out(self._rig.reload)
+        kept = await run_to_end(partial(servo_file.restore, file))
+        await run_to_end(self._rig.reload)
         return {"at": kept.at, "file": str(servo_file.servos_path(file))}

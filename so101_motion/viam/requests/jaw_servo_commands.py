@@ -20,7 +20,7 @@ from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError, MotionError
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.rig.hardware_rig import HardwareRig
-from so101_motion.viam.requests.await_motion import left_alone
+from so101_motion.viam.requests.await_motion import log_failure_of
 from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.servo_commands import out_of_fault
 
@@ -78,7 +78,7 @@ class JawServoCommands:
         # An object in the way of a closing jaw is gripped, not crushed.
         start = jaw.start_grab if aperture < jaw.aperture else jaw.start_move
         self._latest = start(aperture, limits=limits)
-        left_alone(self._latest, self._logger)
+        log_failure_of(self._latest, self._logger)
         return echo
 
     async def _moving(self, given: Attributes) -> dict[str, Any]:

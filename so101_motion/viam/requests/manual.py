@@ -15,7 +15,7 @@ from so101_motion.common.attributes import checked_number
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import Interrupted, So101Error, SurroundingsUnknown
 from so101_motion.common.modes import Mode
-from so101_motion.viam.requests.await_motion import finished, in_own_thread
+from so101_motion.viam.requests.await_motion import in_own_thread, wait_to_end
 from so101_motion.viam.surroundings.guarded_scene import GuardedScene
 
 LOOK_EVERY = 0.5
@@ -31,7 +31,7 @@ class ManualMode:
     Args:
         arm: The arm.
         logger: Gets a warning if the arm cannot hold when the time is up, and one for each thing
-            that the arm is led into.
+            that a hand leads the arm into.
         surroundings: Lets the arm know what is around it.
 
     Attributes:
@@ -61,7 +61,7 @@ class ManualMode:
             So101Error: The joints could not be switched.
         """
         checked_number("enabled_for", enabled_for, lower=0.0, upper=LONGEST, unit="s")
-        await finished(self._switch(enabled, enabled_for, compliance))
+        await wait_to_end(self._switch(enabled, enabled_for, compliance))
 
     async def _switch(
         self, enabled: bool, enabled_for: float, compliance: Compliance | None

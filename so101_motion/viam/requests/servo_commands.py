@@ -21,7 +21,7 @@ from so101_motion.control.limit_recovery import remarks
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.servo_driver import ServoDriver
 from so101_motion.setup.diagnosis import examine, explain
-from so101_motion.viam.requests.await_motion import carried_out
+from so101_motion.viam.requests.await_motion import run_to_end
 from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.manual import ManualMode
 
@@ -153,7 +153,7 @@ class ServoCommands:
         self._manual.forget()
         if enable:
             await out_of_fault(self._rig)
-        await carried_out(lambda: self._rig.arm.set_torque(enable))
+        await run_to_end(lambda: self._rig.arm.set_torque(enable))
         return {"success": True}
 
     async def _set_torque_limit(self, given: Attributes) -> dict[str, Any]:
@@ -247,7 +247,7 @@ class ServoCommands:
         problem: So101Error | None = None
         for _ in range(retries):
             try:
-                await carried_out(self._rig.reload)
+                await run_to_end(self._rig.reload)
                 await out_of_fault(self._rig)
                 await asyncio.wrap_future(self._rig.executor.hold())
             except So101Error as error:
@@ -267,7 +267,7 @@ class ServoCommands:
                     ' "reinitialize" to read the servos\' registers again',
                 )
             found = await asyncio.to_thread(store.load, file)
-            await carried_out(self._rig.reload)
+            await run_to_end(self._rig.reload)
         except So101Error as error:
             return {"success": False, "error": str(error)}
         loaded = f"calibration of {len(found.calibration)} joints loaded; the arm did not move"

@@ -126,18 +126,18 @@ async def _cell_of(
         await arms[name].ready()
     first = arms[names[0]]
     scenes = {first.short_name: await first.surroundings.around(first.rig.arm.scene)}
-    place = first.rig.arm.place
-    if place is None or not set(names) <= place.cell.places.keys():
+    member = first.rig.arm.cell_member
+    if member is None or not set(names) <= member.cell.members.keys():
         raise ConfigError(
             key,
             sorted(names),
             "do not share a cell; give each arm a frame in the machine's configuration, and the"
             ' same "simulate_time" to all',
         )
-    for name in place.cell.places.keys() - scenes.keys():
+    for name in member.cell.members.keys() - scenes.keys():
         arm = arms[name]
         scenes[name] = await arm.surroundings.around(arm.rig.arm.scene)
-    return place.cell, scenes
+    return member.cell, scenes
 
 
 async def _all_seen_through(

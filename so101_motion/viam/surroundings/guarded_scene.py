@@ -7,7 +7,7 @@ motion, and again while targets keep coming or the stream or teleoperation goes 
 building what the guard needs are done beside the motion, which goes on meanwhile.
 
 What a camera sees is not part of it: a picture takes long, is another one each time, and shows what
-the arm is led to.
+the arm is to reach.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from grpclib.exceptions import StreamTerminatedError
 from viam.proto.common import Geometry, Pose, PoseInFrame
 from viam.proto.robot import FrameSystemConfig
 
-from so101_motion.arm.place import ALL
+from so101_motion.arm.cell_member import ALL
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Attached, Shape, ShapeFile

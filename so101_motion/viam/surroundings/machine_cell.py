@@ -15,7 +15,7 @@ from typing import Protocol
 from viam.proto.service.motion import Constraints
 
 from so101_motion.arm.cell import Cell
-from so101_motion.arm.place import Place, RigWithExecutor
+from so101_motion.arm.cell_member import CellMember, RigWithExecutor
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3
@@ -67,14 +67,14 @@ class MachineCell:
                 self._leave(name)
             for name, T in bases.items():
                 self._join(name, T)
-            place = self._joined[own].arm.place if own in self._joined else None
-            return frozenset() if place is None else place.minded
+            member = self._joined[own].arm.cell_member if own in self._joined else None
+            return frozenset() if member is None else member.minded
 
     def know(self, own: str, held: Mapping[str, tuple[Attached, ...]]) -> None:
         """Set what arms hold, by their names, as arm ``own`` has read it."""
         joined = self._joined.get(own)
-        if joined is not None and joined.arm.place is not None:
-            joined.arm.place.held = dict(held)
+        if joined is not None and joined.arm.cell_member is not None:
+            joined.arm.cell_member.held = dict(held)
 
     def leave(self, name: str, rig: RigWithExecutor) -> None:
         """Note that an arm is about to be closed; does nothing for one that has not joined.
@@ -93,10 +93,10 @@ class MachineCell:
         arm = self._arms.get(name)
         if arm is None:
             return
-        joined, place = self._joined.get(name), arm.rig.arm.place
-        if joined is arm.rig and place is not None:
-            if not nearly(place.T_cell_base, T, _STAYED):
-                place.T_cell_base = T
+        joined, member = self._joined.get(name), arm.rig.arm.cell_member
+        if joined is arm.rig and member is not None:
+            if not nearly(member.T_cell_base, T, _STAYED):
+                member.T_cell_base = T
             return
         self._leave(name)
         cell = self._cells.setdefault(_time_of(arm.rig.clock), Cell())
@@ -110,7 +110,7 @@ class MachineCell:
         if rig is not None:
             with suppress(So101Error):  # its control loop may have ended
                 self._cells[_time_of(rig.clock)].remove(name, rig)
-            self._cells = {key: each for key, each in self._cells.items() if each.places}
+            self._cells = {key: each for key, each in self._cells.items() if each.members}
 
 
 def held_by(bodies: Iterable[Body], arms: Collection[str]) -> dict[str, tuple[Attached, ...]]:
@@ -124,7 +124,7 @@ def held_by(bodies: Iterable[Body], arms: Collection[str]) -> dict[str, tuple[At
     return {name: tuple(things) for name, things in held.items()}
 
 
-def refuse_through(place: Place | None, constraints: Constraints) -> None:
+def refuse_through(member: CellMember | None, constraints: Constraints) -> None:
     """Refuse a request that allows contact with an arm of the same cell.
 
     Raises:
@@ -133,7 +133,7 @@ def refuse_through(place: Place | None, constraints: Constraints) -> None:
     for specification in constraints.collision_specification:
         for allow in specification.allows:
             for name in (allow.frame1, allow.frame2):
-                if place is not None and name.partition(":")[0] in place.minded:
+                if member is not None and name.partition(":")[0] in member.minded:
                     reason = (
                         "is an arm of this process, and contact with it cannot be allowed in a"
                         " request; to ignore it, name it in the other arm's"

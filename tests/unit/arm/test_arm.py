@@ -187,7 +187,7 @@ def test_an_arm_that_follows_stays_off_the_table_and_slides_along_it(arm, clock)
     run_until(clock, following.close().done)
 
 
-def test_an_unguarded_following_goes_where_it_is_led(arm, clock):
+def test_an_unguarded_following_goes_where_it_is_sent(arm, clock):
     following = in_time(clock, arm.open_unguarded_following)
     for _ in range(400):
         following.aim(np.radians([0.0, 60.0, 0.0, 40.0, 0.0]))

@@ -8,9 +8,9 @@ import pytest
 from harness.cell_pair import crossing_task
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
-from so101_motion.arm import place as place_module
+from so101_motion.arm import cell_member as member_module
 from so101_motion.arm.cell import Cell
-from so101_motion.arm.place import Place
+from so101_motion.arm.cell_member import CellMember
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import (
     ConfigError,
@@ -52,7 +52,7 @@ def test_a_move_that_begins_while_another_arm_moves_arrives_without_coming_near(
 
 def test_an_arm_that_waits_longer_than_planned_says_so_once_and_for_whom(pair_of, caplog):
     """Its plan was made while the other stood at its goal, and is carried out while that moves."""
-    caplog.set_level("INFO", "so101_motion.arm.place")
+    caplog.set_level("INFO", "so101_motion.arm.cell_member")
     facing = Facing(38)
     starts, goals = crossing_task(facing)
     pair = pair_of(facing, goals[0], starts[1])
@@ -181,10 +181,10 @@ def test_an_arm_that_left_the_cell_is_ignored(pair_of):
     pair = pair_of(facing, *starts)
     with pytest.raises(ConfigError, match="twice"):
         pair.cell.add("left", pair.rigs[0], SE3.identity())
-    assert [each.name for each in pair.left.place.others()] == ["right"]
+    assert [each.name for each in pair.left.cell_member.others()] == ["right"]
     pair.cell.remove("right", pair.rigs[1])
-    assert pair.left.place.others() == ()
-    assert pair.right.place is None
+    assert pair.left.cell_member.others() == ()
+    assert pair.right.cell_member is None
 
 
 def test_one_stop_brings_all_arms_to_rest(pair_of):
@@ -194,7 +194,7 @@ def test_one_stop_brings_all_arms_to_rest(pair_of):
     motion = pair.left.start_move(JointGoal(q=goals[0]))
     while not pair.left.is_moving:
         pair.advance()
-    stops = [place.arm.start_stop() for place in pair.cell.places.values()]
+    stops = [member.arm.start_stop() for member in pair.cell.members.values()]
     while not all(each.done() for each in stops):
         pair.advance()
     with pytest.raises(So101Error):
@@ -230,14 +230,14 @@ def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
 
 def start_with_a_late_arm(pair_of, monkeypatch, seconds):
     """Begin a common motion for which the left arm's thread, on a busy computer, comes late."""
-    own = Place.entered
+    own = CellMember.entered
 
-    def late(place, trajectory, pause):
-        if place.name == "left":
+    def late(member, trajectory, pause):
+        if member.name == "left":
             pause(seconds)
-        return own(place, trajectory, pause)
+        return own(member, trajectory, pause)
 
-    monkeypatch.setattr(Place, "entered", late)
+    monkeypatch.setattr(CellMember, "entered", late)
     facing = Facing(33)
     starts, goals = crossing_task(facing)
     pair = pair_of(facing, *starts)
@@ -262,7 +262,7 @@ def test_an_arm_that_is_ready_late_begins_with_the_other(pair_of, monkeypatch):
 
 
 def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(pair_of, monkeypatch):
-    monkeypatch.setattr(place_module, "LATEST", 0.01)  # here a later begin would do, too
+    monkeypatch.setattr(member_module, "LATEST", 0.01)  # here a later begin would do, too
     pair, motions = start_with_a_late_arm(pair_of, monkeypatch, 0.3)
     before = pair.left.state.q_ref
     pair.finish(*motions.values())
@@ -287,7 +287,7 @@ def test_a_common_motion_that_was_looked_at_is_carried_out_as_it_is(pair_of):
     for name, motion in motions.items():
         motion.result()
         assert motion.plan is plans[name]
-        np.testing.assert_allclose(pair.cell.places[name].arm.state.q_ref, plans[name].q_goal)
+        np.testing.assert_allclose(pair.cell.members[name].arm.state.q_ref, plans[name].q_goal)
 
 
 def test_a_common_motion_is_refused_when_an_arm_holds_more_than_it_was_planned_for(pair_of):
@@ -326,7 +326,7 @@ def test_stopping_one_arm_of_a_common_motion_stops_all(pair_of, name):
     until_both_move(pair, *motions.values())
     for _ in range(20):
         pair.advance()
-    pair.cell.places[name].arm.start_stop()
+    pair.cell.members[name].arm.start_stop()
     pair.finish(*motions.values())
     said = {each: str(motion.future.exception()) for each, motion in motions.items()}
     other = next(each for each in said if each != name)

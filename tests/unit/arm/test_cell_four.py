@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.bench_crowd import LAYOUTS, Crowd, by_themselves, led, together
+from benchmarks.bench_crowd import LAYOUTS, Crowd, by_themselves, follow_targets, together
 from so101_motion.planning.collision.apart import GUARDED, ROOM
 
 
@@ -13,8 +13,8 @@ def crowd(layout):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_four_arms_that_are_led_into_the_middle_keep_apart(crowd):
-    ends = led(crowd, 150)
+def test_four_arms_that_follow_targets_into_the_middle_keep_apart(crowd):
+    ends = follow_targets(crowd, 150)
     assert crowd.touching == 0
     assert ends["held by another [arm ticks]"] > 150
     assert 0.5 * GUARDED < crowd.solids.nearest_hulls < 2.0 * GUARDED

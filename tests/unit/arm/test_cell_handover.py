@@ -51,7 +51,7 @@ class Bench(FacingArms):
     def p_stick(self, name):
         """Where the middle of the stick is in the left arm's base frame [m]."""
         [held] = self.arms[name].scene.attached
-        return self.cell.places[name].T_cell_base @ (
+        return self.cell.members[name].T_cell_base @ (
             self.arms[name].model.frame(self.arms[name].state.q_ref) @ held.T_tool_object.p
         )
 
@@ -107,7 +107,7 @@ def test_stopping_one_arm_ends_the_handover_and_the_stick_stays_where_it_is(benc
 
 def test_a_hand_that_closes_on_nothing_takes_nothing(bench):
     plan = bench.cell.plan_handover("left", "right", "stick")
-    bench.cell.places["right"].gripper.feels = True  # as a real one, and there is no stick
+    bench.cell.members["right"].gripper.feels = True  # as a real one, and there is no stick
     motions = bench.cell.start_handover(plan)
     bench.finish(motions)
     with pytest.raises(MotionError, match=r"'stick' cannot be passed .* left still holds it"):

@@ -84,7 +84,7 @@ def test_a_following_under_way_keeps_off_what_comes_and_passes_where_it_was(arm,
     finish(clock, following.close())
 
 
-def test_an_arm_that_is_in_it_is_led_out_and_no_deeper(arm, around, clock):
+def test_an_arm_that_is_in_it_follows_targets_out_and_no_deeper(arm, around, clock):
     """The crate comes to where the arm is."""
     inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
     finish(clock, arm.start_retarget(inside).future)
@@ -147,7 +147,7 @@ def test_a_jog_under_way_keeps_off_what_comes_and_passes_where_it_was(arm, aroun
     finish(clock, jog.close())
 
 
-def test_a_jog_that_something_comes_over_is_led_out_of_it(arm, around, clock):
+def test_a_jog_that_something_comes_over_goes_out_of_it(arm, around, clock):
     inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
     finish(clock, arm.start_retarget(inside).future)
     jog = in_time(clock, arm.open_jog)

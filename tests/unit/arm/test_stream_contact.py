@@ -135,7 +135,7 @@ def test_it_goes_by_nearer_than_our_own_plans_would(arm, clock, seconds):
     assert "'crate'" in str(Played(arm, clock, points).error)
 
 
-def test_an_arm_in_contact_is_led_out_but_no_deeper(arm, clock):
+def test_an_arm_in_contact_is_streamed_out_but_no_deeper(arm, clock):
     inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
     assert Played(arm, clock, swing(LEFT, inside, 3.0)).error is None
     arm.keep_off(arm.scene, arm.scene.with_obstacles([CRATE]))

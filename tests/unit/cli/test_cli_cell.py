@@ -185,7 +185,7 @@ def test_ctrl_c_stops_all_arms_and_says_so(tmp_path, monkeypatch, flags):
 
     def stop(cell):
         own(cell)
-        stopped.append([place.arm.is_moving for place in cell.places.values()])
+        stopped.append([member.arm.is_moving for member in cell.members.values()])
 
     monkeypatch.setattr(Motion, "result", interrupted)
     monkeypatch.setattr(Cell, "stop", stop)

@@ -159,7 +159,7 @@ def test_a_goal_may_turn_a_jog_aside(sim_ready) -> None:
     assert isinstance(jog.future.exception(), Interrupted)
 
 
-def test_a_limp_arm_is_not_led(sim_ready) -> None:
+def test_a_limp_arm_is_not_jogged(sim_ready) -> None:
     sim = sim_ready
     sim.after(0.1, sim.executor.release())
     jog = lead(sim)
@@ -182,7 +182,7 @@ def test_a_point_that_is_none_is_refused(sim_ready, bad) -> None:
         jog.to_point(bad)
 
 
-def test_the_arm_is_led_past_nothing_in_its_scene(clock) -> None:
+def test_the_arm_is_jogged_past_nothing_in_its_scene(clock) -> None:
     with open_simulated(clock=clock, q_start=READY) as rig:
         arm = rig.arm
         jog = arm.open_jog()
@@ -196,7 +196,7 @@ def test_the_arm_is_led_past_nothing_in_its_scene(clock) -> None:
             arm.open_jog(frame="elbow")
 
 
-def test_the_arm_is_led_no_further_than_it_can_hold_what_it_carries(clock) -> None:
+def test_the_arm_is_jogged_no_further_than_it_can_hold_what_it_carries(clock) -> None:
     with open_simulated(clock=clock, q_start=READY) as rig:
         arm = rig.arm
         arm.set_load(LoadConfig(mass=0.2))

@@ -33,8 +33,8 @@ def test_late_ticks_are_left_out_and_counted_and_no_two_goals_are_sent_at_once(
 
         count = 0
 
-        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, is_led=False):
-            super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
+            super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
             self.count += 1
             if self.count % 10 == 0:
                 clock.wait(clock.now() + 0.023, threading.Event())
@@ -57,8 +57,8 @@ def freezing(taped_arm, clock, pause):
     class FreezingArm(taped_arm):
         """The hundredth exchange takes ``pause`` seconds."""
 
-        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, is_led=False):
-            super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
+            super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
             if len(self.tape) == 100:
                 clock.wait(clock.now() + pause, threading.Event())
 
@@ -99,11 +99,11 @@ def test_a_pause_around_a_setpoint_is_no_sudden_stop(make_sim, taped_arm, clock,
     class BusyArm(taped_arm):
         """Somebody else has the processor in mid-motion, just before a goal goes out and after."""
 
-        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, is_led=False):
+        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None, follows_target=False):
             is_now = len(self.tape) == 150
             if is_now and before:
                 clock.wait(clock.now() + before, threading.Event())
-            super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, is_led)
+            super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd, follows_target)
             if is_now and after:
                 clock.wait(clock.now() + after, threading.Event())
 

@@ -9,8 +9,8 @@ from harness.retarget import retarget
 from so101_motion.common.errors import ConfigError, FollowingError, Interrupted, MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.control.approach import CATCH_UP, EASE, GATE, Approach
+from so101_motion.control.expected_acceleration import KNOWN_JERK
 from so101_motion.control.following import STALE_AFTER, Following
-from so101_motion.control.foreseen import KNOWN_JERK
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.planning.timing import online
@@ -234,21 +234,21 @@ def test_the_driver_is_told_how_a_target_accelerates_that_says_so(sim):
     sim.clock.advance(3.0)
     wanted = 0.3 * np.sin(2.5 * (sim.arm.times[-1] + 0.01))
     assert sim.arm.goals[-1] == pytest.approx(np.full(5, wanted), abs=2e-3)
-    assert following.foreseen.qdd == pytest.approx(np.full(5, -6.25 * wanted), abs=0.1)
+    assert following.expected_acceleration.qdd == pytest.approx(np.full(5, -6.25 * wanted), abs=0.1)
     assert_bounded(sim)
 
 
 def test_one_that_does_not_say_so_is_nothing_the_driver_could_know(sim):
     following = chase(sim, lambda t: np.full(5, 0.3 * np.sin(2.5 * t)))
     sim.clock.advance(1.0)
-    assert following.foreseen.qdd is None
+    assert following.expected_acceleration.qdd is None
 
 
 def test_the_driver_is_told_of_no_speed_that_the_command_will_not_have(sim):
     told, rng = [], np.random.default_rng(3)
 
     def raves(following):
-        told.append((following.foreseen.qdd, following.now.qdd, following.now.qd))
+        told.append((following.expected_acceleration.qdd, following.now.qdd, following.now.qd))
         following.aim(rng.uniform(-1.0, 1.0, 5), rng.normal(size=5), 1e6 * rng.normal(size=5))
 
     follow(sim, each=raves)
@@ -268,7 +268,7 @@ def test_the_driver_is_told_how_joints_brake_whose_target_said_how_it_accelerate
 
     def sways(following):
         t = sim.clock.now()
-        told.append((following.foreseen.qdd, following.now.qdd))
+        told.append((following.expected_acceleration.qdd, following.now.qdd))
         if t > t_end:
             return following.hold()
         following.aim(np.full(5, 2.0 * t * t), np.full(5, 4.0 * t), np.full(5, 4.0))

@@ -13,18 +13,18 @@ def test_joints_that_are_told_to_brake_while_they_speed_up_keep_their_speed_cap(
     rng = np.random.default_rng(1)
     caps = MotionLimits.uniform(velocity=1.0, acceleration=6.0, jerk=jerk)
     stop = MotionLimits.uniform(velocity=3.0, acceleration=6.0, jerk=60.0)
-    led = Following(
+    following = Following(
         q_start=np.zeros(5), lower=np.full(5, -3.0), upper=np.full(5, 3.0), limits=caps,
         stop_limits=stop, dt=0.01, stale_after=None,
     )  # fmt: skip
-    q = [led.now.q]
+    q = [following.now.q]
     for k in range(2000):
         if k % 40 == 0:
-            led.aim(rng.uniform(-2.0, 2.0, 5))
+            following.aim(rng.uniform(-2.0, 2.0, 5))
         if rng.random() < 0.04:
-            led.hold()
-        elif led.target is None:
-            led.aim(rng.uniform(-2.0, 2.0, 5))
-        q.append(led.sample(k).q)
+            following.hold()
+        elif following.target is None:
+            following.aim(rng.uniform(-2.0, 2.0, 5))
+        q.append(following.sample(k).q)
     speeds = np.abs(np.diff(q, axis=0)) / 0.01
     assert 0.95 < speeds.max() <= 1.0 + 1e-6

@@ -12,9 +12,9 @@ CAPS = MotionLimits.uniform(velocity=1.5, acceleration=5.0, jerk=50.0)
 def test_the_stop_ahead_begins_at_the_setpoint_and_rests_on_the_path():
     trajectory = point_to_point(np.zeros(5), np.full(5, 0.8), CAPS, 0.01)
     motion = PlannedMotion(trajectory)
-    led = motion.sample(40)
+    setpoint = motion.sample(40)
     q, dt = motion.stop_ahead()
-    np.testing.assert_array_equal(q[0], led.q)
+    np.testing.assert_array_equal(q[0], setpoint.q)
     assert np.all(np.diff(q[:, 0]) >= 0.0)
     assert q[0, 0] < q[-1, 0] < 0.8
     assert 0.1 < dt * (len(q) - 1) < 1.0

@@ -23,7 +23,7 @@ def test_all_arms_are_opened_and_know_each_other_and_what_is_around():
     clock = ManualClock()
     with open_cell(CellFile(arms=arms, scene=Scene(obstacles=(box,))), clock=clock) as opened:
         assert list(opened.rigs) == ["left", "right"]
-        (other,) = opened.cell.places["left"].others()
+        (other,) = opened.cell.members["left"].others()
         assert other.name == "right"
         np.testing.assert_allclose(other.T_base_other.p, [0.0, -0.5, 0.0])
         (seen,) = opened.rigs["right"].arm.scene.obstacles

@@ -39,7 +39,7 @@ def to_and_fro(speeds=(15.0, 45.0), reach=25.0):
 
 
 def record_of(figures, index=1, mass=0.0):
-    """What a joint with such a servo does when it is led to and fro."""
+    """What a joint with such a servo does when its setpoints go to and fro."""
     wanted = to_and_fro()
     t = 0.01 * np.arange(len(wanted))
     q = np.zeros((len(t), 5))

@@ -11,7 +11,7 @@ from so101_motion.calib.record.zero import MIDDLE, ROLL_UPRIGHT, STOPS, SWEPT, Z
 from so101_motion.calib.record.zero_report import explain
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.bus.ticks import Ticks
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.joint_setup import joint_map
 

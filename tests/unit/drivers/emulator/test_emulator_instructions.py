@@ -6,7 +6,7 @@ import pytest
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.bus import TURNAROUND
 from so101_motion.drivers.emulator.codec import BROADCAST, Code, frame
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 
 BYTE = 10e-6  # one byte on the wire at 1 Mbaud [s]
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from so101_motion.drivers.emulator import registers as reg
-from so101_motion.drivers.emulator.hardware import SO101, TICKS_PER_RAD
+from so101_motion.drivers.emulator.joint_figures import SO101, TICKS_PER_RAD
 from so101_motion.drivers.servo_types import STS3215_12V
 
 

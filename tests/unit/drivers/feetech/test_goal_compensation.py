@@ -16,7 +16,7 @@ LIFT = NAMES.index("shoulder_lift")
 
 
 def followed(*, behind_deg, seconds):
-    """What the trim has learnt after a lift at 50 deg/s that is led, behind by so much [deg]."""
+    """What the trim has learnt after a lift at 50 deg/s behind a target, late by so much [deg]."""
     limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
     weight = np.eye(6)[LIFT]  # [N m]
     compensation = GoalCompensation(
@@ -38,15 +38,17 @@ def followed(*, behind_deg, seconds):
     return math.degrees(compensation.trim.rest[LIFT])
 
 
-def test_the_lag_of_a_joint_that_is_led_is_not_taken_for_weight():
+def test_the_lag_of_a_joint_that_follows_a_target_is_not_taken_for_weight():
     assert abs(followed(behind_deg=3.0, seconds=1.0)) < 0.3  # as emulated servos lag
 
 
-def test_what_a_led_joint_lacks_beyond_its_lag_is_weight():
+def test_what_a_joint_that_follows_a_target_lacks_beyond_its_lag_is_weight():
     assert followed(behind_deg=4.5, seconds=0.5) > 1.0
 
 
-def ahead_deg(speed_deg, *, is_led=True, told_from=0.0, told=0.0, slows=False, told_until=9.9):
+def ahead_deg(
+    speed_deg, *, follows_target=True, told_from=0.0, told=0.0, slows=False, told_until=9.9
+):
     """How far ahead the goal of a joint is that has come up to this speed [deg].
 
     Its acceleration is known from ``told_from`` to ``told_until`` [s], and is said to be ``told``
@@ -65,24 +67,26 @@ def ahead_deg(speed_deg, *, is_led=True, told_from=0.0, told=0.0, slows=False, t
         q = [*q]
         q[LIFT] += 0.01 * qd
         known = qdd if told_from < 0.01 * k < told_until else None
-        compensation.point(q, rates, 0.01 * k, lambda i: math.nan, (), known, is_led=is_led)
+        compensation.point(
+            q, rates, 0.01 * k, lambda i: math.nan, (), known, follows_target=follows_target
+        )
         goals = compensation.goals(0.01 * k)
         qd = max(min(qd + 0.01 * qdd[LIFT], speed), 0.0)
     servo = servos[LIFT]
     return math.degrees(servo.to_rad(goals[servo.servo_id]) - q[LIFT])
 
 
-def test_a_slow_joint_that_is_led_is_driven_less_far_ahead_than_a_planned_one():
-    assert ahead_deg(20.0) < ahead_deg(20.0, is_led=False) - 0.15
-    assert abs(ahead_deg(80.0) - ahead_deg(80.0, is_led=False)) < 0.1
+def test_a_slow_joint_that_follows_a_target_is_driven_less_far_ahead_than_a_planned_one():
+    assert ahead_deg(20.0) < ahead_deg(20.0, follows_target=False) - 0.15
+    assert abs(ahead_deg(80.0) - ahead_deg(80.0, follows_target=False)) < 0.1
 
 
 def test_no_acceleration_drives_a_joint_further_ahead_than_its_top_speed_asks_for():
-    assert ahead_deg(175.0, is_led=False, told=8.0) > 45.0
+    assert ahead_deg(175.0, follows_target=False, told=8.0) > 45.0
     assert ahead_deg(175.0, told=8.0) < 40.1
 
 
-def test_one_that_is_led_at_speed_is_not_driven_further_ahead_when_more_is_known():
+def test_one_that_follows_a_target_at_speed_is_not_driven_further_ahead_when_more_is_known():
     assert ahead_deg(80.0, told_from=0.5) == pytest.approx(ahead_deg(80.0, told_from=math.inf))
     assert ahead_deg(80.0, told_from=0.5) < ahead_deg(80.0) - 3.0
 

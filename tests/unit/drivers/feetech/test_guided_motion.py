@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from harness.emulated_rig import loaded
-from harness.guided_servos import WEIGHT, Guided, led
+from harness.guided_servos import WEIGHT, Guided, hand_leads
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -41,7 +41,7 @@ ARMS = {
 }
 
 
-def all_led(q_deg, by_deg, seconds, hold=0.0):
+def hand_leads_all(q_deg, by_deg, seconds, hold=0.0):
     """A hand that takes all joints after 0.1 s, leads them and lets go, in motion without hold."""
     lines = []
     for joint, at in zip(ARM_JOINTS, q_deg, strict=False):
@@ -57,7 +57,7 @@ def all_led(q_deg, by_deg, seconds, hold=0.0):
 def test_a_hand_leads_a_joint_easily(wired, joint):
     arm = Guided(wired)
     arm.arm.guide(Compliance())
-    hand = arm.hand(led(joint, 0.0, 30.0, 1.0))
+    hand = arm.hand(hand_leads(joint, 0.0, 30.0, 1.0))
     arm.look(1.4)
     assert np.median(hand.felt) < 0.75, "a limp joint takes 0.17 N m, one with a shorted motor 1"
 
@@ -73,7 +73,7 @@ def test_a_joint_that_is_let_go_in_motion_comes_to_rest_and_stays_there(
     arm = Guided(wired, **options)
     arm.arm.guide(Compliance())
     before = arm.q_deg
-    arm.hand(all_led(before, 18.0 * by_deg, 18.0 / speed), STRONG)
+    arm.hand(hand_leads_all(before, 18.0 * by_deg, 18.0 / speed), STRONG)
     arm.look(0.1 + 18.0 / speed, late=late)
     assert np.all((arm.q_deg - before)[:5] * by_deg > 4.0), "all were led"
 
@@ -93,7 +93,7 @@ def test_an_arm_whose_object_is_taken_away_neither_rises_nor_goes_on_when_it_is_
     assert arm.look(2.0).max() < 1.5, "it jumped by 30 to 50 deg once"
     way = 60.0 if pose is FOLDED else -60.0
     before = arm.q_deg[1]
-    arm.hand(led("shoulder_lift", before, way, 2.0), 2.0)
+    arm.hand(hand_leads("shoulder_lift", before, way, 2.0), 2.0)
     arm.look(3.01)
     assert (arm.q_deg[1] - before) / way > 0.8
 
@@ -115,7 +115,7 @@ def test_an_object_taken_up_while_guided_is_known_after_a_small_move(wired, seed
         arm.look(0.01)
     arm.look(1.0)
     arm.arm.guide(Compliance())
-    arm.hand(led("shoulder_lift", arm.q_deg[1], -25.0, 1.7), 3.0)
+    arm.hand(hand_leads("shoulder_lift", arm.q_deg[1], -25.0, 1.7), 3.0)
     arm.look(2.71)
     assert arm.look(3.0).max() < 2.0, "without the move it sinks by 45 to 75 deg"
 
@@ -126,7 +126,7 @@ def test_a_joint_that_is_led_far_stays_where_it_is_let_go(wired, joint, seed, he
     weight = loaded(held_kg).gravity_torque
     arm = Guided(wired, gravity=weight, q_start=FOLDED, spread=0.2, seed=seed)
     arm.arm.guide(Compliance())
-    arm.hand(led(joint, arm.q_deg[ARM_JOINTS.index(joint)], 70.0, 2.3))
+    arm.hand(hand_leads(joint, arm.q_deg[ARM_JOINTS.index(joint)], 70.0, 2.3))
     arm.look(3.31)
     assert arm.look(2.0).max() < 2.0, "the elbow rose by 15 deg once"
 
@@ -135,8 +135,10 @@ def test_a_joint_that_is_led_far_stays_where_it_is_let_go(wired, joint, seed, he
 @pytest.mark.parametrize(("stronger", "late"), [(2.0, 0.0), (1.4, LATE)])
 def test_joints_between_walls_that_are_stronger_come_to_rest(wired, seed, stronger, late):
     arm = Guided(wired, spread=0.2, seed=seed)
-    arm.arm.guide(Compliance(wall=stronger * Compliance().wall), lambda q, q_led: 0.0 * q_led + q)
-    arm.hand(all_led(arm.q_deg, 8.0, 0.3, hold=0.4), 3.0)
+    arm.arm.guide(
+        Compliance(wall=stronger * Compliance().wall), lambda q, q_guided: 0.0 * q_guided + q
+    )
+    arm.hand(hand_leads_all(arm.q_deg, 8.0, 0.3, hold=0.4), 3.0)
     arm.look(1.8, late=late)
     assert arm.look(1.0, late=late).max() < 0.1
 
@@ -144,7 +146,7 @@ def test_joints_between_walls_that_are_stronger_come_to_rest(wired, seed, strong
 # Without servos: how hard a joint in motion is driven
 
 
-def led_at(speed, wall=None):
+def guided_at(speed, wall=None):
     """Goal beyond the joint [rad], limit of its drive, and model; the pan after 0.5 s at speed."""
     trim = Trim(lambda q: np.zeros(6))
     guide = HandGuiding(Compliance(), trim, [0.0] * 6, 0.0, wall)
@@ -157,7 +159,7 @@ def led_at(speed, wall=None):
 
 @given(speed=st.floats(SLOW, 4.0), side=st.sampled_from([1.0, -1.0]))
 def test_a_moving_joint_is_driven_by_less_than_brakes_it(speed, side):
-    ahead, share, model = led_at(side * speed)
+    ahead, share, model = guided_at(side * speed)
     wanted = model.distance(HELP_FRICTION * model.friction(0.0, 1.0), HELP_BRAKE * min(speed, FAST))
     assert ahead * side <= 0.0 or share <= model.drive(wanted)
     assert HELP_FRICTION < 2.0 / 3.0, "friction may be a third less than modelled"
@@ -168,8 +170,8 @@ def test_a_moving_joint_is_driven_by_less_than_brakes_it(speed, side):
 def test_nothing_leads_a_joint_towards_a_wall_near_by():
     speed = to_rad(30.0)
     there = 0.5 * speed + 0.5 * LEAD * speed
-    free, *_ = led_at(speed)
-    near, *_ = led_at(speed, lambda q, q_led: np.minimum(q_led, there))
+    free, *_ = guided_at(speed)
+    near, *_ = guided_at(speed, lambda q, q_guided: np.minimum(q_guided, there))
     assert free > LEAD * (speed - SLOW)
     assert near <= 0.0
 

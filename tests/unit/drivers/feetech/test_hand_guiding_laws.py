@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from harness.guided_servos import POSE, Guided, led
+from harness.guided_servos import POSE, Guided, hand_leads
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -32,7 +32,7 @@ def test_only_ram_registers_are_written(make):
     before = [bytes(servo.memory.bytes[:40]) for servo in arm.port.world.servos]
     saved = [servo.memory.flash for servo in arm.port.world.servos]
     arm.arm.guide(Compliance())
-    arm.hand(led("shoulder_pan", 0.0, 30.0, 1.0))
+    arm.hand(hand_leads("shoulder_pan", 0.0, 30.0, 1.0))
     arm.look(3.0)
     arm.arm.guide(None)
     arm.look(0.2)
@@ -73,7 +73,7 @@ def test_it_goes_where_a_hand_leads_it_and_stays_there(make, joint, by_deg, heav
     arm, i = make(heavier=heavier), JOINTS.index(joint)
     arm.arm.guide(Compliance())
     start = arm.q_deg
-    hand = arm.hand(led(joint, start[i], by_deg, 4.0))
+    hand = arm.hand(hand_leads(joint, start[i], by_deg, 4.0))
     arm.look(5.0)
     reached = arm.q_deg
     assert reached[i] - start[i] == pytest.approx(by_deg, abs=2.0), "it stops when friction does"
@@ -93,7 +93,7 @@ def test_a_stiffer_arm_is_harder_to_push_and_one_that_resists_less_is_not(make):
     }.items():
         arm = make()
         arm.arm.guide(how)
-        hand = arm.hand(led("shoulder_pan", arm.q_deg[0], 20.0, 4.0))
+        hand = arm.hand(hand_leads("shoulder_pan", arm.q_deg[0], 20.0, 4.0))
         arm.look(5.0)
         felt[name] = np.mean(hand.felt)
 
@@ -105,7 +105,7 @@ def test_a_joint_pushed_within_its_dead_band_comes_back(make):
     arm = make()
     arm.arm.guide(Compliance(dead_band=math.radians(5.0), p_gain=32.0, resistance=0.06))
     start = arm.q_deg[0]
-    arm.hand(led("shoulder_pan", start, 4.0, 1.0))
+    arm.hand(hand_leads("shoulder_pan", start, 4.0, 1.0))
     arm.look(1.9)
     assert arm.q_deg[0] - start > 1.7
     arm.look(3.0)
@@ -130,7 +130,7 @@ def test_wherever_it_is_led_it_stays_when_it_is_let_go(wired, ways, heavier):
     arm = Guided(wired, heavier=heavier)
     arm.arm.guide(Compliance())
     for joint, by_deg, seconds in ways:
-        arm.hand(led(joint, arm.q_deg[JOINTS.index(joint)], by_deg, seconds))
+        arm.hand(hand_leads(joint, arm.q_deg[JOINTS.index(joint)], by_deg, seconds))
         arm.look(seconds + 1.0)
         assert arm.look(2.0).max() < 3.5
     assert arm.look(1.0).max() < 0.9
@@ -142,7 +142,7 @@ def test_wherever_it_is_led_it_stays_when_it_is_let_go(wired, ways, heavier):
 def test_afterwards_it_holds_where_it_was_left_with_all_its_strength(make):
     arm = make(heavier=1.2)
     arm.arm.guide(Compliance())
-    arm.hand(led("shoulder_lift", arm.q_deg[1], -30.0, 1.0))
+    arm.hand(hand_leads("shoulder_lift", arm.q_deg[1], -30.0, 1.0))
     arm.look(4.0)
     assert max(arm.limits()[:5]) < 400
     left = arm.q_deg
@@ -156,7 +156,7 @@ def test_answers_that_are_lost_as_it_ends_put_no_joint_elsewhere(make):
     """It was led away from where it was wanted before; that is no way it was sent on."""
     arm = make()
     arm.arm.guide(Compliance())
-    arm.hand(led("shoulder_pan", 0.0, 30.0, 1.0))
+    arm.hand(hand_leads("shoulder_pan", 0.0, 30.0, 1.0))
     arm.look(3.0)
     arm.arm.guide(None)
     arm.port.faults.loss = 1.0

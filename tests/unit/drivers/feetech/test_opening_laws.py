@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from so101_motion.common.clock import ManualClock
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
-from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.joint_figures import SO101
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
 from so101_motion.planning.kinematics.model import RobotModel
 

@@ -3,7 +3,7 @@ import pytest
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.cartesian.path_segments import Arc, Line, rounded, stretch_to
+from so101_motion.planning.cartesian.path_segments import Arc, Line, curve_of, rounded
 from so101_motion.planning.goals import ArcTo, LineTo
 
 START = np.array([0.2, 0.05, 0.1])
@@ -14,11 +14,11 @@ def to(p):
 
 
 def arc(end, via):
-    return stretch_to(START, ArcTo(T_base_tool=to(START + end), p_via=START + via), 1)
+    return curve_of(START, ArcTo(T_base_tool=to(START + end), p_via=START + via), 1)
 
 
 def test_a_line_runs_straight_to_its_end():
-    line = stretch_to(START, LineTo(T_base_tool=to(START + np.array([0.03, 0.0, -0.04]))), 1)
+    line = curve_of(START, LineTo(T_base_tool=to(START + np.array([0.03, 0.0, -0.04]))), 1)
     assert line.length == pytest.approx(0.05)
     places = line.at(np.array([0.0, 0.025, 0.05]))
     assert places.p[1] == pytest.approx(START + np.array([0.015, 0.0, -0.02]))
@@ -56,9 +56,9 @@ def test_three_points_on_a_line_are_no_arc(via):
 
 def test_a_segment_without_length_is_refused_by_its_number():
     with pytest.raises(ConfigError, match=r"segment 3 ends where it starts; leave it out$"):
-        stretch_to(START, LineTo(T_base_tool=to(START)), 3)
+        curve_of(START, LineTo(T_base_tool=to(START)), 3)
     with pytest.raises(ConfigError, match="make a full circle of two arcs"):
-        stretch_to(START, ArcTo(T_base_tool=to(START), p_via=START + np.array([0.01, 0.0, 0.0])), 1)
+        curve_of(START, ArcTo(T_base_tool=to(START), p_via=START + np.array([0.01, 0.0, 0.0])), 1)
 
 
 def line(p_start, direction, length=0.1):
@@ -93,12 +93,12 @@ def test_a_rounding_agrees_with_both_sides_in_place_direction_and_curvature(afte
     second = after(START + np.array([0.1, 0.0, 0.0]))
     rounding = rounded(first, second, reach)
     h = 1e-5 * rounding.length
-    for stretch, along, here, tool_path in (
+    for curve, along, here, tool_path in (
         (first, first.length - reach, 0.0, 1.0),
         (second, reach, rounding.length, -1.0),
     ):
         p = rounding.at(here + tool_path * h * np.arange(4))[:, :3]
-        place = stretch.at(np.array([along]))
+        place = curve.at(np.array([along]))
         assert p[0] == pytest.approx(place.p[0], abs=1e-12)
         assert tool_path * (p[1] - p[0]) / h == pytest.approx(place.direction[0], abs=1e-3)
         bend = (2.0 * p[0] - 5.0 * p[1] + 4.0 * p[2] - p[3]) / h**2

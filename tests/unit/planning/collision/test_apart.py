@@ -11,7 +11,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision import apart
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import STEP, Course, stopping
-from so101_motion.planning.collision.led_apart import GAP, RANGE, Beside, led_apart
+from so101_motion.planning.collision.following_apart import GAP, RANGE, Beside, following_apart
 from so101_motion.planning.collision.scene import Attached, Box
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
@@ -70,7 +70,7 @@ def without_library():
     return bodies
 
 
-def test_an_arm_that_is_led_may_part_from_one_that_is_near_with_and_without_the_library():
+def test_an_arm_that_follows_a_target_may_part_from_one_that_is_near_with_and_without_the_library():
     facing, by_coal, verdicts = Facing(6), without_library(), []
     while len(verdicts) < 12:
         q_left, q_right = facing.near(), facing.near()
@@ -78,27 +78,27 @@ def test_an_arm_that_is_led_may_part_from_one_that_is_near_with_and_without_the_
         if not 0.003 < far < 0.009:
             continue
         stop = q_left + np.outer(np.linspace(0.0, 0.1, 8), facing.random.uniform(-1.0, 1.0, 5))
-        led = Course(t=0.0, dt=0.02, q=np.column_stack([stop, np.zeros(8)]))
+        following = Course(t=0.0, dt=0.02, q=np.column_stack([stop, np.zeros(8)]))
         still = Course.resting(q_right, 0.0)
         found = []
         for bodies in (facing.bodies, by_coal):
             beside = Beside()
-            pair = (bodies, led), (bodies, still)
-            met = led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
-            again = led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+            pair = (bodies, following), (bodies, still)
+            met = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+            again = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
             assert (met is None) == (again is None)
             assert beside.gained == (0.0 if met else pytest.approx(far - apart.PARTING, abs=2e-4))
             found.append(met is None)
         assert found[0] == found[1]
         if found[0]:
-            nearest = [distance(facing.bodies, q, still.q[0]) for q in led.q]
+            nearest = [distance(facing.bodies, q, still.q[0]) for q in following.q]
             assert min(nearest) > 0.75 * (far - apart.PARTING)
         verdicts.append(found[0])
     assert set(verdicts) == {True, False}
 
 
 @pytest.mark.parametrize("by_coal", [False, True])
-@pytest.mark.parametrize("who", ["led", "other"])
+@pytest.mark.parametrize("who", ["following", "other"])
 def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_coal):
     facing = Facing(9)
     bodies = without_library() if by_coal else facing.bodies
@@ -111,7 +111,7 @@ def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_c
         away = facing.random.uniform(-0.05, 0.05, 5)
         q = (q_left, q_right)[who == "other"] + np.outer(share, away)
         moving = Course(t=0.0, dt=0.01, q=np.column_stack([q, np.zeros(31)]))
-        course = {"led": Course.resting(q_left, 0.0), "other": Course.resting(q_right, 0.0)}
+        course = {"following": Course.resting(q_left, 0.0), "other": Course.resting(q_right, 0.0)}
         course[who] = moving
         k = np.array([0.05])
         near = distance(bodies, *(each.at(k)[0] for each in course.values()))
@@ -119,11 +119,11 @@ def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_c
             break
     beside = Beside()
     beside.gained = far - 1e-4
-    pair = (bodies, course["led"]), (bodies, course["other"])
-    assert led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside) is not None
+    pair = (bodies, course["following"]), (bodies, course["other"])
+    assert following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside) is not None
 
 
-def test_an_arm_that_is_led_and_pushed_towards_another_may_only_part():
+def test_an_arm_that_follows_a_target_and_is_pushed_towards_another_may_only_part():
     facing = Facing(8)
     beside = Beside()
     beside.gained = 0.009
@@ -133,7 +133,7 @@ def test_an_arm_that_is_led_and_pushed_towards_another_may_only_part():
         if 0.003 < far < 0.005:
             break
     still = [(facing.bodies, Course.resting(q, 0.0)) for q in (q_left, q_right)]
-    assert led_apart(*still, T_LEFT_RIGHT, since=0.0, beside=beside) is None
+    assert following_apart(*still, T_LEFT_RIGHT, since=0.0, beside=beside) is None
     assert beside.gained == pytest.approx(far - apart.PARTING, abs=2e-4)
 
 
@@ -154,8 +154,8 @@ def test_what_is_known_from_the_cycle_before_changes_no_verdict():
             pair = [(facing.bodies, stop_from(q, v)) for q, v in zip(known, qd, strict=True)]
             fresh = Beside()
             fresh.gained = beside.gained
-            met = led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
-            same = led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=fresh)
+            met = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+            same = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=fresh)
             assert (met is None) == (same is None)
             assert beside.gained == pytest.approx(fresh.gained, abs=2e-4)
             verdicts.append(met is None)
@@ -170,7 +170,7 @@ def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_neare
         still = Course.resting(q_right, 0.0)
         pair = (facing.bodies, Course.resting(q_left, 0.0)), (facing.bodies, still)
         beside = Beside()
-        led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+        following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
         if not beside.count:
             continue
         near = beside.near("right")
@@ -191,7 +191,7 @@ def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_neare
         seen += 1
     beside = Beside()
     pair = (by_coal, Course.resting(q_left, 0.0)), (by_coal, still)
-    led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+    following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
     assert beside.count == 0
     beside.look(*pair, T_LEFT_RIGHT, 0.0)
     assert beside.count == 0
@@ -207,7 +207,7 @@ def test_a_look_without_a_proof_finds_the_same_near_bodies_also_after_contact():
             q = [each + 0.02 * v for each, v in zip(q, qd, strict=True)]
             pair = [(facing.bodies, stop_from(each, v)) for each, v in zip(q, qd, strict=True)]
             looking.look(*pair, T_LEFT_RIGHT, 0.0)
-            led_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=proving)
+            following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=proving)
             rooms.append(distance(facing.bodies, *(course.q[0] for _, course in pair)))
             if rooms[-1] > 1e-4:
                 each = [beside.near("right").bounds[:, 6] for beside in (looking, proving)]

@@ -48,23 +48,23 @@ def test_a_target_in_the_table_is_drawn_back_to_above_it_and_the_rest_is_kept(gu
 
 
 def test_a_hand_is_held_back_where_it_leads_the_jaw_into_the_table_and_only_there(guard, collision):
-    lowest, q_led = LOW, LOW + np.radians([2.0, 3.0, 0.0, -2.0, 1.0])
+    lowest, q_guided = LOW, LOW + np.radians([2.0, 3.0, 0.0, -2.0, 1.0])
     lifts_jaw = collision.distances(LOW + np.radians([0, 0, 0, -2.0, 0]), 0.3).min()
     assert lifts_jaw > collision.distances(LOW, 0.3).min()
     for _ in range(50):  # as in as many control cycles
-        lowest = guard.led(lowest, q_led)
+        lowest = guard.guided_to(lowest, q_guided)
         assert collision.distances(lowest, 0.3).min() > collision.margin
     free = [0, 3, 4]
-    np.testing.assert_allclose(lowest[free], q_led[free], atol=1e-12)
-    assert LOW[1] < lowest[1] < q_led[1]
+    np.testing.assert_allclose(lowest[free], q_guided[free], atol=1e-12)
+    assert LOW[1] < lowest[1] < q_guided[1]
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_hand_leads_no_joint_farther_than_it_goes_nor_back(guard, seed):
     rng = np.random.default_rng(seed)
     q = LOW + rng.normal(0.0, 0.05, 5)
-    q_led = q + rng.normal(0.0, 0.03, 5)
-    share = (guard.led(q, q_led) - q) / (q_led - q)
+    q_guided = q + rng.normal(0.0, 0.03, 5)
+    share = (guard.guided_to(q, q_guided) - q) / (q_guided - q)
     assert np.all((share >= 0.0) & (share <= 1.0))
 
 

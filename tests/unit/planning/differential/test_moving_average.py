@@ -16,54 +16,54 @@ def limits(acceleration: float = 2.0, jerk: float = 20.0) -> MotionLimits:
 
 
 def erratic(rng: np.random.Generator, most: float, steps: int) -> np.ndarray:
-    """A leader whose accelerations jump from one extreme to the other."""
+    """A reference whose accelerations jump from one extreme to the other."""
     qdd = most * rng.choice([-1.0, 0.0, 1.0], (steps, 5)).repeat(rng.integers(1, 30), axis=0)
     return START + np.cumsum(np.cumsum(qdd[:steps], axis=0), axis=0) * DT**2
 
 
 @given(seeds, st.floats(0.5, 10.0), st.floats(0.001, 0.3))
-def test_jerk_is_bounded_whatever_the_leader_does(seed: int, most: float, rise: float) -> None:
-    follower = MovingAverage(START, limits(most, most / rise), DT)
-    lead = erratic(np.random.default_rng(seed), most, 80)
-    q = np.array([START, START, START, *(follower.follow(each) for each in lead)])
+def test_jerk_is_bounded_whatever_the_reference_does(seed: int, most: float, rise: float) -> None:
+    average = MovingAverage(START, limits(most, most / rise), DT)
+    reference = erratic(np.random.default_rng(seed), most, 80)
+    q = np.array([START, START, START, *(average.step(each) for each in reference)])
     assert np.abs(np.diff(q, 3, axis=0)).max() / DT**3 <= most / rise * (1.0 + 1e-6) + 1e-6
     assert np.abs(np.diff(q, 2, axis=0)).max() / DT**2 <= most * (1.0 + 1e-6) + 1e-9
-    assert np.all(q >= np.minimum(START, lead.min(axis=0)) - 1e-12)
-    assert np.all(q <= np.maximum(START, lead.max(axis=0)) + 1e-12)
+    assert np.all(q >= np.minimum(START, reference.min(axis=0)) - 1e-12)
+    assert np.all(q <= np.maximum(START, reference.max(axis=0)) + 1e-12)
 
 
 @given(seeds, st.integers(1, 30))
 def test_it_goes_where_it_said_it_would(seed: int, known: int) -> None:
-    follower = MovingAverage(START, limits(), DT)
-    lead = erratic(np.random.default_rng(seed), 2.0, 40)
-    for each in lead[:-known]:
-        follower.follow(each)
-    ahead = follower.ahead(lead[-known:])
-    waiting = [lead[-1]] * (follower.steps - 1)
+    average = MovingAverage(START, limits(), DT)
+    reference = erratic(np.random.default_rng(seed), 2.0, 40)
+    for each in reference[:-known]:
+        average.step(each)
+    ahead = average.ahead(reference[-known:])
+    waiting = [reference[-1]] * (average.steps - 1)
     np.testing.assert_allclose(
-        ahead, [follower.follow(each) for each in (*lead[-known:], *waiting)], atol=1e-12
+        ahead, [average.step(each) for each in (*reference[-known:], *waiting)], atol=1e-12
     )
 
 
-def test_it_stands_exactly_where_the_leader_stands() -> None:
-    follower = MovingAverage(START, limits(), DT)
+def test_it_stands_exactly_where_the_reference_stands() -> None:
+    average = MovingAverage(START, limits(), DT)
     end = START + 1.0 / 3.0
-    q = [follower.follow(end) for _ in range(follower.steps)]
+    q = [average.step(end) for _ in range(average.steps)]
     assert not np.array_equal(q[-2], end)
     assert np.array_equal(q[-1], end)
-    assert np.array_equal(follower.ahead(end[None])[0], end)
+    assert np.array_equal(average.ahead(end[None])[0], end)
 
 
 def test_it_is_late_by_half_its_window() -> None:
-    follower = MovingAverage(START, limits(2.0, 20.0), DT)
-    assert follower.steps == 20
+    average = MovingAverage(START, limits(2.0, 20.0), DT)
+    assert average.steps == 20
     for k in range(100):
-        q = follower.follow(START + 0.5 * DT * k)
+        q = average.step(START + 0.5 * DT * k)
     assert START + 0.5 * DT * 99 - q == pytest.approx(np.full(5, 0.5 * DT * 9.5))
 
 
-def test_without_a_bound_worth_the_name_it_is_where_the_leader_is() -> None:
-    follower = MovingAverage(START, limits(2.0, 1e6), DT)
-    assert follower.steps == 1
-    assert np.array_equal(follower.follow(2.0 * START), 2.0 * START)
-    assert np.array_equal(follower.ahead(2.0 * START[None]), 2.0 * START[None])
+def test_without_a_bound_worth_the_name_it_is_where_the_reference_is() -> None:
+    average = MovingAverage(START, limits(2.0, 1e6), DT)
+    assert average.steps == 1
+    assert np.array_equal(average.step(2.0 * START), 2.0 * START)
+    assert np.array_equal(average.ahead(2.0 * START[None]), 2.0 * START[None])

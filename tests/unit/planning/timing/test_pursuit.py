@@ -41,20 +41,20 @@ def swaying(t):
     return Setpoint(q=way * s, qd=w * way * c, qdd=-w * w * way * s)
 
 
-def led_beside(now, caps, seconds, noise=0.0):
-    """The setpoints of joints that are led beside ``swaying``."""
-    rng, led, pursuit = np.random.default_rng(1), [now], Pursuit(3, 0.01)
+def followed(now, caps, seconds, noise=0.0):
+    """The setpoints of joints that follow ``swaying``."""
+    rng, setpoints, pursuit = np.random.default_rng(1), [now], Pursuit(3, 0.01)
     for k in range(1, round(seconds / 0.01)):
         there = swaying(0.01 * k)
         there = Setpoint(q=there.q + noise * rng.standard_normal(3), qd=there.qd, qdd=there.qdd)
-        led.append(pursuit.alongside(led[-1], there, caps)[0])
-    return led
+        setpoints.append(pursuit.alongside(setpoints[-1], there, caps)[0])
+    return setpoints
 
 
 def test_a_joint_beside_its_target_accelerates_as_it_does():
     caps = MotionLimits.uniform(velocity=4.0, acceleration=25.0, jerk=500.0, n=3)
-    led = led_beside(swaying(0.0), caps, 2.0)
-    for k, now in enumerate(led):
+    setpoints = followed(swaying(0.0), caps, 2.0)
+    for k, now in enumerate(setpoints):
         assert now.q == pytest.approx(swaying(0.01 * k).q, abs=2e-3)
         assert now.qdd == pytest.approx(swaying(0.01 * k).qdd, abs=2.0)
 
@@ -75,17 +75,17 @@ def test_that_a_joint_will_brake_is_known_before_it_does():
 
 def test_what_is_off_dies_down_without_the_jerk_of_the_fastest_motion():
     caps = MotionLimits.uniform(velocity=4.0, acceleration=25.0, jerk=500.0, n=3)
-    led = led_beside(swaying(0.0), caps, 2.0, noise=5e-4)
-    jerk = np.diff([now.qdd for now in led], axis=0) / 0.01
+    setpoints = followed(swaying(0.0), caps, 2.0, noise=5e-4)
+    jerk = np.diff([now.qdd for now in setpoints], axis=0) / 0.01
     assert np.sqrt(np.mean(np.square(jerk))) < 150.0
 
 
 def test_a_joint_that_is_far_keeps_its_caps_and_comes_beside_its_target():
     caps = MotionLimits.uniform(velocity=5.0, acceleration=25.0, jerk=500.0, n=3)
-    led = led_beside(Setpoint.at_rest(np.array([-1.0, 0.6, 0.01])), caps, 2.0)
-    q = np.array([now.q for now in led])
+    setpoints = followed(Setpoint.at_rest(np.array([-1.0, 0.6, 0.01])), caps, 2.0)
+    q = np.array([now.q for now in setpoints])
     qd, qdd = np.diff(q, axis=0) / 0.01, np.diff(q, 2, axis=0) / 0.01**2
     assert np.abs(qd).max() <= 5.0 + 1e-9
     assert np.abs(qdd).max() <= 25.0 + 1e-6
     assert np.abs(np.diff(qdd, axis=0)).max() / 0.01 <= 500.0 + 1e-3
-    assert led[-1].q == pytest.approx(swaying(1.99).q, abs=2e-3)
+    assert setpoints[-1].q == pytest.approx(swaying(1.99).q, abs=2e-3)

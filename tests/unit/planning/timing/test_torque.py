@@ -82,17 +82,18 @@ def test_holding_torques_change_no_faster_than_is_said() -> None:
 
 
 def test_what_is_known_nearby_never_hides_a_load() -> None:
-    rng, led, model, heavy, refused = np.random.default_rng(2), load(0.15), loaded(0.15), 0, 0
+    rng, carried = np.random.default_rng(2), load(0.15)
+    model, heavy, refused = loaded(0.15), 0, 0
     for k in range(400):
         out = 0.5 - 0.5 * np.cos(0.05 * k)  # stretched out and folded, again and again
         q = FOLDED + out * (STRETCHED - FOLDED) + rng.uniform(-0.02, 0.02, 5)
         torques = np.abs(model.holding_torques(q[None])[0])
         near = {i for i in range(5) if torques[i] > NEARLY * WEAK.holding}
-        assert {ARM_JOINTS.index(each.joint) for each in led.heavy(q)} == near
+        assert {ARM_JOINTS.index(each.joint) for each in carried.heavy(q)} == near
         path = q + np.linspace(0.0, 1.0, 6)[:, None] * rng.uniform(-0.3, 0.3, 5)
         borne = np.abs(model.holding_torques(path))
         fits = np.all(borne <= np.maximum(1.001 * WEAK.holding, borne[0]))
-        assert led.admits(path) == fits
+        assert carried.admits(path) == fits
         heavy, refused = heavy + bool(near), refused + (not fits)
     assert 20 < heavy < 380
     assert 20 < refused < 380

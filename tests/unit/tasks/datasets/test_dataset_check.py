@@ -92,7 +92,7 @@ def test_contact_with_the_table_and_with_an_obstacle_is_found(tmp_path):
     assert "crate" in found[0].sentence
 
 
-def test_a_joint_that_stands_while_it_is_led_on_is_found(tmp_path):
+def test_a_joint_that_stands_while_it_is_sent_on_is_found(tmp_path):
     action = swing(200)
     state = late(action)
     state[60:160, 2] = state[60, 2]

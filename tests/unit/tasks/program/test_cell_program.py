@@ -73,7 +73,7 @@ def test_steps_move_the_arms_they_name_and_side_by_side_if_they_name_several(ben
     assert moved[1, 0] == {"left"}
     np.testing.assert_allclose(bench.arms["left"].state.q_ref, B, atol=1e-6)
     np.testing.assert_allclose(bench.arms["right"].state.q_ref, A, atol=1e-6)
-    assert bench.cell.places["left"].gripper.aperture == pytest.approx(0.3, abs=0.02)
+    assert bench.cell.members["left"].gripper.aperture == pytest.approx(0.3, abs=0.02)
 
 
 def test_a_loop_repeats_its_steps_and_is_planned_twice(bench):

@@ -91,7 +91,7 @@ def test_what_comes_before_the_first_stop_of_a_single_run_is_not_looked_at(tmp_p
     assert shard["waypoint"].tolist() == [0, 1]
     alone = Program(waypoints=(WAYPOINTS[0], WAYPOINTS[2]), rounds=1)
     shard = ProgramCheckSweep(program=program_text(alone), scene=FREE).open()(0)
-    assert (shard["way"][0], shard["duration"][0]) == ("", 0.0)
+    assert (shard["path_problem"][0], shard["duration"][0]) == ("", 0.0)
 
 
 def test_the_way_back_to_where_a_loop_begins_is_looked_at(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.files.cell_file import read_cell
-from so101_motion.planning.collision.anytime import evenly, never_meet
+from so101_motion.planning.collision.apart_at_any_timing import evenly, never_meet
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.tasks.program import files
 from so101_motion.tasks.sweeps import PlaceSweep, Region, find_pairs, task_text, write_pairs
@@ -44,7 +44,7 @@ def test_the_arms_of_each_pair_keep_apart_wherever_they_are(found):
     assert pairs.best
     for pair in pairs.best:
         T = [
-            sweep.region.base(base.cell)
+            sweep.region.base(base.lattice_index)
             for sweep, base in zip((LEFT, RIGHT), pair.bases, strict=True)
         ]
         at_poses = [

@@ -56,7 +56,7 @@ def test_the_best_bases_reach_every_pose_free_of_contact(found):
     assert placement.best
     assert [base.time for base in placement.best] == sorted(base.time for base in placement.best)
     for base in placement.best:
-        T_cell_base = REGION.base(base.cell)
+        T_cell_base = REGION.base(base.lattice_index)
         collision = CollisionModel(model, REGION.seen_from(Scene(), T_cell_base))
         for pose, q in zip(TASK.poses, base.q, strict=True):
             assert T_cell_base @ model.frame(q, "jaw_tip").p == pytest.approx(pose.p, abs=1e-5)
@@ -75,8 +75,8 @@ def test_no_base_of_the_first_round_is_better(found):
     judge = every.open()
     times = np.concatenate([judge(shard)["time"] for shard in range(every.shards)])
     assert placement.best[0].time <= 1.002 * times.min() + 1e-6
-    screened = {each.cell: each.time for each in placement.screened}
-    bounds = np.array([screened[cell] for cell in every.bases])
+    screened = {each.lattice_index: each.time for each in placement.screened}
+    bounds = np.array([screened[index] for index in every.bases])
     assert np.all(bounds <= times + 1e-6)
 
 

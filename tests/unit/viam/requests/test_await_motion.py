@@ -7,7 +7,7 @@ import pytest
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import Interrupted, NoPath
-from so101_motion.viam.requests.await_motion import arrival, carried_out, left_alone
+from so101_motion.viam.requests.await_motion import log_failure_of, run_to_end, wait_for_arrival
 
 
 class Mover:
@@ -28,7 +28,7 @@ class Mover:
 
 async def test_arrival_returns_when_the_arm_is_there():
     mover = Mover()
-    call = asyncio.create_task(arrival(mover.motion))
+    call = asyncio.create_task(wait_for_arrival(mover.motion))
     await asyncio.sleep(0)
     assert not call.done()
     mover.running.set_result(None)
@@ -41,12 +41,12 @@ async def test_arrival_raises_what_went_wrong():
     mover.running.set_exception(NoPath("no way"))
 
     with pytest.raises(NoPath):
-        await arrival(mover.motion)
+        await wait_for_arrival(mover.motion)
 
 
 async def test_a_cancelled_wait_ends_only_after_the_motion_is_at_rest():
     mover = Mover()
-    call = asyncio.create_task(arrival(mover.motion))
+    call = asyncio.create_task(wait_for_arrival(mover.motion))
     await asyncio.sleep(0)
     call.cancel()
 
@@ -58,7 +58,7 @@ async def test_a_cancelled_wait_ends_only_after_the_motion_is_at_rest():
 
 async def test_being_cancelled_twice_changes_nothing():
     mover = Mover()
-    call = asyncio.create_task(arrival(mover.motion))
+    call = asyncio.create_task(wait_for_arrival(mover.motion))
     await asyncio.sleep(0)
     call.cancel()
     await asyncio.sleep(0)
@@ -75,7 +75,7 @@ async def test_a_passed_deadline_is_a_cancelled_wait():
     mover = Mover()
 
     with pytest.raises(TimeoutError):
-        await asyncio.wait_for(arrival(mover.motion), 0.01)
+        await asyncio.wait_for(wait_for_arrival(mover.motion), 0.01)
     assert mover.halts == ["cancelled"]
     assert mover.running.done()
 
@@ -83,7 +83,7 @@ async def test_a_passed_deadline_is_a_cancelled_wait():
 async def test_a_motion_that_is_over_is_not_halted():
     mover = Mover()
     mover.running.set_result(None)
-    call = asyncio.create_task(arrival(mover.motion))
+    call = asyncio.create_task(wait_for_arrival(mover.motion))
     call.cancel()
 
     with pytest.raises(asyncio.CancelledError):
@@ -96,7 +96,7 @@ async def test_a_motion_that_is_over_is_not_halted():
 )
 def test_a_motion_nobody_waits_for_reports_what_went_wrong(caplog, error, lines):
     mover = Mover()
-    left_alone(mover.motion, logging.getLogger("test"))
+    log_failure_of(mover.motion, logging.getLogger("test"))
     if error is None:
         mover.running.set_result(None)
     else:
@@ -113,7 +113,7 @@ async def test_a_step_is_finished_although_nobody_waits_for_it_any_more():
         may_end.wait(60.0)
         done.append(True)
 
-    call = asyncio.create_task(carried_out(step))
+    call = asyncio.create_task(run_to_end(step))
     await asyncio.to_thread(begun.wait, 60.0)
     call.cancel()
     for _ in range(3):  # it hears of that in one turn of the loop
@@ -126,9 +126,9 @@ async def test_a_step_is_finished_although_nobody_waits_for_it_any_more():
 
 
 async def test_a_step_returns_and_raises_what_it_does():
-    assert await carried_out(lambda: 7) == 7
+    assert await run_to_end(lambda: 7) == 7
     with pytest.raises(NoPath):
-        await carried_out(fails)
+        await run_to_end(fails)
 
 
 def fails():

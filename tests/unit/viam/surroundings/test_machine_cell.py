@@ -69,7 +69,7 @@ def bench():
 
 
 def known(arm):
-    return {} if arm.place is None else {each.name: each for each in arm.place.others()}
+    return {} if arm.cell_member is None else {each.name: each for each in arm.cell_member.others()}
 
 
 async def test_arms_with_a_frame_know_each_other_and_are_no_obstacles_then(bench):
@@ -82,7 +82,7 @@ async def test_arms_with_a_frame_know_each_other_and_are_no_obstacles_then(bench
     np.testing.assert_allclose(known(arm)["left"].T_base_other.p, (0.4, 0.0, 0.0), atol=1e-9)
     await bench.read(ARM)
     assert known(arm) == {}
-    assert left.place is None
+    assert left.cell_member is None
 
 
 async def test_an_ignored_arm_is_not_avoided_but_avoids_others(bench):
@@ -109,7 +109,7 @@ async def test_what_another_arm_holds_moves_with_it_and_not_as_an_obstacle(bench
     np.testing.assert_allclose(held.T_tool_object.p, (0.0, 0.0, 0.1), atol=1e-12)
     bodies = await bench.read(ARM, LEFT, stick, by="left")
     assert bodies["stick"].held
-    assert [each.name for each in left.place.attached_to(left.place)] == ["stick"]
+    assert [each.name for each in left.cell_member.attached_to(left.cell_member)] == ["stick"]
 
 
 async def test_an_arm_that_is_closed_stands_in_the_way_until_the_machine_is_read_again(bench):
@@ -132,4 +132,4 @@ async def test_closing_the_last_arm_empties_the_cell(bench):
     await bench.read(ARM, LEFT)
     bench.close("left")
     bench.close("arm")
-    assert arm.place is left.place is None
+    assert arm.cell_member is left.cell_member is None

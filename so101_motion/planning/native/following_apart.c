@@ -1,5 +1,5 @@
 /* Proves that an arm that follows a target keeps apart from another arm, or only moves away from it,
- * and finds the near bodies. See led_apart.py.
+ * and finds the near bodies. See following_apart.py.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -35,8 +35,8 @@ static int pair_parts(const Arm *first, const Arm *at, int i, int j, double now,
     return found.length - radii < limit[0] ? TOUCHING : UNKNOWN;
 }
 
-/* Whether two arms only move apart, see only_part in led_apart.py: checked every half step at first,
- * then every step. `nearest` gets their distance at the start. */
+/* Whether two arms only move apart, see only_part in following_apart.py: checked every half step at
+ * first, then every step. `nearest` gets their distance at the start. */
 static int arms_part(const Course *both, const Scene *a, const Scene *b, const double *placement,
                      double since, double step, double room, Known *known, double *nearest) {
     double q[2][JOINTS], limit[MOST_BODIES][MOST_BODIES][2], along;
@@ -108,9 +108,9 @@ void so101_near_beside(Beside *beside) {
     find_near(beside);
 }
 
-/* Whether an arm that follows a target may stop along its course, see led_apart in led_apart.py. Like
+/* Whether an arm that follows a target may stop along its course, as following_apart.py says. Like
  * so101_courses_apart; `told` gets time, distance and bodies. UNKNOWN: the caller has to decide. */
-int so101_led_apart(Beside *beside) {
+int so101_following_apart(Beside *beside) {
     const Scene *a = beside->scene[0], *b = beside->scene[1];
     const double *levers_a = beside->levers[0], *levers_b = beside->levers[1];
     const double *placement = beside->placement, since = beside->since, step = beside->step;

@@ -1,4 +1,4 @@
-"""Lead two guarded arms that face each other at 350 mm into each other.
+"""Let two guarded arms that face each other at 350 mm follow targets into each other.
 
 Two leaders move at random, and two guarded followings in one cell follow them. Contact is judged by
 other means than the guard (``solids.py``), at every tick: polytopes around the official solids, and
@@ -6,7 +6,7 @@ how near hulls and drawn triangles come, because the polytopes are a few millime
 
 What the guard costs: processor time of both arms in a tick, inside the four calls by which a
 following asks its guard and its cell. Beside it the whole of both setpoints, and the same for
-followings that are led alike with nothing to keep them off anything. As in the module, the garbage
+followings of the same kind with nothing to keep them off anything. As in the module, the garbage
 collector ignores what was there before. A busy machine makes some answers late, so where one took
 long the same is asked again: the quickest answer is what the question costs.
 
@@ -14,12 +14,12 @@ What a hand costs that guides one arm into another, in the call by which the dri
 may lead the joints (``GuidingWall``): while the arms are apart, near each other, and overlap. In
 the same run, what it takes to prove that the arm may stop there, which the wall once asked for.
 
-The same with emulated arms (``emulated_led.py``): the referee of the tests listens on both wires
-and objects to nothing, and distances are those of the true poses of the joints. ``--emulated``
-says for how many ticks; ``--only-emulated`` and ``--only-guided``, which is the hand, do nothing
-else and keep the file's other rows.
+The same with emulated arms (``emulated_followings.py``): the referee of the tests listens on both
+wires and objects to nothing, and distances are those of the true poses of the joints.
+``--emulated`` says for how many ticks; ``--only-emulated`` and ``--only-guided``, which is the
+hand, do nothing else and keep the file's other rows.
 
-    python -m benchmarks.bench_led --ticks 100000
+    python -m benchmarks.bench_arms_apart --ticks 100000
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ import numpy as np
 
 from benchmarks._common import from_tests, single_thread, summary, update, write
 from benchmarks.bench_cell import T_LEFT_RIGHT, Tasks
-from benchmarks.emulated_led import emulated_followings
+from benchmarks.emulated_followings import emulated_followings
 from benchmarks.solids import Solids
 from so101_motion.arm.cell import Cell
+from so101_motion.arm.cell_member import CellMember
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.arm.place import Place
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3
 from so101_motion.control.following import Following
@@ -64,26 +64,26 @@ WAY, TREMBLE = 300, 1e-3
 PROOFS = 10
 """Ticks after which it is measured what a proof would take instead."""
 
-ASKED = ((Guard, "within_reach"), (Guard, "admits"), (Place, "near"), (Place, "admits"))
+ASKED = ((Guard, "within_reach"), (Guard, "admits"), (CellMember, "near"), (CellMember, "admits"))
 """What a following asks its guard and its cell in a tick."""
 
 
 def followings(ticks: int, seed: int) -> list[dict[str, object]]:
     """Two leaders drive two guarded followings into each other."""
-    led, bare = Led(seed, guarded=True), Led(seed, guarded=False)
-    led.go(ticks)
+    both, bare = FollowingPair(seed, guarded=True), FollowingPair(seed, guarded=False)
+    both.go(ticks)
     bare.go(min(ticks, BARE_TICKS))
-    guarded, alone, asking = map(_of_both, (led.spent, bare.spent, led.asking))
-    quickest = _of_both(led.quickest)
-    solids = led.solids
+    guarded, alone, asking = map(_of_both, (both.spent, bare.spent, both.asking))
+    quickest = _of_both(both.quickest)
+    solids = both.solids
     return [
         {
             "what": f"two guarded followings, seed {seed}",
             "ticks": ticks,
-            "touching": led.touching,
+            "touching": both.touching,
             "hulls nearest [mm]": 1e3 * solids.nearest_hulls,
             "triangles nearest [mm]": 1e3 * solids.nearest_triangles,
-            "held by the other": led.held / (2 * ticks),
+            "held by the other": both.held / (2 * ticks),
         },
         {"what": f"both setpoints of a tick, unguarded, seed {seed}, CPU", **summary(alone)},
         {"what": f"both setpoints of a tick, guarded, seed {seed}, CPU", **summary(guarded)},
@@ -108,9 +108,9 @@ def guided(ticks: int, seed: int) -> list[dict[str, object]]:
     proof = {how: list[float]() for how in took}
     with ExitStack() as stack:
         arms = facing.FacingArms(stack).arms
-        arm, clock = arms["left"], arms["right"].place.clock
+        arm, clock = arms["left"], arms["right"].cell_member.clock
         guard = Guard(CollisionModel(arm.model, arm.scene), lambda: arm.state.q_jaw_ref)
-        wall = GuidingWall(guard, arm.place)
+        wall = GuidingWall(guard, arm.cell_member)
         gc.collect()
         gc.freeze()
         while sum(map(len, took.values())) < ticks:
@@ -118,13 +118,13 @@ def guided(ticks: int, seed: int) -> list[dict[str, object]]:
             q_jaw, other = arm.state.q_jaw_ref, arms["right"].state
             q_other = np.append(other.q_ref, other.q_jaw_ref)
             for k, q in enumerate(np.linspace(facing.ASIDE, tasks.near(), WAY)):
-                q_led = q + tasks.random.normal(0.0, TREMBLE, (2, 5))  # as the driver asks
-                times = _asked_again(wall, q, q_led)
+                q_guided = q + tasks.random.normal(0.0, TREMBLE, (2, 5))  # as the driver asks
+                times = _asked_again(wall, q, q_guided)
                 room = facing.distance(bodies, np.append(q, q_jaw), q_other)
                 how = "overlapping" if room <= 0.0 else "within 20 mm" if room < 0.02 else "apart"
                 took[how].append(times)
                 if k % PROOFS == 0:
-                    proof[how] += _asked_again(arm.place.admits, np.array([q, q]), 0.01)[:1]
+                    proof[how] += _asked_again(arm.cell_member.admits, np.array([q, q]), 0.01)[:1]
     return [
         {
             "what": f"a wall before another arm, {how}, seed {seed}, CPU",
@@ -157,7 +157,7 @@ def _of_both(spent: list[list[float]]) -> list[float]:
     return [one + other for one, other in zip(*spent, strict=False)]
 
 
-class Led:
+class FollowingPair:
     """Two leaders draw random motions that two followings take up.
 
     Attributes:
@@ -188,15 +188,15 @@ class Led:
                 cell.add("left", one, SE3.identity())
                 cell.add("right", other, T_LEFT_RIGHT)
             rigs = one, other
-            led = [self._opened(rig, clock) for rig in rigs]
-            lists = zip(led, self.spent, self.asking, self.quickest, strict=True)
+            followings = [self._opened(rig, clock) for rig in rigs]
+            lists = zip(followings, self.spent, self.asking, self.quickest, strict=True)
             for following, *each in lists:
                 following.sample = _timed(following.sample, *each)  # type: ignore
             gc.collect()
             gc.freeze()
             left_for = [0, 0]
             for _ in range(ticks):
-                for k, following in enumerate(led):
+                for k, following in enumerate(followings):
                     if left_for[k] == 0:
                         following.aim(self._tasks.near())
                         left_for[k] = int(self._tasks.random.integers(10, 120))
@@ -207,7 +207,7 @@ class Led:
                     q = [np.append(rig.arm.state.q_ref, rig.arm.state.q_jaw) for rig in rigs]
                     self.touching += self.solids.touch(*q)
                     self.solids.measure(*q)
-            for following in led:
+            for following in followings:
                 following.close()
 
     def _opened(self, rig: Rig, clock: ManualClock) -> Following:
@@ -263,7 +263,7 @@ def _time_asking(owner: type, name: str) -> None:
 
 
 def main() -> None:
-    """Lead them, simulated with two seeds, and emulated."""
+    """Measure them, simulated with two seeds, and emulated."""
     single_thread()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--ticks", type=int, default=100_000)
@@ -273,16 +273,18 @@ def main() -> None:
     parser.add_argument("--only-guided", action="store_true")
     asked = parser.parse_args()
     if asked.only_guided:
-        update("bench_led", [row for seed in (1, 2) for row in guided(asked.guided // 2, seed)])
+        update(
+            "bench_arms_apart", [row for seed in (1, 2) for row in guided(asked.guided // 2, seed)]
+        )
         return
     if asked.only_emulated:
-        update("bench_led", emulated_followings(asked.emulated))
+        update("bench_arms_apart", emulated_followings(asked.emulated))
         return
     for owner, name in ASKED:
         _time_asking(owner, name)
     rows = [row for seed in (1, 2) for row in followings(asked.ticks // 2, seed)]
     by_hand = [row for seed in (1, 2) for row in guided(asked.guided // 2, seed)]
-    write("bench_led", [*rows, *by_hand, *emulated_followings(asked.emulated)])
+    write("bench_arms_apart", [*rows, *by_hand, *emulated_followings(asked.emulated)])
 
 
 if __name__ == "__main__":

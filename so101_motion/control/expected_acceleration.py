@@ -25,7 +25,7 @@ AHEAD = 0.5
 compensation fades slowly (``goal_compensation.py``); so it must still know how joints brake."""
 
 
-class Foreseen:
+class ExpectedAcceleration:
     """The acceleration that the driver is told in each period.
 
     Args:
@@ -44,14 +44,14 @@ class Foreseen:
         """Whether the driver may still drive servos ahead of their setpoints."""
         return self._left > 0.0
 
-    def beside(self, led: Setpoint, qdd: Array) -> None:
-        """The joints are led to ``led`` and will accelerate by ``qdd``, shape (n,), [rad/s^2]."""
+    def beside(self, setpoint: Setpoint, qdd: Array) -> None:
+        """The joints are sent to ``setpoint``, to accelerate by ``qdd``, shape (n,), [rad/s^2]."""
         self._left, step = AHEAD, KNOWN_JERK * self._dt
-        before = led.qdd if self.qdd is None else self.qdd
+        before = setpoint.qdd if self.qdd is None else self.qdd
         known = np.clip(qdd, before - step, before + step)
-        way = np.sign(led.qd)
-        faster, to_rest = np.maximum(way * led.qdd, 0.0), -np.abs(led.qd) / FORESIGHT
-        self.qdd = way * np.clip(way * known, np.minimum(way * led.qdd, to_rest), faster)
+        way = np.sign(setpoint.qd)
+        faster, to_rest = np.maximum(way * setpoint.qdd, 0.0), -np.abs(setpoint.qd) / FORESIGHT
+        self.qdd = way * np.clip(way * known, np.minimum(way * setpoint.qdd, to_rest), faster)
 
     def braking(self, now: Setpoint) -> None:
         """The joints brake and are at ``now``."""
@@ -59,6 +59,6 @@ class Foreseen:
         self.qdd = now.qdd if self._left > 0.0 else None
 
     def unknown(self) -> None:
-        """The joints are led by a target that does not say how it accelerates."""
+        """The joints follow a target that does not say how it accelerates."""
         self._left -= self._dt
         self.qdd = None

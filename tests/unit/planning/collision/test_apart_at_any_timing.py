@@ -6,8 +6,8 @@ import pytest
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.collision.anytime import SPACING, evenly, never_meet
 from so101_motion.planning.collision.apart import are_apart, first_meeting
+from so101_motion.planning.collision.apart_at_any_timing import SPACING, evenly, never_meet
 from so101_motion.planning.collision.course import Course
 
 

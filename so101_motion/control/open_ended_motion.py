@@ -8,7 +8,7 @@ from so101_motion.common.errors import MotionError
 from so101_motion.control.request_queue import running_future
 
 
-class LedMotion:
+class OpenEndedMotion:
     """A motion that goes on until it is closed, stopped, or cannot go on.
 
     Args:

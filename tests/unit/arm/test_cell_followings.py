@@ -1,4 +1,4 @@
-"""Arms of one cell keep apart when they are led: simulated joints on a simulated clock."""
+"""Arms of one cell keep apart that follow targets or are jogged: simulated, a simulated clock."""
 
 from functools import partial
 
@@ -24,7 +24,7 @@ def planning_process():
         yield
 
 
-def test_followings_that_are_led_into_each_other_hold_and_go_on_when_they_can(pair_of, clock):
+def test_followings_with_targets_in_each_other_hold_and_go_on_when_they_can(pair_of, clock):
     facing = Facing(24)
     starts, goals = crossing_task(facing)
     pair = pair_of(facing, *starts)
@@ -107,24 +107,24 @@ def test_a_stream_into_another_arm_ends_before_it(pair_in_the_way, clock):
 
 
 @pytest.fixture
-def pair_led_up_close(pair_of, clock):
-    """The left arm was led up to the right one, and braked into what must stay free."""
+def pair_up_close(pair_of, clock):
+    """The left arm followed a target up to the right one, and braked into what must stay free."""
     starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [80.0, -60.0, 60.0, 40.0, 0.0]])
     pair = pair_of(Facing(0), *starts)
-    led = in_time(clock, partial(pair.left.open_unguarded_following, limits=FAST, gate=9.0))
+    approach = in_time(clock, partial(pair.left.open_unguarded_following, limits=FAST, gate=9.0))
     for _ in range(60):
-        led.aim(np.radians([0.0, 10.0, 0.0, 0.0, 0.0]))
+        approach.aim(np.radians([0.0, 10.0, 0.0, 0.0, 0.0]))
         pair.clock.advance(0.01)
-    assert any("right's" in each for each in led.held_by)
+    assert any("right's" in each for each in approach.held_by)
     assert 0.7 * GUARDED < pair.gap() < GUARDED
     pair.following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
     return pair
 
 
-def test_an_arm_that_was_led_up_to_another_backs_out_slowly_and_goes_where_it_is_sent(
-    pair_led_up_close,
+def test_an_arm_that_came_up_to_another_backs_out_slowly_and_goes_where_it_is_sent(
+    pair_up_close,
 ):
-    pair = pair_led_up_close
+    pair = pair_up_close
     begin = pair.gap()
     motion = pair.left.start_move(JointGoal(q=np.radians([-60.0, -40.0, 50.0, 40.0, 0.0])))
     while not motion.future.done():
@@ -136,8 +136,8 @@ def test_an_arm_that_was_led_up_to_another_backs_out_slowly_and_goes_where_it_is
     assert pair.gap() >= ROOM
 
 
-def test_an_arm_that_was_led_up_to_another_is_led_away_and_no_nearer(pair_led_up_close):
-    pair = pair_led_up_close
+def test_an_arm_that_came_up_to_another_follows_a_target_away_and_no_nearer(pair_up_close):
+    pair = pair_up_close
     begin, following = pair.gap(), pair.following
     for _ in range(3):  # again and again
         for aim in (pair.left.state.q_ref, np.radians([0.0, 10.0, 0.0, 0.0, 0.0])):
@@ -153,12 +153,12 @@ def test_an_arm_that_was_led_up_to_another_is_led_away_and_no_nearer(pair_led_up
     assert following.held_by == ()
 
 
-def test_an_arm_that_is_led_into_another_slides_along_it(pair_of, clock):
+def test_an_arm_that_follows_a_target_into_another_slides_along_it(pair_of, clock):
     starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [0.0, -60.0, 60.0, 40.0, 0.0]])
     pair = pair_of(Facing(0), *starts)
     following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
     wanted, nearest = np.radians([50.0, -10.0, 30.0, 20.0, 40.0]), np.inf
-    for _ in range(300):  # pan is led into the right arm, the others need not stop for that
+    for _ in range(300):  # the target of pan is in the right arm, the others need not stop for that
         following.aim(wanted)
         pair.clock.advance(0.01)
         nearest = min(nearest, pair.gap())

@@ -21,7 +21,7 @@ from so101_motion.planning.among import crosses, crossing, delayed
 from so101_motion.planning.collision.apart import EARLY, GUARDED, first_meeting
 from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import Course, NearArms, OtherArm, stop_along
-from so101_motion.planning.collision.led_apart import Beside, close, led_apart
+from so101_motion.planning.collision.following_apart import Beside, close, following_apart
 from so101_motion.planning.collision.scene import Attached, as_seen_by
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Stand(NamedTuple):
     q_jaw: float
 
 
-class Place:
+class CellMember:
     """One arm in a cell: what it knows of the others, and they of it. ``Cell.add`` makes it.
 
     Attributes:
@@ -113,7 +113,8 @@ class Place:
         self._course: Course | None = None
         self._planned: Course | None = None
         self._beside: dict[str, Beside] = {}  # by name of the other arm
-        self._known: tuple[Mapping[str, Place], list[Place]] = ({}, [])  # of the cell; minded of it
+        # The members of the cell, and those of them that are minded.
+        self._known: tuple[Mapping[str, CellMember], list[CellMember]] = ({}, [])
         bodies_of()  # made before the control loop needs it
 
     @property
@@ -232,22 +233,22 @@ class Place:
         with self.cell.lock:
             for other in self._neighbours():
                 pair = self._pair(course, other, other.course_at(now))
-                meeting = led_apart(*pair, since=now, beside=self._memory_of(other))
+                meeting = following_apart(*pair, since=now, beside=self._memory_of(other))
                 if meeting is not None:
                     self.against = close(meeting.first, other.name, meeting.second)
                     return False
             self._course = course
         return True
 
-    def _memory_of(self, other: Place) -> Beside:
+    def _memory_of(self, other: CellMember) -> Beside:
         if other.name not in self._beside:
             self._beside[other.name] = Beside()
         return self._beside[other.name]
 
     def _pair(
-        self, course: Course, other: Place, others: Course
+        self, course: Course, other: CellMember, others: Course
     ) -> tuple[tuple[ArmBodies, Course], tuple[ArmBodies, Course], SE3]:
-        """Both arms' bodies and courses, and the other's base in this one's, for ``led_apart``."""
+        """Both arms' bodies and courses, and the other's base in this one's frame."""
         attached = self.attached_to(other)
         return (
             (bodies_of(self.attached_to(self), other.name), course),
@@ -284,7 +285,7 @@ class Place:
             return course
         return Course.resting(state.q_ref, self._q_jaw)
 
-    def seen_from(self, other: Place, course: Course) -> OtherArm:
+    def seen_from(self, other: CellMember, course: Course) -> OtherArm:
         """This arm as seen by another one."""
         return OtherArm(
             name=self.name,
@@ -293,9 +294,9 @@ class Place:
             attached=as_seen_by(other.name, other.attached_to(self)),
         )
 
-    def attached_to(self, place: Place) -> tuple[Attached, ...]:
+    def attached_to(self, member: CellMember) -> tuple[Attached, ...]:
         """What an arm holds as far as this one knows, itself included."""
-        return (*place.arm.scene.attached, *self.held.get(place.name, ()))
+        return (*member.arm.scene.attached, *self.held.get(member.name, ()))
 
     @property
     def bodies(self) -> ArmBodies:
@@ -309,14 +310,14 @@ class Place:
         return max(state.q_jaw, state.q_jaw_ref)
 
     def _stop(self, q: Array, dt: float, now: float) -> Course:
-        return Course.stop(q, self._q_jaw, t=now, dt=dt)
+        return Course.through(q, self._q_jaw, t=now, dt=dt)
 
-    def _neighbours(self) -> list[Place]:
-        places, (known, minded) = self.cell.places, self._known
-        if known is not places:
-            unminded = {*places} if ALL in self._ignores else {self.name, *self._ignores}
-            minded = [each for key, each in places.items() if key not in unminded]
-            self._known = places, minded
+    def _neighbours(self) -> list[CellMember]:
+        members, (known, minded) = self.cell.members, self._known
+        if known is not members:
+            unminded = {*members} if ALL in self._ignores else {self.name, *self._ignores}
+            minded = [each for key, each in members.items() if key not in unminded]
+            self._known = members, minded
         return minded
 
 

@@ -59,7 +59,7 @@ class Situation(NamedTuple):
         return all(mine is theirs for mine, theirs in zip(self, other, strict=True))
 
 
-class LedMotions:
+class OpenEndedMotions:
     """Makes the followings, streams and jogs of one arm.
 
     Followings, streams and hand guiding share a guard: only the I/O thread uses it, for one of them
@@ -155,16 +155,16 @@ class LedMotions:
 
         def use() -> None:
             self._made = now, guard
-            led = self._newest
-            if isinstance(led, Jog) and not led.future.done():
+            newest = self._newest
+            if isinstance(newest, Jog) and not newest.future.done():
                 _, collision, load = self._checks(now)  # a jog does not share its guard
-                led.keep_off(collision, load)
-            elif isinstance(led, Stream | GuidingWall) or (
-                isinstance(led, Following)
-                and led.guard is not None
-                and guard.look_every >= led.guard.look_every
+                newest.keep_off(collision, load)
+            elif isinstance(newest, Stream | GuidingWall) or (
+                isinstance(newest, Following)
+                and newest.guard is not None
+                and guard.look_every >= newest.guard.look_every
             ):
-                led.guard = guard
+                newest.guard = guard
 
         return use
 

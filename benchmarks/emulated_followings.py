@@ -1,4 +1,4 @@
-"""Two emulated arms that two leaders drive into each other, with the referee on both wires.
+"""Two emulated arms that follow targets into each other, with the referee on both wires.
 
 The arms face each other at 350 mm, in one cell, each behind the real driver. Their servos are
 emulated (fitted on recordings of one real servo), so the joints lag, droop and swing past a stop:
@@ -36,11 +36,11 @@ PHASE = 0.004
 """By how much the control cycles of the arms are apart [s]."""
 
 JERK = 150.0
-"""Cap of both followings [rad/s^3], as in ``bench_led.py``."""
+"""Cap of both followings [rad/s^3], as in ``bench_arms_apart.py``."""
 
 CAPS = ((float(np.radians(50.0)), float(np.radians(100.0))), (float(np.pi), 8.0))
 """Speed [rad/s] and acceleration [rad/s^2]: those with which an arm is opened, and those of
-``bench_led.py``."""
+``bench_arms_apart.py``."""
 
 SEEDS = (1, 2, 3)
 
@@ -111,17 +111,17 @@ class _Opener:
 
 
 def emulated_followings(ticks: int) -> list[dict[str, Any]]:
-    """Lead two emulated arms for about so many ticks in all; a row for each of ``CAPS``."""
+    """Let two emulated arms follow targets for so many ticks in all; a row for each of ``CAPS``."""
     each, rows = ticks // (len(CAPS) * len(SEEDS)), []
     for velocity, acceleration in CAPS:
         speed = f"{np.degrees(velocity):.0f} deg/s"
         pieces = {
             f"emulated, {speed}, seed {seed}, {each} ticks": partial(
-                led, each, seed, velocity, acceleration
+                followed, each, seed, velocity, acceleration
             )
             for seed in SEEDS
         }
-        parts = _common.in_pieces("bench_led", pieces)
+        parts = _common.in_pieces("bench_arms_apart", pieces)
         rows.append({"what": f"two emulated guarded followings, up to {speed}", **_merged(parts)})
     return rows
 
@@ -135,8 +135,8 @@ def _merged(parts: list[dict[str, Any]]) -> dict[str, Any]:
     return {**merged, HELD: float(merged[HELD])}
 
 
-def led(ticks: int, seed: int, velocity: float, acceleration: float) -> dict[str, Any]:
-    """Lead both arms at random for so many ticks.
+def followed(ticks: int, seed: int, velocity: float, acceleration: float) -> dict[str, Any]:
+    """Let both arms follow random targets for so many ticks.
 
     Args:
         ticks: Control cycles of both arms.

@@ -1,7 +1,8 @@
 """Prove that an arm that follows a target keeps apart from another arm, or only moves away from it.
 
-The compiled library does it (``native/led_apart.c``); without it, and while an object is passed
-between the arms, the same is done here with coal. The proof for planned motions is in ``apart.py``.
+The compiled library does it (``native/following_apart.c``); without it, and while an object is
+passed between the arms, the same is done here with coal. The proof for planned motions is in
+``apart.py``.
 """
 
 from __future__ import annotations
@@ -122,13 +123,13 @@ class Beside:
         T: SE3,
         since: float,
     ) -> tuple[int, Array] | None:
-        """The library's verdict for ``led_apart``; None if coal has to decide."""
+        """The library's verdict for ``following_apart``; None if coal has to decide."""
         library = self._tell(first, second, T, since)
         if library is None:
             return None
         asked = self._asked
         asked.gained = self.gained
-        found = library.so101_led_apart(self._address)
+        found = library.so101_following_apart(self._address)
         if found != UNKNOWN:
             self.gained = asked.gained
         return found, asked.told
@@ -142,7 +143,7 @@ class Beside:
     ) -> None:
         """Find the pairs of bodies that are near each other at an instant [s], and prove nothing.
 
-        The other arguments are those of ``led_apart``.
+        The other arguments are those of ``following_apart``.
         """
         library = self._tell(first, second, T, at)
         if library is not None:
@@ -194,7 +195,7 @@ class Beside:
             course.q = q.ctypes.data
 
 
-def led_apart(
+def following_apart(
     first: tuple[ArmBodies, Course],
     second: tuple[ArmBodies, Course],
     T_first_second: SE3,
