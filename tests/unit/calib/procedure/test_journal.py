@@ -59,7 +59,7 @@ def test_without_a_journal_there_is_nothing_to_do(arm, file):
 def test_an_unsaved_calibration_is_rolled_back(arm, file, sides):
     hold(arm, *sides)
     journal.write(file, OPEN)
-    assert "put back" in journal.recover(arm.bus, file)
+    assert "were restored" in journal.recover(arm.bus, file)
     assert held(arm) == BEFORE
     assert not file.exists()
     assert journal.read(file) is None

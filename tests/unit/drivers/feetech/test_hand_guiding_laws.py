@@ -49,8 +49,10 @@ def test_the_jaw_holds_on_and_may_be_moved(make):
     arm.look(0.5)
     assert arm.q_deg[5] == pytest.approx(jaw, abs=0.3)
     assert arm.limits()[5] == 1000
-    arm.arm.write(np.zeros(5), 0.6)
-    arm.look(1.5)
+    for q_jaw in np.linspace(math.radians(jaw), 0.6, 50):
+        arm.arm.write(np.zeros(5), q_jaw)
+        arm.look(0.01)
+    arm.look(1.0)
 
     assert arm.q_deg[5] == pytest.approx(math.degrees(0.6), abs=1.5)
     assert arm.q_deg[:5] == pytest.approx(np.degrees(POSE[:5]), abs=0.7)

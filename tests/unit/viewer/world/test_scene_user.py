@@ -73,7 +73,7 @@ def test_a_scene_that_one_arm_cannot_have_is_given_to_none() -> None:
         (SCENE, "does not stand upright"),
         (
             replace(SCENE, floor_z=None, attached=(STICK,)),
-            "is held by a gripper, and it is not said by which",
+            "is held, but the file does not say by which arm",
         ),
     ):
         with pytest.raises(ConfigError, match=says):
