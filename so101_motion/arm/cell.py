@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from so101_motion.arm.cell_member import LEAD, CellMember, RigWithExecutor, Stand
 from so101_motion.arm.handover import HandoverRun
 from so101_motion.arm.team_motion import TeamPlanning, TeamSeries, TeamStep, end_together
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, MotionError
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.among import crosses, crossing
 from so101_motion.planning.cell.team_requests import (
@@ -313,9 +313,15 @@ class Cell:
 
     def _expect(self, plans: Mapping[str, Plan]) -> None:
         with self.entry:
-            begin = next(iter(self._members.values())).clock.now() + LEAD
+            members = self._members
+            if gone := sorted(plans.keys() - members.keys()):
+                raise MotionError(
+                    f"{', '.join(gone)} left the cell while the common motion was planned; ask for"
+                    " it again"
+                )
+            begin = next(iter(members.values())).clock.now() + LEAD
             for name, plan in plans.items():
-                self._members[name].expect(plan.trajectory, begin)
+                members[name].expect(plan.trajectory, begin)
 
     def stop(self) -> None:
         """Bring all arms to rest at once; returns when they are."""

@@ -155,38 +155,41 @@ class CellMember:
             MotionError: It is part of a common motion for which this arm was ready too late, and
                 would meet another arm now.
         """
-        with self.cell.entry:
-            with self.cell.lock:
-                self._beside.clear()  # a plan begins where the arm rests, and only leads away
-            planned, expected = self._planned, self._expected
-            wait, other, late = 0.0, "", math.inf  # no common motion
-            if planned is not None and expected is trajectory:
-                late = self._now() - planned.t
-            self._expected = None
-            if late > PROMPT:  # the check of before does not hold for it
-                try:
-                    wait, other = self._wait_for(trajectory)
-                except InCollision:
-                    if math.isinf(late):
-                        raise
-                    raise MotionError(
-                        f"it was ready {late:.2f} s after the common motion was to begin, and would"
-                        " meet another arm now; check how busy the computer is, then plan again"
-                    ) from None
-                self._planned = self.along(trajectory, self._now() + wait)
-        if wait:
-            _log.info("%s waits %.1f s more before it moves, for %s", self.name, wait, other)
+        planned = self._planned if self._expected is trajectory else None  # of a common motion
         try:
-            if late < 0.0:
-                pause(-late)
+            if planned is not None and planned.t > self._now():
+                pause(planned.t - self._now())
+            with self.cell.entry:
+                with self.cell.lock:
+                    self._beside.clear()  # a plan begins where the arm rests, and only leads away
+                late = math.inf if planned is None else self._now() - planned.t
+                self._expected = None
+                wait, other = 0.0, ""
+                if late > PROMPT:  # the check of before does not hold for it
+                    wait, other = self._late(trajectory, late)
+                    self._planned = self.along(trajectory, self._now() + wait)
+            if wait:
+                _log.info("%s waits %.1f s more before it moves, for %s", self.name, wait, other)
             yield delayed(trajectory, wait)
         finally:
-            self._planned = None
+            self._planned = self._expected = None
 
     def expect(self, trajectory: Trajectory, begin: float) -> None:
         """Publish a motion that begins at ``begin`` [s] and was checked with those of others."""
         self._planned, self._expected = self.along(trajectory, begin), trajectory
         self._executor.await_motion(begin + PROMPT)
+
+    def _late(self, trajectory: Trajectory, late: float) -> tuple[float, str]:
+        """Like ``_wait_for``, for a motion that is ``late`` [s] for a common one, or not of one."""
+        try:
+            return self._wait_for(trajectory)
+        except InCollision:
+            if math.isinf(late):
+                raise
+            raise MotionError(
+                f"it was ready {late:.2f} s after the common motion was to begin, and would"
+                " meet another arm now; check how busy the computer is, then plan again"
+            ) from None
 
     def _wait_for(self, trajectory: Trajectory) -> tuple[float, str]:
         """How long a motion must still wait [s], and for which arm; nobody if it need not."""
@@ -208,7 +211,10 @@ class CellMember:
     def plan_at(self, now: float) -> Course:
         """The course of its planned motion, or of its stop if there is none."""
         planned = self._planned
-        return planned if planned is not None and now < planned.end else self.course_at(now)
+        if planned is None or now >= planned.end:
+            return self.course_at(now)
+        has_ended = self._expected is not None and now > planned.t + PROMPT  # before it began
+        return self.course_at(now) if has_ended else planned
 
     # Every tick
 

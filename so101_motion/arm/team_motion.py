@@ -72,7 +72,11 @@ class TeamPlanning:
             self._end(error)
             return
         plans = done.result()
-        self._made(plans)
+        try:
+            self._made(plans)
+        except Exception as refusal:
+            self._end(refusal)
+            return
         for name, part in self._parts.items():
             with suppress(InvalidStateError):  # one that was given up
                 part.set_result(plans[name])

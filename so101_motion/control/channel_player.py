@@ -213,8 +213,7 @@ class ChannelPlayer:
                 f"the {self._channel.value} is being stopped; ask again when it is at rest"
             )
         self._recovery.refuse_far()
-        source = None if previous is None else previous.source
-        following.take_over(self.reference, source, self.stop_limits)
+        following.take_over(self.reference, previous.source if previous else None, self.stop_limits)
         start = k if previous is None else self._k
         self._take_up(_Motion(source=following, start=start), start)
         if previous is not None:
@@ -338,6 +337,8 @@ class ChannelPlayer:
     def _take_up(self, motion: _Motion, k: int) -> None:
         if self._motion is None:
             self._following.begin(self.reference.q)
+            if self.neighbours is not None:  # until it asks for more, it stands here
+                self.neighbours.commit(self.reference.q[None], self._dt)
         if self._recovery:
             motion.start, motion.waits_until = None, k + round(RECOVERY_TIME / self._dt)
         self._motion, self._k = motion, k
@@ -397,10 +398,9 @@ class ChannelPlayer:
         return True
 
     def _lost(self, off: Array, held_up: NDArray[np.bool_]) -> FollowingError:
-        i = int(np.argmax(off))
+        i, channel = int(np.argmax(off)), self._channel
         words = self._following.words(i, held_up=bool(held_up[i]))
-        joint, channel = self._channel.joints[i], self._channel.value
-        return left_behind(joint, channel, float(off[i]), words, self._recent())
+        return left_behind(channel.joints[i], channel.value, float(off[i]), words, self._recent())
 
     def _give_way(
         self, motion: _Motion, lost: NDArray[np.bool_], q: Array, error: MotionError

@@ -1,16 +1,17 @@
 """Arms of one cell keep apart when motions are planned: simulated joints on a simulated clock."""
 
 import re
-from concurrent.futures import wait
+from concurrent.futures import Future, wait
 
 import numpy as np
 import pytest
-from harness.cell_pair import crossing_task
+from harness.cell_pair import FAST, crossing_task
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.arm import cell_member as member_module
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import CellMember
+from so101_motion.arm.team_motion import TeamPlanning
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import (
     ConfigError,
@@ -24,6 +25,7 @@ from so101_motion.planning.collision.apart import GUARDED, first_meeting
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.timing import online
 from so101_motion.rig.simulated_rig import open_simulated
 
 
@@ -228,14 +230,18 @@ def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
     np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
 
 
-def start_with_a_late_arm(pair_of, monkeypatch, seconds):
-    """Begin a common motion for which the left arm's thread, on a busy computer, comes late."""
+def start_with_a_late_arm(pair_of, monkeypatch, seconds, *, overslept=0.0):
+    """Begin a common motion for which the left arm's thread, on a busy computer, comes late.
+
+    It comes by so many seconds late to wait for the begin, or oversleeps it by so many.
+    """
     own = CellMember.entered
 
     def late(member, trajectory, pause):
-        if member.name == "left":
-            pause(seconds)
-        return own(member, trajectory, pause)
+        if member.name != "left":
+            return own(member, trajectory, pause)
+        pause(seconds)
+        return own(member, trajectory, lambda wait: pause(wait + overslept))
 
     monkeypatch.setattr(CellMember, "entered", late)
     facing = Facing(33)
@@ -261,14 +267,44 @@ def test_an_arm_that_is_ready_late_begins_with_the_other(pair_of, monkeypatch):
         motion.result()
 
 
-def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(pair_of, monkeypatch):
+@pytest.mark.parametrize(("seconds", "overslept"), [(0.3, 0.0), (0.0, 0.3)])
+def test_one_that_is_ready_much_too_late_says_so_and_moves_nowhere(
+    pair_of, monkeypatch, seconds, overslept
+):
     monkeypatch.setattr(member_module, "LATEST", 0.01)  # here a later begin would do, too
-    pair, motions = start_with_a_late_arm(pair_of, monkeypatch, 0.3)
+    pair, motions = start_with_a_late_arm(pair_of, monkeypatch, seconds, overslept=overslept)
     before = pair.left.state.q_ref
+    while not motions["left"].future.done():  # slowly: the threads are to come in time
+        wait([motions["left"].future], timeout=0.001)
+        pair.advance(0.001)
     pair.finish(*motions.values())
     with pytest.raises(MotionError, match=r"ready 0\.\d+ s after the .* how busy"):
         motions["left"].result()
     np.testing.assert_array_equal(pair.left.state.q_ref, before)
+
+
+def test_an_arm_that_was_stopped_before_a_common_motion_began_is_seen_where_it_stands(pair_of):
+    pair = pair_of(Facing(31), *crossing_task(Facing(31))[0])
+    left, stands = pair.cell.members["left"], pair.left.state.q_ref
+    goal = stands + np.array([0.5, 0.0, 0.0, 0.0, 0.0])
+    motion = online.point_to_point(stands, goal, FAST, 0.01)
+    left.expect(motion, pair.clock.now() + 0.05)
+    assert left.plan_at(pair.clock.now()).end > pair.clock.now() + 0.3
+    pair.advance(0.2)
+    np.testing.assert_allclose(left.plan_at(pair.clock.now()).q[-1, :5], stands)
+
+
+def test_what_prevents_a_common_motion_is_told_to_all_its_arms():
+    def gone(plans):
+        raise MotionError("b left the cell")
+
+    planned = Future()
+    planning = TeamPlanning(("a", "b"), lambda: planned, gone)
+    parts = [planning.part(name) for name in ("a", "b")]
+    planned.set_result({"a": None, "b": None})
+    for part in parts:
+        with pytest.raises(MotionError, match="b left the cell"):
+            part.result(timeout=0)
 
 
 def planned_pair(pair_of):

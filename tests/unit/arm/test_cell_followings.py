@@ -13,6 +13,7 @@ from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.planning.collision.apart import GUARDED, PARTING, ROOM
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.motion_builder import DEPARTURE_SPEED
+from so101_motion.planning.timing import online
 from so101_motion.rig.simulated_rig import open_simulated
 
 
@@ -71,6 +72,27 @@ def test_a_jog_towards_another_arm_slows_down_before_it_and_slides_along_it_at_a
         nearest = min(nearest, pair.gap())
     assert (pair.left.T_base("tool").p - begin) @ along / np.linalg.norm(along) > 0.01
     assert 1.1 * GUARDED < nearest < 1.3 * GUARDED
+
+
+def test_an_arm_with_a_following_that_has_no_target_yet_is_seen_where_it_stands(pair_of, clock):
+    before, there = np.radians([[100.0, -90.0, 80.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
+    beside, beyond = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -60.0, 50.0, 60.0, 0.0]])
+    pair = pair_of(Facing(0), before, beside)
+    (left, right), arm = pair.rigs, pair.left
+    further = before + np.array([0.05, 0.0, 0.0, 0.0, 0.0])
+    move = online.point_to_point(before, further, arm.limits, 0.01)
+    in_time(clock, lambda: left.executor.execute(move).result())
+    in_time(clock, partial(arm.set_torque, False))
+    in_time(clock, left.executor.call(lambda driver: driver.push(there)).result)
+    in_time(clock, partial(arm.set_torque, True))
+    in_time(clock, arm.open_following)
+
+    crossing = online.point_to_point(beside, beyond, pair.right.limits, 0.01)
+    moving = right.executor.execute(crossing)
+    for _ in range(400):
+        pair.advance()
+    with pytest.raises(MotionError, match="stopped with the wrist close to left's"):
+        moving.result(timeout=0)
 
 
 def test_two_jogs_towards_each_other_hold_and_part_again(pair_of, clock):
