@@ -21,6 +21,7 @@ from typing import Protocol, Unpack
 
 from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.stop_order import STOP, LastStop
 from so101_motion.common.errors import (
     SUPERSEDED,
     ConfigError,
@@ -138,6 +139,7 @@ class Gripper:
         self._lock = threading.Lock()
         self._latest: Motion | None = None
         self._grabs = False  # whether the latest motion is a grab
+        self._last_stop = LastStop()
         self._force = 1.0
         self.feels = True
 
@@ -253,6 +255,7 @@ class Gripper:
 
         motion = Motion()
         with self._lock:
+            self._last_stop.refuse_older()
             previous, self._latest = self._latest, motion
         with _failing(motion):
             motion.begin(start, lambda _, by: made[0].interrupt(by))
@@ -289,9 +292,11 @@ class Gripper:
 
         A grab that has just met something does not press on it afterwards.
         """
-        latest = self._latest
+        with self._lock:
+            self._last_stop.note()
+            latest = self._latest
         if latest is not None:
-            latest.interrupt("stop")
+            latest.interrupt(STOP)
         return self._executor.stop(Channel.JAW)
 
     def angle_of(self, aperture: float) -> float:
@@ -307,6 +312,7 @@ class Gripper:
     def _start(self, move: _JawMove) -> Motion:
         motion = Motion()
         with self._lock:
+            self._last_stop.refuse_older()
             previous, self._latest, self._grabs = self._latest, motion, move.grabs
             with _failing(motion):
                 running = self._begin(motion, move.q_goal, move.limits)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Generic
 
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.stop_order import STOP, LastStop, forget_request
 from so101_motion.common.errors import SUPERSEDED, MotionError
 from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future
@@ -56,6 +57,7 @@ class MotionQueue:
         self.current.future.set_result(None)
         self._come_to_rest = come_to_rest
         self._lock = threading.Lock()  # held for moments only
+        self._last_stop = LastStop()
         self._here = threading.local()
         self._threads = ThreadPoolExecutor(max_workers=4, thread_name_prefix="so101-arm")
 
@@ -71,10 +73,12 @@ class MotionQueue:
         The motion raises what ``run`` or its future raises.
 
         Raises:
+            Interrupted: The arm was stopped after the request for this motion had arrived.
             MotionError: The queue has been closed.
         """
         motion = Motion()
         with self._lock:
+            self._last_stop.refuse_older()
             previous = self.current
             try:
                 # as ``asyncio.to_thread`` has it: large contents of a request are in its context
@@ -121,14 +125,25 @@ class MotionQueue:
         Args:
             begin: Begins the motion that it is given; returns at once a future that completes at
                 its end.
+
+        Raises:
+            Interrupted: The arm was stopped after the request for this motion had arrived.
         """
         motion = Motion()
         with self._lock:
+            self._last_stop.refuse_older()
             running = begin(motion)
             previous, self.current = self.current, motion
             previous.interrupt(SUPERSEDED)
         running.add_done_callback(motion.take_outcome)
         return motion
+
+    def give_up(self, by: str) -> None:
+        """End the preparation of the newest motion; a stop also ends what is not a motion yet."""
+        with self._lock:
+            if by == STOP:
+                self._last_stop.note()
+            self.current.give_up(by)
 
     def close(self) -> None:
         """End the newest motion, and the threads."""
@@ -139,6 +154,7 @@ class MotionQueue:
         # The motion before is ending. An error keeps the frames that it passed and all they refer
         # to, so it must not keep that motion, or failed motions would all keep each other alive.
         wait([previous.pop().future])
+        forget_request()
         try:
             self._rest_for(motion)
             self._here.motion = motion

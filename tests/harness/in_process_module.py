@@ -9,10 +9,13 @@ from viam.components.arm.service import ArmRPCService
 from viam.components.gripper import GripperClient
 from viam.components.gripper.service import GripperRPCService
 from viam.resource.manager import ResourceManager
+from viam.rpc.server import _patch_mappings
 
 from harness.fake_parent import ARM, GRIPPER, SIMULATED, SIMULATED_GRIPPER, config_of, until
 from so101_motion.viam.models.simulated import SimulatedArm
 from so101_motion.viam.models.simulated_gripper import SimulatedGripper
+from so101_motion.viam.requests.large_messages import LargeCodec
+from so101_motion.viam.requests.request_guard import guard
 
 
 def new_arm(dependencies=None, name="arm", **attributes):
@@ -27,6 +30,34 @@ def new_gripper(name="gripper", **attributes):
 async def arm_client(arm):
     async with ChannelFor([ArmRPCService(ResourceManager([arm]))]) as channel:
         yield ArmClient(arm.name, channel)
+
+
+class _GuardedServer:
+    """The part of the SDK's server that the guard looks at."""
+
+    def __init__(self, server):
+        self._server = server
+
+
+class _GuardedChannel(ChannelFor):
+    async def __aenter__(self):
+        channel = await super().__aenter__()
+        guard(_GuardedServer(self._server))
+        return channel
+
+
+@asynccontextmanager
+async def guarded_arm(**attributes):
+    """A simulated arm behind a channel that checks requests as the module's server does."""
+    arm = new_arm(**attributes)
+    try:
+        services = _patch_mappings([ArmRPCService(ResourceManager([arm]))])
+        async with _GuardedChannel(services, codec=LargeCodec()) as channel:
+            client = ArmClient(arm.name, channel)
+            client.resource = arm
+            yield client
+    finally:
+        await arm.close()
 
 
 @asynccontextmanager

@@ -3,50 +3,20 @@
 import asyncio
 import gc
 import time
-from contextlib import asynccontextmanager
 
 import pytest
 from google.protobuf.struct_pb2 import Struct
 from grpclib import GRPCError, Status
-from grpclib.testing import ChannelFor
-from harness.in_process_module import new_arm
-from viam.components.arm import ArmClient, JointPositions, Pose
-from viam.components.arm.service import ArmRPCService
+from harness.in_process_module import guarded_arm
+from viam.components.arm import JointPositions, Pose
 from viam.gen.component.arm.v1.arm_grpc import ArmServiceStub
 from viam.proto.common import DoCommandRequest
-from viam.resource.manager import ResourceManager
-from viam.rpc.server import _patch_mappings
 
-from so101_motion.viam.requests.large_messages import LARGEST_STRUCT, LargeCodec
-from so101_motion.viam.requests.request_guard import DEEPEST, MOST_VALUES, guard
+from so101_motion.viam.requests.large_messages import LARGEST_STRUCT
+from so101_motion.viam.requests.request_guard import DEEPEST, MOST_VALUES
 
 LONGEST_GAP = 0.5
 """Of the processor [s]; what is sent here held the loop for 0.7 to 25 s."""
-
-
-class _Guarded:
-    """The part of the SDK's server that the guard looks at."""
-
-    def __init__(self, server):
-        self._server = server
-
-
-class _Channel(ChannelFor):
-    async def __aenter__(self):
-        channel = await super().__aenter__()
-        guard(_Guarded(self._server))
-        return channel
-
-
-@asynccontextmanager
-async def guarded_arm():
-    arm = new_arm()
-    try:
-        services = _patch_mappings([ArmRPCService(ResourceManager([arm]))])
-        async with _Channel(services, codec=LargeCodec()) as channel:
-            yield ArmClient(arm.name, channel)
-    finally:
-        await arm.close()
 
 
 class Gaps:
