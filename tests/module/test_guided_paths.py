@@ -9,7 +9,9 @@ from grpclib import GRPCError, Status
 from harness.in_process_module import advance, in_time
 from viam.components.arm import JointPositions
 
+from so101_motion.common.errors import ConfigError
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.tasks.guided import files
 
 CORNERS = ([20, -10, 10, 0, 0], [20, -40, 40, 10, -40])
 
@@ -168,3 +170,36 @@ async def test_two_recordings_at_once_and_one_that_is_there_are_refused(arm, cli
     await ask(client, "record_path", name="one", replace=True)
     await in_time(client, client.move_to_joint_positions(JointPositions(values=[0.0] * 5)))
     assert (await ask(client, "end_path"))["ended_by"] == "manual mode ended"
+
+
+async def test_a_path_that_could_not_be_saved_is_saved_by_the_next_request(
+    arm, client, tmp_path, monkeypatch
+):
+    write, full = files.write, [True]
+
+    def written(*args, **kwargs):
+        if full.pop() if full else False:
+            raise ConfigError("path", "wave", "cannot be written: No space left on device")
+        write(*args, **kwargs)
+
+    monkeypatch.setattr(files, "write", written)
+    await ask(client, "record_path", name="wave")
+    await lead(arm, client, *CORNERS)
+    with pytest.raises(GRPCError, match="No space left"):
+        await ask(client, "end_path")
+    await ask(client, "record_path", name="next")
+    assert (tmp_path / "paths" / "wave.json").exists(), "before another one begins"
+    await lead(arm, client, *CORNERS)
+    assert (await ask(client, "end_path"))["name"] == "next"
+
+
+async def test_a_name_that_is_taken_while_a_path_is_shown_gets_a_number(arm, client, tmp_path):
+    await ask(client, "record_path", name="wave")
+    await lead(arm, client, *CORNERS)
+    taken = tmp_path / "paths" / "wave.json"
+    taken.parent.mkdir(exist_ok=True)
+    taken.write_text("that of another arm")
+    told = await ask(client, "end_path")
+    assert told["name"] == "wave 2"
+    assert told["file"] == str(tmp_path / "paths" / "wave 2.json")
+    assert taken.read_text() == "that of another arm"

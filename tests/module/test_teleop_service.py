@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
+from grpclib.exceptions import StreamTerminatedError
 from grpclib.testing import ChannelFor
 from harness.emulated_port import patiently, processes_came_late
 from harness.fake_parent import (
@@ -26,6 +27,8 @@ from viam.resource.manager import ResourceManager
 from viam.services.generic.client import GenericClient
 from viam.services.generic.service import GenericRPCService
 
+from so101_motion.common.errors import NotReady
+from so101_motion.viam.models import teleop as teleop_module
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.gripper_resource import GripperResource
 from so101_motion.viam.models.teleop import So101Teleop
@@ -38,14 +41,14 @@ class Deaf:
     """A client that gets no answers for as long as one likes."""
 
     def __init__(self, client):
-        self.client, self.is_deaf = client, False
+        self.client, self.is_deaf, self.trouble = client, False, TimeoutError("no answer")
 
     def __getattr__(self, name):
         return getattr(self.client, name)
 
     async def get_joint_positions(self, **kwargs):
         if self.is_deaf:
-            raise TimeoutError("no answer")
+            raise self.trouble
         return await self.client.get_joint_positions(**kwargs)
 
 
@@ -205,6 +208,28 @@ async def test_a_record_lies_in_the_modules_data(tmp_path, monkeypatch):
         assert "observation.state.gripper.pos" in rows[0]
 
 
+async def test_a_start_replaces_no_record_unless_it_is_told_to_and_succeeds(tmp_path, monkeypatch):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    earlier = tmp_path / "recordings" / "first.csv"
+    earlier.parent.mkdir()
+    earlier.write_text("the earlier one")
+    start = {"command": "start", "record": "first.csv"}
+    async with pair() as (client, *_):
+        with pytest.raises(GRPCError, match='choose another name, or send "replace": true'):
+            await client.do_command(start)
+        executor = ArmResource.here["leader"].rig.executor
+        executor.ask(lambda control: control.lend("calibration", lambda driver: None)).result()
+        with pytest.raises(GRPCError, match="in use for calibration"):
+            await client.do_command({**start, "replace": True})
+        executor.ask(lambda control: control.take_back(lambda driver: True)).result()
+        assert earlier.read_text() == "the earlier one"
+        assert [each.name for each in earlier.parent.iterdir()] == ["first.csv"]
+        await client.do_command({**start, "replace": True})
+        await until(lambda: is_recorded(client, 5))
+        await client.do_command({"command": "stop"})
+        assert len(earlier.read_text().splitlines()) > 5
+
+
 async def is_recorded(client, rows):
     return (await told(client)).get("recorded", 0) >= rows
 
@@ -228,6 +253,53 @@ async def test_the_guard_needs_an_arm_of_this_module():
 async def test_it_may_start_by_itself(here):
     async with pair(here, auto_start=True) as (client, *_):
         await until(lambda: is_in(client, "mirroring"))
+
+
+async def test_what_starts_by_itself_waits_for_servos_that_are_not_there_yet(monkeypatch):
+    tries = []
+
+    def side_of(*rigs):
+        tries.append(rigs)
+        if len(tries) == 1:
+            raise NotReady("no servo answers")
+        return own(*rigs)
+
+    own = teleop_module.side_of
+    monkeypatch.setattr(teleop_module, "side_of", side_of)
+    monkeypatch.setattr(teleop_module, "_AGAIN", 0.01)
+    async with pair(auto_start=True) as (client, *_):
+        await until(lambda: is_in(client, "mirroring"))
+
+
+@pytest.mark.parametrize("side", ["leader", "follower"])
+async def test_a_connection_that_breaks_for_a_moment_ends_no_session(side):
+    here = "leader" if side == "follower" else "follower"
+    async with pair((here,), manage_leader_torque=False) as (client, leader, follower, *_):
+        remote = {"leader": leader, "follower": follower}[side]
+        await client.do_command({"command": "start"})
+        await until(lambda: is_in(client, "mirroring"))
+        remote.trouble, remote.is_deaf = StreamTerminatedError("connection lost"), True
+        await until(lambda: is_in(client, "waiting"))
+        remote.is_deaf = False
+        await until(lambda: is_in(client, "mirroring"))
+
+
+async def test_a_jaw_elsewhere_stops_with_the_session():
+    async with pair(("leader",), manage_leader_torque=False) as (client, _, _, lg, fg):
+        await client.do_command({"command": "start"})
+        await until(lambda: is_in(client, "mirroring"))
+        own, stops = fg.stop, []
+
+        async def stop(**kwargs):
+            stops.append(kwargs)
+            await own(**kwargs)
+
+        fg.stop = stop
+        await lg.open()
+        await until(fg.is_moving)
+        await client.do_command({"command": "stop"})
+        assert len(stops) == 1
+        assert not await fg.is_moving()
 
 
 @pytest.mark.parametrize(("here", "lost"), [("follower", "leader"), ("leader", "follower")])

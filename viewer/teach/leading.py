@@ -9,9 +9,10 @@ import contextlib
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from functools import partial
 from typing import Any, Protocol
 
-from so101_motion.common.errors import So101Error
+from so101_motion.common.errors import Interrupted, So101Error
 from so101_motion.common.units import to_deg
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
@@ -63,9 +64,11 @@ class LocalSession:
         self._follower, self._open = follower, open_leader
         self._leader: Rig | None = None
         self._teleop: Teleop | None = None
+        self._stops = 0
 
     def start(self) -> None:
         """See ``Session.start``."""
+        stops = self._stops
         if self._leader is None:
             self._leader = self._open()
         if self._teleop is None:
@@ -74,10 +77,13 @@ class LocalSession:
                 LocalFollower(side_of(self._follower, self._follower)),
                 self._follower.clock,
             )
+        self._refuse_stopped(stops)
         self._teleop.start()
+        self._refuse_stopped(stops)
 
     def stop(self) -> None:
         """See ``Session.stop``."""
+        self._stops += 1
         if self._teleop is not None:
             self._teleop.stop()
 
@@ -94,6 +100,17 @@ class LocalSession:
     def words(self) -> Sentence | None:
         """See ``Session.words``."""
         return None if self._teleop is None else status_words(self._teleop.status)
+
+    def _refuse_stopped(self, stops: int) -> None:
+        """End a start during which somebody stopped.
+
+        Raises:
+            Interrupted: Somebody did.
+        """
+        if self._stops != stops:
+            if self._teleop is not None:
+                self._teleop.stop()
+            raise Interrupted("stop")
 
 
 class MachineSession:
@@ -176,6 +193,7 @@ class Leading:
         self._looking: Future[None] | None = None
         self._look_due = 0.0
         self._trouble: Sentence | None = None
+        self._ends = 0
 
     @property
     def is_on(self) -> bool:
@@ -191,8 +209,8 @@ class Leading:
         """Follow the leader, or end that."""
         if self.can_switch:
             self._trouble = None
-            session = self._session
-            self._switching = self._submit(session.stop if self.is_on else session.start)
+            start = partial(self._start, self._ends)
+            self._switching = self._submit(self._session.stop if self.is_on else start)
 
     def refresh(self) -> None:
         """Take in whether it has started, and read its state now and then."""
@@ -207,9 +225,15 @@ class Leading:
 
     def end(self) -> None:
         """End it, also while it starts or waits for the leader; any thread. May take a while."""
+        self._ends += 1
         if self.is_on or not self.can_switch:
             with contextlib.suppress(So101Error):  # who cannot be reached does not follow
                 self._session.stop()
+
+    def _start(self, ends: int) -> None:
+        if self._ends != ends:  # it was ended before a thread was free
+            raise Interrupted("stop")
+        self._session.start()
 
     @property
     def sentence(self) -> Sentence:

@@ -21,7 +21,7 @@ from viam.services.generic import Generic
 from so101_motion.calib.record import store
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.clock import Clock, MonotonicClock
-from so101_motion.common.errors import ConfigError, SurroundingsUnknown
+from so101_motion.common.errors import ConfigError, NotReady, PortUnavailable, SurroundingsUnknown
 from so101_motion.common.units import to_deg
 from so101_motion.rig.rig import TICK
 from so101_motion.tasks.teleop import (
@@ -89,7 +89,7 @@ class So101Teleop(Configured, Generic):
         self._informing: asyncio.Task[None] | None = None  # the follower's guard
         self._one_at_a_time = asyncio.Lock()
         self._commands: dict[str, Command] = {
-            "start": Taking(self._start, ("record", "fps")),
+            "start": Taking(self._start, ("record", "fps", "replace")),
             "stop": self._stop,
             "status": self._status,
         }
@@ -126,12 +126,12 @@ class So101Teleop(Configured, Generic):
     # Requests
 
     async def _start(self, given: Attributes) -> dict[str, Any]:
-        record = given.text("record", "")
+        record, replace = given.text("record", ""), given.flag("replace", False)
         fps = given.number("fps", FPS, lower=0.1, upper=1000.0, unit="1/s")
         async with self._one_at_a_time:
             if self._session is None or not self._session.status.is_running:
                 await self._leave()
-                await self._begin(record, fps)
+                await self._begin(record, fps, replace=replace)
         return {"running": True, "recording": str(self._record) if self._record else None}
 
     async def _stop(self) -> dict[str, Any]:
@@ -156,7 +156,8 @@ class So101Teleop(Configured, Generic):
         while True:
             try:
                 await self._start(Attributes({}, ()))
-            except SurroundingsUnknown as error:  # other components may still be starting
+            except (SurroundingsUnknown, NotReady, PortUnavailable) as error:
+                # Other components, or the servos, may still be starting.
                 if not said:
                     self.logger.warning("teleoperation waits for the machine: %s", error)
                 said = True
@@ -166,12 +167,13 @@ class So101Teleop(Configured, Generic):
                 self.logger.error("teleoperation could not be started: %s", error)
             return
 
-    async def _begin(self, record: str, fps: float) -> None:
+    async def _begin(self, record: str, fps: float, *, replace: bool) -> None:
         leader, follower, clock, is_local = self._sides()
         guarded = self._guarded_scene(follower)
         if guarded is not None:
             await guarded.read()
-        recorder = self._recorder(record, fps, clock)
+        file = _file_of(record, replace=replace) if record else None
+        recorder = await run_to_end(lambda: self._recorder(file, fps, clock)) if file else None
         self._rate = 1.0 / TICK if is_local else self._config.rate
         session = Teleop(
             leader,
@@ -187,12 +189,14 @@ class So101Teleop(Configured, Generic):
         try:
             await run_to_end(lambda: session.start(recorder))
         except BaseException:
-            if recorder is not None:
-                recorder.close()
-            self._record = None
+            if recorder is not None and file is not None:
+                await run_to_end(recorder.close)
+                _unfinished(file).unlink(missing_ok=True)
             await run_to_end(session.close)
             raise
-        self._session = session
+        if file is not None:  # only now: a start that fails replaces nothing
+            _unfinished(file).replace(file)
+        self._session, self._record = session, file
         if guarded is not None:
             informing = guarded.keep_known(lambda: session.status.is_running)
             self._informing = asyncio.ensure_future(informing)
@@ -271,17 +275,36 @@ class So101Teleop(Configured, Generic):
                 return client
         raise ConfigError(f"{subtype}s", name, f"is not a {subtype} of this machine")
 
-    def _recorder(self, record: str, fps: float, clock: Clock) -> Recorder | None:
-        if not record:
-            return None
-        if Path(record).name != record:
-            raise ConfigError("record", record, "must be a file name without folders")
-        path = store.resolve(f"{RECORDINGS}/{record}")
-        path.parent.mkdir(parents=True, exist_ok=True)
+    def _recorder(self, file: Path, fps: float, clock: Clock) -> Recorder:
         here = ArmResource.here.get(_short(self._config.follower_arm))
         middles = middles_of(here.rig) if here is not None else None
-        self._record = path
-        return Recorder(path, epoch=time.time() - clock.now(), middles=middles, fps=fps)
+        epoch = time.time() - clock.now()
+        return Recorder(_unfinished(file), epoch=epoch, middles=middles, fps=fps)
+
+
+def _file_of(record: str, *, replace: bool) -> Path:
+    """The file of a recording.
+
+    Raises:
+        ConfigError: It cannot have that name, is there already, or its folder cannot be made.
+    """
+    if Path(record).name != record:
+        raise ConfigError("record", record, "must be a file name without folders")
+    file = store.resolve(f"{RECORDINGS}/{record}")
+    if not replace and file.exists():
+        raise ConfigError(
+            "record", record, 'is there already; choose another name, or send "replace": true'
+        )
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError("record", record, f"cannot be written: {error.strerror}") from error
+    return file
+
+
+def _unfinished(file: Path) -> Path:
+    """Where a recording is written until its session has started."""
+    return file.with_name(f"unfinished-{file.name}")
 
 
 def _status_json(status: Status) -> dict[str, Any]:

@@ -21,8 +21,10 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
+import h2.exceptions
 import numpy as np
 from grpclib import GRPCError, Status
+from grpclib.exceptions import ProtocolError, StreamTerminatedError
 from viam.components.arm import Arm, JointPositions
 from viam.components.gripper import Gripper
 
@@ -53,7 +55,10 @@ LOST_AFTER = 0.09
 """The follower holds when a remote leader has not answered for this long [s]; with one more period
 that is within 0.1 s."""
 
-_TROUBLE = (GRPCError, OSError, TimeoutError, So101Error)
+_TROUBLE = (
+    GRPCError, OSError, TimeoutError, So101Error, StreamTerminatedError, ProtocolError,
+    h2.exceptions.ProtocolError,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +108,10 @@ class RemoteArm:
     async def _repeat(self, job: Callable[[], Coroutine[Any, Any, None]]) -> None:
         due = self.loop.time()
         while True:
-            await job()
+            try:
+                await job()
+            except Exception:  # the next period may do better; without it nobody would look again
+                _log.exception("a period of the teleoperation failed; it goes on")
             due = max(due + 1.0 / self.rate, self.loop.time())
             await asyncio.sleep(due - self.loop.time())
 
@@ -135,13 +143,14 @@ class RemoteLeader(Leader):
 
     def __init__(self, arm: RemoteArm, *, lets_go: bool = True) -> None:
         self._arm, self._lets_go = arm, lets_go
-        self._is_limp = False
+        self._is_limp = self._is_to_hold = False
         self._x = np.zeros(6)
         self._asking: Future[None] | None = None
 
     def attach(self, predictor: Predictor) -> None:
         """See ``Leader.attach``."""
         if self._lets_go:
+            self._is_to_hold = True  # even if the answer is lost
             self._is_limp = bool(self._arm.run(self._arm.set_torque(False)))
 
         async def ask() -> None:
@@ -158,9 +167,9 @@ class RemoteLeader(Leader):
         """See ``Leader.detach``."""
         if self._asking is not None:
             self._asking.cancel()
-        if self._is_limp:
+        if self._is_to_hold:
             self._arm.run(self._arm.set_torque(True))
-            self._is_limp = False
+            self._is_limp = self._is_to_hold = False
 
     @property
     def is_limp(self) -> bool:
@@ -219,7 +228,7 @@ class RemoteFollower(Follower):
         if self._going is not None:
             self._going.cancel()
         try:
-            self._arm.run(self._arm.arm.stop(timeout=SETTING_UP))
+            self._arm.run(self._stop())
         except _TROUBLE as error:
             raise MotionError(f"the follower could not be stopped: {error}") from error
 
@@ -245,6 +254,23 @@ class RemoteFollower(Follower):
 
     # In the event loop
 
+    async def _stop(self) -> None:
+        """Stop arm and jaw, both even if one does not answer."""
+        stops = [self._arm.arm.stop(timeout=SETTING_UP)]
+        if self._arm.gripper is not None:
+            stops.append(self._stop_jaw(self._arm.gripper, SETTING_UP))
+        for outcome in await asyncio.gather(*stops, return_exceptions=True):
+            if isinstance(outcome, BaseException):
+                raise outcome
+
+    async def _stop_jaw(self, gripper: Gripper, patience: float) -> None:
+        jaw, self._jaw = self._jaw, None
+        if jaw is None:
+            return  # it has not been sent anywhere
+        jaw.cancel()  # or its goal could arrive after the stop
+        await asyncio.wait([jaw])
+        await gripper.stop(timeout=patience)
+
     async def _go(self, pilot: Pilot) -> None:
         aim = pilot.arm(self._x[:5])
         if aim is None:
@@ -255,6 +281,8 @@ class RemoteFollower(Follower):
                 if self._stops is not None:
                     self._stops += 1.0  # also if the answer comes too late
                 await self._arm.arm.stop(timeout=PATIENCE)
+                if self._arm.gripper is not None:
+                    await self._stop_jaw(self._arm.gripper, PATIENCE)
             return
         self._moves = True
         q = aim.q

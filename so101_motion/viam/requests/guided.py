@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,11 +48,14 @@ _REPLAYED = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+_Saving = asyncio.Task[tuple[GuidedPath, Path]]
+
+
+@dataclass(slots=True, kw_only=True)
 class _Recording:
     recorder: PathRecorder
     file: Path
-    saved: asyncio.Task[GuidedPath]
+    saved: _Saving
 
 
 class PathCommands:
@@ -102,36 +106,60 @@ class PathCommands:
                 f"{self._recording.file.stem} is being recorded already; send"
                 ' {"command": "end_path"} first'
             )
+        await self._save_again()
         rig = self._arm.rig
         if seconds > 0.0 or not rig.arm.is_movable_by_hand:
             await self._arm.set_manual_mode(True, seconds)
         recorder = PathRecorder(rig.executor, jaw_of(rig))
-        saved = asyncio.ensure_future(self._save(recorder, file, replace))
-        saved.add_done_callback(lambda task: task.cancelled() or task.exception())  # retrieved
+        saved = self._saving(recorder, file, replace=replace)
         self._recording = _Recording(recorder=recorder, file=file, saved=saved)
 
-    async def _save(self, recorder: PathRecorder, file: Path, replace: bool) -> GuidedPath:
+    def _saving(self, recorder: PathRecorder, file: Path, *, replace: bool) -> _Saving:
+        saving = asyncio.ensure_future(self._save(recorder, file, replace))
+        saving.add_done_callback(lambda task: task.cancelled() or task.exception())  # retrieved
+        return saving
+
+    async def _save(
+        self, recorder: PathRecorder, file: Path, replace: bool
+    ) -> tuple[GuidedPath, Path]:
+        """Save a path when its recording ends; under another name if its own is taken by then."""
         path = await asyncio.wrap_future(recorder.future)
         try:
-            await asyncio.to_thread(files.write, path, file, replace=replace)
+            file = await asyncio.to_thread(_written, path, file, replace=replace)
         except So101Error as error:  # perhaps no caller waits for it
-            self._arm.logger.error("the guided path was not saved: %s", error)
+            self._arm.logger.error(
+                "the guided path was not saved: %s; end_path tries it again", error
+            )
             raise
         if recorder.ended_by:
             self._arm.logger.info("%s is saved: %s", file.stem, recorder.ended_by)
-        return path
+        return path, file
 
     async def _end(self) -> dict[str, Any]:
         recording = self._recording
         if recording is None:
             raise MotionError('nothing is being recorded; begin with {"command": "record_path"}')
         recording.recorder.end()
-        path = await asyncio.shield(recording.saved)
+        await self._save_again()
+        path, file = await asyncio.shield(recording.saved)
         return {
-            **_facts(recording.file.stem, path),
-            "file": str(recording.file),
+            **_facts(file.stem, path),
+            "file": str(file),
             "ended_by": recording.recorder.ended_by or "end_path",
         }
+
+    async def _save_again(self) -> None:
+        """Try again to save a path that could not be saved before; nothing of it is lost.
+
+        Raises:
+            So101Error: It cannot be saved now either.
+        """
+        recording = self._recording
+        if recording is None or not recording.saved.done() or recording.saved.cancelled():
+            return
+        if recording.saved.exception() is not None:
+            recording.saved = self._saving(recording.recorder, recording.file, replace=False)
+            await asyncio.shield(recording.saved)
 
     async def _list(self) -> dict[str, Any]:
         kept = await asyncio.to_thread(files.listed, store.resolve(PATHS))
@@ -209,3 +237,14 @@ def _limits(given: Attributes, own: MotionLimits) -> MotionLimits:
 
 def _facts(name: str, path: GuidedPath) -> dict[str, Any]:
     return {"name": name, "points": len(path), "duration_s": round(path.duration, 3)}
+
+
+def _written(path: GuidedPath, file: Path, *, replace: bool) -> Path:
+    """Write a path; under its name with a number if that has been taken meanwhile."""
+    free = file
+    for number in count(2):
+        if replace or not free.exists():
+            break
+        free = file.with_name(f"{file.stem} {number}{file.suffix}")
+    files.write(path, free, replace=replace)
+    return free
