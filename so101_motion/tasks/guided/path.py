@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array, frozen_array
@@ -27,6 +28,8 @@ JAW_TOLERANCE = 0.02
 
 _DRAWN = 400  # points at most of the line that is drawn
 _SPACING = np.radians(0.5)  # of the places on a polyline that points are compared with [rad]
+_WINDOW = 120  # places before and after the best one that are looked at: 60 deg; chosen
+_CORNER = 24  # places that points may leave out at once, where they cut a corner; chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -156,17 +159,31 @@ def along(corners: Array, points: Array) -> Array:
 
 
 def _in_order(places: Array, points: Array) -> NDArray[np.intp]:
-    """The places of points in rising order, with the least sum of squared distances."""
-    all_places = np.arange(len(places))
-    total = np.square(places - points[0]).sum(axis=1)
-    came_from = np.zeros((len(points), len(places)), dtype=np.intp)
-    for k in range(1, len(points)):
-        best = np.minimum.accumulate(total)
-        # The last place up to each one at which the least was reached.
-        came_from[k] = np.maximum.accumulate(np.where(total <= best, all_places, 0))
-        total = best + np.square(places - points[k]).sum(axis=1)
-    chosen = np.empty(len(points), dtype=np.intp)
-    chosen[-1] = int(np.argmin(total))
-    for k in range(len(points) - 1, 0, -1):
-        chosen[k - 1] = came_from[k, chosen[k]]
+    """The places of points in rising order, with the least sum of squared distances.
+
+    From point to point a place goes on no further than points and corners may take it, and only
+    places near the best one so far are looked at: memory and time grow with the number of points.
+    """
+    n = len(points)
+    steps = np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0)
+    most = (_CORNER + 2 * np.ceil(steps / _SPACING) + 4 * np.ceil(len(places) / n)).astype(int)
+    window = max(_WINDOW, 2 * int(most.max(initial=0)))
+    total = np.full(2 * window, np.inf)
+    total[: len(places)] = np.square(places[: 2 * window] - points[0]).sum(axis=1)
+    first = np.zeros(n, dtype=np.intp)  # where each window begins
+    back = np.zeros((n, 2 * window), dtype=np.int32)  # how far each place went on
+    for k in range(1, n):
+        ahead = max(0, int(np.argmin(total)) - window)
+        first[k], m = first[k - 1] + ahead, int(most[k - 1])
+        known = np.concatenate([np.full(m, np.inf), total[ahead:], np.full(ahead, np.inf)])
+        before = sliding_window_view(known, m + 1)[:, ::-1]  # of each place, the nearest first
+        back[k] = np.argmin(before, axis=1)
+        near = places[first[k] : first[k] + 2 * window]
+        total = before[np.arange(2 * window), back[k]]
+        total[: len(near)] += np.square(near - points[k]).sum(axis=1)
+        total[len(near) :] = np.inf
+    chosen = np.empty(n, dtype=np.intp)
+    chosen[-1] = first[-1] + int(np.argmin(total))
+    for k in range(n - 1, 0, -1):
+        chosen[k - 1] = chosen[k] - back[k, chosen[k] - first[k]]
     return chosen
