@@ -58,7 +58,7 @@ class HardwareRig(Rig):
     @property
     def not_ready(self) -> str | None:
         """Why the servos cannot be used yet; None once they have been found; never waits."""
-        return self._shared.not_ready(self._asked.required())
+        return self._shared.not_ready(self._asked)
 
     def require_ready(self) -> None:
         """Raise unless the servos have been found.
@@ -71,12 +71,12 @@ class HardwareRig(Rig):
             raise NotReady(reason)
 
     def look_again(self) -> Future[None]:
-        """Look for servos that did not answer when the others were found.
+        """Set up what could not be: servos that did not answer, settings that came in a motion.
 
         Returns:
             Done when they have been looked for, found or not.
         """
-        return self._shared.set_up_soon()
+        return self._shared.set_up_soon(self._asked)
 
     @property
     def last_failure(self) -> Path | None:
@@ -158,9 +158,7 @@ class HardwareRig(Rig):
             if self._closed:
                 return
             self._closed = True
-            self._shared.shares.remove(self._asked)
-            is_last = not self._shared.shares
-            self._shared.is_closing = is_last
+            is_last = self._shared.leave(self._asked)
         # Outside the lock: the arm may have to come to rest, and others open other ports meanwhile.
         if is_last:
             self._shared.close()
@@ -180,7 +178,8 @@ def open_hardware(
 ) -> HardwareRig:
     """Open the arm and gripper on a serial port; opening moves nothing.
 
-    Several may be opened on one port: they share it, and their settings must agree. As long as none
+    Several may be opened on one port: they share it, and their settings must agree, except for the
+    calibration file and the timeout (``port_settings.combined``). As long as none
     asks for a servo, servos may be missing and nothing is driven: that is for ``lend_bus``.
 
     The first user of a port decides ``clock``, ``reply_timeout`` and ``open_port``.
@@ -261,7 +260,7 @@ def _open(
             shared.servos.settings = shared.join(settings)
         rig = HardwareRig(shared, settings)
         if not waits:
-            rig.first_try = shared.set_up_soon()
+            rig.first_try = shared.set_up_soon(settings)
         return rig
 
 

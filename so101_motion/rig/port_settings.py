@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from so101_motion.calib.procedure import journal
 from so101_motion.common.errors import ConfigError
@@ -33,6 +34,8 @@ class ServoSettings:
             order; None from components that do not care.
         compensates: Whether weight, friction and lag are compensated; None from components that do
             not care: they are compensated then.
+        goes_with_arm: Whether it is a gripper that names its arm; the arm's baudrate counts, and
+            its own only when the arm has left.
     """
 
     port: str
@@ -46,6 +49,7 @@ class ServoSettings:
     fallback_file: Path | None = None
     releases_at_end: bool | None = None
     compensates: bool | None = None
+    goes_with_arm: bool = False
 
     @property
     def file(self) -> Path | None:
@@ -70,31 +74,6 @@ class ServoSettings:
         """These settings with a gripper of this servo."""
         return replace(self, gripper_id=gripper_id)
 
-    def joined_with(self, other: ServoSettings) -> ServoSettings:
-        """Combine the settings of two components.
-
-        Raises:
-            ConfigError: They contradict each other; the message names every such setting.
-        """
-        differing = []
-        merged: dict[str, object] = {}
-        for name in _JOINED:
-            mine, theirs = getattr(self, name), getattr(other, name)
-            if None not in (mine, theirs) and mine != theirs:
-                differing.append(f"{name} {_plain(mine)} and {_plain(theirs)}")
-            merged[name] = theirs if mine is None else mine
-        if differing:
-            raise ConfigError(
-                "port",
-                other.port,
-                "another component uses this port with other settings: "
-                + "; ".join(differing)
-                + ". Give both the same",
-            )
-        joined = replace(self, **merged)  # type: ignore[arg-type]  # names and types are our own
-        joined.ids()
-        return joined
-
     def ids(self) -> dict[str, int]:
         """The servo of each joint that may be there.
 
@@ -118,13 +97,101 @@ class ServoSettings:
         )
 
 
-_JOINED = (
-    "baudrate", "timeout", "servo_ids", "gripper_id", "calibration_file", "zero_offsets",
-    "rate", "fallback_file", "releases_at_end", "compensates",
-)  # fmt: skip
+def combined(shares: Sequence[ServoSettings]) -> ServoSettings:
+    """Combine the settings of the components on a port, in the order in which they came.
+
+    What only one of them gives holds for all. They must agree, except on these: the arm's
+    calibration file counts, without one the first that is named, and the longest timeout. Any part
+    of components that agree agrees as well, so components can always leave.
+
+    Raises:
+        ConfigError: They contradict each other; the message names every such setting.
+    """
+    tied = [share for share in shares if not share.goes_with_arm] or shares[:1]
+    given = {"baudrate": _different(share.baudrate for share in tied)}
+    for name in _AGREED:
+        given[name] = _different(getattr(share, name) for share in shares)
+    differing = [
+        f"{_ATTRIBUTES[name]} " + " and ".join(_plain(name, value) for value in values)
+        for name, values in given.items()
+        if len(values) > 1
+    ]
+    if differing:
+        raise ConfigError(
+            "port",
+            shares[-1].port,
+            "another component uses this port with other settings: "
+            + "; ".join(differing)
+            + ". Give both the same",
+        )
+    file = _first(share.calibration_file for share in _arms_first(shares))
+    saved_to = [share.fallback_file for share in shares]
+    joined = replace(
+        shares[0],
+        timeout=max((share.timeout for share in shares if share.timeout is not None), default=None),
+        calibration_file=file,
+        fallback_file=_first(sorted(saved_to, key=lambda each: each != file)),  # that file, if any
+        goes_with_arm=False,
+        **{name: _first(values) for name, values in given.items()},
+    )
+    joined.ids()
+    return joined
 
 
-def _plain(value: object) -> str:
+def about_unused_file(shares: Sequence[ServoSettings]) -> str | None:
+    """What to tell if the last component and others name different calibration files."""
+    counts = next((s for s in _arms_first(shares) if s.calibration_file is not None), None)
+    newest = shares[-1].calibration_file
+    others = [s.calibration_file for s in shares if s.calibration_file not in (None, newest)]
+    if counts is None or newest is None or not others:
+        return None
+    used = counts.calibration_file
+    why = "the arm names it" if counts.servo_ids is not None else "it was named first"
+    return (
+        f"components on {counts.port} name different calibration files: {used} is used, because"
+        f" {why}, and {others[0] if newest == used else newest} is not; give all of them the same"
+        " calibration_file, or only one of them any"
+    )
+
+
+def _arms_first(shares: Sequence[ServoSettings]) -> list[ServoSettings]:
+    return sorted(shares, key=lambda share: share.servo_ids is None)
+
+
+def _different(values: Iterable[object]) -> list[object]:
+    """The values that are given, each once, in order."""
+    found: list[object] = []
+    for value in values:
+        if value is not None and value not in found:
+            found.append(value)
+    return found
+
+
+def _first(values: Iterable[Any]) -> Any:
+    """The first value that is given; None without one."""
+    return next((value for value in values if value is not None), None)
+
+
+_ATTRIBUTES = {
+    "baudrate": "baudrate",
+    "servo_ids": "servo_ids",
+    "gripper_id": "servo_id",
+    "zero_offsets": "joint_zero_offsets_deg",
+    "rate": "control_rate_hz",
+    "releases_at_end": "at_end",
+    "compensates": "compensates",
+}
+"""The settings that components must agree on, by name, as a configuration calls them."""
+
+_AGREED = tuple(name for name in _ATTRIBUTES if name != "baudrate")
+
+
+def _plain(name: str, value: object) -> str:
+    """A value as a configuration has it."""
+    if name == "releases_at_end":
+        return "release" if value else "hold"
     if isinstance(value, Mapping):
         return ", ".join(f"{joint} {to_deg(angle):g} deg" for joint, angle in value.items())
+    if isinstance(value, float):
+        return f"{value:g}"
     return str(list(value)) if isinstance(value, tuple) else str(value)

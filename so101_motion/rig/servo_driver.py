@@ -156,6 +156,8 @@ class ServoDriver:
         Raises:
             NotReady: The servos have not been found yet.
         """
+        if self._monitor is None and self._arm is None and not self.settings.required():
+            self.monitor_only()  # whoever asked for servos left before they were found
         if self._monitor is not None:
             self._last = self._seen(self._monitor)
             return self._last
@@ -214,17 +216,15 @@ class ServoDriver:
         Raises:
             BusError: A required servo cannot be reached or set up.
         """
-        if self._arm is not None and self._arm.is_connected:
-            # to learn it while all still works
+        if self._arm is not None and self._arm.is_connected:  # to learn it while all still works
             self._finder.require(self._arm.bus.port, settings, settings.required())
-        before = self.settings
+        before = self.in_force
         self.close()
         try:
             self._begin(settings, 0.0)  # the I/O thread must not wait
         except BusError:
             self._begin(before, 0.0)
             raise
-        self.settings = settings
 
     # Lending the bus, on the I/O thread
 

@@ -81,7 +81,7 @@ class ServoFinder:
         Raises:
             BusError: The port cannot be opened, or went away.
         """
-        bus = self._bus(self.open_port(), settings)
+        bus = self._bus(self._open(settings), settings)
         try:
             return joints_on(bus, settings, required, timeout, expected)
         finally:
@@ -125,6 +125,7 @@ class ServoFinder:
     def monitor(self, settings: ServoSettings) -> BusMonitor:
         """Make a monitor that reads the servos without driving them."""
         ids = settings.ids()
+        self.open_port.baud = settings.baudrate
         return BusMonitor(self.open_port, self._clock, ids=ids, reply_timeout=self._reply_timeout)
 
     def look(self, settings: ServoSettings, required: Collection[str], *, is_patient: bool) -> None:
@@ -140,7 +141,7 @@ class ServoFinder:
             PortUnavailable: The port cannot be opened, or went away.
             NoReply: A servo does not answer.
         """
-        port = self.open_port()
+        port = self._open(settings)
         try:
             tries = 1 + RETRIES if is_patient else _GLANCE
             self.require(port, settings, required, tries=tries)
@@ -165,6 +166,10 @@ class ServoFinder:
         missing = [ids[joint] for joint in required if ids[joint] not in answering]
         if missing:
             raise missing_servos(bus, missing, answering)
+
+    def _open(self, settings: ServoSettings) -> Port:
+        self.open_port.baud = settings.baudrate  # from now on, for drivers as well
+        return self.open_port()
 
     def _bus(self, port: Port, settings: ServoSettings) -> Bus:
         names = {servo_id: joint for joint, servo_id in settings.ids().items()}

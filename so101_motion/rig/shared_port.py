@@ -4,6 +4,11 @@
 last setup. A caller that can wait applies new settings at once (``connect``, ``rebuild``). For an
 event loop, which cannot wait, the port's own thread does it (``set_up_soon``), and goes on trying
 while servos stay silent, exactly as after a cable was pulled.
+
+``servos.settings`` is computed anew from ``shares`` whenever a component joins or leaves. Leaving
+alone sets nothing up: the servos stay as they are until a component joins, the calibration is
+loaded again or the bus comes back from a loan. So the setup of an arm that is being replaced is
+kept, and its servos are driven, until the new one is there.
 """
 
 from __future__ import annotations
@@ -11,13 +16,14 @@ from __future__ import annotations
 import logging
 import math
 import os
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
 
 from so101_motion.common.clock import Clock, MonotonicClock
-from so101_motion.common.errors import ConfigError, MotionError, So101Error
+from so101_motion.common.errors import ConfigError, MotionError, NoReply, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.realtime import use_realtime_priority
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -38,6 +44,7 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import gravity_per_kg
+from so101_motion.rig.port_settings import about_unused_file, combined
 from so101_motion.rig.rig import HARD_STOP, TICK, Rig
 from so101_motion.rig.servo_driver import ServoDriver, ServoSettings
 
@@ -129,6 +136,7 @@ class SharedPort:
         self._holding: Future[None] = Future()  # of servos that have just been found
         self._holding.set_result(None)
         self._trouble: str | None = None  # why what is asked for is not in force
+        self._put_off: list[ServoSettings] = []  # shares whose settings could not be taken up
         dt = 1.0 / settings.rate if settings.rate else TICK
         self._device = os.path.realpath(settings.port)
         model = RobotModel.load()
@@ -209,19 +217,23 @@ class SharedPort:
         Raises:
             ConfigError: ``settings`` contradict the others.
         """
-        joined = self.servos.settings.joined_with(settings)
+        shares = [*self.shares, settings]
+        joined = self._combined(shares)
         running = 1.0 / self.rig.executor.dt
         if joined.rate is not None and abs(joined.rate - running) > 1e-6:
             raise ConfigError(
                 "control_rate_hz",
                 joined.rate,
-                f"the port runs at {running:g} Hz already, for another component; give every"
-                " component on it the same",
+                f"the port runs at {running:g} Hz already, until no component uses it any more;"
+                " give every component on it the same, or restart the module",
             )
+        warning = about_unused_file(shares)
+        if warning is not None:
+            _log.warning("%s", warning)
         return joined
 
     def admit(self, joined: ServoSettings) -> None:
-        """Use the settings ``joined``; sets up the servos that were not used before.
+        """Use the settings ``joined``; sets up the servos if that is needed.
 
         While the bus is lent, the servos are set up when it is given back.
 
@@ -231,6 +243,18 @@ class SharedPort:
         if self.rig.executor.state.lent_to is None and self._differs(joined):
             self.rebuild(joined)
         self.servos.settings = joined
+
+    def leave(self, settings: ServoSettings) -> bool:
+        """Give up a share; returns whether it was the last one."""
+        self.shares.remove(settings)
+        self.is_closing = not self.shares
+        if self.shares:
+            self.servos.settings = self._combined(self.shares)
+        return self.is_closing
+
+    def _combined(self, shares: Sequence[ServoSettings]) -> ServoSettings:
+        """The settings of ``shares``; the port keeps the name by which it was opened."""
+        return replace(combined(shares), port=self.servos.settings.port)
 
     def rebuild(self, settings: ServoSettings) -> None:
         """Set the servos up again; all joints are held where they are."""
@@ -246,10 +270,13 @@ class SharedPort:
 
     def _differs(self, wanted: ServoSettings) -> bool:
         """Whether the servos have to be set up anew for ``wanted``."""
+        if self.servos.is_ours and not wanted.required():
+            return False  # they are driven on as those who asked for them left them
         now, ids = self.servos.in_force, wanted.ids()
         in_use = {joint: setup.map.servo_id for joint, setup in self.servos.setups.items()}
         return (
             not now.required()
+            or wanted.baudrate != now.baudrate
             or wanted.file != now.file
             or wanted.zero_offsets != now.zero_offsets
             or any(joint not in in_use for joint in wanted.required())
@@ -263,24 +290,35 @@ class SharedPort:
             return all(joint in servos.setups for joint in wanted.required())
         return not self._differs(wanted)
 
+    @property
+    def _is_outdated(self) -> bool:
+        """Whether the servos are used with other settings than those now asked for."""
+        servos = self.servos
+        return servos.readiness.is_found and self._differs(_of_arm(servos.settings))
+
     # Without waiting
 
-    def not_ready(self, joints: tuple[str, ...]) -> str | None:
-        """Why ``joints`` cannot be used yet; None once their servos have been found."""
+    def not_ready(self, share: ServoSettings) -> str | None:
+        """Why ``share`` cannot be used yet; None once its servos have been found and set up."""
         servos = self.servos
         if servos.readiness.reason is not None:
             return servos.readiness.reason
         if self.rig.executor.state.reading is servos.no_reading or not self._holding.done():
             return "the servos have just been found; try again"
-        missing = [joint for joint in joints if joint not in servos.setups]
+        if share in self._put_off and self._is_outdated:
+            return f"{self._trouble} (every request asks it again)"
+        missing = [joint for joint in share.required() if joint not in servos.setups]
         if not missing:
             return None
         first, ids = missing[0], servos.settings.ids()
         plain = f"servo {ids[first]} ({first}) did not answer; check its cable"
         return f"{self._trouble or plain} (every request asks it again)"
 
-    def set_up_soon(self) -> Future[None]:
+    def set_up_soon(self, share: ServoSettings) -> Future[None]:
         """Have the port's thread set the servos up, unless they are.
+
+        Args:
+            share: On whose behalf; it is not ready until its settings are in force.
 
         Returns:
             Done when that was tried once, successfully or not.
@@ -294,6 +332,11 @@ class SharedPort:
         def end(setting_up: Future[None]) -> None:
             error = setting_up.exception()
             self._trouble = None if error is None else str(error)
+            if error is None:
+                self._put_off = []
+            elif self._is_outdated and share not in self._put_off:
+                self._put_off = [*self._put_off, share]
+                _log.warning("new settings are not in force yet: %s", error)
             self._holding.add_done_callback(lambda _: tried.set_result(None))
 
         ask(self._forget).add_done_callback(go_on)
@@ -302,7 +345,11 @@ class SharedPort:
     def _forget(self, control: JointController) -> None:
         """Stop monitoring if there are servos to be driven now."""
         servos = self.servos
-        if control.mode is Mode.LIMP and not servos.is_ours and servos.settings.required():
+        if (
+            control.mode in (Mode.LIMP, Mode.FAULT)
+            and not servos.is_ours
+            and servos.settings.required()
+        ):
             servos.forget()
 
     def _set_up(self, control: JointController) -> None:
@@ -317,11 +364,26 @@ class SharedPort:
                     f"the arm on {servos.settings.port} is {control.mode.value}, so nothing else on"
                     " the port can be set up; stop it or wait for its end"
                 )
-            control.call_and_rehold(lambda _: self._rebuild(servos.settings))
+            self._set_up_anew(control, servos.settings)
             self.rig.gripper.regrip()
+
+    def _set_up_anew(self, control: JointController, wanted: ServoSettings) -> None:
+        """Set the servos up again; a silent jaw does not keep its arm from new settings."""
+        arm = _of_arm(wanted)
+        try:
+            control.call_and_rehold(lambda _: self._rebuild(wanted))
+        except NoReply:
+            if arm != wanted and self._differs(arm):
+                control.call_and_rehold(lambda _: self._rebuild(arm))
+            raise
 
     def _on_found(self) -> None:
         """Hold the servos where they stand, now that they have been found."""
         self.take_ranges()
         _log.info("the servos on %s have been found", self.servos.settings.port)
         self._holding = self.rig.executor.hold()
+
+
+def _of_arm(settings: ServoSettings) -> ServoSettings:
+    """``settings`` without the gripper that is on an arm; those of a gripper alone as they are."""
+    return settings if settings.servo_ids is None else replace(settings, gripper_id=None)

@@ -193,9 +193,9 @@ def _configured(shares: Iterable[ServoSettings]) -> frozenset[str]:
     for asked in shares:
         if asked.servo_ids is not None:
             parts.add("arm")
-        elif asked.gripper_id is not None:
+        if asked.gripper_id is not None:
             parts.add("gripper")
-        else:
+        if not asked.required():
             parts.add("calibration")
     return frozenset(parts)
 

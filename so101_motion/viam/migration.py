@@ -198,7 +198,28 @@ def _notes(whole: Mapping[str, Any], parts: tuple[MigratedResource, ...]) -> tup
             "keep the module's name: viam-server names the directory of the calibration files after"
             " it"
         )
-    return tuple(notes)
+    return (*notes, *_about_files(parts))
+
+
+def _about_files(parts: tuple[MigratedResource, ...]) -> Iterator[str]:
+    """A note for each port whose components name different calibration files."""
+    by_port: dict[str, list[tuple[MigratedResource, str]]] = {}
+    for part in parts:
+        given = part.config["attributes"]
+        port, file = given.get("port"), given.get("calibration_file")
+        if isinstance(port, str) and isinstance(file, str) and file and not given.get("arm"):
+            by_port.setdefault(port, []).append((part, file))
+    for port, named in by_port.items():
+        if len({file for _, file in named}) == 1:
+            continue
+        arms = [file for part, file in named if part.model == f"{FAMILY}arm"]
+        used = f"{arms[0]}, the arm's," if arms else f"{named[0][1]}, or the first that is loaded,"
+        listed = ", ".join(f"{part.name} {file}" for part, file in named)
+        yield (
+            f"components on {port} name different calibration files: {listed}. {used} is used for"
+            " all; in the published module the last that was loaded was. Give all of them the same"
+            " calibration_file"
+        )
 
 
 # One resource

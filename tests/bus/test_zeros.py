@@ -112,7 +112,8 @@ def test_configured_zeros_serve_without_a_file(bench):
     assert rig.servos is plain.servos
     moved = rig.servos.setups["elbow_flex"].map.zero_ticks - before
     assert moved == pytest.approx(-10.0 * 4096 / 360)
-    with pytest.raises(ConfigError, match="zero_offsets elbow_flex 10 deg and wrist_roll 1 deg"):
+    says = "joint_zero_offsets_deg elbow_flex 10 deg and wrist_roll 1 deg"
+    with pytest.raises(ConfigError, match=says):
         bench.open(gripper_id=None, zero_offsets={"wrist_roll": rad(1.0)})
 
 

@@ -304,14 +304,18 @@ class ModelBench(HardwareBench):
         # Whoever comes first decides the clock; this share asks for no servo at all.
         self.base = self.open(servo_ids=None, gripper_id=None, timeout=TIMEOUT)
 
-    def new(self, model, name, **attributes):
+    def build(self, model, name, attributes):
+        """Build a component, which has to be closed before the end, and do not wait for it."""
         struct = Struct()
         struct.update(attributes)
         config = ComponentConfig(
             name=name, api=str(model.API), model=str(model.MODEL), attributes=struct
         )
+        return model.new(config, {})
+
+    def new(self, model, name, **attributes):
         for _ in range(5):
-            component = model.new(config, {})
+            component = self.build(model, name, attributes)
             if not isinstance(component, (HardwareArm, HardwareGripper)):
                 break
             component.rig.first_try.result(timeout=60.0)  # requests wait for it themselves

@@ -290,7 +290,10 @@ class HardwareGripper(GripperResource):
 
 
 def _settings(wanted: HardwareGripperConfig) -> ServoSettings:
-    """The settings of the port that the gripper names, or of its arm's port.
+    """The settings of the port that the gripper names, or the port of its arm.
+
+    Of the arm's settings only port and baudrate are taken: the others stay the arm's own, which may
+    come back with different ones while the gripper stays.
 
     Raises:
         ConfigError: There is no such arm in this process.
@@ -305,7 +308,8 @@ def _settings(wanted: HardwareGripperConfig) -> ServoSettings:
         raise ConfigError(
             "arm", wanted.arm, f"is not a {HardwareArm.MODEL} of this module; there are: {known}"
         )
-    return arm.rig.settings
+    now = arm.rig.settings
+    return ServoSettings(port=now.port, baudrate=now.baudrate, timeout=None, goes_with_arm=True)
 
 
 def _same_port(rig: HardwareRig, wanted: HardwareGripperConfig) -> bool:

@@ -150,6 +150,41 @@ def test_a_calibration_file_that_is_here_is_checked(tmp_path, monkeypatch):
     assert "run this there" in told["/nowhere/none.json"]
 
 
+def on_port(model, name, file, port="/dev/a", **more):
+    named = {} if file is None else {"calibration_file": file}
+    return part(f"devrel:so101:{model}", {"port": port, **named, **more}, name)
+
+
+def about_files(*components):
+    notes = migrate(machine(*components)).notes
+    return [note for note in notes if "different calibration files" in note]
+
+
+def test_a_port_whose_components_name_different_files_is_told():
+    arm, sensor = on_port("arm", "left", "a.json"), on_port("calibration", "sensor", "b.json")
+    (note,) = about_files(
+        sensor, arm, on_port("arm", "right", "a.json", "/dev/b"), on_port("gripper", "hand", None)
+    )
+    assert "/dev/a name different calibration files: sensor b.json, left a.json" in note
+    assert "a.json, the arm's, is used for all" in note
+    assert "the same calibration_file" in note
+    (note,) = about_files(sensor, on_port("gripper", "hand", "c.json"))
+    assert "b.json, or the first that is loaded, is used" in note
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        on_port("calibration", "sensor", "a.json"),
+        on_port("calibration", "sensor", None),
+        on_port("calibration", "sensor", "b.json", "/dev/b"),
+        on_port("gripper", "hand", "b.json", arm="left"),  # it has the arm's
+    ],
+)
+def test_files_that_do_not_differ_are_not_told(other):
+    assert not about_files(on_port("arm", "left", "a.json"), other)
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [

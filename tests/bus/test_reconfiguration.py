@@ -1,0 +1,353 @@
+"""Components leave a port and join it again, as viam-server reconfigures them; others stay."""
+
+import logging
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from harness.emulated_rig import ModelBench
+from viam.components.arm import JointPositions
+
+from so101_motion.calib.record import record, store
+from so101_motion.common.modes import Mode
+from so101_motion.drivers.emulator import registers as emu
+from so101_motion.rig.hardware_rig import use_of
+from so101_motion.viam.models.calibration import So101Calibration
+from so101_motion.viam.models.hardware_arm import HardwareArm
+from so101_motion.viam.models.hardware_gripper import HardwareGripper
+
+HOME = (0.0, -0.8, 0.8, 1.0, 0.0, 0.3)
+A = {"shoulder_pan": (1000, 3000), "gripper": (1950, 3300)}
+B = {"shoulder_pan": (900, 3000), "gripper": (1900, 3300)}
+
+
+@pytest.fixture
+def data(tmp_path, monkeypatch):
+    """The module's data directory, with two calibrations."""
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    for name, ranges in (("a.json", A), ("b.json", B)):
+        made = {
+            joint: record.JointCalibration(
+                id=record.SERVO_IDS[joint],
+                range_min=low,
+                range_max=high,
+                norm_mode=1 if joint == "gripper" else 3,
+            )
+            for joint, (low, high) in ranges.items()
+        }
+        store.save(tmp_path / name, made)
+    return tmp_path
+
+
+@pytest.fixture
+async def bench(data, planning_process):
+    bench = ModelBench(data, q_start=HOME)
+    yield bench
+    await bench.end()
+
+
+def new_gripper(bench, form):
+    if form == "arm":
+        return bench.new(HardwareGripper, "gripper", arm="arm")
+    return bench.new_gripper()
+
+
+def new_sensor(bench, **attributes):
+    return bench.new(So101Calibration, "calibration", port=str(bench.port), **attributes)
+
+
+async def replaced(bench, component, build):
+    """What ``build`` makes in the component's place, where nothing may move meanwhile."""
+    await bench.pass_time(1.0)
+    before = bench.q_deg
+    await bench.in_time(component.close())
+    new = build()
+    for _ in range(10):
+        await bench.pass_time(0.1)
+        assert all(driven(bench))
+    assert bench.q_deg == pytest.approx(before, abs=0.5)
+    return new
+
+
+def driven(bench):
+    return [servo.memory.raw(emu.TORQUE_ENABLE) == 1 for servo in bench.world.servos]
+
+
+async def calibration(arm):
+    return await arm.do_command({"command": "get_calibration"})
+
+
+def lowest(arm, joint):
+    return arm.rig.servos.calibration[joint].range_min
+
+
+@pytest.mark.parametrize("form", ["port", "arm"])
+async def test_an_arm_comes_back_with_another_file_while_its_gripper_stays(bench, data, form):
+    arm = bench.new_arm(calibration_file="a.json")
+    gripper = new_gripper(bench, form)
+    again = await replaced(bench, arm, lambda: bench.new_arm(calibration_file="b.json"))
+
+    now = await calibration(again)
+    assert now["calibration_file"] == str(data / "b.json")
+    assert (lowest(again, "shoulder_pan"), lowest(gripper, "gripper")) == (900, 1900)
+    state = again.rig.arm.state
+    assert state.mode is Mode.HOLDING
+    assert state.q_ref == pytest.approx(state.q, abs=0.01)
+    goal = JointPositions(values=list(np.degrees(state.q)))
+    await bench.in_time(again.move_to_joint_positions(goal))
+
+
+@pytest.mark.parametrize("form", ["port", "arm"])
+async def test_a_file_that_the_arm_no_longer_names_is_not_in_force(bench, form):
+    arm = bench.new_arm(calibration_file="a.json")
+    new_gripper(bench, form)
+    bench.world.servo("shoulder_pan").memory.keep(emu.MIN_POSITION, 800)
+    again = await replaced(bench, arm, bench.new_arm)
+
+    now = await calibration(again)
+    assert now["calibration_file"] == ""
+    assert set(now["source"].values()) == {"registers"}
+    assert lowest(again, "shoulder_pan") == 800
+
+
+@pytest.mark.parametrize("form", ["port", "arm"])
+@pytest.mark.parametrize(
+    ("before", "after", "name", "asked"),
+    [
+        ({"at_end": "release"}, {}, "releases_at_end", False),
+        ({}, {"at_end": "release"}, "releases_at_end", True),
+        ({"timeout": "5s"}, {"timeout": "2s"}, "timeout", 2.0),
+        (
+            {"joint_zero_offsets_deg": {"elbow_flex": 1.0}},
+            {"joint_zero_offsets_deg": {"elbow_flex": -1.0}},
+            "zero_offsets",
+            {"elbow_flex": pytest.approx(np.radians(-1.0))},
+        ),
+        ({"joint_zero_offsets_deg": {"elbow_flex": 1.0}}, {}, "zero_offsets", None),
+    ],
+)
+async def test_an_arm_comes_back_with_other_settings(bench, form, before, after, name, asked):
+    arm = bench.new_arm(**before)
+    new_gripper(bench, form)
+    again = await replaced(bench, arm, lambda: bench.new_arm(**after))
+
+    assert getattr(again.rig.settings, name) == asked
+    if name == "zero_offsets":
+        zeros = (await calibration(again))["zero"]["elbow_flex"]
+        middle = 0.0 if asked is None else -1.0
+        assert zeros["middle_deg"] == pytest.approx(middle)
+
+
+@pytest.mark.parametrize("form", ["port", "arm"])
+async def test_an_arm_comes_back_with_its_servos_in_another_order(bench, form):
+    arm = bench.new_arm(servo_ids=[2.0, 1.0, 3.0, 4.0, 5.0])
+    new_gripper(bench, form)
+    await bench.in_time(arm.close())
+    again = bench.new_arm()
+
+    assert [setup.map.servo_id for setup in again.rig.servos.setups.values()] == [1, 2, 3, 4, 5, 6]
+    assert again.rig.arm.state.mode is Mode.HOLDING
+
+
+async def test_a_gripper_that_names_its_arm_follows_its_baudrate(bench):
+    bench.shut(bench.base)
+    bench.base = bench.open(servo_ids=None, gripper_id=None, timeout=None, baudrate=500_000)
+    bench.world.disconnect("wrist_roll")  # or the bench would wait for servos
+    arm = bench.new_arm(baudrate=500_000)
+    gripper = new_gripper(bench, "arm")
+    assert arm.rig.not_ready is not None
+    with pytest.raises(GRPCError, match="baudrate 500000 and 1000000"):
+        bench.new_arm("other")
+    bench.shut(bench.base)
+    bench.world.connect("wrist_roll")
+    await bench.in_time(arm.close())
+    again = bench.new_arm()
+    await bench.pass_time(2.0)
+
+    assert again.rig.not_ready is gripper.rig.not_ready is None
+    assert again.rig.settings.baudrate == 1_000_000
+
+
+async def test_a_sensor_comes_back_with_a_file(bench, data):
+    arm, sensor = bench.new_arm(), new_sensor(bench)
+    again = await replaced(bench, sensor, lambda: new_sensor(bench, calibration_file="b.json"))
+
+    assert (await again.get_status())["calibration_file"] == str(data / "b.json")
+    assert (await calibration(arm))["calibration_file"] == str(data / "b.json")
+    assert lowest(arm, "shoulder_pan") == 900
+    once_more = await replaced(bench, again, lambda: new_sensor(bench))
+    assert (await once_more.get_status())["calibration_file"] == str(
+        data / "so101_calibration.json"
+    )
+    assert (await calibration(arm))["calibration_file"] == ""
+
+
+async def test_an_arm_that_was_limp_stays_limp(bench):
+    arm = bench.new_arm(calibration_file="a.json")
+    bench.new_gripper()
+    await bench.pass_time(0.5)
+    await arm.do_command({"command": "set_torque", "enable": False})
+    await bench.in_time(arm.close())
+    again = bench.new_arm(calibration_file="b.json")
+    await bench.pass_time(0.5)
+
+    assert lowest(again, "shoulder_pan") == 900
+    assert not any(driven(bench))
+
+
+async def test_what_leaves_asks_for_nothing_any_more(bench):
+    arm = bench.new_arm(calibration_file="a.json", at_end="release", servo_ids=[2, 1, 3, 4, 5])
+    gripper = bench.new_gripper()
+    await bench.in_time(arm.close())
+
+    settings = gripper.rig.settings
+    assert settings.servo_ids is settings.calibration_file is settings.releases_at_end is None
+    assert settings.port == str(bench.port)
+
+
+async def test_another_file_waits_for_the_end_of_a_motion(bench, caplog):
+    arm = bench.new_arm(calibration_file="a.json")
+    gripper = bench.new_gripper()
+    await bench.pass_time(0.5)
+    opening = await bench.start(gripper.open(), lambda: gripper.rig.gripper.is_moving)
+    await bench.in_time(arm.close(), 0.01)
+    again = bench.build(HardwareArm, "arm", {"port": str(bench.port), "calibration_file": "b.json"})
+    with pytest.raises(GRPCError, match="is moving, so nothing else on the port") as caught:
+        await bench.in_time(again.get_joint_positions(), 0.01)
+    assert caught.value.status is Status.UNAVAILABLE
+    assert lowest(again, "shoulder_pan") == 1000
+    assert "new settings are not in force yet" in caplog.text
+    await bench.in_time(opening)
+    await bench.in_time(again.get_joint_positions())
+    assert lowest(again, "shoulder_pan") == 900
+    assert again.rig.not_ready is gripper.rig.not_ready is None
+    await bench.in_time(again.close())
+
+
+@pytest.mark.parametrize("form", ["port", "arm"])
+async def test_a_silent_jaw_does_not_keep_the_arm_from_its_new_file(bench, form):
+    arm = bench.new_arm(calibration_file="a.json")
+    gripper = new_gripper(bench, form)
+    bench.world.disconnect("gripper")
+    await bench.pass_time(0.5)
+    await bench.in_time(arm.close())
+    again = bench.new_arm(calibration_file="b.json")
+
+    assert again.rig.not_ready is None
+    assert lowest(again, "shoulder_pan") == 900
+    with pytest.raises(GRPCError, match="no reply from servo 6"):
+        await bench.in_time(gripper.open())
+    await bench.in_time(again.get_joint_positions())
+    bench.world.connect("gripper")
+    await bench.pass_time(1.5)
+    await bench.in_time(gripper.open())
+    assert lowest(gripper, "gripper") == 1900
+
+
+async def test_an_arm_with_a_silent_servo_is_not_used_with_the_file_from_before(bench):
+    arm = bench.new_arm(calibration_file="a.json")
+    gripper = bench.new_gripper()
+    bench.world.disconnect("wrist_roll")
+    await bench.in_time(arm.close())
+    again = bench.new_arm(calibration_file="b.json")
+
+    assert "no reply from servo 5 (wrist_roll)" in again.rig.not_ready
+    assert gripper.rig.not_ready is None
+    bench.world.connect("wrist_roll")
+    await bench.pass_time(1.5)
+    await bench.in_time(again.get_joint_positions())
+    assert lowest(again, "shoulder_pan") == 900
+
+
+async def test_servos_that_nobody_asks_for_any_more_are_not_driven_when_they_answer(bench):
+    bench.world.disconnect("wrist_roll")
+    sensor, arm = new_sensor(bench), bench.new_arm()
+    await bench.pass_time(0.5)
+    assert arm.rig.not_ready is not None
+    await bench.in_time(arm.close())
+    await bench.pass_time(1.5)
+    bench.world.connect("wrist_roll")
+    await bench.pass_time(2.5)
+    assert not any(driven(bench))
+    assert len((await sensor.do_command({"command": "get_current_positions"}))["positions"]) == 6
+    again = bench.new_arm()
+    await bench.pass_time(1.0)
+    assert all(driven(bench))
+    assert again.rig.arm.state.mode is Mode.HOLDING
+
+
+async def test_an_arm_that_has_left_is_held_while_the_sensor_changes(bench):
+    arm, sensor = bench.new_arm(calibration_file="a.json"), new_sensor(bench)
+    await bench.pass_time(0.5)
+    await bench.in_time(arm.close())
+    await replaced(bench, sensor, lambda: new_sensor(bench, calibration_file="b.json"))
+    assert bench.base.arm.state.mode is Mode.HOLDING
+    again = bench.new_arm()
+    await bench.pass_time(0.5)
+    assert lowest(again, "shoulder_pan") == 900
+    assert again.rig.arm.state.mode is Mode.HOLDING
+
+
+# Two components that contradict each other
+
+
+async def test_a_contradiction_is_told_in_the_words_of_the_configuration(bench):
+    bench.new_arm(
+        at_end="hold", joint_zero_offsets_deg={"elbow_flex": 1.0}, servo_ids=[1, 2, 3, 4, 5]
+    )
+    with pytest.raises(GRPCError) as caught:
+        bench.new_arm(
+            "other",
+            at_end="release",
+            joint_zero_offsets_deg={"elbow_flex": 2.0},
+            servo_ids=[2, 1, 3, 4, 5],
+        )
+    for words in (
+        "at_end hold and release",
+        "joint_zero_offsets_deg elbow_flex 1 deg and elbow_flex 2 deg",
+        "servo_ids [1, 2, 3, 4, 5] and [2, 1, 3, 4, 5]",
+    ):
+        assert words in caught.value.message
+    bench.new_gripper()
+    with pytest.raises(GRPCError, match="servo_id 6 and 5"):
+        bench.new_gripper("second", servo_id=5)
+
+
+@pytest.mark.parametrize("arm_first", [True, False])
+async def test_the_arms_file_counts_and_the_log_names_both(bench, data, caplog, arm_first):
+    builders = [
+        lambda: bench.new_arm(calibration_file="a.json"),
+        lambda: new_sensor(bench, calibration_file="b.json"),
+    ]
+    with caplog.at_level(logging.WARNING):
+        one, two = (build() for build in (builders if arm_first else reversed(builders)))
+    arm, sensor = (one, two) if arm_first else (two, one)
+    await bench.pass_time(0.5)
+
+    assert lowest(arm, "shoulder_pan") == 1000
+    assert (await calibration(arm))["calibration_file"] == str(data / "a.json")
+    assert (await sensor.get_status())["calibration_file"] == str(data / "a.json")
+    (warning,) = [text for text in caplog.messages if "b.json" in text]
+    for words in ("a.json", "because the arm names it", "the same calibration_file"):
+        assert words in warning
+
+
+async def test_without_an_arm_the_first_file_that_is_named_counts(bench, caplog):
+    gripper = bench.new_gripper(calibration_file="b.json")
+    with caplog.at_level(logging.WARNING):
+        new_sensor(bench, calibration_file="a.json")
+    await bench.pass_time(0.5)
+
+    assert lowest(gripper, "gripper") == 1900
+    assert "because it was named first" in caplog.text
+    await bench.in_time(gripper.close())
+    assert use_of(str(bench.port)).settings.calibration_file.name == "a.json"
+
+
+async def test_components_may_give_different_timeouts(bench):
+    arm = bench.new_arm(timeout="5s")
+    gripper = bench.new_gripper(timeout="2s")
+    assert gripper.rig.settings.timeout == 5.0
+    await bench.in_time(arm.close())
+    assert gripper.rig.settings.timeout == 2.0
