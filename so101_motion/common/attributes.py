@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from functools import lru_cache
 from typing import Any
 
 from so101_motion.common.errors import ConfigError
@@ -326,14 +327,74 @@ def suggest(word: str, known: Iterable[str]) -> str:
         return "none is known here"
     if len(names) > _MOST_WORDS:
         return f"known: {', '.join(names[:_MOST_WORDS])} and {len(names) - _MOST_WORDS} more"
-    shares = {n: _likeness(word, n) for n in names if max(len(word), len(n)) <= _LONGEST_WORD}
-    near = max(shares, key=lambda name: shares[name], default="")
-    hint = f'did you mean "{near}"? ' if near and shares[near] >= 0.6 else ""
+    near = nearest(word, names)
+    hint = f'did you mean "{near}"? ' if near else ""
     return hint + "known: " + ", ".join(names)
 
 
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The known word that ``word`` was probably meant as; empty if it resembles none."""
+    shares = {n: _likeness(word, n) for n in known if max(len(word), len(n)) <= _LONGEST_WORD}
+    near = max(shares, key=lambda name: shares[name], default="")
+    return near if near and shares[near] >= 0.6 else ""
+
+
+def ignorable(
+    values: Mapping[str, object],
+    known: Iterable[str],
+    *,
+    elsewhere: Container[str] = (),
+    kind: str = "attribute",
+) -> tuple[str, ...]:
+    """The unknown names among ``values`` that can be left out, as the published module does.
+
+    A name that looks like a misspelt known one is refused: what it stands for may bound a motion.
+
+    Args:
+        values: What was given.
+        known: The names that have a meaning.
+        elsewhere: Names that are well spelt, because they have a meaning elsewhere.
+        kind: What a name is called in messages.
+
+    Raises:
+        ConfigError: A name looks misspelt, or so many are unknown that they are not compared.
+    """
+    names = tuple(known)
+    unknown = tuple(key for key in values if key not in names)
+    for key in unknown:
+        if len(unknown) > _MOST_IGNORED or misspelt(key, names, elsewhere):
+            raise ConfigError(key, values[key], f"unknown {kind}; {suggest(key, names)}")
+    return unknown
+
+
+def misspelt(word: str, known: Iterable[str], elsewhere: Container[str] = ()) -> str:
+    """The known name that an unknown one is a misspelling of; empty if it seems meant as it is."""
+    if word in elsewhere or word.startswith(_COMMENT) or word.lower() in _REMARKS:
+        return ""
+    return nearest(word, known)
+
+
+_COMMENT = ("_", "#", "/")
+"""A name that begins so is a comment, or was taken out by whoever wrote it."""
+
+_REMARKS = frozenset(
+    {
+        "comment", "comments", "debug", "description", "label", "location", "model", "name", "note",
+        "notes", "version",
+    }
+)  # fmt: skip
+"""Names of remarks that people write beside settings; some resemble an attribute. Chosen."""
+
+_MOST_IGNORED = 20
+"""If more names than this are unknown, they are refused: to compare them takes long. Chosen."""
+
+
+@lru_cache(maxsize=4096)
 def _likeness(word: str, name: str) -> float:
-    """Similarity of two words, 0 to 1; "speed" is like "speed_degs_per_sec" by its first part."""
+    """Similarity of two words, 0 to 1; "speed" is like "speed_degs_per_sec" by its first part.
+
+    Cached: a configuration is checked in a thread first, and the event loop then uses the results.
+    """
 
     def ratio(other: str) -> float:
         return difflib.SequenceMatcher(None, word.lower(), other).ratio()

@@ -18,13 +18,16 @@ from pathlib import Path
 from typing import Any
 
 from so101_motion.calib.record import store
-from so101_motion.common.attributes import suggest
+from so101_motion.common.attributes import misspelt, suggest
 from so101_motion.common.errors import CalibrationError, ConfigError
+from so101_motion.viam.ignored_attributes import names_of_the_family
 from so101_motion.viam.published_models import MEANINGS, MODELS, OURS, Model
 from so101_motion.viam.suggested_config import own_module
 
 FAMILY = "devrel:so101:"
 """The beginning of the model names of both modules."""
+
+_MEANINGLESS = "this model has no such attribute: left out, and ignored if it stays"
 
 PUBLISHED = "devrel:so101-arm"
 """The published module's id in the registry."""
@@ -253,11 +256,11 @@ def _given(given: Mapping[str, Any], known: Model, problem: str) -> Iterator[Mig
     rows = {each.name: each for each in known.attributes}
     for key, value in given.items():
         if key not in rows:
-            hint, _, listed = suggest(key, rows).partition(" known: ")
+            meant = misspelt(key, rows, names_of_the_family())
             yield MigratedAttribute(
                 attribute=key,
                 there="(given)",  # an unknown value may be a secret
-                here=f"unknown, left out{f'; {hint}' if listed else ''}",
+                here=f'unknown, left out; did you mean "{meant}"?' if meant else _MEANINGLESS,
                 outcome=Outcome.UNSUPPORTED,
             )
             continue
