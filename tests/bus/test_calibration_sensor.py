@@ -244,7 +244,7 @@ async def test_steps_out_of_order_are_refused_with_what_is_possible(bench):
     [
         ({"command": "start_recording"}, 'did you mean "start_range_recording"'),
         ({"command": "motor_setup_asign_id"}, 'did you mean "motor_setup_assign_id"'),
-        ({"command": "start", "retries": 3}, "unknown argument"),
+        ({"command": "motor_setup_skip", "retries": 3}, "unknown argument"),
         ({"command": "motor_setup_discover"}, 'name the motor, such as "gripper"'),
         ({"command": "motor_setup_discover", "motor_name": "elbow"}, 'did you mean "elbow_flex"'),
         ({"command": "stop_range_recording", "accept": "elbow_flex"}, "list of names"),
