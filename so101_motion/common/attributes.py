@@ -47,7 +47,8 @@ class Attribute:
         range: The smallest and the largest number.
         default: The value used when it is not given, in ``unit``.
         zero_is_none: Whether 0 counts as not given, as in the published module.
-        count: Most entries of a list of numbers.
+        takes_nearest: Whether a positive number outside the range becomes the nearest in it.
+        count: Most entries of a list of numbers; 0 for any.
         options: What a choice may be, the default first.
         form: Its form in words, where unit, range and options do not describe it.
         otherwise: What happens without it in words, where ``default`` does not describe it.
@@ -64,6 +65,7 @@ class Attribute:
     range: tuple[float, float] = (-math.inf, math.inf)
     default: float | bool | None = None
     zero_is_none: bool = False
+    takes_nearest: bool = False
     count: int = 0
     options: tuple[str, ...] = ()
     form: str = ""
@@ -123,6 +125,19 @@ class Attributes:
         """The given attributes that have no effect."""
         return tuple(key for key, each in self._table.items() if each.idle and self.given(key))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The given numbers that are outside their range, and what is used instead."""
+        return tuple(
+            f"{key} is {given:.10g}; {nearest:.10g} is used, the nearest"
+            f" of{_range(*each.range, each.unit).removeprefix(' from')}"
+            for key, each in self._table.items()
+            if each.takes_nearest
+            and self.given(key)
+            and (given := checked_number(key, self._values[key])) != 0.0
+            and given != (nearest := min(max(given, each.range[0]), each.range[1]))
+        )
+
     def value(self, key: str) -> Any:
         """The value of an attribute, checked as its row says, in SI units.
 
@@ -149,7 +164,9 @@ class Attributes:
             return tuple(convert(number) for number in given)
         raw, number = self._values.get(key), row.default
         if self.given(key) and not (row.zero_is_none and raw == 0 and raw is not False):
-            number = checked_number(key, raw, lower=lower, upper=upper, unit=row.unit)
+            least, most = (0.0, math.inf) if row.takes_nearest else row.range
+            number = checked_number(key, raw, lower=least, upper=most, unit=row.unit)
+            number = min(max(number, lower), upper)
         if row.kind != "whole" or number is None:
             return None if number is None else convert(number)
         if number != round(number):
@@ -179,7 +196,7 @@ class Attributes:
         return checked_number(key, self._values.get(key), lower=lower, upper=upper, unit=unit)
 
     def numbers(self, key: str, *, count: int, lower: float, upper: float) -> tuple[float, ...]:
-        """A list of at most ``count`` finite numbers within bounds; empty when not given.
+        """A list of at most ``count`` finite numbers (0: any) within bounds; empty when not given.
 
         Raises:
             ConfigError: It is no list, too long, or an entry is wrong.
@@ -187,8 +204,9 @@ class Attributes:
         if not self.given(key):
             return ()
         value = self._values[key]
-        if not isinstance(value, (list, tuple)) or len(value) > count:
-            raise ConfigError(key, value, f"must be a list of at most {count} numbers")
+        if not isinstance(value, (list, tuple)) or len(value) > count > 0:
+            most = f" of at most {count} numbers" if count else " of numbers"
+            raise ConfigError(key, value, f"must be a list{most}")
         return tuple(
             checked_number(f"{key}[{i}]", entry, lower=lower, upper=upper)
             for i, entry in enumerate(value)

@@ -214,13 +214,14 @@ def _part(kind: str, entry: Mapping[str, Any]) -> MigratedResource:
         given = {}
     known = MODELS.get(model.removeprefix(FAMILY))
     kept, problem = {}, ""
+    notes: tuple[str, ...] = ()
     if known is None:
         hint = suggest(model.removeprefix(FAMILY), MODELS)
         problem = f'"{model}" is not a model of this module; {hint}'
     else:
         kept = {key: value for key, value in given.items() if key in known.names}
         try:
-            known.read(kept)
+            notes = getattr(known.read(kept), "notes", ())
         except ConfigError as error:
             problem = str(error)
     return MigratedResource(
@@ -229,7 +230,7 @@ def _part(kind: str, entry: Mapping[str, Any]) -> MigratedResource:
         model=model,
         rows=(*_given(given, known, problem), *_new(given, known)) if known else (),
         problem=problem,
-        differences=known.differences(given) if known else (),
+        differences=(*known.differences(given), *notes) if known else (),
         calibration=_calibration(given) if known else "",
         config=_config(kind, entry, model, kept),
     )

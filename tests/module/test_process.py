@@ -99,7 +99,7 @@ gives up its connection then."""
 async def test_configurations_that_cannot_be_used_are_refused_before_anything_is_built(process):
     for api, model, attributes, says in [
         (ARM, SIMULATED, {"sped": 1.0}, 'did you mean "speed_degs_per_sec"?'),
-        (ARM, SIMULATED, {"speed_degs_per_sec": 1000.0}, "from 3 to 180"),
+        (ARM, SIMULATED, {"max_speed_degs_per_sec": 1000.0}, "from 3 to 180"),
         (GRIPPER, SIMULATED_GRIPPER, {"gripper_type": "leeder"}, 'did you mean "leader"?'),
     ]:
         for ask in (process.validate, process.add):

@@ -46,6 +46,8 @@ class Configured:
         logger = made.logger  # type: ignore[attr-defined]  # the SDK's
         for key in getattr(wanted, "unused", ()):
             logger.info("%s has no effect here", key)
+        for note in getattr(wanted, "notes", ()):
+            logger.warning("%s", note)
         if known.ignored:
             names = ", ".join(clipped(key, LONGEST_QUOTE) for key in sorted(known.ignored))
             logger.warning("ignored, because %s has no such attribute: %s", cls.MODEL, names)
