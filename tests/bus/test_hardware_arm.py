@@ -255,6 +255,19 @@ async def test_diagnose_finds_nothing_on_a_healthy_arm(bench, client):
     assert answer["servos_found"] == [1, 2, 3, 4, 5, 6]
 
 
+async def test_what_is_only_worth_knowing_is_no_failure_of_diagnose(bench, arm, client):
+    arm.rig.servos.notes = ("the file was restored",)
+    bench.emulator.unplug()
+    await bench.pass_time(0.5)
+    bench.emulator.plug()
+    await bench.pass_time(3.0)
+    answer = await ask(client, bench, command="diagnose")
+
+    assert answer["findings"][0] == "the file was restored"
+    assert "the port went away 1 times" in answer["findings"][-1]
+    assert (answer["success"], answer["error"]) == (True, "")
+
+
 async def test_diagnose_names_the_cable_that_is_out(bench, client):
     for joint in ("wrist_flex", "wrist_roll", "gripper"):
         bench.world.disconnect(joint)
