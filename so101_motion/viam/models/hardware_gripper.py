@@ -230,13 +230,13 @@ class HardwareGripper(GripperResource):
     async def _set_motion_params(self, given: Attributes) -> dict[str, Any]:
         now = await self._get_motion_params()
         speed = given.number("speed", now["speed"], lower=1.0, upper=180.0, unit="deg/s")
+        top = float(HARDWARE_JAW_LIMITS.acceleration[0])
         acceleration = given.number(
-            "acceleration", now["acceleration"], lower=1.0, upper=500.0, unit="deg/s^2"
+            "acceleration", now["acceleration"], lower=1.0, upper=in_deg(top), unit="deg/s^2"
         )
-        top = in_deg(float(HARDWARE_JAW_LIMITS.acceleration[0]))
         self._gripper.limits = MotionLimits.uniform(
             velocity=to_rad(min(speed, FASTEST_DEG)),
-            acceleration=to_rad(min(acceleration, top)),
+            acceleration=min(to_rad(acceleration), top),
             jerk=float(HARDWARE_JAW_LIMITS.jerk[0]),
             n=1,
         )
