@@ -410,6 +410,7 @@ async def test_the_steps_of_a_setup_are_reported_with_what_is_left_of_each(bench
 
     verdict = await do(sensor, "motor_setup_verify")
     assert (verdict["success"], verdict["all_ok"]) == (True, True)
+    assert "error" not in verdict
     await record(bench, sensor)
     verdicts = {
         step["name"]: step["verdict"] for step in (await do(sensor, "setup_steps"))["steps"]
