@@ -70,7 +70,9 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
     """
     from so101_motion.calib.record import compare, store
 
-    calibration = store.read(store.resolve(file)).calibration
+    stored = store.read(store.resolve(file))
+    calibration = stored.calibration
+    _notes(stored)
     there: Mapping[str, Mapping[str, int]]
     if other is not None:
         there = compare.as_held(store.read(store.resolve(other)).calibration)

@@ -293,5 +293,5 @@ def _calibration(given: Mapping[str, Any]) -> str:
         found = store.read(path)
     except CalibrationError as error:
         return f"{name} cannot be used: {error}"
-    joints = f"{len(found.calibration)} joints"
-    return "; ".join((f"{found.path} is good: {joints}", *found.notes))
+    how = "can be used in part" if found.refused else "is good"
+    return "; ".join((f"{found.path} {how}: {len(found.calibration)} joints", *found.notes))

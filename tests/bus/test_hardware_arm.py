@@ -1,5 +1,6 @@
 import asyncio
 import json
+import logging
 from datetime import timedelta
 
 import numpy as np
@@ -338,6 +339,25 @@ async def test_the_calibration_is_reported_with_its_source(bench, client):
     assert answer["source"]["shoulder_pan"] == "registers"
     assert answer["zero"]["shoulder_pan"] == {"by": "middle", "middle_deg": 0.0}
     assert "gripper" not in answer["zero"]
+
+
+async def test_a_joint_whose_numbers_in_the_file_are_impossible_costs_no_other(bench, caplog):
+    file = bench.port.parent / "arm.json"
+    entry = {"drive_mode": 0, "homing_offset": 0, "range_max": 3400}
+    pan, elbow = {**entry, "id": 1, "range_min": 800}, {**entry, "id": 3, "range_min": 4000}
+    file.write_text(json.dumps({"shoulder_pan": pan, "elbow_flex": elbow}))
+    caplog.set_level(logging.INFO)
+    arm = bench.new_arm(calibration_file=str(file))
+    await bench.pass_time(1.0)
+    async with arm_client(arm) as client:
+        told = await ask(client, bench, command="get_calibration")
+        assert (told["source"]["shoulder_pan"], told["source"]["elbow_flex"]) == (
+            "file", "registers",
+        )  # fmt: skip
+        answer = await ask(client, bench, command="diagnose")
+        assert answer["success"] is True
+        assert "elbow_flex is not taken from the calibration" in answer["findings"][0]
+    assert "stored min_position 737 -> 800, max_position 3452 -> 3400" in caplog.text
 
 
 async def test_reloading_needs_a_file(bench, client):
