@@ -44,7 +44,8 @@ _PORT_NAME = Attribute(
 )  # fmt: skip
 _FILE = Attribute(
     "calibration_file",
-    "relative ones lie in `$VIAM_MODULE_DATA`; without it, what the servos have stored counts",
+    "relative ones lie in `$VIAM_MODULE_DATA`, or where the program was started if that is not set;"
+    " without a file, what the servos have stored counts",
     kind="text", form="path",
 )  # fmt: skip
 _TIMEOUT = Attribute(
