@@ -70,7 +70,9 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
     """
     from so101_motion.calib.record import compare, store
 
-    calibration = store.read(store.resolve(file)).calibration
+    stored = store.read(store.resolve(file))
+    calibration = stored.calibration
+    _notes(stored)
     there: Mapping[str, Mapping[str, int]]
     if other is not None:
         there = compare.as_held(store.read(store.resolve(other)).calibration)
@@ -83,7 +85,7 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
         print_json("calibration-diff", {"rows": explained, "missing": missing})
     else:
         _print_diff(rows, missing, "the servos" if other is None else other)
-    if missing or any(row.differs for row in rows):
+    if missing or stored.refused or any(row.differs for row in rows):
         raise SystemExit(CHECK_FAILED)
 
 
@@ -106,7 +108,9 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run:
 
     if lerobot is not None and out is not None:
         raise click.UsageError("give either --lerobot or --out")
-    calibration = store.read(store.resolve(file)).calibration
+    stored = store.read(store.resolve(file))
+    calibration = stored.calibration
+    _notes(stored)
     path = out if lerobot is None else format_of_lerobot.path_for(lerobot, kind=kind)
     if path is None or dry_run:
         if path is not None:

@@ -106,13 +106,15 @@ def _diagnose_machine(machine: MachineSource, as_json: bool) -> None:
             if refusal.status != "INVALID_ARGUMENT":
                 raise
             answer = {}  # a simulated arm, or another module's, without this command
-        findings = [str(each) for each in answer.get("findings") or [answer.get("error")] if each]
+        healthy = bool(answer.get("success", True))
+        told = answer.get("findings") or ([] if healthy else [answer.get("error")])
+        findings = [str(each) for each in told if each]
     if as_json:
-        print_json("doctor", {"source": machine.what, "healthy": not findings, "told": answer})
+        print_json("doctor", {"source": machine.what, "healthy": healthy, "told": answer})
     else:
         for finding in findings:
             echo(finding)
-    if findings:
+    if not healthy:
         raise SystemExit(CHECK_FAILED)
     if not as_json:
         found = (

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from functools import lru_cache
 from typing import Any
 
 from so101_motion.common.errors import ConfigError
@@ -46,7 +47,8 @@ class Attribute:
         range: The smallest and the largest number.
         default: The value used when it is not given, in ``unit``.
         zero_is_none: Whether 0 counts as not given, as in the published module.
-        count: Most entries of a list of numbers.
+        takes_nearest: Whether a positive number outside the range becomes the nearest in it.
+        count: Most entries of a list of numbers; 0 for any.
         options: What a choice may be, the default first.
         form: Its form in words, where unit, range and options do not describe it.
         otherwise: What happens without it in words, where ``default`` does not describe it.
@@ -63,6 +65,7 @@ class Attribute:
     range: tuple[float, float] = (-math.inf, math.inf)
     default: float | bool | None = None
     zero_is_none: bool = False
+    takes_nearest: bool = False
     count: int = 0
     options: tuple[str, ...] = ()
     form: str = ""
@@ -122,6 +125,19 @@ class Attributes:
         """The given attributes that have no effect."""
         return tuple(key for key, each in self._table.items() if each.idle and self.given(key))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The given numbers that are outside their range, and what is used instead."""
+        return tuple(
+            f"{key} is {given:.10g}; {nearest:.10g} is used, the nearest"
+            f" of{_range(*each.range, each.unit).removeprefix(' from')}"
+            for key, each in self._table.items()
+            if each.takes_nearest
+            and self.given(key)
+            and (given := checked_number(key, self._values[key])) != 0.0
+            and given != (nearest := min(max(given, each.range[0]), each.range[1]))
+        )
+
     def value(self, key: str) -> Any:
         """The value of an attribute, checked as its row says, in SI units.
 
@@ -148,7 +164,9 @@ class Attributes:
             return tuple(convert(number) for number in given)
         raw, number = self._values.get(key), row.default
         if self.given(key) and not (row.zero_is_none and raw == 0 and raw is not False):
-            number = checked_number(key, raw, lower=lower, upper=upper, unit=row.unit)
+            least, most = (0.0, math.inf) if row.takes_nearest else row.range
+            number = checked_number(key, raw, lower=least, upper=most, unit=row.unit)
+            number = min(max(number, lower), upper)
         if row.kind != "whole" or number is None:
             return None if number is None else convert(number)
         if number != round(number):
@@ -178,7 +196,7 @@ class Attributes:
         return checked_number(key, self._values.get(key), lower=lower, upper=upper, unit=unit)
 
     def numbers(self, key: str, *, count: int, lower: float, upper: float) -> tuple[float, ...]:
-        """A list of at most ``count`` finite numbers within bounds; empty when not given.
+        """A list of at most ``count`` finite numbers (0: any) within bounds; empty when not given.
 
         Raises:
             ConfigError: It is no list, too long, or an entry is wrong.
@@ -186,8 +204,9 @@ class Attributes:
         if not self.given(key):
             return ()
         value = self._values[key]
-        if not isinstance(value, (list, tuple)) or len(value) > count:
-            raise ConfigError(key, value, f"must be a list of at most {count} numbers")
+        if not isinstance(value, (list, tuple)) or len(value) > count > 0:
+            most = f" of at most {count} numbers" if count else " of numbers"
+            raise ConfigError(key, value, f"must be a list{most}")
         return tuple(
             checked_number(f"{key}[{i}]", entry, lower=lower, upper=upper)
             for i, entry in enumerate(value)
@@ -326,14 +345,74 @@ def suggest(word: str, known: Iterable[str]) -> str:
         return "none is known here"
     if len(names) > _MOST_WORDS:
         return f"known: {', '.join(names[:_MOST_WORDS])} and {len(names) - _MOST_WORDS} more"
-    shares = {n: _likeness(word, n) for n in names if max(len(word), len(n)) <= _LONGEST_WORD}
-    near = max(shares, key=lambda name: shares[name], default="")
-    hint = f'did you mean "{near}"? ' if near and shares[near] >= 0.6 else ""
+    near = nearest(word, names)
+    hint = f'did you mean "{near}"? ' if near else ""
     return hint + "known: " + ", ".join(names)
 
 
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The known word that ``word`` was probably meant as; empty if it resembles none."""
+    shares = {n: _likeness(word, n) for n in known if max(len(word), len(n)) <= _LONGEST_WORD}
+    near = max(shares, key=lambda name: shares[name], default="")
+    return near if near and shares[near] >= 0.6 else ""
+
+
+def ignorable(
+    values: Mapping[str, object],
+    known: Iterable[str],
+    *,
+    elsewhere: Container[str] = (),
+    kind: str = "attribute",
+) -> tuple[str, ...]:
+    """The unknown names among ``values`` that can be left out, as the published module does.
+
+    A name that looks like a misspelt known one is refused: what it stands for may bound a motion.
+
+    Args:
+        values: What was given.
+        known: The names that have a meaning.
+        elsewhere: Names that are well spelt, because they have a meaning elsewhere.
+        kind: What a name is called in messages.
+
+    Raises:
+        ConfigError: A name looks misspelt, or so many are unknown that they are not compared.
+    """
+    names = tuple(known)
+    unknown = tuple(key for key in values if key not in names)
+    for key in unknown:
+        if len(unknown) > _MOST_IGNORED or misspelt(key, names, elsewhere):
+            raise ConfigError(key, values[key], f"unknown {kind}; {suggest(key, names)}")
+    return unknown
+
+
+def misspelt(word: str, known: Iterable[str], elsewhere: Container[str] = ()) -> str:
+    """The known name that an unknown one is a misspelling of; empty if it seems meant as it is."""
+    if word in elsewhere or word.startswith(_COMMENT) or word.lower() in _REMARKS:
+        return ""
+    return nearest(word, known)
+
+
+_COMMENT = ("_", "#", "/")
+"""A name that begins so is a comment, or was taken out by whoever wrote it."""
+
+_REMARKS = frozenset(
+    {
+        "comment", "comments", "debug", "description", "label", "location", "model", "name", "note",
+        "notes", "version",
+    }
+)  # fmt: skip
+"""Names of remarks that people write beside settings; some resemble an attribute. Chosen."""
+
+_MOST_IGNORED = 20
+"""If more names than this are unknown, they are refused: to compare them takes long. Chosen."""
+
+
+@lru_cache(maxsize=4096)
 def _likeness(word: str, name: str) -> float:
-    """Similarity of two words, 0 to 1; "speed" is like "speed_degs_per_sec" by its first part."""
+    """Similarity of two words, 0 to 1; "speed" is like "speed_degs_per_sec" by its first part.
+
+    Cached: a configuration is checked in a thread first, and the event loop then uses the results.
+    """
 
     def ratio(other: str) -> float:
         return difflib.SequenceMatcher(None, word.lower(), other).ratio()

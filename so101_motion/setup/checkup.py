@@ -247,9 +247,10 @@ def _calibration(seen: Findings) -> Iterator[Check]:
 def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
     missing = [joint for joint in SERVO_IDS if joint not in stored.calibration]
     if missing:
+        lacks = "has impossible numbers of, or lacks," if stored.refused else "lacks"
         yield fail(
             "calibration",
-            f"{stored.path} lacks {', '.join(missing)}",
+            f"{stored.path} {lacks} {', '.join(missing)}",
             f"so101 calibrate --joint {missing[0]}",
         )
     there = {joint: held(facts) for joint, facts in seen.facts.items()}

@@ -44,7 +44,8 @@ _PORT_NAME = Attribute(
 )  # fmt: skip
 _FILE = Attribute(
     "calibration_file",
-    "relative ones lie in `$VIAM_MODULE_DATA`; without it, what the servos have stored counts",
+    "relative ones lie in `$VIAM_MODULE_DATA`, or where the program was started if that is not set;"
+    " without a file, what the servos have stored counts",
     kind="text", form="path",
 )  # fmt: skip
 _TIMEOUT = Attribute(
@@ -57,7 +58,7 @@ _TIMEOUT = Attribute(
 _BUS = (
     Attribute(
         "baudrate", "the same for all on a port", kind="whole", unit="bit/s",
-        range=(38_400, 1_000_000), default=BAUDRATE,
+        range=(38_400, 1_000_000), default=BAUDRATE, zero_is_none=True,
     ),
     _TIMEOUT,
     Attribute(
@@ -130,7 +131,7 @@ _SURROUNDINGS = (
     ),
     Attribute(
         "mesh_decimation_ratios", "checked, without effect", kind="numbers", range=(0.0, 1.0),
-        count=5, form="list", idle="the meshes here are light as they are",
+        form="list", idle="the meshes here are light as they are",
     ),
 )  # fmt: skip
 _LOOKS = (
@@ -188,7 +189,9 @@ GRIPPER = (
         "arm", "the arm it belongs to", kind="text", form="name",
         otherwise="this or `port` is required",
     ),
-    Attribute("servo_id", "of the jaw", kind="whole", range=(1, 6), default=GRIPPER_ID),
+    Attribute(
+        "servo_id", "of the jaw", kind="whole", range=(1, 6), default=GRIPPER_ID, zero_is_none=True
+    ),
     *_LOOKS,
     Attribute(
         "articulated_jaw", "true is refused: no planner moves the jaw here", kind="flag",
@@ -198,15 +201,18 @@ GRIPPER = (
     *_BUS,
 )  # fmt: skip
 SIMULATED_ARM = (
-    _SPEED,
-    replace(_ACCELERATION, ours=True),
+    replace(
+        _SPEED, use="cap of every joint; another positive number becomes the nearest of these",
+        zero_is_none=True, takes_nearest=True,
+    ),
+    replace(_ACCELERATION, zero_is_none=True, ours=True),
     _MAX_SPEED,
     _MAX_ACCELERATION,
     Attribute(
         "simulate_time", "false: time moves only by `advance_time`", kind="flag", default=True
     ),
     *_SURROUNDINGS,
-)
+)  # fmt: skip
 SIMULATED_GRIPPER = _LOOKS
 CALIBRATION = (
     replace(_PORT_NAME, use="the arm's; shared with the arm and the gripper on it"),

@@ -56,10 +56,11 @@ class PortConfig:
             raise ConfigError(
                 "port", given_port, "is missing; name the serial port, e.g. /dev/ttyACM0"
             )
+        is_none = timeout in (None, "", 0) and timeout is not False
         return cls(
             port=port,
             baudrate=given.value("baudrate"),
-            timeout=duration("timeout", timeout) if given.given("timeout") else TIMEOUT,
+            timeout=TIMEOUT if is_none else duration("timeout", timeout),
             calibration_file=given.value("calibration_file"),
             rate=given.value("control_rate_hz"),
         )
@@ -141,6 +142,7 @@ class ArmConfig:
     ignored: tuple[str, ...]  # components of the machine that are not planned around
     senses: SensesConfig
     unused: tuple[str, ...]  # given, understood, and without effect here
+    notes: tuple[str, ...]  # what is used instead of a given number
 
     TABLE: ClassVar[tuple[Attribute, ...]]
 
@@ -168,6 +170,7 @@ class ArmConfig:
             "ignored": given.value("ignore_components"),
             "senses": SensesConfig.of(given),
             "unused": given.idle,
+            "notes": given.notes,
         }
         for key in ("motion", "visualize_ee_frame", "use_urdf", "obstacles"):
             settings[key] = given.value(key)
@@ -376,9 +379,9 @@ module's. Ours follows the hand at the rate of the control loop, so ``loop_hz`` 
 
 
 def _servo_ids(given: Attributes, attributes: Mapping[str, object]) -> tuple[int, ...]:
-    if not given.given("servo_ids"):
+    value = attributes.get("servo_ids")
+    if value in (None, "", []):
         return SERVO_IDS
-    value = attributes["servo_ids"]
     ids = tuple(round(i) for i in given.numbers("servo_ids", count=253, lower=1.0, upper=5.0))
     if len(ids) != len(SERVO_IDS) or len(set(ids)) != len(ids) or list(ids) != value:
         raise ConfigError(

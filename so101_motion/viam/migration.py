@@ -18,13 +18,16 @@ from pathlib import Path
 from typing import Any
 
 from so101_motion.calib.record import store
-from so101_motion.common.attributes import suggest
+from so101_motion.common.attributes import misspelt, suggest
 from so101_motion.common.errors import CalibrationError, ConfigError
+from so101_motion.viam.ignored_attributes import names_of_the_family
 from so101_motion.viam.published_models import MEANINGS, MODELS, OURS, Model
 from so101_motion.viam.suggested_config import own_module
 
 FAMILY = "devrel:so101:"
 """The beginning of the model names of both modules."""
+
+_MEANINGLESS = "this model has no such attribute: left out, and ignored if it stays"
 
 PUBLISHED = "devrel:so101-arm"
 """The published module's id in the registry."""
@@ -232,13 +235,14 @@ def _part(kind: str, entry: Mapping[str, Any]) -> MigratedResource:
         given = {}
     known = MODELS.get(model.removeprefix(FAMILY))
     kept, problem = {}, ""
+    notes: tuple[str, ...] = ()
     if known is None:
         hint = suggest(model.removeprefix(FAMILY), MODELS)
         problem = f'"{model}" is not a model of this module; {hint}'
     else:
         kept = {key: value for key, value in given.items() if key in known.names}
         try:
-            known.read(kept)
+            notes = getattr(known.read(kept), "notes", ())
         except ConfigError as error:
             problem = str(error)
     return MigratedResource(
@@ -247,7 +251,7 @@ def _part(kind: str, entry: Mapping[str, Any]) -> MigratedResource:
         model=model,
         rows=(*_given(given, known, problem), *_new(given, known)) if known else (),
         problem=problem,
-        differences=known.differences(given) if known else (),
+        differences=(*known.differences(given), *notes) if known else (),
         calibration=_calibration(given) if known else "",
         config=_config(kind, entry, model, kept),
     )
@@ -274,11 +278,11 @@ def _given(given: Mapping[str, Any], known: Model, problem: str) -> Iterator[Mig
     rows = {each.name: each for each in known.attributes}
     for key, value in given.items():
         if key not in rows:
-            hint, _, listed = suggest(key, rows).partition(" known: ")
+            meant = misspelt(key, rows, names_of_the_family())
             yield MigratedAttribute(
                 attribute=key,
                 there="(given)",  # an unknown value may be a secret
-                here=f"unknown, left out{f'; {hint}' if listed else ''}",
+                here=f'unknown, left out; did you mean "{meant}"?' if meant else _MEANINGLESS,
                 outcome=Outcome.UNSUPPORTED,
             )
             continue
@@ -310,5 +314,5 @@ def _calibration(given: Mapping[str, Any]) -> str:
         found = store.read(path)
     except CalibrationError as error:
         return f"{name} cannot be used: {error}"
-    joints = f"{len(found.calibration)} joints"
-    return "; ".join((f"{found.path} is good: {joints}", *found.notes))
+    how = "can be used in part" if found.refused else "is good"
+    return "; ".join((f"{found.path} {how}: {len(found.calibration)} joints", *found.notes))

@@ -120,7 +120,7 @@ MODELS: Mapping[str, Model] = {
         differences=lambda _: (
             "it plans and moves like the real arm, with limited acceleration; in the published"
             " module it turned at constant speed",
-            "speeds are 3 to 180 deg/s, as for the real arm",
+            "a speed outside 3 to 180 deg/s, as the real arm has them, becomes the nearest",
         ),
     ),
     "simulated-gripper": Model(

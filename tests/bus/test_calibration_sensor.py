@@ -247,7 +247,7 @@ async def test_steps_out_of_order_are_refused_with_what_is_possible(bench):
     [
         ({"command": "start_recording"}, 'did you mean "start_range_recording"'),
         ({"command": "motor_setup_asign_id"}, 'did you mean "motor_setup_assign_id"'),
-        ({"command": "start", "retries": 3}, "unknown argument"),
+        ({"command": "motor_setup_skip", "retries": 3}, "unknown argument"),
         ({"command": "motor_setup_discover"}, 'name the motor, such as "gripper"'),
         ({"command": "motor_setup_discover", "motor_name": "elbow"}, 'did you mean "elbow_flex"'),
         ({"command": "stop_range_recording", "accept": "elbow_flex"}, "list of names"),
@@ -413,6 +413,7 @@ async def test_the_steps_of_a_setup_are_reported_with_what_is_left_of_each(bench
 
     verdict = await do(sensor, "motor_setup_verify")
     assert (verdict["success"], verdict["all_ok"]) == (True, True)
+    assert "error" not in verdict
     await record(bench, sensor)
     verdicts = {
         step["name"]: step["verdict"] for step in (await do(sensor, "setup_steps"))["steps"]

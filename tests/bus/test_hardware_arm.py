@@ -1,5 +1,6 @@
 import asyncio
 import json
+import logging
 from datetime import timedelta
 
 import numpy as np
@@ -255,6 +256,19 @@ async def test_diagnose_finds_nothing_on_a_healthy_arm(bench, client):
     assert answer["servos_found"] == [1, 2, 3, 4, 5, 6]
 
 
+async def test_what_is_only_worth_knowing_is_no_failure_of_diagnose(bench, arm, client):
+    arm.rig.servos.notes = ("the file was restored",)
+    bench.emulator.unplug()
+    await bench.pass_time(0.5)
+    bench.emulator.plug()
+    await bench.pass_time(3.0)
+    answer = await ask(client, bench, command="diagnose")
+
+    assert answer["findings"][0] == "the file was restored"
+    assert "the port went away 1 times" in answer["findings"][-1]
+    assert (answer["success"], answer["error"]) == (True, "")
+
+
 async def test_diagnose_names_the_cable_that_is_out(bench, client):
     for joint in ("wrist_flex", "wrist_roll", "gripper"):
         bench.world.disconnect(joint)
@@ -325,6 +339,25 @@ async def test_the_calibration_is_reported_with_its_source(bench, client):
     assert answer["source"]["shoulder_pan"] == "registers"
     assert answer["zero"]["shoulder_pan"] == {"by": "middle", "middle_deg": 0.0}
     assert "gripper" not in answer["zero"]
+
+
+async def test_a_joint_whose_numbers_in_the_file_are_impossible_costs_no_other(bench, caplog):
+    file = bench.port.parent / "arm.json"
+    entry = {"drive_mode": 0, "homing_offset": 0, "range_max": 3400}
+    pan, elbow = {**entry, "id": 1, "range_min": 800}, {**entry, "id": 3, "range_min": 4000}
+    file.write_text(json.dumps({"shoulder_pan": pan, "elbow_flex": elbow}))
+    caplog.set_level(logging.INFO)
+    arm = bench.new_arm(calibration_file=str(file))
+    await bench.pass_time(1.0)
+    async with arm_client(arm) as client:
+        told = await ask(client, bench, command="get_calibration")
+        assert (told["source"]["shoulder_pan"], told["source"]["elbow_flex"]) == (
+            "file", "registers",
+        )  # fmt: skip
+        answer = await ask(client, bench, command="diagnose")
+        assert answer["success"] is True
+        assert "elbow_flex is not taken from the calibration" in answer["findings"][0]
+    assert "stored min_position 737 -> 800, max_position 3452 -> 3400" in caplog.text
 
 
 async def test_reloading_needs_a_file(bench, client):

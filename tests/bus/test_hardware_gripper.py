@@ -142,6 +142,15 @@ async def test_its_speed_can_be_set_and_counts(bench, client):
     assert bench.clock.now() - begin > 5.0
 
 
+async def test_its_motion_params_can_be_read_and_written_back(bench, client):
+    before = await ask(client, bench, command="get_motion_params")
+    after = await ask(client, bench, command="set_motion_params", **before)
+
+    assert after == {"success": True, **before}
+    lower = await ask(client, bench, command="set_motion_params", acceleration=500.0)
+    assert lower["acceleration"] == 500.0
+
+
 async def test_the_controller_s_status_names_the_servo(bench, client):
     answer = await ask(client, bench, command="controller_status")
 

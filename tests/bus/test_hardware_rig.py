@@ -142,14 +142,24 @@ def test_another_homing_offset_moves_no_joint_even_if_it_is_driven(bench):
     assert rig.arm.state.q[0] == pytest.approx(rad(360.0 * (48 - 200) / 4096), abs=rad(0.6))
 
 
-def test_a_bad_file_gives_way_to_the_servos_and_says_so(bench, caplog):
+@pytest.mark.parametrize(
+    ("change", "from_servos"),
+    [
+        ({"range_max": 1010}, {"elbow_flex"}),
+        ({"id": 4}, set(record.JOINTS)),  # it is not this arm's
+    ],
+)
+def test_a_bad_joint_of_a_file_gives_way_to_its_servo_and_a_bad_file_to_all(
+    bench, caplog, change, from_servos
+):
     path = filed(bench)
     content = json.loads(path.read_text())
-    content["elbow_flex"]["range_max"] = 1010
+    content["elbow_flex"] |= change
     path.write_text(json.dumps(content))
     rig = bench.open(calibration_file=path)
 
-    assert {setup.source for setup in rig.servos.setups.values()} == {"registers"}
+    found = {joint for joint, setup in rig.servos.setups.items() if setup.source == "registers"}
+    assert found == from_servos
     assert "elbow_flex" in caplog.text
 
 

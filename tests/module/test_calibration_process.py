@@ -312,6 +312,7 @@ async def test_every_command_of_the_motor_setup_answers_as_published(tmp_path):
                 lambda answer: answer["motors"]["gripper"]["status"] == "ok",
             )
             assert verdict["success"] is False
+            assert verdict["error"] == verdict["status"] != ""
             assert {joint: motor["id"] for joint, motor in verdict["motors"].items()} == IDS
             assert verdict["motors"]["gripper"]["status"] == "ok"
             assert verdict["motors"]["gripper"]["model"] == "sts3215"

@@ -119,8 +119,9 @@ async def test_nothing_to_find_is_explained_and_wrong_settings_are_refused(tmp_p
             await service.do_command({"command": "reprot"})
         assert 'did you mean "report"' in caught.value.message
 
+        await module.validate(SERVICE, DISCOVERY, {"port": "/dev/ttyACM0"})  # the arm's: ignored
         with pytest.raises(GRPCError) as caught:
-            await module.validate(SERVICE, DISCOVERY, {"port": "/dev/ttyACM0"})
+            await module.validate(SERVICE, DISCOVERY, {"prts": ["/dev/ttyACM0"]})
         assert caught.value.status is Status.INVALID_ARGUMENT
         assert 'did you mean "ports"' in caught.value.message
     said = [message for _, message in module.parent.lines]

@@ -99,7 +99,7 @@ gives up its connection then."""
 async def test_configurations_that_cannot_be_used_are_refused_before_anything_is_built(process):
     for api, model, attributes, says in [
         (ARM, SIMULATED, {"sped": 1.0}, 'did you mean "speed_degs_per_sec"?'),
-        (ARM, SIMULATED, {"speed_degs_per_sec": 1000.0}, "from 3 to 180"),
+        (ARM, SIMULATED, {"max_speed_degs_per_sec": 1000.0}, "from 3 to 180"),
         (GRIPPER, SIMULATED_GRIPPER, {"gripper_type": "leeder"}, 'did you mean "leader"?'),
     ]:
         for ask in (process.validate, process.add):
@@ -121,6 +121,22 @@ async def test_what_it_logs_reaches_the_parent(process):
 
     await until(lines)
     assert len(lines()) == 1
+
+
+@shared
+async def test_attributes_of_another_model_are_ignored_and_named_in_the_log(process):
+    left = {"port": "/dev/ttyACM0", "arm": "my-arm", "_comment": "was the real one"}
+    for _ in range(3):
+        await process.validate(ARM, SIMULATED, left)
+    await process.add(ARM, SIMULATED, {**left, "use_urdf": True}, "was-real")
+    await process.add(GRIPPER, SIMULATED_GRIPPER, left, "gripper-was-real")
+
+    def lines():
+        return [text for _, text in process.parent.lines if "no such attribute" in text]
+
+    await until(lambda: len(lines()) > 1)
+    assert len(lines()) == 2, "once for each component, however often it was checked"
+    assert all("_comment, arm, port" in line for line in lines())
 
 
 @shared

@@ -4,9 +4,14 @@ The record is the published module's: an object by joint name with six whole num
 also LeRobot's, which writes five of them (no ``norm_mode``). Some programs leave joints out or
 write null, so a record may lack joints; its user has to supply defaults.
 
-``parse`` checks the numbers. The published module takes any numbers between 0 and 4095; here a
-record is refused when it cannot describe this arm, and the message names the joint and what to do.
-A file with one wrong joint is refused as a whole.
+The published module takes any numbers between 0 and 4095; here a joint is refused when its numbers
+cannot be this arm's, and the message names it and what to do. ``usable`` takes the others, as if
+the file lacked the joint; ``parse`` takes all or none. A record of another arm (ids of other
+joints) or one that says something twice is refused as a whole: nothing in it can be trusted.
+
+A joint without ``drive_mode`` has 0, as in the published module. One without ``homing_offset`` is
+refused, although it has 0 there: the published module never writes the offset, while here the servo
+gets it, and its joint's zero would be off by what the servo holds.
 
 Files are in ``store``, other formats in ``lerobot``, and the zero of a joint is in ``zero``.
 """
@@ -32,8 +37,14 @@ SERVO_IDS: Mapping[str, int] = {joint: place for place, joint in enumerate(JOINT
 FIELDS = ("id", "drive_mode", "homing_offset", "range_min", "range_max", "norm_mode")
 """The fields of each joint, in the order of the file."""
 
+_REQUIRED = ("id", "homing_offset", "range_min", "range_max")
+
 LARGEST_OFFSET = 2047
 """Largest homing offset that every firmware stores [tick]; register 31 has eleven bits for it."""
+
+_HALF_TURN = 2048
+"""Half a turn [tick]: the offset one beyond the largest, which the published module's file may have
+where the servo itself holds the largest."""
 
 NARROWEST = 57
 """Narrowest range that counts as a travel [tick], 5 deg; with less the joint was not moved."""
@@ -139,6 +150,65 @@ def parse(content: object) -> dict[str, JointCalibration]:
     Raises:
         CalibrationError: The content cannot be a calibration of this arm.
     """
+    entries = _entries(content)
+    found = {joint: _joint(joint, entry) for joint, entry in entries.items()}
+    for joint, entry in found.items():
+        _check(joint, entry)
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UsablePart:
+    """What can be used of a calibration.
+
+    Attributes:
+        calibration: Its joints, without the refused ones.
+        refused: The joints whose numbers cannot be used, and why not.
+        notes: What the user should know about both.
+    """
+
+    calibration: dict[str, JointCalibration]
+    refused: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def usable(content: object) -> UsablePart:
+    """Parse what can be used of a calibration file.
+
+    Raises:
+        CalibrationError: Nothing can be: it is not of this arm, or no joint makes sense.
+    """
+    found: dict[str, JointCalibration] = {}
+    refusals: dict[str, CalibrationError] = {}
+    notes: list[str] = []
+    for joint, entry in _entries(content).items():
+        try:
+            read = _joint(joint, entry)
+            if abs(read.homing_offset) == _HALF_TURN:
+                held = LARGEST_OFFSET if read.homing_offset > 0 else -LARGEST_OFFSET
+                notes.append(
+                    f"{joint}: homing_offset {read.homing_offset} is more than a servo stores;"
+                    f" {held} is used, 0.09 deg beside it"
+                )
+                read = replace(read, homing_offset=held)
+            _check(joint, read)
+        except CalibrationError as error:
+            refusals[joint] = error
+        else:
+            found[joint] = read
+    if not found:
+        raise next(iter(refusals.values()))
+    notes += (
+        f"{joint} is not taken from the calibration: {error.reason}; what its servo has stored"
+        f" counts; {error.next_step}"
+        for joint, error in refusals.items()
+    )
+    reasons = {joint: error.reason for joint, error in refusals.items()}
+    return UsablePart(calibration=found, refused=reasons, notes=tuple(notes))
+
+
+def _entries(content: object) -> dict[str, object]:
+    """The entries by joint, of a record that can be of this arm."""
     if not isinstance(content, Mapping):
         raise CalibrationError(
             None,
@@ -148,16 +218,21 @@ def parse(content: object) -> dict[str, JointCalibration]:
     for name in _repeated(content):
         if name in JOINTS:
             raise CalibrationError(name, "is in it twice, so one of them is wrong", _AGAIN)
-    found = {
-        joint: _joint(joint, content[joint])
+    entries = {
+        joint: content[joint]
         for joint in JOINTS
         if content.get(joint) is not None  # null: the published module's mark of a lost joint
     }
-    if not found:
+    if not entries:
         raise CalibrationError(
             None, "it holds no joint of this arm: " + ", ".join(JOINTS), "check the path"
         )
-    return found
+    for joint, entry in entries.items():
+        for name in _repeated(entry):
+            if name in FIELDS:
+                raise CalibrationError(joint, f"{name} is given twice, so one is wrong", _AGAIN)
+        _check_id(joint, entry)
+    return entries
 
 
 def check(calibration: Calibration) -> None:
@@ -172,20 +247,34 @@ def check(calibration: Calibration) -> None:
 def _joint(joint: str, entry: object) -> JointCalibration:
     if not isinstance(entry, Mapping):
         raise CalibrationError(joint, f"must be an object, not {quoted(entry)}", _AGAIN)
-    for name in _repeated(entry):
-        if name in FIELDS:
-            raise CalibrationError(joint, f"{name} is given twice, so one is wrong", _AGAIN)
     numbers = {name: _whole(joint, name, entry[name]) for name in FIELDS if name in entry}
-    missing = [name for name in FIELDS[:5] if name not in numbers]
+    missing = [name for name in _REQUIRED if name not in numbers]
     if missing:
         raise CalibrationError(joint, f"{', '.join(missing)} missing", _AGAIN)
     if not numbers.get("norm_mode"):
         numbers["norm_mode"] = default(joint).norm_mode
-    found = JointCalibration(**numbers)
+    return JointCalibration(**numbers)
+
+
+def _check(joint: str, found: JointCalibration) -> None:
     problem = _problem(joint, found)
     if problem is not None:
         raise CalibrationError(joint, *problem)
-    return found
+
+
+def _check_id(joint: str, entry: object) -> None:
+    """Refuse the record of another arm."""
+    place = SERVO_IDS[joint]
+    if not isinstance(entry, Mapping) or "id" not in entry:
+        return
+    given = _whole(joint, "id", entry["id"])
+    if given != place:
+        swapped = JOINTS[given - 1] if 1 <= given <= len(JOINTS) else "no joint"
+        raise CalibrationError(
+            joint,
+            f"is servo {place} of this arm, but the record says {given} (that is {swapped})",
+            "check that the file belongs to this arm",
+        )
 
 
 def _whole(joint: str, name: str, value: object) -> int:
@@ -203,13 +292,6 @@ def _repeated(content: object) -> tuple[str, ...]:
 def _problem(joint: str, found: JointCalibration) -> tuple[str, str] | None:
     """What is wrong and what to do, or None."""
     lower, upper = found.range_min, found.range_max
-    place = SERVO_IDS[joint]
-    if found.id != place:
-        swapped = JOINTS[found.id - 1] if 1 <= found.id <= len(JOINTS) else "no joint"
-        return (
-            f"is servo {place} of this arm, but the record says {found.id} (that is {swapped})",
-            "check that the file belongs to this arm",
-        )
     if found.drive_mode not in (0, 1):
         return f"drive_mode is 0 or 1, not {found.drive_mode}", _AGAIN
     if abs(found.homing_offset) > LARGEST_OFFSET:

@@ -24,7 +24,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -50,12 +50,15 @@ class Stored:
         calibration: By joint; joints may be missing.
         zeros: The joints' zeros; joints that are missing here have theirs in the middle.
         notes: What the user should know about it.
+        refused: The joints that are missing here, because their numbers in the file cannot be
+            used; and why not.
     """
 
     path: Path
     calibration: Mapping[str, JointCalibration]
     zeros: Mapping[str, Zero]
     notes: tuple[str, ...]
+    refused: Mapping[str, str] = field(default_factory=dict)
 
 
 def resolve(path: str) -> Path:
@@ -82,7 +85,8 @@ def resolve(path: str) -> Path:
 def read(path: Path) -> Stored:
     """Read the file at ``path``; writes and restores nothing.
 
-    It may be ours, the published module's or LeRobot's, also from before June 2025.
+    A joint whose numbers are impossible is left out, with a note; the others are used. The file may
+    be ours, the published module's or LeRobot's, also from before June 2025.
 
     Raises:
         CalibrationError: There is none, or it cannot be a calibration of this arm.
@@ -100,14 +104,17 @@ def _understood(path: Path, data: bytes) -> Stored:
     try:
         if lerobot.is_of_lists(content):
             calibration, zeros, notes = lerobot.from_lists(content)
+            refused: Mapping[str, str] = {}
         else:
-            calibration = record.parse(content)
+            found = record.usable(content)
+            calibration, refused = found.calibration, found.refused
             zeros, notes = zero_file.read(zero_path(path), calibration)
+            notes = tuple(f"{note} (in {path})" for note in found.notes) + notes
     except CalibrationError as error:
         raise CalibrationError(
             error.joint, f"{error.reason} (in {path})", error.next_step
         ) from error
-    return Stored(path=path, calibration=calibration, zeros=zeros, notes=notes)
+    return Stored(path=path, calibration=calibration, zeros=zeros, notes=notes, refused=refused)
 
 
 def load(path: Path) -> Stored:
@@ -230,7 +237,7 @@ def _version(path: Path, number: int) -> Stored:
     kept = versions(path)
     for version in kept:
         if version.number == number:
-            return read(version.path)
+            return _read_whole(version.path)
     known = ", ".join(str(version.number) for version in kept) or "none"
     raise CalibrationError(
         None, f"there is no version {number} of {path}", f"choose one of these: {known}"
@@ -240,7 +247,7 @@ def _version(path: Path, number: int) -> Stored:
 def _last_other(now: Stored) -> Stored:
     for version in versions(now.path):
         try:
-            found = read(version.path)
+            found = _read_whole(version.path)
         except CalibrationError:
             continue  # it cannot be used
         if (found.calibration, found.zeros) != (now.calibration, now.zeros):
@@ -250,6 +257,15 @@ def _last_other(now: Stored) -> Stored:
         f"there is no earlier version of {now.path} that differs",
         "calibrate the arm again",
     )
+
+
+def _read_whole(path: Path) -> Stored:
+    """Read a version to be restored, which must not lack a joint that it names."""
+    found = read(path)
+    if found.refused:
+        joint, reason = next(iter(found.refused.items()))
+        raise CalibrationError(joint, f"{reason} (in {path})", "choose another version")
+    return found
 
 
 @contextmanager
@@ -262,9 +278,13 @@ def _writing(path: Path) -> Iterator[None]:
 def _salvaged(path: Path) -> Stored:
     """Read the file joint by joint, so that one wrong joint does not lose the others."""
     try:
-        return read(path)
+        found = read(path)
     except CalibrationError as error:
-        problem = error
+        problem = error.reason
+    else:
+        if not found.refused:
+            return found
+        problem = "; ".join(f"{joint}: {reason}" for joint, reason in found.refused.items())
     if not path.exists():
         return Stored(path=path, calibration={}, zeros={}, notes=())
     calibration: dict[str, JointCalibration] = {}
@@ -272,11 +292,11 @@ def _salvaged(path: Path) -> Stored:
         try:
             content = json_file.read(path)
             entry = content.get(joint) if isinstance(content, Mapping) else None
-            calibration |= record.parse({joint: entry})
+            calibration |= record.usable({joint: entry}).calibration
         except CalibrationError:
             continue
     zeros, _ = zero_file.read(zero_path(path), calibration)
-    note = f"what was there before could not be used ({problem.reason}); it is kept as a version"
+    note = f"what was there before could not be used ({problem}); it is kept as a version"
     return Stored(path=path, calibration=calibration, zeros=zeros, notes=(note,))
 
 

@@ -207,7 +207,8 @@ class Bus:
         Raises:
             BusError: See ``write``. The servo is locked again as far as it can be reached.
         """
-        differing = {row: want for row, want in values.items() if self.read(servo_id, row) != want}
+        held = {row: self.read(servo_id, row) for row in values}
+        differing = {row: want for row, want in values.items() if held[row] != want}
         if not differing:
             return ()
         try:
@@ -216,9 +217,9 @@ class Bus:
                 self.write(servo_id, register, value)
         finally:
             self.write(servo_id, LOCK, 1)
-        changed = tuple(row.name for row in differing)
-        _log.info("%s: stored %s", self.label(servo_id), ", ".join(changed))
-        return changed
+        said = ", ".join(f"{row.name} {held[row]} -> {want}" for row, want in differing.items())
+        _log.info("%s: stored %s", self.label(servo_id), said)
+        return tuple(row.name for row in differing)
 
     def change_id(self, servo_id: int, new_id: int) -> None:
         """Give a servo another id for good.

@@ -8,9 +8,13 @@ from typing import Any, ClassVar, Self
 from viam.proto.app.robot import ComponentConfig
 from viam.proto.common import ResourceName
 from viam.resource.base import ResourceBase
+from viam.resource.types import Model
 
+from so101_motion.common.attributes import Attribute
+from so101_motion.common.errors import LONGEST_QUOTE, clipped
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.ignored_attributes import KnownAttributes, without_ignored
 
 Dependencies = Mapping[ResourceName, ResourceBase]
 
@@ -21,21 +25,37 @@ class Configured:
     READ: ClassVar[staticmethod[[Mapping[str, Any]], Any]]
     """Turns attributes into settings; raises ``ConfigError`` for what cannot be used."""
 
+    ATTRIBUTES: ClassVar[tuple[Attribute, ...]]
+    """The attributes that it knows; others are left out, see ``ignored_attributes``."""
+
+    MODEL: ClassVar[Model]
+
     @classmethod
     def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
         """Check the attributes; return the required and the optional dependencies."""
-        wanted = cls.READ(convert.from_struct(config.attributes))
+        wanted = cls.READ(cls._known(config).values)
         return cls.needed(wanted), cls.used(wanted)
 
     @classmethod
     def new(cls, config: ComponentConfig, dependencies: Dependencies) -> Self:
         """Build the resource from its configuration; nothing moves."""
         with grpc_statuses():
-            wanted = cls.READ(convert.from_struct(config.attributes))
+            known = cls._known(config)
+            wanted = cls.READ(known.values)
             made = cls.build(config.name, wanted, dependencies)
+        logger = made.logger  # type: ignore[attr-defined]  # the SDK's
         for key in getattr(wanted, "unused", ()):
-            made.logger.info("%s has no effect here", key)  # type: ignore[attr-defined]  # SDK's
+            logger.info("%s has no effect here", key)
+        for note in getattr(wanted, "notes", ()):
+            logger.warning("%s", note)
+        if known.ignored:
+            names = ", ".join(clipped(key, LONGEST_QUOTE) for key in sorted(known.ignored))
+            logger.warning("ignored, because %s has no such attribute: %s", cls.MODEL, names)
         return made
+
+    @classmethod
+    def _known(cls, config: ComponentConfig) -> KnownAttributes:
+        return without_ignored(convert.from_struct(config.attributes), cls.ATTRIBUTES)
 
     @classmethod
     def needed(cls, wanted: Any) -> Sequence[str]:

@@ -15,6 +15,7 @@ from viam.utils import dict_to_struct
 
 from so101_motion.setup.discovery import Discovery, discover, ports_asked_for
 from so101_motion.setup.port_report import PortReport, Suggestion
+from so101_motion.viam import attribute_table as table
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
@@ -34,6 +35,7 @@ class So101Discovery(Configured, DiscoveryService):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:discovery")
     READ = staticmethod(ports_asked_for)
+    ATTRIBUTES = table.DISCOVERY
 
     def __init__(self, name: str, ports: Sequence[str]) -> None:
         super().__init__(name)

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
-from so101_motion.common.attributes import suggest
+from so101_motion.common.attributes import Attribute, suggest
 from so101_motion.common.errors import ConfigError
+from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import arm_served
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.configured import Configured, Dependencies
@@ -25,6 +26,7 @@ class ServiceForAnArm(Configured):
     """
 
     READ: ClassVar[staticmethod[[Mapping[str, Any]], Any]] = staticmethod(arm_served)
+    ATTRIBUTES: ClassVar[tuple[Attribute, ...]] = table.FOR_AN_ARM
 
     def __init__(self, name: str, arm: str | None) -> None:
         super().__init__(name)  # type: ignore[call-arg]  # the constructor of the service

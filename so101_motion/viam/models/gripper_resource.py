@@ -18,7 +18,7 @@ from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured
 from so101_motion.viam.requests.await_motion import in_own_thread, rest
-from so101_motion.viam.requests.commands import Command, Request, answer
+from so101_motion.viam.requests.commands import Command, Request, answer, arguments
 
 
 def clamped(percentage: float) -> float:
@@ -114,9 +114,10 @@ class GripperResource(Configured, Gripper):
         return convert.to_result(result)
 
     async def _short_form(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, ("get", "set", "wait"))
         if "set" in request:
             percentage = checked_number("set", request["set"], unit="%")
-            waits = convert.flag(request, "wait", True)
+            waits = given.flag("wait", True)
             return {"position": await self._go(percentage, waits=waits)}
         return {"position": self._percentage()}
 

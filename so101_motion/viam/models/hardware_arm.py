@@ -16,6 +16,7 @@ from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.control.limit_recovery import remarks
 from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
+from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import HardwareArmConfig
 from so101_motion.viam.conversion import convert, served_joints
 from so101_motion.viam.conversion.convert import grpc_statuses
@@ -51,6 +52,7 @@ class HardwareArm(ArmResource):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:arm")
     READ = staticmethod(HardwareArmConfig.from_attributes)
+    ATTRIBUTES = table.ARM
     NEEDS_SERVOS = frozenset(
         {
             "enter_manual_mode", "exit_manual_mode", "get_calibration", "get_planning_setup",

@@ -19,6 +19,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.rig.shared_port import HARDWARE_JAW_LIMITS
+from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import HardwareGripperConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
@@ -50,6 +51,7 @@ class HardwareGripper(GripperResource):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:gripper")
     READ = staticmethod(HardwareGripperConfig.from_attributes)
+    ATTRIBUTES = table.GRIPPER
     NEEDS_NO_SERVO = frozenset(
         {
             "controller_status", "calibrate_positions", "set_motion_params", "get_motion_params",
@@ -228,13 +230,13 @@ class HardwareGripper(GripperResource):
     async def _set_motion_params(self, given: Attributes) -> dict[str, Any]:
         now = await self._get_motion_params()
         speed = given.number("speed", now["speed"], lower=1.0, upper=180.0, unit="deg/s")
+        top = float(HARDWARE_JAW_LIMITS.acceleration[0])
         acceleration = given.number(
-            "acceleration", now["acceleration"], lower=1.0, upper=500.0, unit="deg/s^2"
+            "acceleration", now["acceleration"], lower=1.0, upper=in_deg(top), unit="deg/s^2"
         )
-        top = in_deg(float(HARDWARE_JAW_LIMITS.acceleration[0]))
         self._gripper.limits = MotionLimits.uniform(
             velocity=to_rad(min(speed, FASTEST_DEG)),
-            acceleration=to_rad(min(acceleration, top)),
+            acceleration=min(to_rad(acceleration), top),
             jerk=float(HARDWARE_JAW_LIMITS.jerk[0]),
             n=1,
         )

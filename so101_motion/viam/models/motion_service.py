@@ -39,6 +39,7 @@ from so101_motion.planning.goals import Goal, GoalMetric, LineGoal, PathGoal, Po
 from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan, Search
+from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import MotionConfig, SensesConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
@@ -75,6 +76,7 @@ class So101Motion(ServiceForAnArm, MotionService):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:motion")
     READ = staticmethod(MotionConfig.from_attributes)
+    ATTRIBUTES = table.MOTION
 
     def __init__(
         self, name: str, arm: str | None, senses: SensesConfig, dependencies: Dependencies

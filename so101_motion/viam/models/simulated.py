@@ -15,6 +15,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.rig.rig import TICK, Rig
 from so101_motion.rig.simulated_rig import open_simulated
+from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import SimulatedArmConfig
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
@@ -36,6 +37,7 @@ class SimulatedArm(ArmResource):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated")
     READ = staticmethod(SimulatedArmConfig.from_attributes)
+    ATTRIBUTES = table.SIMULATED_ARM
 
     left_at: ClassVar[dict[str, Array]] = {}
     """The last joint angles of closed arms, by name, shape (5,), [rad]. A new configuration closes

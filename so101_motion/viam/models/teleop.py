@@ -33,6 +33,7 @@ from so101_motion.tasks.teleop import (
     Teleop,
     pilot,
 )
+from so101_motion.tasks.teleop.config import ATTRIBUTES as TELEOP_ATTRIBUTES
 from so101_motion.tasks.teleop.config import TeleopConfig
 from so101_motion.tasks.teleop.gate import Phase
 from so101_motion.tasks.teleop.local_arms import middles_of, side_of
@@ -73,6 +74,7 @@ class So101Teleop(Configured, Generic):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:teleop")
     READ = staticmethod(TeleopConfig.from_attributes)
+    ATTRIBUTES = TELEOP_ATTRIBUTES
 
     def __init__(
         self,

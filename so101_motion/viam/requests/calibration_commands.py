@@ -215,8 +215,10 @@ class CalibrationCommands:
 
     async def _verify(self) -> dict[str, Any]:
         found = await run_to_end(self._setup.verify)
+        error = {} if found.ok else {"error": found.sentence}  # the published setup page shows it
         return {
             "success": found.ok,
+            **error,
             "all_ok": found.ok,
             "motors": {joint: _checked(check) for joint, check in found.motors.items()},
             "unexpected_ids": list(found.unexpected_ids),

@@ -3,11 +3,16 @@
 The published module has two styles of request. Most have the key ``command``; ``set_speed``,
 ``set_acceleration`` and ``get_motion_params`` are keys of the request itself and may be combined.
 Combined keys are all checked before any is applied, so a refused request changes nothing.
+
+What else stands in a request is ignored by the published module. Here it is too, and the log names
+it, unless it may have been meant to change a motion: a misspelt argument, a key such as
+``set_speed`` beside another command, anything beside a command that only this module has.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
@@ -18,14 +23,17 @@ from so101_motion.common.attributes import (
     SPEED_RANGE_DEG,
     Attributes,
     checked_number,
+    ignorable,
     suggest,
 )
-from so101_motion.common.errors import ConfigError, SurroundingsUnknown
+from so101_motion.common.errors import LONGEST_QUOTE, ConfigError, SurroundingsUnknown, clipped
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files.scene_file import arms_to, scene_to
 from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.collision.scene import Scene, StandingArm
 from so101_motion.viam.conversion.convert import to_result
+
+_log = logging.getLogger(__name__)
 
 Request = Mapping[str, object]
 
@@ -44,6 +52,28 @@ KEYS = ("set_speed", "set_acceleration", "get_motion_params")
 """The arm's requests without ``command``."""
 
 
+_CHANGING = ("set_speed", "set_acceleration", "set")
+"""Requests without ``command`` that move something or bound motions."""
+
+_PUBLISHED = frozenset(
+    {
+        "set_torque", "ping", "controller_status", "diagnose", "verify_config", "reinitialize",
+        "test_servo_communication", "reload_calibration", "get_calibration", "enter_manual_mode",
+        "exit_manual_mode", "set_torque_limit", "servo_capabilities", "servo_move", "servo_moving",
+        "servo_position", "servo_stop", "servo_wait_stop", "get_position", "set_position",
+        "get_load", "calibrate_positions", "set_motion_params", "get_motion_params", "start",
+        "set_homing", "start_range_recording", "stop_range_recording", "save_calibration", "abort",
+        "reset", "get_current_positions", "motor_setup_discover", "motor_setup_assign_id",
+        "motor_setup_verify", "motor_setup_scan_bus", "motor_setup_reset_status", "stop", "status",
+    }
+)  # fmt: skip
+"""The commands of the published module. The others have no old clients, so anything unknown beside
+them is refused."""
+
+_named: set[tuple[str, str]] = set()  # a request, and what was ignored in it
+_MOST_NAMED = 200  # so that no client can fill the log; chosen
+
+
 async def answer(
     request: Request,
     commands: Mapping[str, Command],
@@ -51,6 +81,8 @@ async def answer(
     names: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Carry out ``request``.
+
+    An unknown ``command`` beside one of ``names`` is ignored, as in the published module.
 
     Args:
         request: The request.
@@ -62,19 +94,51 @@ async def answer(
         ConfigError: The command, key or an argument is unknown; the message suggests a known one.
     """
     command = request.get("command")
-    if command is None:
-        if keys is None or not any(name in request for name in names):
-            raise ConfigError("request", dict(request), _suggestion(request, commands, names))
-        return await keys(request)
     if isinstance(command, str) and command in commands:
         known = commands[command]
-        names = known.names if isinstance(known, Taking) else ()
-        given = Attributes(request, ("command", *names), kind="argument")
+        taken = known.names if isinstance(known, Taking) else ()
+        given = _given(command, request, taken, names)
         return await (known.answer(given) if isinstance(known, Taking) else known())
+    if keys is not None and any(name in request for name in names):
+        return await keys(request)
+    if command is None:
+        raise ConfigError("request", dict(request), _suggestion(request, commands, names))
     hint = suggest(str(command), (*commands, *names))
     if command in names:
         hint = f'is a key, not a command: send {{"{command}": ...}}'
     raise ConfigError("command", command, hint)
+
+
+def _given(
+    command: str, request: Request, taken: tuple[str, ...], names: tuple[str, ...]
+) -> Attributes:
+    """The arguments of a command; see above for what else may stand beside it."""
+    if command not in _PUBLISHED:
+        return Attributes(request, ("command", *taken), kind="argument")
+    for key in _CHANGING:
+        if key in request and key in names:
+            reason = f"has no effect beside the command {command}; send it without a command"
+            raise ConfigError(key, request[key], reason)
+    return arguments(request, taken)
+
+
+def arguments(request: Request, names: tuple[str, ...]) -> Attributes:
+    """The arguments of a request; what else stands in it is ignored, and named in the log once.
+
+    Raises:
+        ConfigError: A key looks like a misspelt argument.
+    """
+    others = {key: value for key, value in request.items() if key != "command"}
+    ignored = ignorable(others, names, kind="argument")
+    command = request.get("command")
+    if command not in _PUBLISHED:
+        command = next((name for name in names if name in request), "")
+    for key in ignored:
+        named = (str(command), clipped(key, LONGEST_QUOTE))
+        if named not in _named and len(_named) < _MOST_NAMED:
+            _named.add(named)
+            _log.warning("%s does not take %s; it is ignored", *named)
+    return Attributes({key: others[key] for key in others if key not in ignored}, names)
 
 
 def _suggestion(request: Request, commands: Collection[str], names: tuple[str, ...]) -> str:
@@ -146,7 +210,7 @@ def motion_params(arm: Arm, request: Request) -> dict[str, Any]:
     Raises:
         ConfigError: A value is not valid; then nothing has changed.
     """
-    given = Attributes(request, KEYS, kind="request")
+    given = arguments(request, KEYS)
     speed_deg = _wanted(request, "set_speed", SPEED_RANGE_DEG, "deg/s")
     acceleration_deg = _wanted(request, "set_acceleration", ACCELERATION_RANGE_DEG, "deg/s^2")
     wants_params = given.flag("get_motion_params", False)

@@ -207,15 +207,16 @@ class ServoCommands:
             seen = await on_bus(self._rig, lambda servos: examine(servos.bus, names))
         except So101Error as error:
             return {"success": False, "error": str(error), "findings": [str(error)]}
-        findings = [*explain(seen), *servos.notes, *remarks(self._rig.arm.state.reading)]
+        trouble = explain(seen)
+        findings = [*trouble, *servos.notes, *remarks(self._rig.arm.state.reading)]
         if servos.port_losses:
             findings.append(
                 f"the port went away {servos.port_losses} times since the start; check the USB"
                 " cable and plug it straight into the computer"
             )
         return {
-            "success": not findings,
-            "error": "; ".join(findings),
+            "success": not trouble,
+            "error": "; ".join(trouble),
             "findings": findings,
             "servos_found": list(seen.heard),
             "registers": {seen.label(i): dict(facts.held) for i, facts in seen.servos.items()},

@@ -87,9 +87,9 @@ def test_an_unknown_attribute_is_answered_with_the_nearest_known_one():
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
-        ("speed_degs_per_sec", 0.0, "from 3 to 180 deg/s"),
-        ("speed_degs_per_sec", -1.0, "from 3 to 180 deg/s"),
-        ("speed_degs_per_sec", 181.0, "from 3 to 180 deg/s"),
+        ("max_speed_degs_per_sec", 0.0, "from 3 to 180 deg/s"),
+        ("max_speed_degs_per_sec", -1.0, "from 3 to 180 deg/s"),
+        ("max_speed_degs_per_sec", 181.0, "from 3 to 180 deg/s"),
         ("speed_degs_per_sec", math.nan, "finite"),
         ("speed_degs_per_sec", "fast", "a number"),
         ("speed_degs_per_sec", True, "a number"),
@@ -101,7 +101,7 @@ def test_an_unknown_attribute_is_answered_with_the_nearest_known_one():
         ("position_tolerance_mm", -1.0, "from 0 to 1000 mm"),
         ("orientation_tolerance_deg", 181.0, "from 0 to 180 deg"),
         ("mesh_decimation_ratios", 0.5, "a list"),
-        ("mesh_decimation_ratios", [0.1] * 6, "at most 5"),
+        ("payload_com_mm", [0.1] * 6, "at most 3"),
     ],
 )
 def test_a_value_that_cannot_be_used_is_named_with_what_is_allowed(key, value, says):

@@ -10,6 +10,7 @@ from so101_motion.viam.component_config import (
     CalibrationConfig,
     HardwareArmConfig,
     HardwareGripperConfig,
+    SimulatedArmConfig,
     duration,
 )
 
@@ -105,6 +106,45 @@ def test_without_a_collision_guard_a_hand_feels_no_wall():
 def test_what_an_arm_cannot_use_is_named(attributes, says):
     with pytest.raises(ConfigError, match=says):
         HardwareArmConfig.from_attributes(attributes)
+
+
+def test_values_that_the_published_module_takes_for_none_are_none():
+    arm = HardwareArmConfig.from_attributes(
+        {**PORT, "baudrate": 0, "timeout": 0.0, "servo_ids": [], "mesh_decimation_ratios": [1] * 6}
+    )
+    gripper = HardwareGripperConfig.from_attributes({**PORT, "servo_id": 0.0, "baudrate": 0.0})
+    sensor = CalibrationConfig.from_attributes({**PORT, "baudrate": 0, "timeout": 0})
+
+    assert (arm.connection.baudrate, arm.connection.timeout) == (1_000_000, 1.0)
+    assert arm.servo_ids == (1, 2, 3, 4, 5)
+    assert (gripper.servo_id, gripper.connection.baudrate) == (6, 1_000_000)
+    assert sensor.connection.timeout == 1.0
+    with pytest.raises(ConfigError, match="baudrate"):
+        HardwareArmConfig.from_attributes({**PORT, "baudrate": False})
+
+
+@pytest.mark.parametrize(
+    ("speed_deg", "taken_deg", "note"),
+    [
+        (0.0, 90.0, None),
+        (500.0, 180.0, "speed_degs_per_sec is 500; 180 is used, the nearest of 3 to 180 deg/s"),
+        (0.5, 3.0, "speed_degs_per_sec is 0.5; 3 is used, the nearest of 3 to 180 deg/s"),
+        (60.0, 60.0, None),
+    ],
+)
+def test_a_simulated_arm_takes_any_positive_speed_and_says_which_it_uses(
+    speed_deg, taken_deg, note
+):
+    arm = SimulatedArmConfig.from_attributes({"speed_degs_per_sec": speed_deg})
+
+    assert arm.speed == pytest.approx(to_rad(taken_deg))
+    assert arm.notes == (() if note is None else (note,))
+
+
+@pytest.mark.parametrize("speed_deg", [-1.0, math.inf, math.nan, True, "fast"])
+def test_a_simulated_arm_refuses_what_is_no_speed(speed_deg):
+    with pytest.raises(ConfigError, match="speed_degs_per_sec"):
+        SimulatedArmConfig.from_attributes({"speed_degs_per_sec": speed_deg})
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,16 @@ def test_what_is_known_stays_and_what_is_not_is_named():
     assert arm.config["name"] == "it"
 
 
+def test_what_another_model_has_is_left_out_without_a_suggestion():
+    given = {"port": "/dev/a", "servo_id": 6, "leader_arm": "one", "note": "mine"}
+    (arm,) = migrate(part("devrel:so101:arm", given)).parts
+    rows = {row.attribute: row for row in arm.rows}
+    for name in ("servo_id", "leader_arm", "note"):
+        assert rows[name].outcome is Outcome.UNSUPPORTED
+        assert "ignored if it stays" in rows[name].here
+    assert arm.config["attributes"] == {"port": "/dev/a"}
+
+
 def test_nothing_secret_is_reported():
     found = migrate(machine(part("devrel:so101:arm", {"port": "/dev/a", "token": "a secret"})))
     told = repr(found) + json.dumps(found.configuration()) + repr(found.steps_back())

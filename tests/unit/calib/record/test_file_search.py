@@ -98,7 +98,7 @@ def test_a_file_that_cannot_be_used_is_reported_with_its_problem(tmp_path):
     (found,) = found_in(tmp_path)
 
     assert found.stored is None
-    assert "gripper: drive_mode" in found.problem
+    assert "gripper: homing_offset" in found.problem
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"name": "so101"}', '"gripper"', "\0" * 70_000])

@@ -94,13 +94,64 @@ def test_impossible_values_are_refused_by_joint(changes, says):
     [
         ([], "object"),
         ({}, "no joint of this arm"),
-        ({"shoulder_pan": {"id": 1}}, "drive_mode, homing_offset, range_min, range_max missing"),
+        ({"shoulder_pan": {"id": 1}}, "homing_offset, range_min, range_max missing"),
         ({"shoulder_pan": 5}, "shoulder_pan: must be an object"),
     ],
 )
 def test_an_invalid_calibration_is_refused(content, says):
     with pytest.raises(CalibrationError, match=says):
         record.parse(content)
+
+
+def test_a_joint_without_a_drive_mode_has_0_and_one_without_an_offset_is_refused():
+    content = seed_with()
+    del content["shoulder_pan"]["drive_mode"], content["gripper"]["homing_offset"]
+    found = record.usable(content)
+
+    assert found.calibration["shoulder_pan"] == record.parse(SEED)["shoulder_pan"]
+    assert set(found.refused) == {"gripper"}
+    assert "gripper is not taken from the calibration: homing_offset missing" in found.notes[0]
+
+
+@pytest.mark.parametrize("offset", [2048, -2048])
+def test_an_offset_of_half_a_turn_becomes_what_a_servo_stores(offset):
+    found = record.usable(seed_with(homing_offset=offset))
+
+    assert abs(found.calibration["shoulder_pan"].homing_offset) == 2047
+    assert found.calibration["shoulder_pan"].homing_offset * offset > 0
+    assert f"homing_offset {offset} is more than a servo stores" in found.notes[0]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"range_min": 10, "range_max": 4090},
+        {"range_max": 800},
+        {"range_max": 4096},
+        {"homing_offset": 2049},
+        {"drive_mode": 2},
+        {"range_min": None},
+    ],
+)
+def test_one_impossible_joint_does_not_lose_the_others(changes):
+    found = record.usable(seed_with(**changes))
+
+    assert set(found.calibration) == {"shoulder_lift", "gripper"}
+    assert set(found.refused) == {"shoulder_pan"}
+    (note,) = found.notes
+    assert note.startswith("shoulder_pan is not taken from the calibration: ")
+    assert "what its servo has stored counts" in note
+
+
+@pytest.mark.parametrize("changes", [{"id": 3}, {"id": 77}])
+def test_the_calibration_of_another_arm_is_refused_as_a_whole(changes):
+    with pytest.raises(CalibrationError, match="belongs to this arm"):
+        record.usable(seed_with(**changes))
+
+
+def test_a_calibration_without_a_possible_joint_is_refused():
+    with pytest.raises(CalibrationError, match="must be an object"):
+        record.usable({"shoulder_pan": 5, "gripper": {"id": 6}})
 
 
 def test_defaults_are_the_published_ones():
