@@ -269,8 +269,7 @@ class Following(OpenEndedMotion):
         if isinstance(previous, Following):
             self.expected_acceleration = previous.expected_acceleration
         if self.guard is not None and previous is not None and not guarded:
-            self._slowing = PlannedMotion(previous.brake(now, brakes))
-            self._k = 1
+            self._slowing, self._k = PlannedMotion(previous.brake(now, brakes)), 1
         self._begin_at(now)
 
     @property
