@@ -20,7 +20,7 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import MotionQueue, Opening
 from so101_motion.arm.open_ended_motions import OpenEndedMotions
 from so101_motion.arm.planned_arm import ArmParts, PlannedArm
-from so101_motion.arm.stop_order import STOP
+from so101_motion.arm.stop_order import NUMBERS, STOP
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import SUPERSEDED, InCollision, MotionError, NotHolding
 from so101_motion.common.geometry import Array, frozen_array
@@ -274,7 +274,11 @@ class Arm(PlannedArm):
     def start_stop(self, *, by: str = STOP) -> Future[None]:
         """Like ``stop``, but does not wait; motions that it ends raise ``Interrupted(by)``."""
         self.stops += 1
-        self._motions.give_up(by)  # the executor's stop ends what moves
+        motions = self._motions
+        with motions.lock:
+            if by == STOP:
+                motions.stopped = next(NUMBERS)
+            motions.current.give_up(by)  # the executor's stop ends what moves
         return self._executor.stop(Channel.ARM, by=by)
 
     def set_manual(self, enabled: bool, compliance: Compliance | None = None) -> None:

@@ -21,7 +21,7 @@ from typing import Protocol, Unpack
 
 from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.arm.stop_order import STOP, LastStop
+from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older
 from so101_motion.common.errors import (
     SUPERSEDED,
     ConfigError,
@@ -139,7 +139,7 @@ class Gripper:
         self._lock = threading.Lock()
         self._latest: Motion | None = None
         self._grabs = False  # whether the latest motion is a grab
-        self._last_stop = LastStop()
+        self._stopped = 0  # the number of the newest stop
         self._force = 1.0
         self.feels = True
 
@@ -255,7 +255,7 @@ class Gripper:
 
         motion = Motion()
         with self._lock:
-            self._last_stop.refuse_older()
+            refuse_older(self._stopped)
             previous, self._latest = self._latest, motion
         with _failing(motion):
             motion.begin(start, lambda _, by: made[0].interrupt(by))
@@ -293,7 +293,7 @@ class Gripper:
         A grab that has just met something does not press on it afterwards.
         """
         with self._lock:
-            self._last_stop.note()
+            self._stopped = next(NUMBERS)
             latest = self._latest
         if latest is not None:
             latest.interrupt(STOP)
@@ -312,7 +312,7 @@ class Gripper:
     def _start(self, move: _JawMove) -> Motion:
         motion = Motion()
         with self._lock:
-            self._last_stop.refuse_older()
+            refuse_older(self._stopped)
             previous, self._latest, self._grabs = self._latest, motion, move.grabs
             with _failing(motion):
                 running = self._begin(motion, move.q_goal, move.limits)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Generic
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.arm.stop_order import STOP, LastStop, forget_request
+from so101_motion.arm.stop_order import forget_request, refuse_older
 from so101_motion.common.errors import SUPERSEDED, MotionError
 from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future
@@ -50,14 +50,16 @@ class MotionQueue:
 
     Attributes:
         current: The newest motion; before the first, one that is over.
+        stopped: The number of the newest stop, see ``stop_order.py``.
+        lock: Held, for moments only, by whoever changes these two.
     """
 
     def __init__(self, come_to_rest: Callable[[], Future[None] | None]) -> None:
         self.current = Motion()
         self.current.future.set_result(None)
         self._come_to_rest = come_to_rest
-        self._lock = threading.Lock()  # held for moments only
-        self._last_stop = LastStop()
+        self.lock = threading.Lock()
+        self.stopped = 0
         self._here = threading.local()
         self._threads = ThreadPoolExecutor(max_workers=4, thread_name_prefix="so101-arm")
 
@@ -77,8 +79,8 @@ class MotionQueue:
             MotionError: The queue has been closed.
         """
         motion = Motion()
-        with self._lock:
-            self._last_stop.refuse_older()
+        with self.lock:
+            refuse_older(self.stopped)
             previous = self.current
             try:
                 # as ``asyncio.to_thread`` has it: large contents of a request are in its context
@@ -130,20 +132,13 @@ class MotionQueue:
             Interrupted: The arm was stopped after the request for this motion had arrived.
         """
         motion = Motion()
-        with self._lock:
-            self._last_stop.refuse_older()
+        with self.lock:
+            refuse_older(self.stopped)
             running = begin(motion)
             previous, self.current = self.current, motion
             previous.interrupt(SUPERSEDED)
         running.add_done_callback(motion.take_outcome)
         return motion
-
-    def give_up(self, by: str) -> None:
-        """End the preparation of the newest motion; a stop also ends what is not a motion yet."""
-        with self._lock:
-            if by == STOP:
-                self._last_stop.note()
-            self.current.give_up(by)
 
     def close(self) -> None:
         """End the newest motion, and the threads."""
@@ -174,7 +169,7 @@ class MotionQueue:
 
         The newer one may be under way already, or may have released the arm.
         """
-        with self._lock:
+        with self.lock:
             if self.current is not motion:
                 motion.interrupt(SUPERSEDED)
             motion.refuse_interrupted()

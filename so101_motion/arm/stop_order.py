@@ -1,31 +1,32 @@
 """Refuse motions that were asked for before a stop.
 
 A request may have to wait before it can begin a motion: for the positions of other arms, for a
-plan, for servos that come back. A stop that comes meanwhile finds no motion that it could end. So a
-request is marked when it arrives with the number of stops so far, and what would begin a motion for
-it after a later stop refuses. The mark is a context variable: it goes with the request into the
-tasks and threads that carry it out.
+plan, for servos that come back. A stop that comes meanwhile finds no motion that it could end. So
+requests and stops are numbered in the order in which they arrive, and what would begin a motion for
+a request after a later stop refuses. The number of a request is a context variable: it goes with
+the request into the tasks and threads that carry it out.
 """
 
 from __future__ import annotations
 
 import math
-import threading
 from contextvars import ContextVar
+from itertools import count
 
 from so101_motion.common.errors import Interrupted
 
 STOP = "stop"
 """What motions end with that somebody stopped: ``Interrupted(STOP)``."""
 
-_lock = threading.Lock()
-_newest = 0
+NUMBERS = count(1)
+"""Numbers requests and stops; any thread may take the next one."""
+
 _asked: ContextVar[float] = ContextVar("asked", default=math.inf)
 
 
 def mark_request() -> None:
     """Note that a request has just arrived, which this task or thread carries out."""
-    _asked.set(_newest)
+    _asked.set(next(NUMBERS))
 
 
 def forget_request() -> None:
@@ -33,24 +34,14 @@ def forget_request() -> None:
     _asked.set(math.inf)
 
 
-class LastStop:
-    """The newest stop of an arm or a jaw. Its owner sees to it that only one thread calls."""
+def refuse_older(stopped: int) -> None:
+    """Refuse to begin a motion for a request that arrived before a stop.
 
-    def __init__(self) -> None:
-        self._number = 0
+    Args:
+        stopped: The number of the newest stop of the arm or jaw; 0 for none.
 
-    def note(self) -> None:
-        """Note a stop."""
-        global _newest
-        with _lock:
-            _newest += 1
-            self._number = _newest
-
-    def refuse_older(self) -> None:
-        """Refuse a motion for a request that arrived before the newest stop.
-
-        Raises:
-            Interrupted: It did.
-        """
-        if self._number > _asked.get():
-            raise Interrupted(STOP)
+    Raises:
+        Interrupted: It did.
+    """
+    if stopped > _asked.get():
+        raise Interrupted(STOP)

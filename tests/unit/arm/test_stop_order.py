@@ -7,8 +7,8 @@ import pytest
 
 from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_queue import MotionQueue
-from so101_motion.arm.stop_order import LastStop, mark_request
-from so101_motion.common.errors import SUPERSEDED, Interrupted
+from so101_motion.arm.stop_order import NUMBERS, mark_request, refuse_older
+from so101_motion.common.errors import Interrupted
 
 
 def requested():
@@ -26,44 +26,31 @@ def queue():
 
 
 def test_a_request_from_before_the_stop_is_refused_and_one_from_after_it_is_not():
-    last, before = LastStop(), requested()
-    last.note()
+    before = requested()
+    stopped = next(NUMBERS)
     with pytest.raises(Interrupted, match="stop"):
-        before.run(last.refuse_older)
-    requested().run(last.refuse_older)
-    last.refuse_older()  # outside of any request
+        before.run(refuse_older, stopped)
+    requested().run(refuse_older, stopped)
+    refuse_older(stopped)  # outside of any request
 
 
-def test_the_stop_of_another_arm_ends_nothing():
-    mine, request = LastStop(), requested()
-    LastStop().note()
-    request.run(mine.refuse_older)
+def test_without_a_stop_nothing_is_refused():
+    requested().run(refuse_older, 0)
 
 
 def test_a_stopped_queue_begins_nothing_that_was_asked_for_before(queue):
     request = requested()
-    queue.give_up("stop")
+    queue.stopped = next(NUMBERS)
     for begin in (queue.start, queue.take_over):
         with pytest.raises(Interrupted):
             request.run(begin, lambda motion: None)
     requested().run(queue.start, lambda motion: None).result(10.0)
 
 
-def test_what_makes_way_for_a_request_does_not_end_it(queue):
-    request = requested()
-    queue.give_up(SUPERSEDED)
-    request.run(queue.start, lambda motion: None).result(10.0)
-
-
 def test_a_motion_that_has_begun_may_begin_others_after_a_stop_of_something_else(queue):
     """Such as the jaw's of a program."""
-    last, request = LastStop(), requested()
-
-    def run(motion):
-        last.note()
-        last.refuse_older()
-
-    request.run(queue.start, run).result(10.0)
+    request = requested()
+    request.run(queue.start, lambda motion: refuse_older(next(NUMBERS))).result(10.0)
 
 
 def test_a_jaw_begins_nothing_that_was_asked_for_before_its_stop(make_sim):
