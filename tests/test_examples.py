@@ -113,9 +113,9 @@ def test_the_reach_is_drawn_as_far_left_as_right(said):
 
 
 @pytest.mark.slow
-def test_two_arms_find_a_place(said):
+def test_a_base_is_found(said):
     first = said("place_base.py").splitlines()[0]
-    assert re.match(r"left at \(.*\) mm, .*; right at .*: \d\.\d\d s once around", first)
+    assert re.match(r"\(.*\) mm, .* deg: \d\.\d\d s once around", first)
 
 
 @pytest.mark.slow

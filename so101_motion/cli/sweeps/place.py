@@ -1,12 +1,11 @@
-"""``so101 sweep place``: find the best places for the base of an arm, or of two, for tasks."""
+"""``so101 sweep place``: find the best places for the base of an arm that does a task."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
@@ -25,17 +24,11 @@ if TYPE_CHECKING:
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import Progress
     from so101_motion.tasks.sweeps.mounting import FixedArm
-    from so101_motion.tasks.sweeps.pair_placement import PairPlacement
     from so101_motion.tasks.sweeps.place import PlaceSweep
     from so101_motion.tasks.sweeps.placement import Placement
 
-V = TypeVar("V")
-
 _FARTHEST_MM = 5000.0
 _JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
-
-_each = partial(click.option, multiple=True, show_default=True)
-"""An option that may be given twice, once for each of two arms."""
 
 
 class FromTo(click.ParamType[tuple[float, float]]):
@@ -66,22 +59,29 @@ class FromTo(click.ParamType[tuple[float, float]]):
 
 
 @click.command()
-@click.argument("task_files", metavar="TASK [TASK]", nargs=-1, required=True, type=IN_FILE)
-@_each(
-    "--x-mm", type=FromTo(_FARTHEST_MM), default=["-300:300"],
-    help="Where the base may be in the cell, along x; give it twice for two arms.",
+@click.argument("task_file", metavar="TASK", type=IN_FILE)
+@click.option(
+    "--x-mm", type=FromTo(_FARTHEST_MM), default="-300:300", show_default=True,
+    help="Where the base may be in the cell, along x.",
 )  # fmt: skip
-@_each("--y-mm", type=FromTo(_FARTHEST_MM), default=["-300:300"], help="The same along y.")
-@_each(
-    "--z-mm", type=FromTo(_FARTHEST_MM), default=["0"], help="The same along z; 0 is on the table."
-)
-@_each("--turn-deg", type=FromTo(360.0), default=["-180:180"], help="How it may be turned.")
-@_each(
-    "--mount", type=click.Choice(["table", "wall", "upside-down"]), default=["table"],
-    help="What it is screwed to.",
+@click.option(
+    "--y-mm", type=FromTo(_FARTHEST_MM), default="-300:300", show_default=True,
+    help="The same along y.",
 )  # fmt: skip
-@_each(
-    "--facing-deg", type=Finite(-360.0, 360.0), default=[0.0],
+@click.option(
+    "--z-mm", type=FromTo(_FARTHEST_MM), default="0", show_default=True,
+    help="The same along z; 0 is on the table.",
+)  # fmt: skip
+@click.option(
+    "--turn-deg", type=FromTo(360.0), default="-180:180", show_default=True,
+    help="How it may be turned.",
+)  # fmt: skip
+@click.option(
+    "--mount", type=click.Choice(["table", "wall", "upside-down"]), default="table",
+    show_default=True, help="What it is screwed to.",
+)  # fmt: skip
+@click.option(
+    "--facing-deg", type=Finite(-360.0, 360.0), default=0.0, show_default=True,
     help="Where a wall faces; 0 is along x.",
 )  # fmt: skip
 @click.option(
@@ -104,11 +104,7 @@ class FromTo(click.ParamType[tuple[float, float]]):
     "--cell", "cell_file", type=IN_FILE,
     help="A cell file: its scene and its other arms, which stay where they stand.",
 )  # fmt: skip
-@click.option(
-    "--arm", multiple=True,
-    help="Which arm of the cell is placed, twice for two; without --cell its name."
-    "  [default: one more]",
-)  # fmt: skip
+@click.option("--arm", help="Which arm of the cell is placed.  [default: one more]")
 @click.option(
     "--others-at", type=_JOINTS, multiple=True,
     help="Joint angles of the other arms [deg]; the arm stays clear of all that are given."
@@ -124,19 +120,19 @@ class FromTo(click.ParamType[tuple[float, float]]):
 @computing_options
 @json_option
 def place(
-    task_files: tuple[Path, ...],
-    x_mm: tuple[tuple[float, float], ...],
-    y_mm: tuple[tuple[float, float], ...],
-    z_mm: tuple[tuple[float, float], ...],
-    turn_deg: tuple[tuple[float, float], ...],
-    mount: tuple[str, ...],
-    facing_deg: tuple[float, ...],
+    task_file: Path,
+    x_mm: tuple[float, float],
+    y_mm: tuple[float, float],
+    z_mm: tuple[float, float],
+    turn_deg: tuple[float, float],
+    mount: str,
+    facing_deg: float,
     spacing_mm: float,
     turn_step_deg: float,
     by: str,
     scene_file: Path | None,
     cell_file: Path | None,
-    arm: tuple[str, ...],
+    arm: str | None,
     others_at: tuple[Array, ...],
     tolerance_deg: float,
     speed: float,
@@ -152,105 +148,62 @@ def place(
 
     TASK is a program taught on an arm at the cell's origin, or a file of poses with tolerances.
     Every pose must be reached free of contact, and the whole cycle planned. The ten best places are
-    saved with their programs, and a map of all. Two tasks are for two arms, which are placed so
-    that they keep apart at every point of their paths.
+    saved with their programs, and a map of all.
 
     \b
     so101 sweep place wave.json --x-mm -200:200 --y-mm -200:200 --out placed
     so101 sweep place task.json --mount wall --x-mm 0 --z-mm 100:400 --out on-the-wall
     so101 sweep place task.json --cell cell.json --arm left --out beside-the-other
-    so101 sweep place left.json right.json --y-mm 0:300 --y-mm -300:0 --out two-arms
     """  # noqa: D301
     from so101_motion.cli.sweeps.sweep import computers, show_progress
     from so101_motion.files.scene_file import read_scene
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import scene_text
     from so101_motion.tasks.sweeps.mounting import Region
-    from so101_motion.tasks.sweeps.pair_placement import find_pairs
     from so101_motion.tasks.sweeps.place import PlaceSweep
     from so101_motion.tasks.sweeps.placement import find_bases
-    from so101_motion.tasks.sweeps.placement_files import write_pairs, write_placement
+    from so101_motion.tasks.sweeps.placement_files import write_placement
     from so101_motion.tasks.sweeps.placement_task import read_task, task_text
 
-    names = _names(task_files, arm)
     if scene_file is not None and cell_file is not None:
         raise click.UsageError("give --scene or --cell, not both; a cell file has its own scene")
     scene = Scene() if scene_file is None else read_scene(scene_file)
     others: tuple[FixedArm, ...] = ()
     if cell_file is not None:
         scene, others = _others(cell_file, arm, others_at)
-    elif others_at or (arm and len(task_files) == 1):
+    elif others_at or arm:
         raise click.UsageError("--arm and --others-at need the arms of a cell file; give --cell")
-    sweeps = []
-    for k, task_file in enumerate(task_files):
-        of = partial(_of_arm, k, len(task_files))
-        region = Region(
-            x=_ends(to_m, of("--x-mm", x_mm)), y=_ends(to_m, of("--y-mm", y_mm)),
-            z=_ends(to_m, of("--z-mm", z_mm)), turn=_ends(to_rad, of("--turn-deg", turn_deg)),
-            mount=of("--mount", mount), facing=to_rad(of("--facing-deg", facing_deg)),
-            spacing=to_m(spacing_mm), turn_step=to_rad(turn_step_deg),
-        )  # fmt: skip
-        task = read_task(task_file, approach_tolerance=to_rad(tolerance_deg))
-        sweeps.append(
-            PlaceSweep(
-                task=task_text(task),
-                region=region,
-                by=by,
-                scene=scene_text(scene),
-                others=others,
-                velocity=to_rad(speed),
-                acceleration=to_rad(acceleration),
-                payload=1e-3 * payload_g,
-                voltage=float(servo_voltage),
-            )
-        )
+    region = Region(
+        x=_ends(to_m, x_mm), y=_ends(to_m, y_mm), z=_ends(to_m, z_mm),
+        turn=_ends(to_rad, turn_deg), mount=mount, facing=to_rad(facing_deg),
+        spacing=to_m(spacing_mm), turn_step=to_rad(turn_step_deg),
+    )  # fmt: skip
+    sweep = PlaceSweep(
+        task=task_text(read_task(task_file, approach_tolerance=to_rad(tolerance_deg))),
+        region=region,
+        by=by,
+        scene=scene_text(scene),
+        others=others,
+        velocity=to_rad(speed),
+        acceleration=to_rad(acceleration),
+        payload=1e-3 * payload_g,
+        voltage=float(servo_voltage),
+    )
     with computers(workers, dask, out) as computed_by, ExitStack() as bar:
 
         def step(work: PlaceSweep) -> Callable[[Progress], None]:
             bar.close()
             return bar.enter_context(show_progress(work))
 
-        if len(sweeps) == 1:
-            placement = find_bases(sweeps[0], out, on_step=step, **computed_by)
-            write_placement(placement, sweeps[0], out, arm=names[0])
-            failed = placement.failed
-            show = partial(_print, placement)
-        else:
-            two = sweeps[0], sweeps[1]
-            pairs = find_pairs(two, out, on_step=step, **computed_by)
-            write_pairs(pairs, two, out, (names[0], names[1]))
-            failed = {**pairs.each[0].failed, **pairs.each[1].failed}
-            show = partial(_print_pairs, pairs, (names[0], names[1]))
-    show(out, as_json=as_json)
-    if failed:
+        placement = find_bases(sweep, out, on_step=step, **computed_by)
+        write_placement(placement, sweep, out, arm=arm or "placed")
+    _print(placement, out, as_json=as_json)
+    if placement.failed:
         raise SystemExit(CHECK_FAILED)
 
 
-def _names(task_files: Sequence[Path], arms: Sequence[str]) -> tuple[str, ...]:
-    """The names of the placed arms: from ``--arm``, or from the files of their tasks."""
-    if len(task_files) > 2:
-        raise click.UsageError(f"{len(task_files)} tasks are too many; give one or two")
-    if arms and len(arms) != len(task_files):
-        raise click.UsageError("give --arm once for each TASK, or not at all")
-    names = tuple(arms or (path.stem for path in task_files))
-    if len(set(names)) < len(names):
-        raise click.UsageError(
-            f"both arms are called {names[0]}; name them: --arm left --arm right"
-        )
-    return names if arms or len(names) > 1 else ("placed",)
-
-
-def _of_arm(which: int, arms: int, option: str, values: Sequence[V]) -> V:
-    """An option's value for one arm: given once for both, or once for each."""
-    if len(values) not in (1, arms):
-        raise click.UsageError(
-            f"{option} is given {len(values)} times for {arms} arms; give it once, or for each"
-        )
-    return values[which] if len(values) == arms else values[0]
-
-
 def _others(
-    file: Path, placed: Sequence[str], q_deg: tuple[Array, ...]
+    file: Path, placed: str | None, q_deg: tuple[Array, ...]
 ) -> tuple[Scene, tuple[FixedArm, ...]]:
     """The scene of a cell, and its other arms at the given joint angles."""
     from so101_motion.arm.gripper import JAW_CLOSED
@@ -260,14 +213,13 @@ def _others(
 
     cell = read_cell(file)
     names = [each.name for each in cell.arms]
-    for name in placed:
-        if name not in names:
-            raise click.UsageError(f"{file} has no arm {name}; it has {', '.join(names)}")
+    if placed is not None and placed not in names:
+        raise click.UsageError(f"{file} has no arm {placed}; it has {', '.join(names)}")
     folded = next(pose.q for pose in POSES if pose.name == "rest")
     q = [to_rad(each) for each in q_deg] or [folded]
     others = []
     for each in cell.arms:
-        if each.name in placed:
+        if each.name == placed:
             continue
         x, y, z = each.T_cell_base.p.tolist()
         roll, pitch, yaw = each.T_cell_base.rpy.tolist()
@@ -299,62 +251,16 @@ def _print(placement: Placement, out: Path, *, as_json: bool) -> None:
             },
         )
         return
-    click.echo(f"  {_PLACE_HEADS}{_FIGURE_HEADS}")
+    click.echo("    x     y     z [mm]  turn [deg]  time [s]  clearance [mm]  torque left  robust")
     for number, row in enumerate(rows, 1):
-        click.echo(f"{number:2}{_place(row)}{_figures(row)}")
-    _print_rest((placement,), out, f"{placement.planned} planned; {_IN_BEST}, map in map.svg")
-    click.echo(f"sha256 {placement.sha256}")
-
-
-def _print_pairs(pairs: PairPlacement, names: tuple[str, str], out: Path, *, as_json: bool) -> None:
-    from so101_motion.tasks.sweeps.placement_files import pair_in_figures
-
-    rows = [pair_in_figures(pair, names) for pair in pairs.best]
-    if as_json:
-        print_json(
-            "sweep-place",
-            {
-                "out": str(out),
-                "held": pairs.held,
-                "failed": [each.failed for each in pairs.each],
-                "best": rows,
-                "sha256": pairs.sha256,
-            },
+        click.echo(
+            f"{number:2}{row['x_mm']:5.0f}{row['y_mm']:6.0f}{row['z_mm']:6.0f}"
+            f"{row['turn_deg']:17.1f}{row['time_s']:10.2f}{row['clearance_mm']:16.1f}"
+            f"{row['torque_left_percent']:11.0f} %{row['robust_percent']:6.0f} %"
         )
-        return
-    wide = max(map(len, names))
-    click.echo(f"  {'':{wide + 1}}{_PLACE_HEADS}{_FIGURE_HEADS}")
-    for number, row in enumerate(rows, 1):
-        for name in names:
-            start = f"{number:2}" if name == names[0] else "  "
-            base = row["arms"][name]
-            click.echo(f"{start} {name:{wide}}{_place(base)}{_figures(base)}")
-    held = f"{pairs.held} pairs compared; {_IN_BEST}, maps beside them"
-    _print_rest(pairs.each, out, held)
-    click.echo(f"sha256 {pairs.sha256}")
-
-
-_PLACE_HEADS = "    x     y     z [mm]  turn [deg]"
-_FIGURE_HEADS = "  time [s]  clearance [mm]  torque left  robust"
-_IN_BEST = "programs and scenes in best"
-
-
-def _place(row: Mapping[str, float]) -> str:
-    return f"{row['x_mm']:5.0f}{row['y_mm']:6.0f}{row['z_mm']:6.0f}{row['turn_deg']:17.1f}"
-
-
-def _figures(row: Mapping[str, float]) -> str:
-    return (
-        f"{row['time_s']:10.2f}{row['clearance_mm']:16.1f}"
-        f"{row['torque_left_percent']:11.0f} %{row['robust_percent']:6.0f} %"
-    )
-
-
-def _print_rest(placements: Sequence[Placement], out: Path, rest: str) -> None:
-    for each in placements:
-        able = sum(base.missed == -1 for base in each.screened)
-        aside(f"{able} of {len(each.screened)} bases reach every pose")
-    aside(f"{out}: {rest}")
-    for each in placements:
-        for where, why in each.failed.items():
-            aside(f"{where} failed: {why}")
+    able = sum(base.missed == -1 for base in placement.screened)
+    aside(f"{able} of {len(placement.screened)} bases reach every pose")
+    aside(f"{out}: {placement.planned} planned; programs and scenes in best, map in map.svg")
+    for where, why in placement.failed.items():
+        aside(f"{where} failed: {why}")
+    click.echo(f"sha256 {placement.sha256}")

@@ -4,7 +4,7 @@
 sweeps: ``reach.py`` (where the arm can be, and how well; ``atlas.py`` looks it up), ``plans.py``
 (random motions as a data set), ``check.py`` and ``program_check.py`` (motions of such a data set,
 or a program, in a changed scene or with another calibration), and ``place.py`` (bases for a task;
-``placement.py`` finds the best, ``pair_placement.py`` the best for two arms).
+``placement.py`` finds the best).
 """
 
 from so101_motion.tasks.sweeps.atlas import Atlas, Reach
@@ -19,10 +19,9 @@ from so101_motion.tasks.sweeps.engine import (
 from so101_motion.tasks.sweeps.joint_reading import JointReading, as_lerobot, since
 from so101_motion.tasks.sweeps.judged_bases import Base
 from so101_motion.tasks.sweeps.mounting import FixedArm, Region
-from so101_motion.tasks.sweeps.pair_placement import BasePair, PairPlacement, find_pairs
 from so101_motion.tasks.sweeps.place import PlaceSweep
 from so101_motion.tasks.sweeps.placement import Placement, find_bases
-from so101_motion.tasks.sweeps.placement_files import write_pairs, write_placement
+from so101_motion.tasks.sweeps.placement_files import write_placement
 from so101_motion.tasks.sweeps.placement_task import (
     PlacementTask,
     TaskPose,
@@ -42,12 +41,10 @@ from so101_motion.tasks.sweeps.reach import ReachSweep, scene_text
 __all__ = [
     "Atlas",
     "Base",
-    "BasePair",
     "CheckSweep",
     "Episode",
     "FixedArm",
     "JointReading",
-    "PairPlacement",
     "PlaceSweep",
     "Placement",
     "PlacementTask",
@@ -65,7 +62,6 @@ __all__ = [
     "default_workers",
     "episodes",
     "find_bases",
-    "find_pairs",
     "plans_summary",
     "program_check_summary",
     "program_text",
@@ -76,6 +72,5 @@ __all__ = [
     "task_of",
     "task_text",
     "write_mcap",
-    "write_pairs",
     "write_placement",
 ]

@@ -160,7 +160,7 @@ class JudgedBases:
     def key(self, index: LatticeIndex) -> Key:
         """The sort key of a planned base."""
         it = self.placed[index]
-        return (*first_of(self.sweep.by, it.time, it.clearance, it.torque_left, it.robust), *index)
+        return (*_first_of(self.sweep.by, it.time, it.clearance, it.torque_left, it.robust), *index)
 
     def base(self, index: LatticeIndex) -> Base:
         """A planned base with its place."""
@@ -174,7 +174,7 @@ class JudgedBases:
         # A base is not worth planning if it cannot gain more than GAIN, or if its plan would have
         # to be nearer to its bound than any plan is: with passed poses, bounds are far off.
         time = it.time * (1.0 if self._ratio == math.inf else self._ratio) / (1.0 - GAIN)
-        return first_of(self.sweep.by, time, it.clearance, it.torque_left, 1.0)
+        return _first_of(self.sweep.by, time, it.clearance, it.torque_left, 1.0)
 
     def _rows(self, step: PlaceSweep) -> Iterator[list[Any]]:
         """Run a step and yield its rows, as plain values and arrays."""
@@ -194,7 +194,7 @@ class JudgedBases:
                 yield from map(list, zip(*columns, strict=True))
 
 
-def first_of(by: str, time: float, clearance: float, left: float, robust: float) -> Key:
+def _first_of(by: str, time: float, clearance: float, left: float, robust: float) -> Key:
     """The figures to compare, that of the criterion first; smaller is better."""
     if by == "clearance":
         return -clearance, time

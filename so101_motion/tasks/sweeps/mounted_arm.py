@@ -22,11 +22,8 @@ import numpy as np
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.planning.collision.apart_at_any_timing import evenly
-from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.bodies import around_base
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Plan
@@ -153,7 +150,6 @@ class MountedArm:
         if caps.payload > 0.0:
             x, y, z = place_in_hand(self.model).tolist()
             self._payload = Payload(mass=caps.payload, com=(x, y, z))
-        self._bodies = bodies_of(attached)
         held = carried(self._payload, attached)
         loaded = self.model
         self._loaded = loaded if held is None else loaded.with_payload(held.mass, held.com)
@@ -247,16 +243,6 @@ class MountedArm:
             held = float(np.abs(self._loaded.holding_torques(looked)).max())
             left = min(left, 1.0 - held / self._strength.holding)
         return room, left
-
-    def way(self, cycle: Cycle) -> Array:
-        """Joints and jaw along the whole cycle, spaced by ``evenly``, shape (n, 6), [rad]."""
-        q, rows = cycle.q[0], [np.append(cycle.q[0], self._jaws[-1])[None]]
-        for plan, jaw in cycle.motions:
-            q = q if plan is None else plan.trajectory.q[-1]
-            here = Course.resting(q, jaw) if plan is None else Course.along(plan.trajectory, jaw)
-            rows.append(here.q)
-        rows.append(np.append(q, self._jaws[-1])[None])
-        return evenly(self._bodies, np.concatenate(rows))
 
     @property
     def limits(self) -> MotionLimits:

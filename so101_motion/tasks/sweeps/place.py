@@ -133,7 +133,6 @@ class Placed(NamedTuple):
             reached, 0 to 1; NaN if that was not checked.
         why: The name of the error if there is no plan; empty if there is one.
         q: The joint angles at each pose, shape (n, 5), [rad].
-        way: Joints and jaw along the whole cycle, shape (m, 6), [rad]; the last row may repeat.
     """
 
     lattice_index: LatticeIndex
@@ -143,13 +142,11 @@ class Placed(NamedTuple):
     robust: float
     why: str
     q: Array
-    way: Array
 
     @classmethod
     def nowhere(cls, index: LatticeIndex, why: str, poses: int) -> Placed:
         """A base without a plan."""
-        q, way = np.full((poses, 5), np.nan), np.full((1, 6), np.nan)
-        return cls(index, math.inf, -math.inf, -math.inf, 0.0, why, q, way)
+        return cls(index, math.inf, -math.inf, -math.inf, 0.0, why, np.full((poses, 5), np.nan))
 
 
 class _Judge:
@@ -178,12 +175,6 @@ class _Judge:
         rows = [self._planned(each) if planned else self._screened(each) for each in indices]
         kind = Placed if planned else Screened
         columns = {name: [getattr(row, name) for row in rows] for name in kind._fields}
-        if planned:
-            longest = max(map(len, columns["way"]))
-            columns["way"] = [
-                np.pad(way, ((0, longest - len(way)), (0, 0)), mode="edge")
-                for way in columns["way"]
-            ]
         return {name: np.array(column) for name, column in columns.items()}
 
     def _seen(self, T_cell_base: SE3) -> Scene:
@@ -204,8 +195,8 @@ class _Judge:
         if isinstance(found, str):
             return Placed.nowhere(index, found, len(self._task.poses))
         clearance, left = self._arm.figures(found, scene)
-        robust, way = self._robust(T_cell_base), self._arm.way(found)
-        return Placed(index, found.time, clearance, left, robust, "", found.q, way)
+        robust = self._robust(T_cell_base)
+        return Placed(index, found.time, clearance, left, robust, "", found.q)
 
     def _robust(self, T_cell_base: SE3) -> float:
         if not self._sweep.jittered:

@@ -11,30 +11,30 @@ lies next to a better one. The result does not depend on the number of workers.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.tasks.sweeps.engine import Progress, SweepResult, WorkerPool, run_sweep
-from so101_motion.tasks.sweeps.judged_bases import Base, JudgedBases, RunStep
+from so101_motion.tasks.sweeps.judged_bases import Base, JudgedBases
 from so101_motion.tasks.sweeps.mounting import COARSE, LatticeIndex
 from so101_motion.tasks.sweeps.place import PlaceSweep, Screened
 
 BEST = 10
 """How many bases are kept."""
 
-BATCH = 48
+_BATCH = 48
 """How many bases are planned before the bounds are compared again. Chosen: a few seconds' work."""
 
-BATCHES = 8
+_BATCHES = 8
 """Most batches of the first round. Chosen."""
 
 _MOVES = 3
 """How often a base moves at most at the same distance to its neighbours. Chosen."""
 
-OF_A_PLACE, _CLOSER = 4, 2
+_OF_A_PLACE, _CLOSER = 4, 2
 """How many neighbours of a base are planned before their bounds are compared again, and how often.
 Chosen."""
 
@@ -85,17 +85,6 @@ def find_bases(
         PlanningError: From no base all poses can be reached; names the pose that is missed.
         WorkerError: As for ``run_sweep``.
     """
-    run = runner(workers, executor, ahead, on_step)
-    return _Search(JudgedBases(sweep, folder, run)).go()
-
-
-def runner(
-    workers: int | WorkerPool | None,
-    executor: Executor | None,
-    ahead: int | None,
-    on_step: OnStep | None,
-) -> RunStep:
-    """Make the function that runs the steps of a search; arguments as for ``find_bases``."""
 
     def run(step: PlaceSweep, place: Path) -> SweepResult:
         shown = None if on_step is None else on_step(step)
@@ -103,7 +92,7 @@ def runner(
             step, place, workers=workers, executor=executor, ahead=ahead, on_progress=shown
         )
 
-    return run
+    return _Search(JudgedBases(sweep, folder, run)).go()
 
 
 class _Search:
@@ -139,10 +128,10 @@ class _Search:
 
     def _plan(self, indices: list[LatticeIndex]) -> None:
         """Plan bases until no other one can be among the best."""
-        for _ in range(BATCHES):
+        for _ in range(_BATCHES):
             best = self._places()
             worst = self._bases.key(best[-1]) if len(best) == BEST else (math.inf,)
-            promising = self._bases.promising(indices, worst)[:BATCH]
+            promising = self._bases.promising(indices, worst)[:_BATCH]
             if not promising:
                 return
             self._bases.plan(promising)
@@ -156,7 +145,7 @@ class _Search:
             promising = []
             for k, indices in around.items():
                 best = bases.key(bases.ranked([middles[k], *indices])[0])
-                promising += bases.promising(indices, best)[:OF_A_PLACE]
+                promising += bases.promising(indices, best)[:_OF_A_PLACE]
             if not promising:
                 break
             bases.plan(promising)
@@ -170,17 +159,10 @@ class _Search:
 
     def _places(self) -> list[LatticeIndex]:
         """The best ten planned bases, none of them next to a better one."""
-        return distinct(self._bases.ranked(self._bases.placed), self._region.are_apart)
-
-
-def distinct(
-    ranked: Iterable[LatticeIndex], are_apart: Callable[[LatticeIndex, LatticeIndex], bool]
-) -> list[LatticeIndex]:
-    """The first ten bases that are apart from all before them."""
-    chosen: list[LatticeIndex] = []
-    for each in ranked:
-        if all(are_apart(each, other) for other in chosen):
-            chosen.append(each)
-        if len(chosen) == BEST:
-            break
-    return chosen
+        chosen: list[LatticeIndex] = []
+        for each in self._bases.ranked(self._bases.placed):
+            if all(self._region.are_apart(each, other) for other in chosen):
+                chosen.append(each)
+            if len(chosen) == BEST:
+                break
+        return chosen

@@ -20,7 +20,6 @@ from so101_motion.files.scene_file import scene_from, write_scene
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.program.files import write as write_program
 from so101_motion.tasks.sweeps.judged_bases import Base
-from so101_motion.tasks.sweeps.pair_placement import BasePair, PairPlacement
 from so101_motion.tasks.sweeps.place import PlaceSweep
 from so101_motion.tasks.sweeps.placement import Placement
 from so101_motion.tasks.sweeps.placement_task import task_from
@@ -49,32 +48,6 @@ def write_placement(
     rows = [in_figures(base) for base in placement.best]
     _write_table(folder, sweep.by, placement.sha256, rows)
     atomic.write(folder / "map.svg", placement_map(placement, sweep).encode())
-
-
-def write_pairs(
-    found: PairPlacement,
-    sweeps: tuple[PlaceSweep, PlaceSweep],
-    folder: Path,
-    names: tuple[str, str],
-) -> None:
-    """Write ``placement.json``, a map for each arm, and the ten best pairs into ``best/``.
-
-    As ``write_placement``, with the arms' ``names`` in those of the files: ``map-left.svg``,
-    ``best/01-left.json``, ``best/01-left-scene.json`` and so on, and ``best/01-cell.json``.
-
-    Raises:
-        ConfigError: A file cannot be written.
-    """
-    for number, pair in enumerate(found.best, 1):
-        placed = {}
-        for name, sweep, base in zip(names, sweeps, pair.bases, strict=True):
-            _write_base(sweep, base, folder, f"{number:02d}-{name}")
-            placed[name] = sweep.region.base(base.lattice_index)
-        _write_cell(placed, sweeps[0], folder, number)
-    rows = [pair_in_figures(pair, names) for pair in found.best]
-    _write_table(folder, sweeps[0].by, found.sha256, rows)
-    for name, sweep, placement in zip(names, sweeps, found.each, strict=True):
-        atomic.write(folder / f"map-{name}.svg", placement_map(placement, sweep).encode())
 
 
 def _write_base(sweep: PlaceSweep, base: Base, folder: Path, called: str) -> None:
@@ -108,22 +81,10 @@ def in_figures(base: Base) -> dict[str, Any]:
         "y_mm": round(to_mm(base.y), 1),
         "z_mm": round(to_mm(base.z), 1),
         "turn_deg": round(to_deg(base.turn), 2),
-        **_figures(base),
-    }
-
-
-def pair_in_figures(pair: BasePair, names: tuple[str, str]) -> dict[str, Any]:
-    """A pair as people read it, the bases under the names of the arms."""
-    bases = dict(zip(names, map(in_figures, pair.bases), strict=True))
-    return {**_figures(pair), "arms": bases}
-
-
-def _figures(it: Base | BasePair) -> dict[str, Any]:
-    return {
-        "time_s": round(it.time, 3),
-        "clearance_mm": round(to_mm(it.clearance), 1),
-        "torque_left_percent": round(100.0 * it.torque_left, 1),
-        "robust_percent": round(100.0 * it.robust, 1),
+        "time_s": round(base.time, 3),
+        "clearance_mm": round(to_mm(base.clearance), 1),
+        "torque_left_percent": round(100.0 * base.torque_left, 1),
+        "robust_percent": round(100.0 * base.robust, 1),
     }
 
 

@@ -6,17 +6,9 @@ import pytest
 from click.testing import CliRunner
 
 from so101_motion.cli.verbs import main
-from so101_motion.common.units import to_m, to_rad
-from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.sweeps import (
-    PlaceSweep,
     PlansSweep,
-    Region,
-    find_pairs,
-    read_task,
     run_sweep,
-    scene_text,
-    task_text,
 )
 
 
@@ -64,53 +56,6 @@ def test_place_keeps_the_best_bases_with_their_programs(tmp_path):
     assert done.stdout.splitlines()[-1].startswith("sha256 ")
     assert (out / "best" / "01.json").is_file()
     assert (out / "map.svg").is_file()
-
-
-def tasks_of_two(folder):
-    """Files of tasks for two arms side by side."""
-    files = []
-    for name, y in (("left", 120), ("right", -120)):
-        poses = [{**pose, "position_mm": [210, y + k * 40, 60]} for k, pose in enumerate(POSES)]
-        files.append(folder / f"{name}.json")
-        task = {"schema": "so101/task/1", "frame": "jaw_tip", "poses": poses}
-        files[-1].write_text(json.dumps(task))
-    return files
-
-
-def test_two_tasks_place_two_arms_and_a_second_run_resumes(tmp_path):
-    files, out = tasks_of_two(tmp_path), tmp_path / "placed"
-    sweeps = [
-        PlaceSweep(
-            task=task_text(read_task(file)),
-            region=Region(x=(0.0, 0.0), y=(to_m(y), to_m(y)), turn=(0.0, 0.0)),
-            scene=scene_text(Scene()),
-            velocity=to_rad(170.0),
-            acceleration=to_rad(430.0),
-        )
-        for file, y in zip(files, (120.0, -120.0), strict=True)
-    ]
-    found = find_pairs((sweeps[0], sweeps[1]), out)
-    places = ("--x-mm", "0", "--y-mm", "120", "--y-mm", "-120", "--turn-deg", "0")
-    done = sweep("place", *map(str, files), *places, "--out", str(out))
-    assert done.exit_code == 0, done.output
-    assert done.stdout.splitlines()[-1] == f"sha256 {found.sha256}"
-    assert [line.split()[0] for line in done.stdout.splitlines()[1:3]] == ["1", "right"]
-    assert (out / "best" / "01-right.json").is_file()
-    assert (out / "map-left.svg").is_file()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (("--arm", "left"), "once for each TASK"),
-        (("--arm", "a", "--arm", "a"), "both arms are called a"),
-        (("--x-mm", "0", "--x-mm", "1", "--x-mm", "2"), "--x-mm is given 3 times for 2 arms"),
-    ],
-)
-def test_what_is_not_said_of_two_arms_is_refused(tmp_path, arguments, why):
-    files = map(str, tasks_of_two(tmp_path))
-    wrong = sweep("place", *files, *arguments, "--out", str(tmp_path / "out"))
-    assert (wrong.exit_code, why in " ".join(wrong.output.split())) == (2, True), wrong.output
 
 
 @pytest.mark.parametrize("given", ["a:b", "3:1", "1:2:3", "nan", "9e9"])
