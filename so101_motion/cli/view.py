@@ -123,8 +123,8 @@ def page_options(verb: F) -> F:
 @click.option(
     "--camera",
     metavar="CAMERA",
-    help="Camera shown over the scene: a device such as /dev/video0, the URL of a picture or an"
-    " MJPEG stream, or a camera of the machine.",
+    help="Camera shown over the scene: the URL of a picture or of an MJPEG stream, or a camera"
+    " of the machine.",
 )
 @click.option(
     "--atlas",

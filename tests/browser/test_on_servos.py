@@ -7,18 +7,13 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import count
-from pathlib import Path
-from tempfile import NamedTemporaryFile
 
 import numpy as np
 import pytest
 from conftest import Visit
 from harness.browser_user import Guest
-from harness.video_driver import VideoDriver
-from harness.web_camera import jpeg
+from harness.web_camera import web_camera
 from so101_viewer import Preview, Source, serve_source
-from so101_viewer.page import video_device
 
 from so101_motion.common.errors import NoReply
 from so101_motion.common.modes import Mode
@@ -144,12 +139,9 @@ def page_of_it(arm_on_port: HardwareRig, leader: Leader) -> Iterator[Preview]:
 
 @contextmanager
 def camera() -> Iterator[str]:
-    """A camera device that sends one picture after the other."""
-    with NamedTemporaryFile(prefix="so101-video", dir="/dev/shm") as file:
-        driver = VideoDriver(Path(file.name), map(jpeg, count()), period=0.1)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(video_device.pictures, "__defaults__", (driver.ioctl,))
-            yield file.name
+    """A camera that answers each request with another picture."""
+    with web_camera() as address:
+        yield f"{address}/picture"
 
 
 @pytest.fixture(scope="module")

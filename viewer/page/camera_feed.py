@@ -1,4 +1,4 @@
-"""Fetch pictures of a camera: from its address, its device, or the machine that has it.
+"""Fetch pictures of a camera: from its address, or the machine that has it.
 
 An address sends a JPEG or PNG for each request, or a stream of JPEG. The thread
 ``so101-viewer-camera`` keeps the newest picture as the camera sent it; nothing is decoded here.
@@ -11,7 +11,6 @@ import base64
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing
 from dataclasses import dataclass
 from http.client import HTTPException
 from socket import gaierror
@@ -21,8 +20,6 @@ from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
 
 from so101_motion.common.errors import ConfigError, So101Error
-
-from . import video_device
 
 PERIOD = 0.2
 """Least time between two pictures [s]; chosen: often enough to see what happens, and light on the
@@ -39,7 +36,6 @@ LARGEST = 4_000_000
 
 _KINDS = {b"\xff\xd8": "image/jpeg", b"\x89P": "image/png"}
 _END = b"\xff\xd9"
-_DEVICES = "/dev/"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,22 +59,21 @@ class Picture:
 
 
 def check_camera(camera: str, *, has_machine: bool) -> None:
-    """Refuse what is neither an address nor a device nor, where there is a machine, a name.
+    """Refuse what is neither an address nor, where there is a machine, a name.
 
     Raises:
-        ConfigError: It is none of them.
+        ConfigError: It is neither.
     """
     parts = urlsplit(camera)
     if parts.scheme in ("http", "https") and parts.hostname:
-        return
-    if camera.startswith(_DEVICES) and len(camera) > len(_DEVICES):
         return
     if not has_machine or not camera or "/" in camera:
         also = ", or the name of a camera of the machine" if has_machine else ""
         raise ConfigError(
             "camera",
             camera,
-            f"must be an address that begins with http://, a device such as /dev/video0{also}",
+            f"must be an address that begins with http://{also}; ustreamer --device /dev/video0"
+            " --port 8090 gives a camera of this computer one, http://127.0.0.1:8090/stream",
         )
 
 
@@ -86,8 +81,8 @@ class CameraFeed:
     """Fetches pictures until it is closed.
 
     Args:
-        camera: The address of a picture or of a stream, http or https; its device on this
-            computer; or the machine's name of it.
+        camera: The address of a picture or of a stream, http or https, or the machine's name of
+            it.
         ask: Asks the machine for a picture of the camera of that name; None without a machine.
         wanted: Whether anybody is watching; otherwise nothing is fetched.
 
@@ -96,7 +91,7 @@ class CameraFeed:
         problem: Why there is no newer one; empty when there is.
 
     Raises:
-        ConfigError: It is none of these.
+        ConfigError: It is neither.
     """
 
     def __init__(
@@ -133,10 +128,6 @@ class CameraFeed:
         """One picture, or those of a stream until it ends."""
         if self._ask is not None:
             self._take(self._ask(self._camera))
-            return
-        if self._camera.startswith(_DEVICES):
-            with closing(video_device.pictures(self._camera, PATIENCE)) as pictures:
-                self._take_each(pictures)
             return
         request = Request(self._camera, headers={"User-Agent": "so101_motion"})
         with urlopen(request, timeout=PATIENCE) as reply:

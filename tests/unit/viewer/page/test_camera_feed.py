@@ -50,10 +50,9 @@ def test_what_is_wrong_is_reported(address: str, path: str, says: str) -> None:
     feed.close()
 
 
-def test_a_device_that_is_no_camera_is_reported() -> None:
-    feed = CameraFeed("/dev/null", ask=lambda name: pytest.fail(f"{name} is no camera's name"))
-    until(lambda: feed.problem == "/dev/null is no camera")
-    feed.close()
+def test_a_device_is_refused_with_the_program_that_serves_its_pictures() -> None:
+    with pytest.raises(ConfigError, match="ustreamer --device"):
+        CameraFeed("/dev/video0")
 
 
 def test_nothing_is_fetched_while_nobody_looks(address: str) -> None:
