@@ -6,8 +6,7 @@ platform, such as ``aarch64-linux-gnu.2.17`` (needs ziglang).
 
 The system's C compiler is used if one works. Otherwise the ``ziglang`` package is a build
 requirement: a C compiler as a wheel, which pip installs for the build and removes after it. If
-neither works, or with ``SO101_NATIVE=off``, nothing is built: the package then plans with coal
-alone, with the same verdicts.
+neither works the installation fails and says so: planning needs the library.
 """
 
 from __future__ import annotations
@@ -61,8 +60,12 @@ def zig_compiler() -> list[str] | None:
     return [sys.executable, "-m", "ziglang", "cc"]
 
 
-def build(target: str | None = None) -> Path | None:
-    """Compile the library in place, unless it exists; return its file, or None on failure."""
+def build(target: str | None = None) -> Path:
+    """Compile the library in place, unless it exists; return its file.
+
+    Raises:
+        SystemExit: No compiler works, or it fails; what it says is printed.
+    """
     system, machine = sys.platform, platform.machine()
     if target:
         machine, system = target.split("-")[:2]
@@ -71,12 +74,9 @@ def build(target: str | None = None) -> Path | None:
     file: Path = _library_module().library_file(system, machine)
     if file.is_file():
         return file
-    if os.environ.get("SO101_NATIVE") == "off":
-        return None
     compiler = zig_compiler() if target else system_compiler() or zig_compiler()
     if compiler is None:
-        print("no C compiler, so planning does without its compiled part", file=sys.stderr)
-        return None
+        sys.exit("no C compiler works here; install one (gcc, clang) or: pip install ziglang")
     with tempfile.TemporaryDirectory() as folder:
         os.environ.setdefault("ZIG_GLOBAL_CACHE_DIR", f"{folder}/zig")
         os.environ.setdefault("ZIG_LOCAL_CACHE_DIR", f"{folder}/zig-here")
@@ -91,7 +91,7 @@ def build(target: str | None = None) -> Path | None:
             chosen = named if "ziglang" in compiler else flags
             source = str(SOURCES / name)
             if not _succeeds([*compiler, *FLAGS, *chosen, "-c", source, "-o", objects[-1]]):
-                return None
+                sys.exit("the C library of planning could not be compiled; see above")
         sources = [str(each) for each in sorted(SOURCES.glob("*.c"))]
         made = f"{folder}/made.so"
         # Without contraction, arithmetic is the same on every processor.
@@ -99,7 +99,7 @@ def build(target: str | None = None) -> Path | None:
         if "ziglang" in compiler:
             rest.append("-mcpu=baseline")  # otherwise it compiles for this processor
         if not _succeeds([*compiler, *FLAGS, *rest, "-o", made, *objects, *sources, "-lm"]):
-            return None
+            sys.exit("the C library of planning could not be compiled; see above")
         for old in SOURCES.glob(f"native-*-{system}-{machine.lower()}.so"):
             old.unlink()
         part = file.with_suffix(".part")
@@ -132,7 +132,7 @@ def _library_module() -> ModuleType:
 def _compiler_requirement() -> list[str]:
     """The build requirement: ziglang, unless there is a compiler or the library."""
     has_wheel = sys.platform in ZIG and platform.machine().lower() in ZIG_MACHINES
-    if not has_wheel or os.environ.get("SO101_NATIVE") == "off":
+    if not has_wheel:
         return []
     is_there = _library_module().library_file().is_file() or system_compiler()
     return [] if is_there else ["ziglang>=0.14"]
@@ -160,6 +160,4 @@ def __getattr__(name: str) -> Any:
 
 
 if __name__ == "__main__":
-    made_file = build(sys.argv[2] if sys.argv[1:2] == ["--target"] else None)
-    print(made_file or "not built")
-    sys.exit(made_file is None)
+    print(build(sys.argv[2] if sys.argv[1:2] == ["--target"] else None))

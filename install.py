@@ -152,10 +152,6 @@ def install(extras: set[str], lock: int) -> int:
             say("ruckig has no ready wheel for this system and is compiled")
         for step in steps(extras):
             code, said = run(step, begin + LIMIT - time.monotonic(), lock)
-            if code and COMPILER in said:
-                say(f"{COMPILER} cannot be installed, so planning does without its compiled part")
-                os.environ["SO101_NATIVE"] = "off"
-                code, said = run(step, begin + LIMIT - time.monotonic(), lock)
             if code:
                 complain(f"error: the installation failed. {what_to_try(said)}")
                 return 1

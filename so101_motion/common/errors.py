@@ -418,4 +418,4 @@ class MachineRefused(MotionError):
 
 
 class WorkerError(So101Error):
-    """The planning process could not be started or died while it worked; it is restarted."""
+    """Planning cannot run: its process died and is restarted, or its compiled part is missing."""

@@ -1,15 +1,14 @@
 """Prove that two arms stay apart while both move, or say when and where they would not.
 
-The compiled library does it (``native/apart.c`` says how); without it the same is done here with
-coal, some hundred times slower. Bodies are those of ``bodies.py``: hulls that contain the real
-parts, and held objects. An object that is passed from one gripper to another need not keep off the
-gripper and the jaw of the arm that takes it; all other bodies of both arms keep apart as always.
+The compiled library does it (``native/apart.c`` says how). Bodies are those of ``bodies.py``: hulls
+that contain the real parts, and held objects. An object that is passed from one gripper to another
+need not keep off the gripper and the jaw of the arm that takes it; all other bodies of both arms
+keep apart as always.
 """
 
 from __future__ import annotations
 
 import ctypes
-import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -19,7 +18,7 @@ import numpy as np
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.arm_bodies import ArmBodies
 from so101_motion.planning.collision.batch_check import pointer
-from so101_motion.planning.collision.course import STEP, Course, stopping
+from so101_motion.planning.collision.course import STEP, Course
 from so101_motion.planning.collision.scene import HOLDERS
 from so101_motion.planning.native.library import native
 
@@ -41,7 +40,7 @@ PARTING = 5e-4
 """Arms that are too near already may come so much nearer [m], because parts that slide along each
 other do. Chosen."""
 
-_PART, UNKNOWN = 0.25, 2  # as in apart.c and native.h
+UNKNOWN = 2  # as in native.h
 
 _Found = tuple[float, float, int, int] | None
 """Time or step, distance, and the index of the body of each arm; None if they do not meet."""
@@ -98,35 +97,12 @@ def first_meeting(
         early: How much one may be ahead of the other [s]: the faster both are, the further apart
             they must stay.
     """
+    figures = since, STEP, room, early
     met = (
-        _first_meeting((a, first[1]), (b, second[1]), T_first_second, since, room, early)
+        _asked("so101_courses_apart", (a, first[1]), (b, second[1]), T_first_second, figures)
         for a, b in _groups(first[0], second[0])
     )
     return min(filter(None, met), default=None)
-
-
-def _first_meeting(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
-    T_first_second: SE3,
-    since: float,
-    room: float,
-    early: float,
-) -> Meeting | None:
-    a, b = first[0], second[0]
-    if a.handle is not None and b.handle is not None:
-        return _asked(
-            "so101_courses_apart", first, second, T_first_second, (since, STEP, room, early)
-        )
-    span = max(first[1].end, second[1].end) - since
-    count = max(1, math.ceil(span / STEP - 1e-9) + 1)
-    times = since + STEP * np.arange(count)
-    qa, qb = (np.ascontiguousarray(course.at(times)) for _, course in (first, second))
-    found = _meet_by_coal(a, b, T_first_second, qa, qb, room, early / STEP)
-    if found is None:
-        return None
-    step, gap, i, j = found
-    return Meeting(since + STEP * step, gap, a.names[i], b.names[j])
 
 
 def nearness(
@@ -169,8 +145,7 @@ def are_apart(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, room:
         qb: The second's; as many.
         room: Distance they must keep [m].
     """
-    meet = _meet if a.handle is not None and b.handle is not None else _meet_by_coal
-    return meet(a, b, T, qa, qb, room, 0.0) is None
+    return _meet(a, b, T, qa, qb, room, 0.0) is None
 
 
 def clearance_over_time(
@@ -214,11 +189,7 @@ def distances(
         need: Distance below which they are exact [m].
         enough: Distance above which they need not be known [m].
     """
-    if a.handle is None or b.handle is None:
-        one, other = Course(t=0.0, dt=1.0, q=qa), Course(t=0.0, dt=1.0, q=qb)
-        return np.array([*gaps((a, one), (b, other), T, np.arange(float(len(qa))))])
     library, placed = native().library, placement(T)
-    assert library is not None
     qa, qb = np.ascontiguousarray(qa), np.ascontiguousarray(qb)
     found = np.empty((len(qa), len(a.objects), len(b.objects)))
     library.so101_gaps(
@@ -282,13 +253,6 @@ def stops_meeting(
     """
     (a, one), (b, other) = first, second
     end, since = min(one.end, other.end), max(since, one.t, other.t)
-    if a.handle is None or b.handle is None:
-        for t in np.arange(since, end, every):
-            stops = (a, stopping(one, t)), (b, stopping(other, t))
-            met = first_meeting(*stops, T_first_second, since=float(t), room=room, early=early)
-            if met is not None:
-                return met
-        return None
     figures = since, end, every, STEP, room, early
     met_in_groups = (
         _asked("so101_stops_apart", (mine, one), (theirs, other), T_first_second, figures)
@@ -307,7 +271,6 @@ def _asked(
     """Ask the compiled library about two courses."""
     (a, one), (b, other) = first, second
     library, n, m = native().library, one.q.size, other.q.size
-    assert library is not None
     timing = np.array([one.t, one.dt, other.t, other.dt, 0.0, 0.0, 0.0, 0.0])
     given = np.concatenate((placement(T), one.q.ravel(), other.q.ravel(), timing))
     at: int = given.ctypes.data  # asking for an address takes as long as some checks
@@ -332,7 +295,6 @@ def _meet(
     a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
 ) -> _Found:
     library, count, size = native().library, len(qa), qa.size
-    assert library is not None
     given = np.concatenate((np.zeros(4), placement(T), qa.ravel(), qb.ravel()))
     at: int = given.ctypes.data  # asking for an address takes as long as some checks
     placed, first, second = (at + given.itemsize * k for k in (4, 16, 16 + size))
@@ -361,45 +323,3 @@ def _found(found: int, out: Sequence[float] | Array) -> _Found:
 def placement(T: SE3) -> Array:
     """A transform in the library's form: rotation by rows, then translation, shape (12,)."""
     return np.concatenate((T.R.ravel(), T.p))
-
-
-def _meet_by_coal(
-    a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
-) -> _Found:
-    data = a.model.createData(), b.model.createData()
-    travel_a, travel_b, last = a.travel(qa), b.travel(qb), len(qa) - 1
-    due = np.zeros((len(a.objects), len(b.objects)))
-    request, t = coal.DistanceRequest(), 0.0
-    while t <= last:
-        k = min(int(t), max(last - 1, 0))
-        at = [q[k] + (t - k) * (q[min(k + 1, last)] - q[k]) for q in (qa, qb)]
-        place_a = a.placed(at[0], SE3.identity(), data[0])
-        place_b = b.placed(at[1], T, data[1])
-        for i, j in zip(*np.nonzero(due <= t), strict=True):
-            one, other = a.objects[i], b.objects[j]
-            due[i, j] = math.inf
-            if one.parentJoint == other.parentJoint == 0:
-                continue
-            speeds = np.column_stack((travel_a[k:, i], travel_b[k:, j]))
-            need = room + (early * float(speeds[0].min()) if last else 0.0)
-            gap = coal.distance(
-                one.geometry, place_a[i], other.geometry, place_b[j], request, coal.DistanceResult()
-            )
-            if gap < need:
-                return t, gap, int(i), int(j)
-            due[i, j] = max(
-                _until(speeds, t, k, gap - room, early), _until(speeds, t, k, _PART * room, 0.0)
-            )
-        following = float(due.min())
-        t = last if t < last < following < math.inf else following
-    return None
-
-
-def _until(speeds: Array, t: float, k: int, room: float, early: float) -> float:
-    """Like ``until`` in apart.c; ``speeds`` begin at step ``k``, shape (m, 2), [m]."""
-    for step, (va, vb) in enumerate(speeds, k):
-        left, late = (step + 1 - t) * (va + vb), early * min(va, vb)
-        if left + late > room:
-            return float(t + (room - late) / (va + vb)) if room > late else t
-        room, t = room - left, step + 1.0
-    return math.inf

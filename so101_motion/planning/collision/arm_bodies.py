@@ -20,7 +20,6 @@ from so101_motion.planning.collision.batch_check import BatchCheck, pointer
 from so101_motion.planning.collision.bodies import bodies_without
 from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.native.library import native
 
 
 class ArmBodies:
@@ -37,7 +36,7 @@ class ArmBodies:
         names: Their names in messages.
         levers: Bounds on the distance of any point of each body from each joint's axis, shape
             (n, 6), [m].
-        handle: The compiled library's handle of them; None without it.
+        handle: The compiled library's handle of them.
     """
 
     def __init__(
@@ -56,14 +55,12 @@ class ArmBodies:
         self.levers = np.array([_levers(each, offsets) for each in self.objects], dtype=float)
         self.levers_pointer = pointer(self.levers)
         self._without = dict[frozenset[str], ArmBodies]()
-        self._batch = None
-        if native().library is not None:
-            self._batch = BatchCheck(self.model, bodies, 0.0)
+        self._batch = BatchCheck(self.model, bodies, 0.0)
 
     @property
-    def handle(self) -> ctypes.c_void_p | None:
-        """The compiled library's handle of them; None without it."""
-        return None if self._batch is None else self._batch.scene
+    def handle(self) -> ctypes.c_void_p:
+        """The compiled library's handle of them."""
+        return self._batch.scene
 
     def without(self, left_out: frozenset[str]) -> ArmBodies:
         """A copy without some bodies, and without objects that are passed on."""

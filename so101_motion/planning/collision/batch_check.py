@@ -69,9 +69,7 @@ class BatchCheck:
     """
 
     def __init__(self, model: Any, bodies: Bodies, floor_z: float | None) -> None:
-        library = native().library
-        assert library is not None
-        self.library = library
+        library = self.library = native().library
         self._coal: list[Touches] = []
         self._error: BaseException | None = None
         self._checkpoint: Checkpoint | None = None
@@ -403,9 +401,7 @@ def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
 
 
 def batch_check(model: Any, bodies: Bodies, floor_z: float | None) -> BatchCheck | None:
-    """The batch check of bodies; None without the library, or if there are too many of them."""
-    if native().library is None:
-        return None
+    """The batch check of bodies; None if there are too many of them, or round ones that move."""
     movers = [each for each in bodies.geometry.geometryObjects if each.parentJoint > 0]
     if len(movers) >= MOST_BODIES or any(points_of(each.geometry) is None for each in movers):
         return None

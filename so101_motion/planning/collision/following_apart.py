@@ -1,8 +1,8 @@
 """Prove that an arm that follows a target keeps apart from another arm, or only moves away from it.
 
-The compiled library does it (``native/following_apart.c``); without it, and while an object is
-passed between the arms, the same is done here with coal. The proof for planned motions is in
-``apart.py``.
+The compiled library does it (``native/following_apart.c``). What it cannot decide is decided here:
+arms that touch, by coal, and arms that pass an object between them, whose bodies are in groups.
+The proof for planned motions is in ``apart.py``.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class Beside:
     def count(self) -> int:
         """How many pairs of bodies were near each other.
 
-        0 without the library, and while an object is passed between the arms.
+        0 while an object is passed between the arms.
         """
         return 0 if self._of is None else int(self._asked.near)
 
@@ -123,7 +123,7 @@ class Beside:
         T: SE3,
         since: float,
     ) -> tuple[int, Array] | None:
-        """The library's verdict for ``following_apart``; None if coal has to decide."""
+        """The library's verdict for ``following_apart``; None while an object is passed."""
         library = self._tell(first, second, T, since)
         if library is None:
             return None
@@ -156,9 +156,9 @@ class Beside:
         T: SE3,
         since: float,
     ) -> ctypes.CDLL | None:
-        """Hand both courses to the library; None if it cannot answer for these arms."""
+        """Hand both courses to the library; None while an object is passed between the arms."""
         a, b = first[0], second[0]
-        if a.handle is None or b.handle is None or a.passed | b.passed:
+        if a.passed | b.passed:
             self._of = None
             return None
         if self._of is None or not all(map(is_, self._of, (a, b, T))):
@@ -174,13 +174,11 @@ class Beside:
 
     def _begin(self, a: ArmBodies, b: ArmBodies, T: SE3) -> None:
         library = native().library
-        assert library is not None
         memory = np.zeros(library.so101_beside_size() // 8)
         self._of, self._asked = (a, b, T), _Asked.from_buffer(memory.data)  # which keeps the memory
         self._address = pointer(memory)
         asked = self._asked
         for k, bodies in enumerate((a, b)):
-            assert bodies.handle is not None
             asked.scene[k], asked.levers[k] = bodies.handle.value, bodies.levers_pointer.value
         asked.placement[:] = placement(T).tolist()
         asked.step, asked.margin, asked.skew = STEP, GUARDED, GUARDED_EARLY

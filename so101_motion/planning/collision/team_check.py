@@ -59,7 +59,7 @@ class TeamCheck:
         ]
 
     def compiled(self) -> BatchTeamCheck | None:
-        """This check for the library's search; None without the library or with too many arms."""
+        """This check for the library's search; None with too many arms."""
         checks = [each for each in self._checks if isinstance(each, BatchSampledCheck)]
         if len(checks) < len(self._arms) or len(checks) > MOST_ARMS:
             return None

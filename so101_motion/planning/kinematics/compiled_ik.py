@@ -1,7 +1,4 @@
-"""Call the compiled closed forms of inverse kinematics in ``arm_ik.c``.
-
-They return what ``ClosedForms.nearest`` returns in Python, in a twentieth of the time.
-"""
+"""Call the compiled closed forms of inverse kinematics in ``native/arm_ik.c``."""
 
 from __future__ import annotations
 
@@ -18,6 +15,7 @@ from so101_motion.planning.kinematics.arm_geometry import (
     Joints,
 )
 from so101_motion.planning.kinematics.ik_task import Task
+from so101_motion.planning.native.library import native
 
 _MOST = 32
 """Most configurations for one goal: ``MOST`` in the C file."""
@@ -38,22 +36,21 @@ class CompiledForms:
 
     Args:
         structure: The arm.
-        library: The compiled library.
     """
 
-    def __init__(self, structure: ArmStructure, library: Any) -> None:
+    def __init__(self, structure: ArmStructure) -> None:
         self._structure = structure
         self._arms: dict[str, Any] = {}
         self._addresses: dict[str, int] = {}
         self._goal = ctypes.create_string_buffer(_GOAL.size)
         self._found = memoryview(bytearray(_MOST * _FOUND.size))
-        self._nearest = library.so101_ik_nearest
+        self._nearest = native().library.so101_ik_nearest
         self._nearest.argtypes = (ctypes.c_void_p,) * 3
         found = ctypes.c_char.from_buffer(self._found)
         self._at = ctypes.addressof(self._goal), ctypes.addressof(found)
 
     def nearest(self, task: Task, seed: Joints) -> list[Configuration]:
-        """Like ``ClosedForms.nearest``."""
+        """As ``ClosedForms.nearest``."""
         arm = self._addresses.get(task.frame)
         if arm is None:
             packed = self._arms[task.frame] = _packed(self._structure, task.frame)

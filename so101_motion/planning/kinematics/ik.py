@@ -46,7 +46,6 @@ from so101_motion.planning.kinematics.ik_task import (
     judge,
 )
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.native.library import native
 
 __all__ = ["IkSolution", "IkSolver"]
 
@@ -79,7 +78,7 @@ class IkSolver:
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self.structure = measure_structure(model)
-        self._source = ClosedForms(self.structure, native().library)
+        self._source = ClosedForms(self.structure)
         chain_of = lru_cache(maxsize=8)(partial(ArmChain, model))
         self._clouds = CloudSolver(self.structure, chain_of)
 

@@ -2,14 +2,14 @@
 
 All configurations put the goal's frame at its point, as exactly as the arm's structure fits the
 model; ``ik.py`` judges the orientation later. A free roll stays that of the seed if possible; a
-free pitch is the one whose configuration is nearest to the seed.
+free pitch is the one whose configuration is nearest to the seed. The nearest ones are compiled
+(``native/arm_ik.c``); those spread over what a goal leaves free are found here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from math import atan2, cos, dist, hypot, inf, pi, sin
-from typing import Any
+from math import atan2, cos, dist, hypot, pi, sin
 
 import numpy as np
 
@@ -25,8 +25,6 @@ from so101_motion.planning.kinematics.arm_geometry import (
 )
 from so101_motion.planning.kinematics.compiled_ik import CompiledForms
 from so101_motion.planning.kinematics.ik_task import Task
-from so101_motion.planning.kinematics.nearest_pitch import nearest_bend
-from so101_motion.planning.kinematics.orientation_fit import Orientation
 from so101_motion.planning.kinematics.planar_3r import Bend, Target, ThreeBars
 from so101_motion.planning.kinematics.workspace import Workspace
 
@@ -36,52 +34,28 @@ ROLLS = 6
 PITCH_STEP = 0.2
 """Distance between alternative pitches [rad]. Chosen: 11 degrees."""
 
-_SETTLED = 1e-10
-_ROUNDS = 10
-
 
 class ClosedForms:
     """Configurations for an arm with our structure. Belongs to one thread.
 
     Args:
         structure: The arm.
-        library: The compiled library, if there is one; see ``compiled_ik.py``.
     """
 
-    def __init__(self, structure: ArmStructure, library: Any = None) -> None:
+    def __init__(self, structure: ArmStructure) -> None:
         self._structure = structure
-        self._compiled = CompiledForms(structure, library) if library else None
+        self._compiled = CompiledForms(structure)
         self._workspaces: dict[str, Workspace] = {}
 
-    def nearest(self, task: Task, seed: Joints) -> Iterable[Configuration]:
+    def nearest(self, task: Task, seed: Joints) -> list[Configuration]:
         """Configurations at the task's point, the one nearest to the seed first; few or none.
 
         For an approach, the seed's roll comes before all others, and configurations that miss the
         approach come last, for the error.
         """
-        if self._compiled is not None:
-            return self._compiled.nearest(task, seed)
-        return self._nearest(task, seed)
+        return self._compiled.nearest(task, seed)
 
-    def _nearest(self, task: Task, seed: Joints) -> Iterator[Configuration]:
-        structure = self._structure
-        if task.metric is GoalMetric.POSITION_ONLY:
-            found = nearest_position(structure, task, seed)
-            if found:
-                yield found
-            return
-        roll = structure.clip_roll(seed[4])
-        if task.metric is GoalMetric.FULL_POSE:
-            rolls = approach_rolls(structure, task) or [roll]
-            yield from _by_distance(full_pose(structure, task, rolls), seed)
-            return
-        near, others = sides_by_approach(structure, task, [roll])
-        yield from _by_distance(approach(structure, task, near), seed)
-        near, more = sides_by_approach(structure, task, approach_rolls(structure, task))
-        yield from _by_distance(approach(structure, task, near), seed)
-        yield from approach(structure, task, others + more)
-
-    def spread(self, task: Task, seed: Joints) -> Iterable[Configuration]:
+    def spread(self, task: Task, seed: Joints) -> list[Configuration]:
         """Configurations at the task's point, spread over free pitch and roll, nearest first."""
         structure = self._structure
         if task.metric is GoalMetric.FULL_POSE:
@@ -109,35 +83,6 @@ class ClosedForms:
 
 def _by_distance(configurations: list[Configuration], seed: Joints) -> list[Configuration]:
     return sorted(configurations, key=lambda configuration: dist(configuration.q, seed))
-
-
-def nearest_position(structure: ArmStructure, task: Task, q_seed: Joints) -> Configuration | None:
-    """The configuration nearest to the seed that puts the frame at the point, or None.
-
-    The roll is the seed's if the point can be reached with it, else the nearest tried one.
-    """
-    for roll in position_rolls(structure, task, q_seed[4]):
-        best, ceiling = None, inf
-        for pan, target, name in structure.sides(task.point, structure.rolled(task.frame, roll)):
-            turn = (pan - q_seed[0]) ** 2
-            found = nearest_bend(structure.bars, target, q_seed[1:4], ceiling - turn)
-            if found:
-                ceiling, (angles, elbow_up) = found[0] + turn, found[1]
-                best = Configuration((pan, *angles, roll), BRANCHES[name, elbow_up])
-        if best:
-            return best
-    return None
-
-
-def position_rolls(structure: ArmStructure, task: Task, roll: float) -> Iterator[float]:
-    """Rolls to try [rad], the nearest to the seed's first."""
-    roll = structure.clip_roll(roll)
-    yield roll
-    if not structure.on_axis(task.frame) and structure.can_reach(task.point, task.frame):
-        offset = structure.measures.offsets[task.frame]
-        # Close to the pan axis only a roll that brings the frame into the arm's plane works.
-        inside = [structure.clip_roll(r) for r in offset.rolls_with_lateral(0.0)]
-        yield from sorted((*spread_rolls(structure), *inside), key=lambda r: abs(r - roll))
 
 
 def spread_rolls(structure: ArmStructure) -> list[float]:
@@ -215,55 +160,6 @@ def approach_rolls(structure: ArmStructure, task: Task) -> list[float]:
             if structure.can_face(azimuth):
                 rolls += offset.rolls_with_lateral(structure.lateral_for(task.point, azimuth))
     return [structure.clip_roll(roll) for roll in rolls]
-
-
-def full_pose(structure: ArmStructure, task: Task, rolls: Iterable[float]) -> list[Configuration]:
-    """Configurations at the point with the tool turned as near to the wanted rotation as possible.
-
-    The roll moves a frame beside the roll axis, that changes the pan, and that changes the roll.
-    The iteration converges quickly, unless the point is as near to the pan axis as the frame is to
-    the roll axis; then the given rolls, which suit the approach, are better. Both are returned.
-    """
-    orientation = Orientation(structure.measures, task.R_base_tool)
-    on_axis = structure.on_axis(task.frame)
-    found = []
-    for roll in rolls:
-        for side in structure.sides(task.point, structure.rolled(task.frame, roll)):
-            if not on_axis:
-                found += _configurations(structure, side, orientation.pitch(side.pan, roll), roll)
-            settled = _settled(structure, task, orientation, side, roll)
-            if on_axis:
-                settled = [
-                    _rolled(structure, orientation, configuration) for configuration in settled
-                ]
-            found += settled
-    return found
-
-
-def _settled(
-    structure: ArmStructure, task: Task, orientation: Orientation, start: Side, roll: float
-) -> list[Configuration]:
-    """Configurations with pan, pitch and roll in agreement; none if this does not converge."""
-    side: Side | None = start
-    for _ in range(_ROUNDS):
-        if side is None:
-            break
-        wanted = structure.clip_roll(orientation.pitch_and_roll(side.pan)[1])
-        if abs(wanted - roll) < _SETTLED:
-            return _configurations(structure, side, orientation.pitch(side.pan, roll), roll)
-        roll = wanted
-        sides = structure.sides(task.point, structure.rolled(task.frame, roll))
-        side = next((each for each in sides if each.name == start.name), None)
-    return []
-
-
-def _rolled(
-    structure: ArmStructure, orientation: Orientation, configuration: Configuration
-) -> Configuration:
-    """A copy with the best roll for its pitch, which a limit may have changed."""
-    pan, lift, elbow, wrist, _ = configuration.q
-    roll = structure.clip_roll(orientation.roll(pan, lift + elbow + wrist))
-    return Configuration((pan, lift, elbow, wrist, roll), configuration.branch)
 
 
 def _configurations(

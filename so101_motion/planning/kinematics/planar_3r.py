@@ -15,7 +15,7 @@ pitch. Within them a configuration can cease to exist only where the lift or the
 limit, and each of these fixes the lengths of a triangle too: at most eight pitches in closed form.
 Between two of them nothing changes (:meth:`ThreeBars.intervals`), so one test in the middle decides
 for the whole interval. Whether a point can be reached is thus decided exactly, without a grid that
-might miss a narrow gap. ``nearest_pitch.py`` finds the configuration nearest to a seed.
+might miss a narrow gap.
 
 Angles. Joint angles are positive downwards (they turn x towards -z), elevations upwards. The pitch
 is ``q_lift + q_elbow + q_wrist``; the hand, a vector of given length from the wrist to the target,

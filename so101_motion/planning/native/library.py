@@ -1,11 +1,10 @@
-"""Find and load the compiled library, if there is one built from exactly these sources.
+"""Find and load the compiled library that was built from exactly these sources.
 
 Its file name contains a hash of the sources and the platform, so a library of another version or
-for another processor is never loaded. Nothing is loaded before the first plan. ``SO101_NATIVE=off``
-switches it off.
+for another processor is never loaded. Nothing is loaded before the first plan.
 
-This file needs only the standard library, because ``build_native.py`` uses it before anything else
-is installed.
+At import this file needs only the standard library, because ``build_native.py`` uses it before
+anything else is installed.
 """
 
 from __future__ import annotations
@@ -21,22 +20,17 @@ from typing import NamedTuple
 
 FOLDER = Path(__file__).resolve().parent
 
-BUILD = "build_native.py"
-"""The script that builds the library, at the top of a checkout."""
-
 
 class Native(NamedTuple):
-    """The loaded library, or why there is none.
+    """The loaded library.
 
     Attributes:
-        library: The library, or None.
+        library: The library.
         lanes: How many configurations it checks at once on this processor.
-        reason: Why there is no library; empty if there is.
     """
 
-    library: ctypes.CDLL | None
+    library: ctypes.CDLL
     lanes: int
-    reason: str
 
 
 def library_file(system: str = sys.platform, machine: str = "", folder: Path = FOLDER) -> Path:
@@ -50,16 +44,23 @@ def library_file(system: str = sys.platform, machine: str = "", folder: Path = F
 
 @cache
 def native() -> Native:
-    """The library, loaded once."""
-    if os.environ.get("SO101_NATIVE") == "off":
-        return Native(None, 0, "switched off by SO101_NATIVE=off")
+    """Load the library, once.
+
+    Raises:
+        WorkerError: It was not built, or cannot be loaded.
+    """
+    from so101_motion.common.errors import WorkerError
+
     file = library_file()
     if not file.is_file():
-        return Native(None, 0, f"not built; python {BUILD} in a checkout builds it")
+        raise WorkerError(
+            "the compiled part of planning is missing; build it with a C compiler or with"
+            ' "pip install ziglang": python build_native.py in a checkout'
+        )
     try:
         library = ctypes.CDLL(str(file))
         lanes = int(library.so101_start(int(os.environ.get("SO101_LANES", "16"))))
         library.so101_new.restype = library.so101_search_new.restype = ctypes.c_void_p
     except (OSError, AttributeError, ValueError) as error:
-        return Native(None, 0, f"cannot be loaded: {error}")
-    return Native(library, lanes, "")
+        raise WorkerError(f"the compiled part of planning cannot be loaded: {error}") from error
+    return Native(library, lanes)

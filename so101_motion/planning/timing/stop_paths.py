@@ -1,6 +1,7 @@
 """Sample how joints come to rest: in every control cycle, so it has to be quick.
 
-The compiled library does it (``native/rest.c``); without it ruckig does, with the same result.
+The compiled library does it (``native/rest.c``); for many joints, and where it finds no motion,
+ruckig does.
 """
 
 from __future__ import annotations
@@ -66,11 +67,7 @@ class StopPaths:
             ValueError: Shapes that do not fit, or values that are not finite.
         """
         library, n = native().library, self._n
-        if (
-            library is None
-            or n > _JOINTS
-            or not now.q.shape == now.qd.shape == now.qdd.shape == (n,)
-        ):
+        if n > _JOINTS or not now.q.shape == now.qd.shape == now.qdd.shape == (n,):
             return self._by_ruckig(now)
         rows = self._rows
         rows[0], rows[1], rows[2] = now.q, now.qd, now.qdd

@@ -29,7 +29,6 @@ import numpy as np
 from so101_motion import __version__
 from so101_motion.common.errors import ConfigError
 from so101_motion.files import atomic
-from so101_motion.planning.native.library import native
 from so101_motion.tasks.sweeps.packed import Packed
 from so101_motion.tasks.sweeps.sweep import Sweep
 
@@ -153,7 +152,7 @@ def combined(digests: Mapping[int, str], shards: int) -> str:
 def _identity(sweep: Sweep) -> dict[str, object]:
     """The entries of the manifest that identify a sweep."""
     facts = json.loads(json.dumps(sweep.facts()))  # tuples become lists, as they are read back
-    made_by = {"so101_motion": __version__, "compiled": native().library is not None}
+    made_by = {"so101_motion": __version__}
     return {"kind": sweep.kind, "facts": facts, "shards": sweep.shards, "made_by": made_by}
 
 

@@ -9,7 +9,6 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.native.library import native
 from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
@@ -56,7 +55,7 @@ class SceneLegs:
         """Plan from joint angles, shape (5,), [rad]."""
         assert q_start is not None
         assert q_jaw is not None
-        self._patience.reset(compiled=native().library is not None)
+        self._patience.reset(compiled=True)
         request = PlanRequest(
             q_start=q_start,
             goal=goal,

@@ -9,7 +9,7 @@ NEVER = 1e6
 
 _LOOKS_OF_A_CHECKPOINT = 250
 """The compiled library passes a checkpoint every 2048 configurations, coal one a configuration. So
-without the library so many times as many checkpoints are allowed. Chosen: about the same time."""
+where coal checks, so many times as many checkpoints are allowed. Chosen: about the same time."""
 
 
 class WorkBudget:

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from harness.coal_judge import meet_by_coal
 from harness.facing_arms import T_LEFT_RIGHT, Facing, distance
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision import apart
-from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import STEP, Course, stopping
 from so101_motion.planning.collision.following_apart import GAP, RANGE, Beside, following_apart
 from so101_motion.planning.collision.scene import Attached, Box
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 
@@ -64,14 +64,8 @@ def test_compiled_distances_are_those_of_coal_at_least_and_about():
     assert np.all(found[near] > true[near] - 2e-4 - 0.12 * np.maximum(true[near] - apart.ROOM, 0.0))
 
 
-def without_library():
-    bodies = ArmBodies(RobotModel.load())
-    bodies._batch = None
-    return bodies
-
-
-def test_an_arm_that_follows_a_target_may_part_from_one_that_is_near_with_and_without_the_library():
-    facing, by_coal, verdicts = Facing(6), without_library(), []
+def test_an_arm_that_follows_a_target_may_part_from_one_that_is_near():
+    facing, verdicts = Facing(6), []
     while len(verdicts) < 12:
         q_left, q_right = facing.near(), facing.near()
         far = distance(facing.bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
@@ -80,28 +74,23 @@ def test_an_arm_that_follows_a_target_may_part_from_one_that_is_near_with_and_wi
         stop = q_left + np.outer(np.linspace(0.0, 0.1, 8), facing.random.uniform(-1.0, 1.0, 5))
         following = Course(t=0.0, dt=0.02, q=np.column_stack([stop, np.zeros(8)]))
         still = Course.resting(q_right, 0.0)
-        found = []
-        for bodies in (facing.bodies, by_coal):
-            beside = Beside()
-            pair = (bodies, following), (bodies, still)
-            met = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
-            again = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
-            assert (met is None) == (again is None)
-            assert beside.gained == (0.0 if met else pytest.approx(far - apart.PARTING, abs=2e-4))
-            found.append(met is None)
-        assert found[0] == found[1]
-        if found[0]:
+        beside = Beside()
+        pair = (facing.bodies, following), (facing.bodies, still)
+        met = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+        again = following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
+        assert (met is None) == (again is None)
+        assert beside.gained == (0.0 if met else pytest.approx(far - apart.PARTING, abs=2e-4))
+        if met is None:
             nearest = [distance(facing.bodies, q, still.q[0]) for q in following.q]
             assert min(nearest) > 0.75 * (far - apart.PARTING)
-        verdicts.append(found[0])
+        verdicts.append(met is None)
     assert set(verdicts) == {True, False}
 
 
-@pytest.mark.parametrize("by_coal", [False, True])
 @pytest.mark.parametrize("who", ["following", "other"])
-def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who, by_coal):
+def test_an_arm_that_is_near_and_comes_nearer_in_between_does_not_part(who):
     facing = Facing(9)
-    bodies = without_library() if by_coal else facing.bodies
+    bodies = facing.bodies
     share = np.sin(3.0 * np.pi * np.linspace(0.0, 1.0, 31)) ** 2  # three times there and back
     while True:
         q_left, q_right = facing.near(), facing.near()
@@ -163,7 +152,7 @@ def test_what_is_known_from_the_cycle_before_changes_no_verdict():
 
 
 def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_nearer():
-    facing, by_coal, seen = Facing(13), without_library(), 0
+    facing, seen = Facing(13), 0
     steps = 1e-4 * np.vstack([np.zeros(5), np.eye(5)])
     while seen < 30:
         q_left, q_right = facing.near(), facing.near()
@@ -189,12 +178,6 @@ def test_it_is_known_what_is_near_of_another_arm_and_which_joints_bring_it_neare
             assert near.bounds[k, 5] == pytest.approx(max(min(0.0, GAP - room), -room), abs=4e-4)
             assert near.bounds[k, :5] == pytest.approx(rates, abs=0.02)
         seen += 1
-    beside = Beside()
-    pair = (by_coal, Course.resting(q_left, 0.0)), (by_coal, still)
-    following_apart(*pair, T_LEFT_RIGHT, since=0.0, beside=beside)
-    assert beside.count == 0
-    beside.look(*pair, T_LEFT_RIGHT, 0.0)
-    assert beside.count == 0
 
 
 def test_a_look_without_a_proof_finds_the_same_near_bodies_also_after_contact():
@@ -261,7 +244,7 @@ def test_arms_that_swing_to_and_fro_meet_although_they_are_apart_at_the_ends(per
     assert 20 < met < 130
 
 
-def test_without_the_library_the_verdict_is_the_same():
+def test_the_verdict_is_that_of_coal():
     facing = Facing(3)
     verdicts = set()
     for _ in range(10):
@@ -269,7 +252,7 @@ def test_without_the_library_the_verdict_is_the_same():
         times = np.arange(0.0, max(left.end, right.end), STEP)
         both = np.ascontiguousarray(left.at(times)), np.ascontiguousarray(right.at(times))
         args = facing.bodies, facing.bodies, FURTHER, *both, apart.ROOM, 1.0
-        found, by_coal = apart._meet(*args), apart._meet_by_coal(*args)
+        found, by_coal = apart._meet(*args), meet_by_coal(*args)
         assert (found is None) == (by_coal is None)
         verdicts.add(found is None)
     assert verdicts == {True, False}

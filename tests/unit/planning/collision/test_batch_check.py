@@ -1,16 +1,16 @@
-"""The compiled check: coal's verdicts at any width and in every scene; and planning without it."""
+"""The compiled check: coal's verdicts at any width and in every scene."""
 
 import gc
 import shutil
-import subprocess
-import sys
 import weakref
+from pathlib import Path
 
 import numpy as np
 import pytest
 from campaign import verdicts
 from harness.random_scenes import random_scene
 
+from so101_motion.common.errors import WorkerError
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.checkpoint import Abandoned
 from so101_motion.planning.collision.collision import CollisionModel
@@ -19,15 +19,12 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native import library
 from so101_motion.planning.native.library import native
 
-needs_library = pytest.mark.skipif(native().library is None, reason=native().reason or "there")
-
 
 @pytest.fixture(scope="module")
 def model():
     return RobotModel.load()
 
 
-@needs_library
 @pytest.mark.parametrize("seed", range(4))
 def test_verdicts_are_coals_far_from_contact_and_close_to_it(model, seed):
     rng = np.random.default_rng(seed)
@@ -37,7 +34,6 @@ def test_verdicts_are_coals_far_from_contact_and_close_to_it(model, seed):
     assert told["by_coal"] < 40, "hardly any is left to coal"
 
 
-@needs_library
 @pytest.mark.parametrize("lanes", [4, 8, 16])
 def test_the_width_of_vectors_changes_no_verdict(model, lanes):
     rng = np.random.default_rng(7)
@@ -49,9 +45,8 @@ def test_the_width_of_vectors_changes_no_verdict(model, lanes):
         native().library.so101_start(native().lanes)
 
 
-@needs_library
 @pytest.mark.parametrize("seed", range(3))
-def test_a_motion_is_blocked_where_it_is_without_the_library(model, seed):
+def test_a_motion_is_blocked_where_it_is_by_coal_alone(model, seed):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=seed == 1)
     compiled, plain = CollisionModel(model, scene), CollisionModel(model, scene, compiled=False)
@@ -69,7 +64,6 @@ def test_a_motion_is_blocked_where_it_is_without_the_library(model, seed):
         assert sampled.first_free(points) == judge.first_free(points)
 
 
-@needs_library
 def test_angles_that_are_none_are_never_free(model):
     collision = CollisionModel(model)
     assert not collision.touching(np.zeros((1, 5)))[0]
@@ -77,7 +71,6 @@ def test_angles_that_are_none_are_never_free(model):
         assert collision.touching(np.array([[0.0, odd, 0.0, 0.0, 0.0]]))[0]
 
 
-@needs_library
 def test_many_cubes_and_many_triangles(model):
     rng = np.random.default_rng(3)
     wall = np.column_stack(
@@ -105,7 +98,6 @@ def test_many_cubes_and_many_triangles(model):
     np.testing.assert_array_equal(found, plain.touching(q))
 
 
-@needs_library
 def test_what_the_checkpoint_raises_ends_the_check_and_comes_out(model):
     def give_up():
         if asked:
@@ -121,7 +113,6 @@ def test_what_the_checkpoint_raises_ends_the_check_and_comes_out(model):
     assert not collision.touching(q).any()
 
 
-@needs_library
 def test_its_memory_goes_with_the_model(model):
     collision = CollisionModel(model)
     alive = weakref.ref(collision.batch)
@@ -141,24 +132,7 @@ def test_a_library_of_other_sources_is_not_looked_at(tmp_path):
     assert library.library_file(machine="aarch64", folder=tmp_path).name.endswith("-aarch64.so")
 
 
-def test_without_the_library_the_same_is_planned_by_coal_alone():
-    asked = """
-import numpy as np, sys
-from so101_motion.planning.native.library import native
-from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.kinematics.model import RobotModel
-assert native().library is None, native()
-assert "SO101_NATIVE" in native().reason
-collision = CollisionModel(RobotModel.load())
-assert collision.batch is None
-assert collision.is_free(np.zeros(5))
-assert collision.first_blocked(np.array([np.zeros(5), [0.5, 0.2, 0.1, 0.0, 0.0]])) is None
-assert not collision.touching(np.zeros((3, 5))).any()
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", asked],
-        env={"SO101_NATIVE": "off", "PATH": ""},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+def test_a_library_that_was_not_built_is_missed_with_the_command_that_builds_it(monkeypatch):
+    monkeypatch.setattr(library, "library_file", lambda: Path("nowhere.so"))
+    with pytest.raises(WorkerError, match=r"python build_native\.py"):
+        library.native.__wrapped__()

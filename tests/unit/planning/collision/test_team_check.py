@@ -3,17 +3,13 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.collision.team_check import TeamArm, TeamCheck
-from so101_motion.planning.native.library import native
 from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds, compiled_shortened
 from so101_motion.planning.paths.rrt_connect import Deadline, Space
-
-pytestmark = pytest.mark.skipif(native().library is None, reason=native().reason or "there")
 
 
 def two_arms(facing, *, spacing=0.01, room=ROOM):

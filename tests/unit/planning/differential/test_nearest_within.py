@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from so101_motion.planning.differential import nearest_within as module
 from so101_motion.planning.differential.nearest_within import MOST, BoundedStep
-from so101_motion.planning.native.library import Native
 
 nearest = BoundedStep().nearest
 
@@ -18,13 +16,7 @@ def drawn(random, n=6):
     return random.normal(size=5), np.column_stack([G, least, random.random(n)])
 
 
-@pytest.fixture(params=["compiled", "plain"])
-def library(request, monkeypatch):
-    if request.param == "plain":
-        monkeypatch.setattr(module, "native", lambda: Native(None, 0, "switched off"))
-
-
-def test_it_is_the_nearest_of_all_that_keep_the_bounds(library):
+def test_it_is_the_nearest_of_all_that_keep_the_bounds():
     random, held = np.random.default_rng(1), []
     for _ in range(60):
         step, bounds = drawn(random)
@@ -48,7 +40,7 @@ def test_it_is_the_nearest_of_all_that_keep_the_bounds(library):
     assert max(held) > 1
 
 
-def test_a_step_that_nothing_stands_against_is_itself(library):
+def test_a_step_that_nothing_stands_against_is_itself():
     step = np.full(5, 0.1)
     none = np.zeros((0, 7))
     assert nearest(step, [none])[0] == pytest.approx(step)
@@ -57,28 +49,15 @@ def test_a_step_that_nothing_stands_against_is_itself(library):
     assert list(active) == []
 
 
-def test_bounds_that_no_step_keeps_have_none(library):
+def test_bounds_that_no_step_keeps_have_none():
     against = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
     assert nearest(np.zeros(5), [against])[0] is None
 
 
 @pytest.mark.parametrize("many", [MOST, 100])
-def test_the_bounds_with_the_least_room_count_and_are_reported_by_number(library, many):
+def test_the_bounds_with_the_least_room_count_and_are_reported_by_number(many):
     wide = np.tile([-1.0, 0.0, 0.0, 0.0, 0.0, -5.0, 1.0], (many, 1))
     tight = np.array([[0.0, -1.0, 0.0, 0.0, 0.0, -0.5, 0.0]])
     x, active = nearest(np.ones(5), [wide, tight])
     assert x == pytest.approx([1.0, 0.5, 1.0, 1.0, 1.0])
     assert list(active) == [many]
-
-
-def test_plain_and_compiled_find_the_same(monkeypatch):
-    random = np.random.default_rng(2)
-    asked = [drawn(random, n) for n in (1, 2, 3, 5, 8, 12, 20) for _ in range(30)]
-    compiled = [nearest(step, [bounds]) for step, bounds in asked]
-    monkeypatch.setattr(module, "native", lambda: Native(None, 0, "switched off"))
-    for (step, bounds), (x, active) in zip(asked, compiled, strict=True):
-        plain, same = nearest(step, [bounds])
-        assert (plain is None) == (x is None)
-        assert list(active) == list(same)
-        if x is not None:
-            assert x == pytest.approx(plain, abs=1e-9)

@@ -15,7 +15,6 @@ from so101_motion.planning.kinematics.geometry_from_model import (
     rotation,
 )
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.kinematics.orientation_fit import Orientation
 
 
 @pytest.fixture(scope="module")
@@ -181,35 +180,3 @@ def test_angles_rounded_to_six_digits_are_forgiven(tmp_path):
     text = text.replace("1.5707963267948966", "1.5708").replace("3.141592653589793", "3.14159")
     (tmp_path / "rounded.urdf").write_text(text)
     assert measure_structure(RobotModel.load(tmp_path / "rounded.urdf"))
-
-
-def test_pitch_and_roll_undo_the_rotation_they_made(model, structure):
-    for q in configurations(model, 200, seed=5):
-        orientation = Orientation(structure.measures, model.frame(q).R)
-        pitch, roll = orientation.pitch_and_roll(float(q[0]))
-        assert math.remainder(pitch - q[1:4].sum(), math.tau) == pytest.approx(0.0, abs=1e-7)
-        assert roll == pytest.approx(q[4], abs=1e-7)
-        assert orientation.roll(float(q[0]), pitch) == pytest.approx(roll, abs=1e-7)
-        assert math.remainder(
-            orientation.pitch(float(q[0]), roll) - pitch, math.tau
-        ) == pytest.approx(0.0, abs=1e-7)
-
-
-def test_pitch_and_roll_come_as_near_as_any_on_a_grid(model, structure):
-    rng = np.random.default_rng(6)
-    m = structure.measures
-
-    def miss(R_base_tool, pan, pitch, roll):
-        return rotation_angle(R_base_tool.T @ rotation(m, np.array([pan, pitch, 0.0, 0.0, roll])))
-
-    for _ in range(4):
-        R_base_tool = SE3.from_rpy(rng.uniform(-3.0, 3.0, 3)).R
-        pan = float(rng.uniform(-1.0, 1.0))
-        orientation = Orientation(m, R_base_tool)
-        found = miss(R_base_tool, pan, *orientation.pitch_and_roll(pan))
-        grid = np.linspace(-math.pi, math.pi, 25)
-        assert found <= min(miss(R_base_tool, pan, a, b) for a in grid for b in grid) + 1e-12
-        best_roll = miss(R_base_tool, pan, 0.4, orientation.roll(pan, 0.4))
-        assert best_roll <= min(miss(R_base_tool, pan, 0.4, b) for b in grid) + 1e-12
-        best_pitch = miss(R_base_tool, pan, orientation.pitch(pan, 0.4), 0.4)
-        assert best_pitch <= min(miss(R_base_tool, pan, a, 0.4) for a in grid) + 1e-12

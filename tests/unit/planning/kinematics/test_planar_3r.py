@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from so101_motion.planning.kinematics.nearest_pitch import nearest_bend
 from so101_motion.planning.kinematics.planar_3r import TAU, Bars, Hand, Target, ThreeBars
 
 BARS = Bars(
@@ -63,7 +62,6 @@ def test_out_of_the_links_reach_there_is_no_bend(bars):
     far = Target(0.4, 0.0, HANDS[0])
     assert bars.bends(far, 0.0) == []
     assert bars.nearest_pitch(far, 0.0) == []
-    assert nearest_bend(bars, far, (0.0, 0.0, 0.0), math.inf) is None
 
 
 def test_a_micrometre_beyond_reach_is_met_with_a_straight_arm(bars):
@@ -111,18 +109,6 @@ def test_intervals_come_nearest_first(bars):
     assert gaps[0] == 0.0
 
 
-def test_degenerate_targets_and_hands_have_postures_too(bars):
-    elbow = (1.0, 0.5, 0.2)
-    wrist_at = bars.points(elbow, Hand(0.0, 0.0))[-1]
-    square, _ = nearest_bend(bars, Target(*wrist_at, Hand(0.0, 0.0)), elbow, math.inf)
-    assert square < 1e-12
-    reach = math.dist(bars.points((0.0, 1.2, 0.0), Hand(0.0, 0.0))[-1], (0.0, 0.0))
-    at_shoulder = Target(0.0, 0.0, Hand(reach, 2.0))
-    found = nearest_bend(bars, at_shoulder, (0.0, 1.2, 0.0), math.inf)
-    if found:
-        assert math.dist(bars.points(found[1].angles, at_shoulder.hand)[-1], (0.0, 0.0)) < 1e-9
-
-
 @pytest.mark.parametrize("hand", HANDS)
 def test_the_nearest_pitch_is_no_farther_than_any_on_a_grid(bars, hand):
     rng = np.random.default_rng(2)
@@ -139,36 +125,3 @@ def test_the_nearest_pitch_is_no_farther_than_any_on_a_grid(bars, hand):
         )
         # Where a limit is only touched, the slack of a joint moves the pitch by its square root.
         assert found <= best + 1e-3
-
-
-@pytest.mark.parametrize("hand", HANDS)
-@pytest.mark.parametrize("from_home", [True, False])
-def test_the_nearest_posture_is_rarely_beaten_by_a_grid_and_never_by_much(bars, hand, from_home):
-    grid = np.linspace(-math.pi, math.pi, 361)
-    beaten = 0
-    targets, seeds = configurations(60, seed=4), configurations(60, seed=5)
-    for angles, seed in zip(targets, seeds, strict=True):
-        target = target_of(bars, angles, hand)
-        seed = (0.0, 0.0, 0.0) if from_home else tuple(seed)
-        square, bend = nearest_bend(bars, target, seed, math.inf)
-        assert math.dist(bars.points(bend.angles, hand)[-1], target[:2]) < 1e-12
-        assert bars.allows(bend.angles)
-        assert math.sqrt(square) == pytest.approx(distance(bend.angles, seed))
-        best = min(distance(b.angles, seed) for p in grid for b in bars.bends(target, p))
-        assert math.sqrt(square) <= best + 0.05
-        beaten += math.sqrt(square) > best + 1e-3
-    assert beaten <= 1
-
-
-def test_a_seed_that_reaches_the_target_is_returned(bars):
-    for angles in configurations(200, seed=6):
-        target = target_of(bars, angles, HANDS[1])
-        square, bend = nearest_bend(bars, target, tuple(angles), math.inf)
-        assert square < 1e-18
-        assert distance(bend.angles, angles) < 1e-9
-
-
-def test_postures_farther_than_the_ceiling_are_not_found(bars):
-    target = target_of(bars, (0.5, 0.5, 0.5), HANDS[0])
-    square, _ = nearest_bend(bars, target, (0.0, 0.0, 0.0), math.inf)
-    assert nearest_bend(bars, target, (0.0, 0.0, 0.0), 0.99 * square) is None

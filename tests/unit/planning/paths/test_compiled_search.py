@@ -14,8 +14,6 @@ from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds
 from so101_motion.planning.paths.path import SPACING, PathFinder
 from so101_motion.planning.paths.rrt_connect import Deadline, Space
 
-pytestmark = pytest.mark.skipif(native().library is None, reason=native().reason or "there")
-
 POST = Scene(
     obstacles=(
         Obstacle(

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from so101_motion.planning.native.library import Native, native
-from so101_motion.planning.timing import online, stop_paths
+from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.stop_paths import StopPaths
 from so101_motion.planning.timing.trajectory import Setpoint
@@ -18,8 +17,6 @@ LIMITS = MotionLimits(
     jerk=np.array([60.0, 150.0, 90.0, 400.0, 200.0]),
 )
 
-compiled = pytest.mark.skipif(native().library is None, reason="there is no compiled library")
-
 
 def drawn(random):
     """A state, some joints of it at rest, at a constant speed, or beyond their caps."""
@@ -27,12 +24,6 @@ def drawn(random):
     qd[random.random(5) < 0.2] = 0.0
     qdd[random.random(5) < 0.3] = 0.0
     return Setpoint(q=random.normal(0.0, 1.0, 5), qd=qd, qdd=qdd)
-
-
-def by_ruckig(monkeypatch, paths, now):
-    with monkeypatch.context() as patched:
-        patched.setattr(stop_paths, "native", lambda: Native(None, 0, ""))
-        return paths.to_rest(now)
 
 
 def assert_same(found, expected):
@@ -45,19 +36,17 @@ def assert_same(found, expected):
         assert mine == pytest.approx(others, abs=1e-6), name
 
 
-@compiled
 @pytest.mark.parametrize("every", [0.02, 0.003, math.inf])
-def test_it_is_ruckigs(monkeypatch, every):
+def test_it_is_ruckigs(every):
     random, paths, counts = np.random.default_rng(7), StopPaths(LIMITS, DT, every), set()
     for _ in range(1000):
         now = drawn(random)
-        found, expected = paths.to_rest(now), by_ruckig(monkeypatch, paths, now)
+        found, expected = paths.to_rest(now), paths._by_ruckig(now)
         assert_same(found, expected)
         counts.add(len(found.path))
     assert len(counts) > 20 or every == math.inf
 
 
-@compiled
 def test_step_by_step_it_ends_at_rest_where_it_was_announced():
     random, paths = np.random.default_rng(8), StopPaths(LIMITS, DT, 0.02)
     for _ in range(200):
@@ -69,9 +58,9 @@ def test_step_by_step_it_ends_at_rest_where_it_was_announced():
         assert now.q == pytest.approx(end, abs=1e-9)
 
 
-def test_joints_at_rest_stay(monkeypatch):
+def test_joints_at_rest_stay():
     paths, now = StopPaths(LIMITS, DT, 0.02), Setpoint.at_rest(np.arange(5.0))
-    for found in (paths.to_rest(now), by_ruckig(monkeypatch, paths, now)):
+    for found in (paths.to_rest(now), paths._by_ruckig(now)):
         assert np.array_equal(found.path, [now.q, now.q])
         assert np.array_equal(found.after.q, now.q)
         assert not found.after.qd.any()
