@@ -23,6 +23,7 @@ catch up faster than they may: the motion has to wait for them (``forgive``), or
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,6 +128,8 @@ class FollowingCheck:
         self._windows = tuple(round(span / dt) for span in tolerances.contact_windows)
         self._before = round(FOLLOWED / dt)
         self._stops = tuple(round(span / dt) for span in STOPPED)
+        self._stops_array = np.array(self._stops)
+        self._stop_rows = -1 - self._stops_array
         self._one_side = round(ONE_SIDE / dt)
         self._kept = 1 + max(self._lag + max(self._windows), self._before + max(self._stops))
         self._wanted, self._seen = LatestRows(self._kept), LatestRows(self._kept)
@@ -216,7 +219,7 @@ class FollowingCheck:
             wanted, seen = side * wanted, side * seen
             shortest = seen[-1 - self._stops[0] :]
             if np.any(shortest.max(axis=0) - shortest[0] <= STANDS):
-                for stop in self._stops:
+                for stop in self._stops_fallen_behind(wanted, seen):
                     held |= (side != 0.0) & self._has_stopped(wanted, seen, stop)
         return held
 
@@ -266,6 +269,17 @@ class FollowingCheck:
             np.abs(stray - self._stray) > BEHIND * self._tolerances.contact_distance
         )
         return missed
+
+    def _stops_fallen_behind(self, wanted: Array, seen: Array) -> Sequence[int]:
+        """The ``stop`` for which ``_has_stopped`` may be true: a joint has fallen behind since.
+
+        In most ticks there are none, and this takes a tenth of the time of looking at each.
+        """
+        stray = wanted - seen
+        fallen = stray[-1] - stray[self._stop_rows]
+        least = np.minimum(self._tolerances.pressed_stray, self._in_play)
+        told: list[int] = self._stops_array[np.any(fallen > least, axis=1)].tolist()
+        return told
 
     def _has_stopped(self, wanted: Array, seen: Array, stop: int) -> NDArray[np.bool_]:
         """Which joints followed slowly and evenly until ``stop`` ticks ago, and stand since.
