@@ -1,0 +1,196 @@
+"""Compare the emulated arm with a recorded one: ``python -m benchmarks.bench_real_arm FILE.npz``.
+
+Each motion is simulated whole, from its first measured position at rest and the goals that were
+sent. ``--arm delivered`` is the arm of ``so101 emulate``; the default is the kind that the
+recordings in ``docs/emulator.md`` call for (``RECORDED``). The format is that of
+``benchmarks/emulated_arm.py``.
+
+Prints, for each joint and for each motion, the mean of |emulated - measured| after one constant a
+joint is removed, because a calibrated zero is known to some degrees only; how long steps take, how
+far smooth motions lag, and how far joints stand from goals at rest, measured and emulated. The last
+line begins with the mean over all samples of the five arm joints [rad].
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import _common
+from benchmarks.emulated_arm import ARMS, Array, Recording, emulate, load
+from so101_motion.common.state import ARM_JOINTS
+
+_N = len(ARM_JOINTS)
+_RATE = 100.0
+"""Commands and positions are compared at so many samples a second; chosen, twice the recorder's."""
+
+_STILL = 1.5
+"""A joint rests when its goal has stood still for so long [s]."""
+
+_STEP, _HOLD = np.radians(8.0), 0.5
+"""A step is a goal that jumps by so much [rad] and stays for this long before and after it [s]."""
+
+_SHARES = (0.05, 0.5, 0.95)
+_MOST_LAG = 0.4
+"""Longest lag that is looked for [s]."""
+
+Row = Mapping[str, object]
+
+
+class Motion:
+    """One motion on a common grid of time, joints as columns.
+
+    Attributes:
+        command: Goals, shape (k, 5), [rad].
+        real: Measured, shape (k, 5), [rad].
+        emulated: Emulated, shape (k, 5), [rad].
+    """
+
+    def __init__(self, recording: Recording, position: Array, zero: Array) -> None:
+        t_cmd, t = recording["t_cmd_s"], recording["t_s"]
+        self.t = np.arange(max(t[0], t_cmd[0]), min(t[-1], t_cmd[-1]), 1.0 / _RATE)
+        held = np.searchsorted(t_cmd, self.t, side="right") - 1
+        self.command = recording["command"][held, :_N]
+        self.real, self.emulated = (
+            np.column_stack([np.interp(self.t, t, each[:, j]) for j in range(_N)])
+            for each in (recording["position"] + np.append(zero, 0.0), position)
+        )
+
+    def steps(self, joint: int) -> Iterator[tuple[Array, Array]]:
+        """Times to ``_SHARES`` of the way of each step [s]: measured, emulated."""
+        goal, hold = self.command[:, joint], round(_HOLD * _RATE)
+        jumps = np.flatnonzero(np.abs(np.diff(goal)) > _STEP)
+        for k in jumps:
+            after = slice(k + 1, k + 1 + hold)
+            before = goal[max(k - hold, 0) : k + 1]
+            if k + 1 + hold < len(goal) and np.ptp(goal[after]) == 0.0 == np.ptp(before):
+                ways = [each[k : k + hold, joint] for each in (self.real, self.emulated)]
+                yield _arrivals(ways[0]), _arrivals(ways[1])
+
+    def lag(self, joint: int) -> tuple[float, float] | None:
+        """By how much the joint follows later than its goal [s]: measured, emulated.
+
+        None for a goal that rests or jumps.
+        """
+        goal = self.command[:, joint]
+        moves = np.abs(np.diff(goal))
+        if np.ptp(goal) < np.radians(5.0) or moves.max() > np.radians(2.0) or len(goal) < 500:
+            return None
+        if np.mean(moves > 0.0) < 0.2:
+            return None
+        return _lag(goal, self.real[:, joint]), _lag(goal, self.emulated[:, joint])
+
+    def at_rest(self, joint: int) -> Array:
+        """Goal minus position wherever the goal has stood for ``_STILL``, shape (2, n), [rad]."""
+        goal, still = self.command[:, joint], round(_STILL * _RATE)
+        changed = np.flatnonzero(np.diff(goal, prepend=np.nan) != 0.0)
+        since = (
+            np.arange(len(goal))
+            - changed[np.searchsorted(changed, np.arange(len(goal)), side="right") - 1]
+        )
+        rests = since >= still
+        both = np.array([self.real[rests, joint], self.emulated[rests, joint]])
+        return np.asarray(goal[rests] - both)
+
+
+def _arrivals(way: Array) -> Array:
+    share = (way - way[0]) / (way[-1] - way[0] or np.nan)
+    found = []
+    for part in _SHARES:
+        k = int(np.argmax(share >= part))  # 0 if it never arrives
+        before = share[k - 1 : k + 1]
+        found.append((k - 1 + np.interp(part, before, (0.0, 1.0))) / _RATE if k else np.nan)
+    return np.array(found)
+
+
+def _lag(goal: Array, position: Array) -> float:
+    n = round(_MOST_LAG * _RATE)
+    centred = position[n:] - position[n:].mean()
+    off = [
+        np.sum(
+            np.square(centred - (goal[n - k : len(goal) - k] - goal[n - k : len(goal) - k].mean()))
+        )
+        for k in range(n)
+    ]
+    return float(np.argmin(off)) / _RATE
+
+
+def zeros(recordings: list[Recording], positions: list[Array]) -> Array:
+    """What to add to measured angles to agree with the emulated ones, shape (5,), [rad]."""
+    pairs = zip(recordings, positions, strict=True)
+    off = np.concatenate([position[:, :_N] - each["position"][:, :_N] for each, position in pairs])
+    return np.asarray(np.median(off, axis=0))
+
+
+def figures(
+    recordings: Mapping[str, Recording], positions: list[Array], zero: Array
+) -> Iterator[Row]:
+    """The rows of the table."""
+    raws = list(recordings.values())
+    errors = [
+        np.abs(position[:, :_N] - each["position"][:, :_N] - zero)
+        for each, position in zip(raws, positions, strict=True)
+    ]
+    all_of_them = np.concatenate(errors)
+    yield {
+        "what": "error [rad]",
+        **dict(zip(ARM_JOINTS, all_of_them.mean(axis=0), strict=True)),
+        "arm": all_of_them.mean(),
+    }
+    yield {"what": "constant removed [deg]", **dict(zip(ARM_JOINTS, np.degrees(zero), strict=True))}
+    for name, error in zip(recordings, errors, strict=True):
+        yield {
+            "what": f"error, {name} [rad]",
+            **dict(zip(ARM_JOINTS, error.mean(axis=0), strict=True)),
+            "arm": error.mean(),
+        }
+    motions = [Motion(each, position, zero) for each, position in zip(raws, positions, strict=True)]
+    for k, whose in enumerate(("measured", "emulated")):
+        for i, share in enumerate(_SHARES):
+            times = {
+                joint: [pair[k][i] for motion in motions for pair in motion.steps(j)]
+                for j, joint in enumerate(ARM_JOINTS)
+            }
+            yield {"what": f"steps, {share:.0%} after [s], {whose}", **_medians(times)}
+        lags = {
+            joint: [lag[k] for motion in motions if (lag := motion.lag(j)) is not None]
+            for j, joint in enumerate(ARM_JOINTS)
+        }
+        yield {"what": f"lag of smooth motions [s], {whose}", **_medians(lags)}
+        rests = {
+            joint: np.degrees(
+                np.abs(np.concatenate([motion.at_rest(j)[k] for motion in motions]))
+            ).mean()
+            for j, joint in enumerate(ARM_JOINTS)
+        }
+        yield {"what": f"from the goal at rest [deg], {whose}", **rests}
+
+
+def _medians(values: Mapping[str, list[float]]) -> dict[str, float]:
+    return {joint: float(np.nanmedian(each)) for joint, each in values.items() if each}
+
+
+def main() -> None:
+    """Simulate and compare."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("recordings", type=Path)
+    parser.add_argument("--arm", choices=sorted(ARMS), default="recorded")
+    parser.add_argument("--save", metavar="WORDS", help="whose recordings; writes the figures")
+    asked = parser.parse_args()
+    recordings = load(asked.recordings)
+    positions = emulate(list(recordings.values()), ARMS[asked.arm])
+    zero = zeros(list(recordings.values()), positions)
+    rows = list(figures(recordings, positions, zero))
+    if asked.save:
+        counts = {"what": f"recordings: {asked.save}", "n": len(recordings)}
+        _common.write("bench_real_arm", [counts, *rows])
+    else:
+        _common.print_table("bench_real_arm", rows)
+    print(f"{rows[0]['arm']:.5f} rad mean absolute error over the five arm joints")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""The emulated arm, given the goals of a recorded one: what would its servos have reported?
+
+A recording is a dictionary of arrays: ``t_cmd_s`` (n,) and ``command`` (n, 6), when which goals
+were sent; ``t_s`` (m,) and ``position`` (m, 6), when and what was measured. Five joints in radians
+from the middle of their calibrated travel, the jaw from 0 (closed) to 1 (open); times in seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cache
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.electric import Supply
+from so101_motion.drivers.emulator.joint_figures import SO101, TICKS_PER_RAD, Joint
+from so101_motion.drivers.emulator.servo import Servo
+from so101_motion.drivers.emulator.world import World
+from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoType
+from so101_motion.planning.kinematics.model import RobotModel
+
+Array = NDArray[np.float64]
+Recording = Mapping[str, Array]
+
+_CENTRE = 2048
+_SETTLE = 1.0
+"""How long the first goal is held before the recording begins [s]; chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arm:
+    """What the emulated arm is like.
+
+    Attributes:
+        kind: The type of its servos.
+        joints: Its joints.
+        gains: Registers 21 and 22 (P and D).
+        read_age: How old each servo's position is at its time stamp, shape (6,), [s].
+    """
+
+    kind: ServoType = STS3215_12V
+    joints: tuple[Joint, ...] = SO101
+    gains: tuple[int, int] = (16, 32)
+    read_age: tuple[float, ...] = field(default=(0.018, 0.015, 0.012, 0.009, 0.006, 0.003))
+
+
+_UNLIMITED = 1e6  # [tick/s^2]
+
+RECORDED = Arm(
+    kind=replace(
+        STS3215_7V4,
+        name="STS3215-C001, as recorded",
+        armature=0.0126,
+        viscous=0.0,
+        coulomb=0.106,
+        load_external=0.208,
+        load_motor=0.179,
+        still_external=0.145,
+        stribeck_speed=0.374,
+        goal_delay=0.0,
+    ),
+    joints=tuple(
+        replace(each, acceleration_offset=_UNLIMITED, acceleration_ceiling=_UNLIMITED, lash=0.0104)
+        for each in SO101
+    ),
+)
+"""A real arm's servos (Apache-2.0 recordings of the sage project, February 2026; 25 motions).
+
+That they are 7.4 V servos at 7.4 V is a finding: with the 12 V type, which those on a pendulum are,
+the same fit is half as far off again, and other voltages are worse. Nothing limits the acceleration
+of their set-points. Friction, inertia and play were fitted on ten of the motions.
+"""
+
+ARMS = {"delivered": Arm(), "recorded": RECORDED}
+"""The arm that ``so101 emulate`` is, and the one on record."""
+
+
+def load(file: Path) -> dict[str, dict[str, Array]]:
+    """The recordings in an npz file whose keys are ``MOTION/NAME``."""
+    found: dict[str, dict[str, Array]] = {}
+    with np.load(file) as archive:
+        for key in archive:
+            motion, name = key.rsplit("/", 1)
+            found.setdefault(motion, {})[name] = np.asarray(archive[key], dtype=np.float64)
+    return found
+
+
+def emulate(recordings: Sequence[Recording], arm: Arm) -> list[Array]:
+    """What the emulated servos report at the recordings' times, each (m, 6) as ``position``."""
+    with ProcessPoolExecutor() as pool:
+        return list(pool.map(emulate_one, recordings, repeat(arm)))
+
+
+@cache
+def _model() -> RobotModel:
+    return RobotModel.load()
+
+
+def emulate_one(recording: Recording, arm: Arm) -> Array:
+    """One recording, whole, from its first measured position at rest."""
+    command, times = _in_joint_angles(recording["command"]), recording["t_s"]
+    begins = _in_joint_angles(recording["position"][:1])[0]
+    servos = [
+        Servo(joint, arm.kind, q=float(q)) for joint, q in zip(arm.joints, begins, strict=True)
+    ]
+    world = World(servos, gravity=_model().gravity_torque, supply=Supply(arm.kind.volts))
+    for servo in servos:
+        for row, value in (
+            (reg.P_GAIN, arm.gains[0]), (reg.D_GAIN, arm.gains[1]),
+            (reg.MIN_POSITION, 0), (reg.MAX_POSITION, 0),
+        ):  # fmt: skip
+            _write(servo, row, value)
+    origin = float(recording["t_cmd_s"][0])
+    begin = min(float(times[0]), origin)
+    events: list[tuple[float, int, int]] = [
+        *((float(t), 7, k) for k, t in enumerate(recording["t_cmd_s"])),
+        *(
+            (float(t) - age, joint, k)
+            for joint, age in enumerate(arm.read_age)
+            for k, t in enumerate(times)
+        ),
+    ]
+    _send(servos, command[0])
+    for servo in servos:
+        _write(servo, reg.TORQUE_ENABLE, 1)
+    found = np.empty((len(times), 6))
+    for t, what, k in sorted(events):
+        world.advance(max(t - begin, 0.0) + _SETTLE)
+        if what == 7:
+            _send(servos, command[k])
+        else:
+            found[k, what] = _read(servos[what])
+    return found
+
+
+def _in_joint_angles(command: Array) -> Array:
+    """Commands with the jaw in radians, between the stops of its joint."""
+    q = command.copy()
+    jaw = SO101[5]
+    q[:, 5] = jaw.lower + np.clip(command[:, 5], 0.0, 1.0) * (jaw.upper - jaw.lower)
+    return q
+
+
+def _send(servos: Sequence[Servo], q: Array) -> None:
+    for servo, angle in zip(servos, q, strict=True):
+        ticks = servo.joint.zero_ticks + servo.joint.direction * float(angle) * TICKS_PER_RAD
+        _write(servo, reg.GOAL_POSITION, round(ticks))
+
+
+def _read(servo: Servo) -> float:
+    shown = int.from_bytes(servo.read(reg.PRESENT_POSITION.address, 2) or b"", "little")
+    ticks = reg.PRESENT_POSITION.decode(shown)
+    return servo.joint.direction * (ticks - servo.joint.zero_ticks) / TICKS_PER_RAD
+
+
+def _write(servo: Servo, row: reg.Register, value: int) -> None:
+    servo.write(bytes((row.address,)) + row.encode(value).to_bytes(row.size, "little"))
