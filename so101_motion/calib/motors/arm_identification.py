@@ -15,7 +15,7 @@ Otherwise the answer is ``unknown``, without guessing: a leader must not be take
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,6 +26,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import Fault, Register
+from so101_motion.drivers.feetech.servo_settings import OddSetting, odd_settings, read_registers
 from so101_motion.drivers.feetech.servo_judgement import (
     ServoTrouble,
     judge,
@@ -35,46 +36,8 @@ from so101_motion.drivers.feetech.servo_judgement import (
 
 Role = Literal["follower", "leader", "unknown"]
 
-PROTECTIONS = 44
-"""Faults that act on the motor: temperature, current, overload; as delivered (FT)."""
-
 _MODELS = {reg.STS3215_MODEL: "sts3215", 2825: "sts3250", 1540: "sts3250"}  # LR; Feetech's Go users
 _SAME = 1  # [tick], the published module stores an offset that is one off its file's
-
-_LOOK_AT = (
-    reg.FIRMWARE_MAJOR,
-    reg.FIRMWARE_MINOR,
-    reg.MODEL_NUMBER,
-    reg.ID,
-    reg.BAUD_RATE,
-    reg.RETURN_DELAY,
-    reg.STATUS_LEVEL,
-    reg.MIN_POSITION,
-    reg.MAX_POSITION,
-    reg.MAX_TEMPERATURE,
-    reg.MAX_VOLTAGE,
-    reg.MIN_VOLTAGE,
-    reg.MAX_TORQUE,
-    reg.PHASE,
-    reg.UNLOADING,
-    reg.P_GAIN,
-    reg.D_GAIN,
-    reg.I_GAIN,
-    reg.PROTECTION_CURRENT,
-    reg.HOMING_OFFSET,
-    reg.OPERATING_MODE,
-    reg.OVERLOAD_TORQUE,
-    reg.TORQUE_ENABLE,
-    reg.TORQUE_LIMIT,
-    reg.LOCK,
-    reg.PRESENT_POSITION,
-    reg.PRESENT_LOAD,
-    reg.PRESENT_VOLTAGE,
-    reg.PRESENT_TEMPERATURE,
-    reg.STATUS,
-    reg.PRESENT_CURRENT,
-)
-_END = reg.PRESENT_CURRENT.address + reg.PRESENT_CURRENT.size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,33 +107,14 @@ class ServoFacts:
         return None if found is None or found.level == "note" else (found.sentence, found.fix)
 
     @property
-    def odd_settings(self) -> tuple[str, ...]:
-        """The settings that keep it from working in an arm.
-
-        An empty tuple if there are none.
-        """
-        return tuple(sentence for is_odd, sentence in self._settings() if is_odd)
+    def odd_settings(self) -> tuple[OddSetting, ...]:
+        """The settings with which it does not move its joint well; see ``servo_settings``."""
+        return odd_settings(self.held)
 
     @property
     def has_sound_limits(self) -> bool:
         """Whether its limits leave it a travel; equal ones let it turn without end."""
         return self.holds(reg.MIN_POSITION) < self.holds(reg.MAX_POSITION)
-
-    def _settings(self) -> Iterator[tuple[bool, str]]:
-        mode, phase = self.holds(reg.OPERATING_MODE), self.holds(reg.PHASE)
-        lower, upper = self.holds(reg.MIN_POSITION), self.holds(reg.MAX_POSITION)
-        yield mode != 0, f"it is in mode {mode}, not in position mode"
-        yield bool(phase & reg.MULTI_TURN), "it counts more than one turn"
-        yield (
-            not self.has_sound_limits,
-            f"its limits {lower} to {upper} leave it no travel",
-        )
-        yield self.holds(reg.STATUS_LEVEL) != 1, "it does not acknowledge commands"
-        yield self.holds(reg.MAX_TORQUE) == 0, "its largest torque is 0"
-        yield (
-            self.holds(reg.UNLOADING) & PROTECTIONS != PROTECTIONS,
-            "its protection against heat or overload is switched off",
-        )
 
     @property
     def is_calibrated(self) -> bool:
@@ -222,10 +166,7 @@ class ServosOnBus:
 
 def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
     """Read a servo's model and settings."""
-    block = bus.read_block(servo_id, 0, _END, what="a read of its model and settings")
-    return ServoFacts(
-        servo_id=servo_id, held={register.name: register.cut(block, 0) for register in _LOOK_AT}
-    )
+    return ServoFacts(servo_id=servo_id, held=read_registers(bus, servo_id))
 
 
 def look(bus: Bus) -> ServosOnBus:
