@@ -8,7 +8,7 @@ A warning means that it works, but not as well as it could.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from so101_motion.calib.motors.arm_identification import ServoFacts
@@ -16,9 +16,12 @@ from so101_motion.calib.record import compare
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.attributes import SPEED_RANGE_DEG
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.defaults import BAUDRATE
 from so101_motion.drivers.feetech.servo_judgement import BROKEN, LOSSY, sag
+from so101_motion.drivers.feetech.servo_settings import REPAIR
 from so101_motion.setup.findings import Findings
 
 Verdict = Literal["ok", "warn", "fail"]
@@ -117,17 +120,28 @@ _PLUG_IN = "plug the adapter in, switch the arm's power supply on, or name the p
 def _servos(seen: Findings) -> Iterator[Check]:
     if seen.servos is None:
         return
+    if seen.baudrate != BAUDRATE:
+        yield fail(
+            "baud rate",
+            f"the servos talk at {seen.baudrate} baud, not at {BAUDRATE}; their supply is on",
+            f'{REPAIR} sets {BAUDRATE}; or give their components "baudrate": {seen.baudrate}',
+        )
     wrong = [check for check in seen.servos.motors.values() if check.error]
     is_silent = wrong and all(check.status == "not_responding" for check in wrong)
     if is_silent and not seen.facts:
         yield fail("servos", seen.servos.sentence, wrong[0].fix)
         return
     for check in wrong:
-        fix = check.fix
-        if check.status in ("duplicate", "wrong_settings"):
-            fix += f" (so101 setup --joint {check.joint})"
         name = f"servo {check.servo_id}"
-        yield fail(name, check.error, fix)
+        if check.status == "not_responding" and check.joint == GRIPPER_JOINT and _has_arm(seen):
+            yield warn(name, f"{check.error}: the arm moves without its jaw", check.fix)
+        elif check.status == "wrong_voltage" and check.facts and not check.facts.has_harmful_supply:
+            yield warn(name, check.error, check.fix)
+        elif check.status != "wrong_settings":
+            hint = f" (so101 setup --joint {check.joint})" if check.status == "duplicate" else ""
+            yield fail(name, check.error, check.fix + hint)
+    for joint, facts in seen.facts.items():
+        yield from _settings(joint, facts, seen.stored)
     if seen.servos.unexpected_ids:
         ids = ", ".join(map(str, seen.servos.unexpected_ids))
         yield fail(
@@ -139,6 +153,22 @@ def _servos(seen: Findings) -> Iterator[Check]:
         models = ", ".join({facts.model for facts in seen.facts.values()})
         text = f"all six answer ({models})" if models else "all six answer"  # a machine tells less
         yield ok("servos", text)
+
+
+def _settings(joint: str, facts: ServoFacts, stored: Stored | None) -> Iterator[Check]:
+    """Check the settings of a servo, which may turn the other way if its calibration says so."""
+    name, who = f"servo {facts.servo_id}", f"servo {facts.servo_id} ({joint})"
+    filed = stored.calibration.get(joint) if stored is not None else None
+    counts_down = filed is not None and filed.drive_mode != 0
+    for odd in replace(facts, counts_down=counts_down).odd_settings:
+        verdict: Verdict = "fail" if odd.forbids else "warn"
+        yield Check(name=name, verdict=verdict, sentence=f"{who}: {odd.sentence}", fix=odd.fix)
+    if facts.model_note:
+        yield warn(name, f"{who} {facts.model_note}", "nothing needs to be done")
+
+
+def _has_arm(seen: Findings) -> bool:
+    return all(joint in seen.facts for joint in ARM_JOINTS)
 
 
 def _firmware(seen: Findings) -> Iterator[Check]:

@@ -25,6 +25,7 @@ from so101_motion.calib.motors.setup_view import Verification
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero_report import ZeroReport
 from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.defaults import BAUDRATE
 from so101_motion.drivers.feetech.health import VITALS_COUNT, VITALS_START
 from so101_motion.planning.native.library import native
 
@@ -57,6 +58,7 @@ class Findings:
     Attributes:
         software: Versions of this package and others, by name; empty text for missing ones.
         port: The serial port; None for the simulated arm.
+        baudrate: The rate at which its servos answer [bit/s].
         supply_trouble: What is wrong with the supply of the first servo and what to do about it, as
             long as not all servos were looked at.
         latency_timer: How long the adapter holds bytes back [s].
@@ -70,6 +72,7 @@ class Findings:
 
     software: Mapping[str, str] = field(default_factory=dict)
     port: str | None = None
+    baudrate: int = BAUDRATE
     adapter: str = ""
     port_trouble: str = ""
     interfering_programs: Mapping[str, str] = field(default_factory=dict)

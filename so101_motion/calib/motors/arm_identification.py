@@ -26,13 +26,13 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import Fault, Register
-from so101_motion.drivers.feetech.servo_settings import OddSetting, odd_settings, read_registers
 from so101_motion.drivers.feetech.servo_judgement import (
     ServoTrouble,
     judge,
     judge_supply,
     nominal_volts,
 )
+from so101_motion.drivers.feetech.servo_settings import OddSetting, odd_settings, read_registers
 
 Role = Literal["follower", "leader", "unknown"]
 
@@ -42,10 +42,16 @@ _SAME = 1  # [tick], the published module stores an offset that is one off its f
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoFacts:
-    """The registers of one servo, and what follows from them."""
+    """The registers of one servo, and what follows from them.
+
+    Attributes:
+        held: The registers by name, decoded.
+        counts_down: Whether its calibration says that it counts down with the joint angle.
+    """
 
     servo_id: int
     held: Mapping[str, int]
+    counts_down: bool = False
 
     def holds(self, register: Register) -> int:
         """The decoded value of a register."""
@@ -58,9 +64,16 @@ class ServoFacts:
         return _MODELS.get(number, f"model {number}")
 
     @property
-    def is_sts3215(self) -> bool:
-        """Whether it is of the arm's kind."""
-        return self.holds(reg.MODEL_NUMBER) == reg.STS3215_MODEL
+    def fits_arm(self) -> bool:
+        """Whether it can drive a joint: an STS3215, or the stronger STS3250 with its registers."""
+        return self.holds(reg.MODEL_NUMBER) in _MODELS
+
+    @property
+    def model_note(self) -> str:
+        """What it means that it is no STS3215, though it can drive a joint; empty if it is one."""
+        if self.model == "sts3215" or not self.fits_arm:
+            return ""
+        return f"is an {self.model}: it works, with the speed and strength planned for an STS3215"
 
     @property
     def firmware(self) -> str:
@@ -107,9 +120,14 @@ class ServoFacts:
         return None if found is None or found.level == "note" else (found.sentence, found.fix)
 
     @property
+    def has_harmful_supply(self) -> bool:
+        """Whether its joint must not be moved with its supply."""
+        return any(each.kind == "supply" and each.level == "stop" for each in self.troubles)
+
+    @property
     def odd_settings(self) -> tuple[OddSetting, ...]:
         """The settings with which it does not move its joint well; see ``servo_settings``."""
-        return odd_settings(self.held)
+        return odd_settings(self.held, counts_down=self.counts_down)
 
     @property
     def has_sound_limits(self) -> bool:
@@ -161,7 +179,7 @@ class ServosOnBus:
 
     def _is_there(self, servo_id: int) -> bool:
         facts = self.servos.get(servo_id)
-        return facts is not None and facts.is_sts3215
+        return facts is not None and facts.fits_arm
 
 
 def read_facts(bus: Bus, servo_id: int) -> ServoFacts:

@@ -52,25 +52,31 @@ def settings(joint: str, facts: ServoFacts, *, moved: bool) -> dict[Register, in
     """
     is_jaw = joint == GRIPPER_JOINT
     wanted = {
-        **mended(facts.held),
+        **repairs(facts),
         reg.RETURN_DELAY: 0,
         reg.MAX_TORQUE: JAW_TORQUE if is_jaw else _FULL_TORQUE,
     }
     if not is_jaw:
         wanted[reg.OVERLOAD_TORQUE] = OVERLOAD_PERCENT
-    if moved or not facts.has_sound_limits:
-        wanted |= _UNCALIBRATED
-    return wanted
+    return wanted | _UNCALIBRATED if moved else wanted
 
 
-def program(bus: Bus, servo_id: int, wanted: Mapping[Register, int]) -> tuple[str, ...]:
-    """Store ``wanted`` in a servo for good, and switch its torque off.
+def repairs(facts: ServoFacts) -> dict[Register, int]:
+    """The settings for the EEPROM of a servo that stays what it is: those it has, mended."""
+    wanted = mended(facts.held)
+    return wanted if facts.has_sound_limits else wanted | _UNCALIBRATED
+
+
+def program(
+    bus: Bus, servo_id: int, wanted: Mapping[Register, int], *, anew: bool = False
+) -> tuple[str, ...]:
+    """Store ``wanted`` in a servo for good, and switch its torque off; ``anew`` as in ``store``.
 
     Returns:
         The names of the registers that were changed.
     """
     bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-    changed = bus.store(servo_id, wanted, anew=True)
+    changed = bus.store(servo_id, wanted, anew=anew)
     bus.write(servo_id, reg.LOCK, 1)  # other programs leave it open
     return changed
 

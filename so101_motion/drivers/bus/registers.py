@@ -193,7 +193,7 @@ MOVING = Register("moving", 66, 1, _M, 0, 1, "", 1, "FT: the profile runs")
 PRESENT_CURRENT = Register("present_current", 69, 2, _M, -32766, 32766, "6.5 mA", 6.5e-3,
                            "FT; the sign is FW's", 15)
 D_WINDOW = Register("d_window", 81, 1, _E, 1, 254, "ms", 1e-3, "FT, FW")
-MIN_SPEED = Register("min_speed", 83, 1, _E, 0, 254, "50 tick/s", 50 * _TICK, "FW; FT: other servos'")
+MIN_SPEED = Register("min_speed", 83, 1, _E, 0, 254, "50 tick/s", 50 * _TICK, "FW; FT: SMS")
 MAX_SPEED = Register("max_speed", 84, 1, _E, 0, 254, "50 tick/s", 50 * _TICK, "FT, FW")
 MAX_ACCELERATION = Register("max_acceleration", 85, 1, _E, 0, 254, "100 tick/s^2", 100 * _TICK,
                             "FW: 41 is cut here; LR writes 254")

@@ -97,7 +97,7 @@ def read_registers(bus: Bus, servo_id: int) -> dict[str, int]:
     Raises:
         BusError: It cannot be read.
     """
-    held = {}
+    held: dict[str, int] = {}
     for start, end in _SPANS:  # not all at once: a stale reply is told by its length
         block = bus.read_block(servo_id, start, end - start, what="a read of its settings")
         held |= {
