@@ -299,6 +299,11 @@ def _problem(joint: str, found: JointCalibration) -> tuple[str, str] | None:
             f"homing_offset {found.homing_offset} is more than a servo stores ({LARGEST_OFFSET})",
             "hold the joint nearer to the middle of its travel and calibrate again",
         )
+    if lower > upper:
+        return (
+            f"range_min {lower} is above range_max {upper}",
+            "swap the two if the file was edited by hand, else calibrate the arm again",
+        )
     if not 0 <= lower < upper < TICKS_PER_TURN:
         return f"range {lower} to {upper} is not within 0 to {TICKS_PER_TURN - 1}", _AGAIN
     if upper - lower < NARROWEST:

@@ -27,6 +27,10 @@ REPAIR = 'so101 setup --repair (on a machine the calibration sensor\'s "motor_se
 """What sets all settings as new for good."""
 
 _GAINS = {reg.P_GAIN: 32, reg.D_GAIN: 32, reg.I_GAIN: 0}  # as delivered (FT, WS)
+LEAST_TORQUE = 175
+"""With less drive than this an arm does not carry its own weight stretched out [0.1 %]; emulated,
+12 V."""
+
 _SOFTEST = 16  # P gain; LeRobot's, the softest any program uses on purpose
 _MOST_I = 50  # I gain; an emulated joint swings with 254. Chosen
 
@@ -78,12 +82,13 @@ _ADAPTED = (
     _Range(reg.MAX_SPEED, 60, 254, 150, "its highest speed is {0} x 50 tick/s: it falls behind"),
 )
 _PROTECTING = (
-    _Range(reg.MAX_TORQUE, 100, 1000, 1000, "its largest torque is {0} of 1000"),
     _Range(reg.PROTECTION_CURRENT, 100, 2047, 500, "it lets go at a current of {0} x 6.5 mA"),
     _Range(reg.OVERCURRENT_TIME, 10, 254, 200, "it lets go after {0} x 10 ms of high current"),
     _Range(reg.OVERLOAD_TORQUE, 20, 100, 80, "it takes {0} % drive for an overload"),
     _Range(reg.PROTECTION_TIME, 20, 254, 200, "it takes {0} x 10 ms of drive for an overload"),
+    _Range(reg.MAX_TORQUE, LEAST_TORQUE, 1000, 1000, "its largest torque is {0} of 1000"),
 )
+_FORBIDDEN = {reg.PROTECTION_CURRENT: range(1, 10), reg.MAX_TORQUE: range(LEAST_TORQUE)}
 _SPANS = ((0, reg.PRESENT_CURRENT.address + 2), (reg.D_WINDOW.address, reg.END))
 _JUDGED = (
     *(row.register for row in (*_ADAPTED, *_PROTECTING)),
@@ -153,12 +158,14 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
     for rows, is_adapted in ((_PROTECTING, False), (_ADAPTED, True)):
         for row in rows:
             value = held.get(row.register.name, row.as_new)
+            # After an overload it drives with what register 34 says.
+            lets_go = row.register is reg.OVERLOAD_TORQUE and held.get("protective_torque", 20) < 15
             if not row.lowest <= value <= row.highest:
                 yield OddSetting(
                     sentence=row.sentence.format(value),
                     as_new={row.register: row.as_new},
                     is_adapted=is_adapted,
-                    forbids=not is_adapted,
+                    forbids=value in _FORBIDDEN.get(row.register, ()) or lets_go,
                 )
     hottest = held.get("max_temperature", 70)
     if not 60 <= hottest <= 80:
