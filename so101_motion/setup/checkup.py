@@ -13,7 +13,7 @@ from typing import Literal
 
 from so101_motion.calib.motors.arm_identification import ServoFacts
 from so101_motion.calib.record import compare
-from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, is_reversed
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.attributes import SPEED_RANGE_DEG
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -171,6 +171,18 @@ def _has_arm(seen: Findings) -> bool:
     return all(joint in seen.facts for joint in ARM_JOINTS)
 
 
+def _order(seen: Findings) -> Iterator[Check]:
+    """Recognise ids that were given from the wrong end, by the travels that the servos hold."""
+    held = {joint: held_range(facts) for joint, facts in seen.facts.items() if facts.is_calibrated}
+    if len(held) == len(JOINTS) and is_reversed(held):
+        yield fail(
+            "servos",
+            "the ids run from the jaw to the base, 6 to 1: the servo with the id 1 has the jaw's"
+            " travel, the one with the id 6 a joint's",
+            "so101 setup --start-over, then so101 calibrate",
+        )
+
+
 def _firmware(seen: Findings) -> Iterator[Check]:
     versions = {joint: facts.firmware for joint, facts in seen.facts.items()}
     if len(set(versions.values())) > 1:
@@ -264,6 +276,12 @@ def _calibration(seen: Findings) -> Iterator[Check]:
         yield fail("calibration", seen.file_trouble, fix)
     elif seen.stored is not None:
         yield from _against_servos(seen, seen.stored)
+    elif seen.agreeing_file is not None:
+        yield warn(
+            "calibration",
+            f"{seen.agreeing_file} agrees with the servos in every number, but is not in use here",
+            f"so101 calibration import {seen.agreeing_file} takes it over",
+        )
     elif seen.facts and not any(facts.is_calibrated for facts in seen.facts.values()):
         yield fail("calibration", "there is none", "so101 calibrate")
     elif seen.facts:
@@ -298,6 +316,11 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
     if not differing and not missing:
         text = f"{stored.path}" + (", as the servos have it" if there else "")
         yield ok("calibration", text)
+
+
+def held_range(facts: ServoFacts) -> int:
+    """The travel that a servo's limits leave it [tick]."""
+    return facts.holds(reg.MAX_POSITION) - facts.holds(reg.MIN_POSITION)
 
 
 def held(facts: ServoFacts) -> dict[str, int]:
@@ -366,6 +389,7 @@ _CHECKS: tuple[Callable[[Findings], Iterator[Check]], ...] = (
     _planner,
     _port,
     _servos,
+    _order,
     _firmware,
     _supply,
     _temperature,

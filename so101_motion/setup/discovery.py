@@ -248,6 +248,7 @@ def _judge(port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile]) -> Po
         role=role,
         because=because,
         calibration=file,
+        agreeing=_others_file(fitting) if file is None else None,
         sentence=f"{_about_arm(seen, role, report.joints)}; {about_file}",
     )
 
@@ -278,6 +279,12 @@ def _calibration(
     if any(seen.servos[i].is_calibrated for i in SERVO_IDS.values() if i in seen.servos):
         return None, "its servos are calibrated, but no calibration file was found"
     return None, "it is not calibrated"
+
+
+def _others_file(fitting: Sequence[FoundFile]) -> Path | None:
+    """The file of another program that agrees with the servos; LeRobot's own folders first."""
+    ranked = sorted(fitting, key=lambda found: found.origin != "LeRobot")
+    return ranked[0].path if ranked else None
 
 
 def _is_own(found: FoundFile) -> bool:

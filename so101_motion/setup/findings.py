@@ -63,6 +63,7 @@ class Findings:
             long as not all servos were looked at.
         latency_timer: How long the adapter holds bytes back [s].
         file: The calibration file; None when there is none.
+        agreeing_file: Another program's file that agrees with the servos, if there is no ``file``.
         stored: Its content; None when it cannot be used.
         servo_changes: How servos have changed between the last two identifications.
         speed: Joint speed cap of plans [rad/s]; None when nothing can be moved.
@@ -82,6 +83,7 @@ class Findings:
     servos: Verification | None = None
     bus_quality: BusQuality | None = None
     file: Path | None = None
+    agreeing_file: Path | None = None
     stored: Stored | None = None
     file_trouble: str = ""
     is_unfinished: bool = False

@@ -93,6 +93,7 @@ def about(report: PortReport) -> Findings:
     return Findings(
         port=name,
         baudrate=report.baudrate,
+        agreeing_file=report.agreeing,
         adapter=report.port.description,
         port_trouble="" if report.in_use else port_problem(name) or "",
         supply_trouble=report.supply_trouble,
