@@ -287,3 +287,23 @@ def test_whatever_servos_say_is_judged_and_every_failure_says_what_to_do(found, 
     checks = check_up(Findings(servos=servos, bus_quality=QUIET, speed=math.pi, acceleration=1.0))
     assert all(check.fix for check in checks if check.verdict == "fail")
     assert all(check.sentence for check in checks)
+
+
+def test_ids_from_the_wrong_end_are_recognised_by_the_travels(arm):
+    rows = (emulated.MIN_POSITION, emulated.MAX_POSITION)
+    limits = [[servo.memory.raw(row) for row in rows] for servo in arm.world.servos]
+    for servo, values in zip(arm.world.servos, reversed(limits), strict=True):
+        for row, value in zip(rows, values, strict=True):
+            servo.memory.keep(row, value)
+    found = [check for check in check_up(seen_on(arm)) if "6 to 1" in check.sentence]
+    assert [check.verdict for check in found] == ["fail"]
+
+
+def test_a_rate_of_its_own_and_another_programs_file_are_told(arm):
+    seen = seen_on(arm, baudrate=500_000, agreeing_file=Path("/lerobot/mine.json"))
+    rate = of(check_up(seen), "baud rate")
+    assert rate.verdict == "fail"
+    assert "500000 baud" in rate.sentence
+    file = of(check_up(seen), "calibration")
+    assert file.verdict == "warn"
+    assert "so101 calibration import /lerobot/mine.json" in file.fix
