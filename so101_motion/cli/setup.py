@@ -16,6 +16,7 @@ from so101_motion.cli.shared import (
     STOPPED,
     dry_run_option,
     events_option,
+    have_agreed,
     json_option,
     print_json,
 )
@@ -44,6 +45,11 @@ if TYPE_CHECKING:
 @click.option(
     "--start-over", is_flag=True, help="Start with the gripper again, even if motors are done."
 )
+@click.option(
+    "--repair",
+    is_flag=True,
+    help="All motors on the cable: store sound settings for good. They go limp.",
+)
 @click.option("--yes", is_flag=True, help="Ask no questions; for scripts.")
 @click.option(
     "--within", type=Finite(min=0.0), metavar="S", help="Give up a step after this many seconds."
@@ -58,6 +64,7 @@ def setup(
     port: str | None,
     joints: tuple[str, ...],
     start_over: bool,
+    repair: bool,
     yes: bool,
     within: float | None,
     events: TextIO | None,
@@ -80,12 +87,13 @@ def setup(
     so101 setup --web --machine kit.local:8080   through a machine's calibration sensor
     so101 setup                        with the only servo adapter that is plugged in
     so101 setup --joint wrist_flex     after that motor was replaced
+    so101 setup --repair               after so101 doctor has named a wrong setting
     so101 setup --port /tmp/so101      beside "so101 emulate --new --link /tmp/so101"
     """  # noqa: D301
     if chosen_among({"--port": port, "--machine": machine}) == "--port":
         machine = None
     if web:
-        if joints or start_over or yes or within or events or dry_run or as_json:
+        if joints or start_over or repair or yes or within or events or dry_run or as_json:
             raise click.UsageError(
                 "--web works only with --port or --machine, and the options of the page"
             )
@@ -104,6 +112,10 @@ def setup(
 
     report = port_choice.find_adapter(port)
     name = report.port.name
+    if repair and (joints or start_over or dry_run):
+        raise click.UsageError("--repair goes with --port, --yes and --json only")
+    if repair and not yes:
+        have_agreed("The joints go limp, and settings are stored in them. Are you holding the arm?")
     progress = SetupProgress(own_folder() / kept.NAME, name)
     if dry_run:
         _print_dry_run(report, () if start_over else progress.done, joints, as_json)
@@ -120,7 +132,11 @@ def setup(
             walk = MotorWizard(motors, terminal, progress, within=within)
             try:
                 checked = None
-                if joints:
+                if repair:
+                    for done in motors.repair():
+                        terminal.say(done)
+                    checked = motors.verify()
+                elif joints:
                     for joint in joints:
                         walk.set_up(joint)
                 elif len(report.joints) == 6 and not start_over:

@@ -107,6 +107,7 @@ def teleop(
     so101 teleop --leader /dev/ttyACM0 --follower /dev/ttyACM1
     so101 teleop --leader /dev/ttyACM0 --follower sim --record first.csv --fps 30
     """  # noqa: D301
+    from so101_motion.drivers.port.port_list import device_of
     from so101_motion.files.scene_file import read_scene
     from so101_motion.files.trajectory_export import mcap_writer
     from so101_motion.tasks.teleop import LocalFollower, LocalLeader, Teleop
@@ -122,7 +123,7 @@ def teleop(
         "approach_speed_degs_per_sec": approach_speed,
     }
     turned, pace = read_mirror(how), read_pace(how)
-    if leader == follower != "sim":
+    if follower != "sim" and device_of(leader) == device_of(follower):
         raise click.UsageError("--leader and --follower must be two arms")
     if scene_file is not None and not guard:
         raise click.UsageError("--scene is only for the guard; leave out --no-guard")

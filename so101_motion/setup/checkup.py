@@ -8,17 +8,20 @@ A warning means that it works, but not as well as it could.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from so101_motion.calib.motors.arm_identification import ServoFacts
 from so101_motion.calib.record import compare
-from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, is_reversed
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.attributes import SPEED_RANGE_DEG
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.defaults import BAUDRATE
 from so101_motion.drivers.feetech.servo_judgement import BROKEN, LOSSY, sag
+from so101_motion.drivers.feetech.servo_settings import REPAIR
 from so101_motion.setup.findings import Findings
 
 Verdict = Literal["ok", "warn", "fail"]
@@ -117,17 +120,28 @@ _PLUG_IN = "plug the adapter in, switch the arm's power supply on, or name the p
 def _servos(seen: Findings) -> Iterator[Check]:
     if seen.servos is None:
         return
+    if seen.baudrate != BAUDRATE:
+        yield fail(
+            "baud rate",
+            f"the servos talk at {seen.baudrate} baud, not at {BAUDRATE}; their supply is on",
+            f'{REPAIR} sets {BAUDRATE}; or give their components "baudrate": {seen.baudrate}',
+        )
     wrong = [check for check in seen.servos.motors.values() if check.error]
     is_silent = wrong and all(check.status == "not_responding" for check in wrong)
     if is_silent and not seen.facts:
         yield fail("servos", seen.servos.sentence, wrong[0].fix)
         return
     for check in wrong:
-        fix = check.fix
-        if check.status in ("duplicate", "wrong_settings"):
-            fix += f" (so101 setup --joint {check.joint})"
         name = f"servo {check.servo_id}"
-        yield fail(name, check.error, fix)
+        if check.status == "not_responding" and check.joint == GRIPPER_JOINT and _has_arm(seen):
+            yield warn(name, f"{check.error}: the arm moves without its jaw", check.fix)
+        elif check.status == "wrong_voltage" and check.facts and not check.facts.has_harmful_supply:
+            yield warn(name, check.error, check.fix)
+        elif check.status != "wrong_settings":
+            hint = f" (so101 setup --joint {check.joint})" if check.status == "duplicate" else ""
+            yield fail(name, check.error, check.fix + hint)
+    for joint, facts in seen.facts.items():
+        yield from _settings(joint, facts, seen.stored)
     if seen.servos.unexpected_ids:
         ids = ", ".join(map(str, seen.servos.unexpected_ids))
         yield fail(
@@ -139,6 +153,34 @@ def _servos(seen: Findings) -> Iterator[Check]:
         models = ", ".join({facts.model for facts in seen.facts.values()})
         text = f"all six answer ({models})" if models else "all six answer"  # a machine tells less
         yield ok("servos", text)
+
+
+def _settings(joint: str, facts: ServoFacts, stored: Stored | None) -> Iterator[Check]:
+    """Check the settings of a servo, which may turn the other way if its calibration says so."""
+    name, who = f"servo {facts.servo_id}", f"servo {facts.servo_id} ({joint})"
+    filed = stored.calibration.get(joint) if stored is not None else None
+    counts_down = filed is not None and filed.drive_mode != 0
+    for odd in replace(facts, counts_down=counts_down).odd_settings:
+        verdict: Verdict = "fail" if odd.forbids else "warn"
+        yield Check(name=name, verdict=verdict, sentence=f"{who}: {odd.sentence}", fix=odd.fix)
+    if facts.model_note:
+        yield warn(name, f"{who} {facts.model_note}", "nothing needs to be done")
+
+
+def _has_arm(seen: Findings) -> bool:
+    return all(joint in seen.facts for joint in ARM_JOINTS)
+
+
+def _order(seen: Findings) -> Iterator[Check]:
+    """Recognise ids that were given from the wrong end, by the travels that the servos hold."""
+    held = {joint: held_range(facts) for joint, facts in seen.facts.items() if facts.is_calibrated}
+    if len(held) == len(JOINTS) and is_reversed(held):
+        yield fail(
+            "servos",
+            "the ids run from the jaw to the base, 6 to 1: the servo with the id 1 has the jaw's"
+            " travel, the one with the id 6 a joint's",
+            "so101 setup --start-over, then so101 calibrate",
+        )
 
 
 def _firmware(seen: Findings) -> Iterator[Check]:
@@ -234,6 +276,12 @@ def _calibration(seen: Findings) -> Iterator[Check]:
         yield fail("calibration", seen.file_trouble, fix)
     elif seen.stored is not None:
         yield from _against_servos(seen, seen.stored)
+    elif seen.agreeing_file is not None:
+        yield warn(
+            "calibration",
+            f"{seen.agreeing_file} agrees with the servos in every number, but is not in use here",
+            f"so101 calibration import {seen.agreeing_file} takes it over",
+        )
     elif seen.facts and not any(facts.is_calibrated for facts in seen.facts.values()):
         yield fail("calibration", "there is none", "so101 calibrate")
     elif seen.facts:
@@ -268,6 +316,11 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
     if not differing and not missing:
         text = f"{stored.path}" + (", as the servos have it" if there else "")
         yield ok("calibration", text)
+
+
+def held_range(facts: ServoFacts) -> int:
+    """The travel that a servo's limits leave it [tick]."""
+    return facts.holds(reg.MAX_POSITION) - facts.holds(reg.MIN_POSITION)
 
 
 def held(facts: ServoFacts) -> dict[str, int]:
@@ -336,6 +389,7 @@ _CHECKS: tuple[Callable[[Findings], Iterator[Check]], ...] = (
     _planner,
     _port,
     _servos,
+    _order,
     _firmware,
     _supply,
     _temperature,

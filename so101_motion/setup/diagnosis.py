@@ -6,8 +6,8 @@ finding names the servo, the figure and the next thing to try.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 from so101_motion.calib.motors.arm_identification import ServoFacts, read_facts
 from so101_motion.common.errors import BusError, PortUnavailable
@@ -39,13 +39,14 @@ class Examination:
         return f"servo {servo_id}" + (f" ({name})" if name else "")
 
 
-def examine(bus: Bus, names: Mapping[int, str]) -> Examination:
-    """Read all servos."""
+def examine(bus: Bus, names: Mapping[int, str], turned: Collection[int] = ()) -> Examination:
+    """Read all servos; those ``turned`` count down, as their calibration says."""
     heard = set(bus.scan())
     servos = {}
     for servo_id in names:
         try:
-            servos[servo_id] = read_facts(bus, servo_id)
+            facts = read_facts(bus, servo_id)
+            servos[servo_id] = replace(facts, counts_down=servo_id in turned)
         except PortUnavailable:
             raise
         except BusError:
@@ -128,17 +129,13 @@ def _each(seen: Examination) -> list[str]:
 
 def _about_settings(facts: ServoFacts) -> list[str]:
     """List the settings that keep a servo from working with the driver."""
-    found = [f"{odd}; reinitialize, or set it up again" for odd in facts.odd_settings]
-    if not facts.is_sts3215:
+    found = [f"{odd.sentence}; {odd.fix}" for odd in facts.odd_settings]
+    if not facts.fits_arm:
         found.append(f"is a {facts.model}, not an STS3215; replace it")
+    if facts.model_note:
+        found.append(facts.model_note)
     if facts.holds(reg.TORQUE_ENABLE) == 1 and facts.holds(reg.TORQUE_LIMIT) == 0:
         found.append("is driven but its torque limit is 0, so it ignores its goal; reinitialize")
-    if facts.holds(reg.PHASE) & reg.REVERSED:
-        found.append(
-            f"drives or counts backwards (its phase register is {facts.holds(reg.PHASE)}, as new"
-            " 12), so its joint may run the wrong way: set it back with the manufacturer's FD"
-            " program"
-        )
     if abs(facts.holds(reg.HOMING_OFFSET)) > 2047:
         offset = facts.holds(reg.HOMING_OFFSET)
         found.append(f"its homing offset {offset} is beyond 2047; calibrate again")

@@ -107,7 +107,12 @@ def discover(
         return Bus(open_port(name, baud), reply_timeout=reply_timeout)
 
     ports, files = find(extra), file_search.find()
-    reports = _side_by_side(in_parallel(ports, lambda port: _look_at(port, files, open_bus)))
+
+    def look(port: FoundPort) -> PortReport:
+        is_meant = port.is_servo_adapter or port.name in extra
+        return _look_at(port, files, open_bus, at_all_rates=is_meant)
+
+    reports = _side_by_side(in_parallel(ports, look))
     notes = list(adapters_without_port())
     if sum(report.has_arm for report in reports) > 1:
         notes.append(
@@ -161,7 +166,9 @@ def in_parallel(
 # One port
 
 
-def _look_at(port: FoundPort, files: Sequence[FoundFile], open_bus: OpenBus) -> PortReport:
+def _look_at(
+    port: FoundPort, files: Sequence[FoundFile], open_bus: OpenBus, *, at_all_rates: bool
+) -> PortReport:
     use = hardware_rig.use_of(port.name)
     if use is not None:
         return _report_use(port, use)
@@ -169,7 +176,7 @@ def _look_at(port: FoundPort, files: Sequence[FoundFile], open_bus: OpenBus) -> 
     if reason is not None:
         return PortReport(port=port, sentence=reason)
     try:
-        return _judge(port, _ask(port, open_bus), files)
+        return _judge(port, _ask(port, open_bus, at_all_rates=at_all_rates), files)
     except BusError as error:
         _log.debug("%s: %s", port.name, error)
         return PortReport(port=port, sentence=getattr(error, "reason", str(error)))
@@ -200,11 +207,11 @@ def _configured(shares: Iterable[ServoSettings]) -> frozenset[str]:
     return frozenset(parts)
 
 
-def _ask(port: FoundPort, open_bus: OpenBus) -> ServosOnBus:
+def _ask(port: FoundPort, open_bus: OpenBus, *, at_all_rates: bool) -> ServosOnBus:
     """Find the servos on a port; if there are none, try other rates."""
     with closing(open_bus(port.name, BAUDRATE)) as bus:
         seen = arm_identification.look(bus)
-    if not seen.is_empty or not port.is_servo_adapter:
+    if not seen.is_empty or not at_all_rates:
         return seen
     for baud in LIKELIEST_FIRST:
         if baud == BAUDRATE:
@@ -241,13 +248,14 @@ def _judge(port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile]) -> Po
         role=role,
         because=because,
         calibration=file,
+        agreeing=_others_file(fitting) if file is None else None,
         sentence=f"{_about_arm(seen, role, report.joints)}; {about_file}",
     )
 
 
 def _is_ours(seen: ServosOnBus, servo_id: int) -> bool:
     facts = seen.servos.get(servo_id)
-    return facts is not None and facts.is_sts3215
+    return facts is not None and facts.fits_arm
 
 
 def _calibration(
@@ -273,6 +281,12 @@ def _calibration(
     return None, "it is not calibrated"
 
 
+def _others_file(fitting: Sequence[FoundFile]) -> Path | None:
+    """The file of another program that agrees with the servos; LeRobot's own folders first."""
+    ranked = sorted(fitting, key=lambda found: found.origin != "LeRobot")
+    return ranked[0].path if ranked else None
+
+
 def _is_own(found: FoundFile) -> bool:
     return found.origin == "saved" or name_in_data(_place(found)) is not None
 
@@ -291,7 +305,7 @@ def _about_no_arm(seen: ServosOnBus) -> str:
             "the adapter is connected, but no servo answers; check that the arm's power supply is"
             " on and that the first cable is plugged in"
         )
-    others = [facts for facts in seen.servos.values() if not facts.is_sts3215]
+    others = [facts for facts in seen.servos.values() if not facts.fits_arm]
     if others:
         return f"servo {others[0].servo_id} is a {others[0].model}, no servo of an SO-101"
     if set(seen.servos) == {AS_NEW} and not seen.shared and not seen.garbled:

@@ -25,6 +25,7 @@ from so101_motion.calib.motors.setup_view import Verification
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero_report import ZeroReport
 from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.defaults import BAUDRATE
 from so101_motion.drivers.feetech.health import VITALS_COUNT, VITALS_START
 from so101_motion.planning.native.library import native
 
@@ -57,10 +58,12 @@ class Findings:
     Attributes:
         software: Versions of this package and others, by name; empty text for missing ones.
         port: The serial port; None for the simulated arm.
+        baudrate: The rate at which its servos answer [bit/s].
         supply_trouble: What is wrong with the supply of the first servo and what to do about it, as
             long as not all servos were looked at.
         latency_timer: How long the adapter holds bytes back [s].
         file: The calibration file; None when there is none.
+        agreeing_file: Another program's file that agrees with the servos, if there is no ``file``.
         stored: Its content; None when it cannot be used.
         servo_changes: How servos have changed between the last two identifications.
         speed: Joint speed cap of plans [rad/s]; None when nothing can be moved.
@@ -70,6 +73,7 @@ class Findings:
 
     software: Mapping[str, str] = field(default_factory=dict)
     port: str | None = None
+    baudrate: int = BAUDRATE
     adapter: str = ""
     port_trouble: str = ""
     interfering_programs: Mapping[str, str] = field(default_factory=dict)
@@ -79,6 +83,7 @@ class Findings:
     servos: Verification | None = None
     bus_quality: BusQuality | None = None
     file: Path | None = None
+    agreeing_file: Path | None = None
     stored: Stored | None = None
     file_trouble: str = ""
     is_unfinished: bool = False

@@ -75,6 +75,8 @@ class PortReport:
         nominal_volts: Its rated supply [V]: 7.4 or 12; None if none answers.
         supply_trouble: What is wrong with the supply and what to do; None if nothing is.
         calibration: The calibration file to configure; None if there is none.
+        agreeing: Another program's file that agrees with its servos in every number, if there is no
+            such file.
     """
 
     port: FoundPort
@@ -91,6 +93,7 @@ class PortReport:
     role: Role = "unknown"
     because: str = ""
     calibration: Path | None = None
+    agreeing: Path | None = None
 
     @property
     def in_use(self) -> bool:

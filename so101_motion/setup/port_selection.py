@@ -92,6 +92,8 @@ def about(report: PortReport) -> Findings:
     name = report.port.name
     return Findings(
         port=name,
+        baudrate=report.baudrate,
+        agreeing_file=report.agreeing,
         adapter=report.port.description,
         port_trouble="" if report.in_use else port_problem(name) or "",
         supply_trouble=report.supply_trouble,

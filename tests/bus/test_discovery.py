@@ -165,8 +165,8 @@ def test_an_arm_without_gripper_gets_none(table):
 def test_another_kind_of_servo_is_named(table):
     emulator = table.arm()
     for servo in emulator.world.servos:
-        servo.memory.keep(emulated.MODEL, 2825)
-    assert "servo 1 is a sts3250" in table.only().sentence
+        servo.memory.keep(emulated.MODEL, 1029)
+    assert "servo 1 is a model 1029" in table.only().sentence
 
 
 def at_rate(emulator, baud):

@@ -15,7 +15,7 @@ Otherwise the answer is ``unknown``, without guessing: a leader must not be take
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -32,57 +32,26 @@ from so101_motion.drivers.feetech.servo_judgement import (
     judge_supply,
     nominal_volts,
 )
+from so101_motion.drivers.feetech.servo_settings import OddSetting, odd_settings, read_registers
 
 Role = Literal["follower", "leader", "unknown"]
-
-PROTECTIONS = 44
-"""Faults that act on the motor: temperature, current, overload; as delivered (FT)."""
 
 _MODELS = {reg.STS3215_MODEL: "sts3215", 2825: "sts3250", 1540: "sts3250"}  # LR; Feetech's Go users
 _SAME = 1  # [tick], the published module stores an offset that is one off its file's
 
-_LOOK_AT = (
-    reg.FIRMWARE_MAJOR,
-    reg.FIRMWARE_MINOR,
-    reg.MODEL_NUMBER,
-    reg.ID,
-    reg.BAUD_RATE,
-    reg.RETURN_DELAY,
-    reg.STATUS_LEVEL,
-    reg.MIN_POSITION,
-    reg.MAX_POSITION,
-    reg.MAX_TEMPERATURE,
-    reg.MAX_VOLTAGE,
-    reg.MIN_VOLTAGE,
-    reg.MAX_TORQUE,
-    reg.PHASE,
-    reg.UNLOADING,
-    reg.P_GAIN,
-    reg.D_GAIN,
-    reg.I_GAIN,
-    reg.PROTECTION_CURRENT,
-    reg.HOMING_OFFSET,
-    reg.OPERATING_MODE,
-    reg.OVERLOAD_TORQUE,
-    reg.TORQUE_ENABLE,
-    reg.TORQUE_LIMIT,
-    reg.LOCK,
-    reg.PRESENT_POSITION,
-    reg.PRESENT_LOAD,
-    reg.PRESENT_VOLTAGE,
-    reg.PRESENT_TEMPERATURE,
-    reg.STATUS,
-    reg.PRESENT_CURRENT,
-)
-_END = reg.PRESENT_CURRENT.address + reg.PRESENT_CURRENT.size
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoFacts:
-    """The registers of one servo, and what follows from them."""
+    """The registers of one servo, and what follows from them.
+
+    Attributes:
+        held: The registers by name, decoded.
+        counts_down: Whether its calibration says that it counts down with the joint angle.
+    """
 
     servo_id: int
     held: Mapping[str, int]
+    counts_down: bool = False
 
     def holds(self, register: Register) -> int:
         """The decoded value of a register."""
@@ -95,9 +64,16 @@ class ServoFacts:
         return _MODELS.get(number, f"model {number}")
 
     @property
-    def is_sts3215(self) -> bool:
-        """Whether it is of the arm's kind."""
-        return self.holds(reg.MODEL_NUMBER) == reg.STS3215_MODEL
+    def fits_arm(self) -> bool:
+        """Whether it can drive a joint: an STS3215, or the stronger STS3250 with its registers."""
+        return self.holds(reg.MODEL_NUMBER) in _MODELS
+
+    @property
+    def model_note(self) -> str:
+        """What it means that it is no STS3215, though it can drive a joint; empty if it is one."""
+        if self.model == "sts3215" or not self.fits_arm:
+            return ""
+        return f"is an {self.model}: it works, with the speed and strength planned for an STS3215"
 
     @property
     def firmware(self) -> str:
@@ -144,33 +120,19 @@ class ServoFacts:
         return None if found is None or found.level == "note" else (found.sentence, found.fix)
 
     @property
-    def odd_settings(self) -> tuple[str, ...]:
-        """The settings that keep it from working in an arm.
+    def has_harmful_supply(self) -> bool:
+        """Whether its joint must not be moved with its supply."""
+        return any(each.kind == "supply" and each.level == "stop" for each in self.troubles)
 
-        An empty tuple if there are none.
-        """
-        return tuple(sentence for is_odd, sentence in self._settings() if is_odd)
+    @property
+    def odd_settings(self) -> tuple[OddSetting, ...]:
+        """The settings with which it does not move its joint well; see ``servo_settings``."""
+        return odd_settings(self.held, counts_down=self.counts_down)
 
     @property
     def has_sound_limits(self) -> bool:
         """Whether its limits leave it a travel; equal ones let it turn without end."""
         return self.holds(reg.MIN_POSITION) < self.holds(reg.MAX_POSITION)
-
-    def _settings(self) -> Iterator[tuple[bool, str]]:
-        mode, phase = self.holds(reg.OPERATING_MODE), self.holds(reg.PHASE)
-        lower, upper = self.holds(reg.MIN_POSITION), self.holds(reg.MAX_POSITION)
-        yield mode != 0, f"it is in mode {mode}, not in position mode"
-        yield bool(phase & reg.MULTI_TURN), "it counts more than one turn"
-        yield (
-            not self.has_sound_limits,
-            f"its limits {lower} to {upper} leave it no travel",
-        )
-        yield self.holds(reg.STATUS_LEVEL) != 1, "it does not acknowledge commands"
-        yield self.holds(reg.MAX_TORQUE) == 0, "its largest torque is 0"
-        yield (
-            self.holds(reg.UNLOADING) & PROTECTIONS != PROTECTIONS,
-            "its protection against heat or overload is switched off",
-        )
 
     @property
     def is_calibrated(self) -> bool:
@@ -217,15 +179,12 @@ class ServosOnBus:
 
     def _is_there(self, servo_id: int) -> bool:
         facts = self.servos.get(servo_id)
-        return facts is not None and facts.is_sts3215
+        return facts is not None and facts.fits_arm
 
 
 def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
     """Read a servo's model and settings."""
-    block = bus.read_block(servo_id, 0, _END, what="a read of its model and settings")
-    return ServoFacts(
-        servo_id=servo_id, held={register.name: register.cut(block, 0) for register in _LOOK_AT}
-    )
+    return ServoFacts(servo_id=servo_id, held=read_registers(bus, servo_id))
 
 
 def look(bus: Bus) -> ServosOnBus:

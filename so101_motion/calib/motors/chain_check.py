@@ -11,6 +11,7 @@ from so101_motion.calib.motors.servo_search import LIKELIEST_FIRST, Tuner
 from so101_motion.calib.motors.setup_view import MotorCheck, Verification
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.feetech.servo_settings import REPAIR
 
 _AGAIN = "then verify again"
 
@@ -28,7 +29,7 @@ def verify(tuner: Tuner) -> Verification:
         motors=motors,
         unexpected_ids=seen.unexpected_ids,
         notes=tuple(_notes(seen)),
-        sentence=_verdict(seen, motors),
+        sentence=_verdict(seen, motors, set(elsewhere.values())),
     )
 
 
@@ -65,7 +66,7 @@ def _check(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | None)
 def _missing(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | None) -> MotorCheck:
     if other_baud is not None:
         error = f"servo {servo_id} ({joint}) talks at {other_baud} baud, not at {seen.baud}"
-        fix = f"connect it alone and assign {joint}; {_AGAIN}"
+        fix = f"{REPAIR} sets {seen.baud}; {_AGAIN}"
     elif seen.is_empty:
         error = f"servo {servo_id} ({joint}) does not answer, nor does any other"
         fix = f"switch the arm's power supply on and plug the first cable in; {_AGAIN}"
@@ -83,15 +84,16 @@ def _missing(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | Non
 
 def _trouble(joint: str, facts: ServoFacts, seen: ServosOnBus) -> tuple[str, str, str]:
     """Status, what is wrong, and what to do."""
-    if not facts.is_sts3215:
+    if not facts.fits_arm:
         error = f"servo {facts.servo_id} ({joint}) is a {facts.model}, not an STS3215"
         return "wrong_model", error, f"replace it; {_AGAIN}"
     supply = facts.supply_trouble
     if supply is not None:
         return "wrong_voltage", f"servo {facts.servo_id} ({joint}): {supply[0]}", supply[1]
     if facts.odd_settings:
-        error = f"servo {facts.servo_id} ({joint}): {', '.join(facts.odd_settings)}"
-        return "wrong_settings", error, f"connect it alone and assign {joint}; {_AGAIN}"
+        sentences = ", ".join(odd.sentence for odd in facts.odd_settings)
+        error = f"servo {facts.servo_id} ({joint}): {sentences}"
+        return "wrong_settings", error, f"{facts.odd_settings[0].fix}; {_AGAIN}"
     kinds = Counter(servo.nominal_volts for servo in seen.servos.values())
     usual = kinds.most_common(1)[0][0]
     if facts.nominal_volts != usual:
@@ -111,14 +113,20 @@ def _notes(seen: ServosOnBus) -> list[str]:
     if len(set(versions.values())) > 1:
         table = ", ".join(f"servo {servo_id} {version}" for servo_id, version in versions.items())
         notes.append(f"the servos have different firmware ({table}), which does not hurt")
+    notes += [
+        f"servo {i} {facts.model_note}" for i, facts in seen.servos.items() if facts.model_note
+    ]
     if seen.unexpected_ids:
         unexpected_ids = ", ".join(map(str, seen.unexpected_ids))
         notes.append(f"there are servos with ids that are not an arm's: {unexpected_ids}")
     return notes
 
 
-def _verdict(seen: ServosOnBus, motors: Mapping[str, MotorCheck]) -> str:
+def _verdict(seen: ServosOnBus, motors: Mapping[str, MotorCheck], elsewhere: set[int]) -> str:
     wrong = [check for check in motors.values() if check.status != "ok"]
+    if seen.is_empty and elsewhere:
+        bauds = " and ".join(map(str, sorted(elsewhere)))
+        return f"no servo answers at {seen.baud} baud, but at {bauds} baud, so the supply is on"
     if seen.is_empty:
         return "no servo answers: is the arm's power supply on?"
     if wrong:

@@ -182,6 +182,34 @@ class MotorSetup:
             self._view = replace(self._view, status=found.sentence, fix=first)
         return found
 
+    def repair(self) -> tuple[str, ...]:
+        """Store sound settings and the port's rate in all servos that have an arm's id, for good.
+
+        They go limp. Ids and calibrations stay as they are.
+
+        Returns:
+            What was changed, a sentence for each servo.
+
+        Raises:
+            MotorSetupError: Several servos share an id.
+            BusError: The port is gone, or a servo does not take a setting.
+        """
+        with self._attempt(None, "repairing the settings") as tuner:
+            heard = find_all_rates(tuner, on_rate=self._show_rate)
+            ids = [servo_id for rate in heard for servo_id in rate.ids]
+            if len(ids) > len(set(ids)) or any(rate.garbled for rate in heard):
+                raise MotorSetupError(
+                    None, "same id", "several servos share an id", "so101 setup, one at a time"
+                )
+            self.checked = None
+            done = [
+                self._repaired(tuner, joint, rate.baud)
+                for rate in heard
+                for joint, servo_id in SERVO_IDS.items()
+                if servo_id in rate.ids
+            ]
+        return tuple(filter(None, done))
+
     def scan(self) -> BusScan:
         """Find every servo on the bus, at every baud rate; takes two seconds."""
         with self._attempt(None, "scanning the bus") as tuner:
@@ -300,6 +328,21 @@ class MotorSetup:
             sentence=f"{joint}: servo {old_id} at {old_baud} baud is now servo {new_id} at"
             f" {tuner.baud} baud, read back and locked",
         )
+
+    def _repaired(self, tuner: Tuner, joint: str, baud: int) -> str:
+        servo_id = SERVO_IDS[joint]
+        tuner.tune(baud)
+        facts = tuner.call(lambda bus: read_facts(bus, servo_id))
+        wanted = servo_program.repairs(facts)
+        changed = tuner.call(lambda bus: servo_program.program(bus, servo_id, wanted, anew=True))
+        servo_program.change_rate(tuner, servo_id, tuner.home)
+        changes = [
+            f"{name} is {wanted[reg.REGISTERS[name]]}, was {facts.held[name]}" for name in changed
+        ]
+        changes += [f"{tuner.home} baud, was {baud}"] if baud != tuner.home else []
+        if reg.PHASE.name in changed:
+            changes.append("check its angle with so101 status, and calibrate it if that is wrong")
+        return f"{joint}: {'; '.join(changes)}" if changes else ""
 
     def _scanned(self, tuner: Tuner, servo_id: int) -> ScannedServo:
         try:

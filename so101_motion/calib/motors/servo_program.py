@@ -4,10 +4,9 @@ EEPROM is read, compared and written only where it differs, and unlocked only fo
 answers at its new id or rate right after it is changed, so it is locked again *there*; a lock sent
 to the old address would reach no servo, and the memory would stay open.
 
-Voltage limits are never written, because a servo that complains about its supply is right. Nor are
-the gains of the position loop, because the driver reads them and corrects for the droop they allow;
-except a P gain below any that programs set on purpose, which a crashed program has left behind: the
-factory's gains are restored then.
+Voltage limits are never written, because a servo that complains about its supply is right. Settings
+with which a servo does not move well (``servo_settings.py``) are set as new, whatever they are; the
+others are left alone, gains too, because the driver reads them and corrects for their droop.
 
 A servo that is moved to another joint starts without calibration. One that keeps its id keeps its
 homing offset and limits, so running the setup on a finished arm does no harm.
@@ -17,13 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from so101_motion.calib.motors.arm_identification import PROTECTIONS, ServoFacts
+from so101_motion.calib.motors.arm_identification import ServoFacts
 from so101_motion.calib.motors.servo_search import Tuner
 from so101_motion.common.errors import ServoFault
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import RETRIES, Bus
 from so101_motion.drivers.bus.registers import Register
+from so101_motion.drivers.feetech.servo_settings import mended
 
 OVERLOAD_PERCENT = 80
 """Drive that counts as an overload [%]; as delivered (FT). LeRobot lowers it on a jaw; a servo that
@@ -34,8 +34,6 @@ JAW_TORQUE = 500
 overload itself. The servo applies it when it is switched on."""
 
 _FULL_TORQUE = 1000
-_SOFTEST = 16  # P gain; LeRobot's, the softest any program uses on purpose
-_GAINS = {reg.P_GAIN: 32, reg.D_GAIN: 32, reg.I_GAIN: 0}  # as delivered (FT, WS)
 _UNCALIBRATED = {
     reg.HOMING_OFFSET: 0,
     reg.MIN_POSITION: 0,
@@ -54,30 +52,31 @@ def settings(joint: str, facts: ServoFacts, *, moved: bool) -> dict[Register, in
     """
     is_jaw = joint == GRIPPER_JOINT
     wanted = {
+        **repairs(facts),
         reg.RETURN_DELAY: 0,
-        reg.STATUS_LEVEL: 1,
-        reg.OPERATING_MODE: 0,
-        reg.PHASE: facts.holds(reg.PHASE) & ~reg.MULTI_TURN,
-        reg.UNLOADING: facts.holds(reg.UNLOADING) | PROTECTIONS,
         reg.MAX_TORQUE: JAW_TORQUE if is_jaw else _FULL_TORQUE,
     }
     if not is_jaw:
         wanted[reg.OVERLOAD_TORQUE] = OVERLOAD_PERCENT
-    if facts.holds(reg.P_GAIN) < _SOFTEST:
-        wanted |= _GAINS
-    if moved or not facts.has_sound_limits:
-        wanted |= _UNCALIBRATED
-    return wanted
+    return wanted | _UNCALIBRATED if moved else wanted
 
 
-def program(bus: Bus, servo_id: int, wanted: Mapping[Register, int]) -> tuple[str, ...]:
-    """Store ``wanted`` in a servo for good, and switch its torque off.
+def repairs(facts: ServoFacts) -> dict[Register, int]:
+    """The settings for the EEPROM of a servo that stays what it is: those it has, mended."""
+    wanted = mended(facts.held)
+    return wanted if facts.has_sound_limits else wanted | _UNCALIBRATED
+
+
+def program(
+    bus: Bus, servo_id: int, wanted: Mapping[Register, int], *, anew: bool = False
+) -> tuple[str, ...]:
+    """Store ``wanted`` in a servo for good, and switch its torque off; ``anew`` as in ``store``.
 
     Returns:
         The names of the registers that were changed.
     """
     bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-    changed = bus.store(servo_id, wanted)
+    changed = bus.store(servo_id, wanted, anew=anew)
     bus.write(servo_id, reg.LOCK, 1)  # other programs leave it open
     return changed
 

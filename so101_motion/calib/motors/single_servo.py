@@ -42,7 +42,7 @@ def find_alone(
         BusError: The port is gone, or the servo cannot be read.
     """
     facts = _read_only_one(tuner, joint, find_first_rate(tuner, hint=hint, on_rate=on_rate))
-    if not facts.is_sts3215:
+    if not facts.fits_arm:
         raise MotorSetupError(
             joint,
             "wrong model",

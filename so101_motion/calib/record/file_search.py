@@ -80,7 +80,7 @@ def _places() -> Iterator[tuple[str, str, Iterable[Path]]]:
         return
     base = lerobot.folder()
     for role, group, kinds in (
-        ("follower", "robots", lerobot.FOLLOWERS),
+        ("follower", "robots", (*lerobot.FOLLOWERS, *lerobot.MOBILE)),
         ("leader", "teleoperators", lerobot.LEADERS),
     ):
         for kind in kinds:
@@ -152,4 +152,4 @@ def _is_about_joints(path: Path) -> bool:
         return False
     if not isinstance(content, dict) or path.name.endswith(".zero.json"):
         return False
-    return lerobot.is_of_lists(content) or any(joint in content for joint in JOINTS)
+    return lerobot.is_of_lists(content) or any(str(name).endswith(JOINTS) for name in content)

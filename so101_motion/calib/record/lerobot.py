@@ -38,6 +38,9 @@ FIELDS = record.FIELDS[:5]
 FOLLOWERS = ("so_follower", "so101_follower", "so100_follower")
 """LeRobot's folders for the arms we drive, the newest first."""
 
+MOBILE = ("lekiwi", "xlerobot")
+"""Its folders for robots that carry such an arm; their names of joints have a prefix."""
+
 LEADERS = ("so_leader", "so101_leader", "so100_leader")
 """LeRobot's folders for leader arms, the newest first."""
 

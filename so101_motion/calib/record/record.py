@@ -218,6 +218,7 @@ def _entries(content: object) -> dict[str, object]:
     for name in _repeated(content):
         if name in JOINTS:
             raise CalibrationError(name, "is in it twice, so one of them is wrong", _AGAIN)
+    content = without_prefix(content)
     entries = {
         joint: content[joint]
         for joint in JOINTS
@@ -233,6 +234,37 @@ def _entries(content: object) -> dict[str, object]:
                 raise CalibrationError(joint, f"{name} is given twice, so one is wrong", _AGAIN)
         _check_id(joint, entry)
     return entries
+
+
+def is_reversed(travels: Mapping[str, int]) -> bool:
+    """Whether these travels [tick] fit the joints from the jaw to the base, not the other way.
+
+    The jaw's travel is half of the others', that of wrist_roll is the widest.
+    """
+    pan, lift, *_, roll, jaw = (travels[joint] for joint in JOINTS)
+    return pan < 1.3 * GRIPPER_TRAVEL < jaw and lift > 1.15 * max(roll, jaw)
+
+
+def without_prefix(content: Mapping[str, object]) -> Mapping[str, object]:
+    """The entries by this arm's names, also of a robot that says ``arm_shoulder_pan`` and so on.
+
+    Raises:
+        CalibrationError: It has several arms.
+    """
+    if any(joint in content for joint in JOINTS):
+        return content
+    ends = ("shoulder_pan", "shoulder_lift")
+    found = [n.removesuffix(ends[0]) for n in content if str(n).endswith(f"_{ends[0]}")]
+    prefixes = [prefix for prefix in found if prefix + ends[1] in content]
+    if len(prefixes) > 1:
+        raise CalibrationError(
+            None,
+            f"it holds several arms: {', '.join(sorted(prefixes))}",
+            "copy the entries of one of them into a file of its own",
+        )
+    return {
+        joint: content.get(prefix + joint) for prefix in prefixes for joint in JOINTS
+    } or content
 
 
 def check(calibration: Calibration) -> None:
@@ -298,6 +330,11 @@ def _problem(joint: str, found: JointCalibration) -> tuple[str, str] | None:
         return (
             f"homing_offset {found.homing_offset} is more than a servo stores ({LARGEST_OFFSET})",
             "hold the joint nearer to the middle of its travel and calibrate again",
+        )
+    if lower > upper:
+        return (
+            f"range_min {lower} is above range_max {upper}",
+            "swap the two if the file was edited by hand, else calibrate the arm again",
         )
     if not 0 <= lower < upper < TICKS_PER_TURN:
         return f"range {lower} to {upper} is not within 0 to {TICKS_PER_TURN - 1}", _AGAIN

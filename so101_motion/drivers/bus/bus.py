@@ -198,27 +198,50 @@ class Bus:
             flags=faults,
         )
 
-    def store(self, servo_id: int, values: Mapping[Register, int]) -> tuple[str, ...]:
+    def store(
+        self, servo_id: int, values: Mapping[Register, int], *, anew: bool = False
+    ) -> tuple[str, ...]:
         """Store ``values`` in EEPROM registers for good; writes only those that differ.
 
+        Args:
+            servo_id: The servo.
+            values: The values, by register.
+            anew: Write the others too: what a register holds may be forgotten at power-off.
+
         Returns:
-            The names of those that were written.
+            The names of those that differed.
 
         Raises:
             BusError: See ``write``. The servo is locked again as far as it can be reached.
         """
         held = {row: self.read(servo_id, row) for row in values}
         differing = {row: want for row, want in values.items() if held[row] != want}
-        if not differing:
+        if not (differing or anew):
             return ()
         try:
             self.write(servo_id, LOCK, 0)
-            for register, value in differing.items():
+            for register, value in (values if anew else differing).items():
                 self.write(servo_id, register, value)
         finally:
             self.write(servo_id, LOCK, 1)
         said = ", ".join(f"{row.name} {held[row]} -> {want}" for row, want in differing.items())
-        _log.info("%s: stored %s", self.label(servo_id), said)
+        _log.info("%s: stored %s", self.label(servo_id), said or "what it holds")
+        return tuple(row.name for row in differing)
+
+    def adapt(self, servo_id: int, values: Mapping[Register, int]) -> tuple[str, ...]:
+        """Write EEPROM registers until power-off, those that differ; the memory is locked first.
+
+        Returns:
+            The names of those that were written.
+
+        Raises:
+            BusError: See ``write``.
+        """
+        differing = [row for row in values if self.read(servo_id, row) != values[row]]
+        if differing:
+            self.write(servo_id, LOCK, 1)
+        for row in differing:
+            self.write(servo_id, row, values[row])
         return tuple(row.name for row in differing)
 
     def change_id(self, servo_id: int, new_id: int) -> None:

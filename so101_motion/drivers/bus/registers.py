@@ -160,8 +160,8 @@ STARTUP_FORCE = Register("startup_force", 24, 1, _E, 0, 254, "0.1 % drive", 1e-3
 I_LIMIT = Register("i_limit", 25, 1, _E, 0, 254, "0.4 % drive", 4e-3, "FT")
 CW_DEAD_ZONE = Register("cw_dead_zone", 26, 1, _E, 0, 16, "tick", _TICK, "FT 16; WS 32")
 CCW_DEAD_ZONE = Register("ccw_dead_zone", 27, 1, _E, 0, 16, "tick", _TICK, "FT 16; WS 32")
-PROTECTION_CURRENT = Register("protection_current", 28, 2, _E, 0, 511, "6.5 mA", 6.5e-3,
-                              "WS 511; FT 2047")
+PROTECTION_CURRENT = Register("protection_current", 28, 2, _E, 0, 2047, "6.5 mA", 6.5e-3,
+                              "FT 2047; WS 511")
 RESOLUTION = Register("angular_resolution", 30, 1, _E, 1, 128, "", 1, "FT")
 HOMING_OFFSET = Register("homing_offset", 31, 2, _E, -2047, 2047, "tick", _TICK, "FT, LR", 11)
 OPERATING_MODE = Register("operating_mode", 33, 1, _E, 0, 3, "0: position", 1, "FT")
@@ -192,6 +192,9 @@ STATUS = Register("status", 65, 1, _M, 0, 255, "status bits", 1, "FT")
 MOVING = Register("moving", 66, 1, _M, 0, 1, "", 1, "FT: the profile runs")
 PRESENT_CURRENT = Register("present_current", 69, 2, _M, -32766, 32766, "6.5 mA", 6.5e-3,
                            "FT; the sign is FW's", 15)
+D_WINDOW = Register("d_window", 81, 1, _E, 1, 254, "ms", 1e-3, "FT, FW")
+MIN_SPEED = Register("min_speed", 83, 1, _E, 0, 254, "50 tick/s", 50 * _TICK, "FW; FT: SMS")
+MAX_SPEED = Register("max_speed", 84, 1, _E, 0, 254, "50 tick/s", 50 * _TICK, "FT, FW")
 MAX_ACCELERATION = Register("max_acceleration", 85, 1, _E, 0, 254, "100 tick/s^2", 100 * _TICK,
                             "FW: 41 is cut here; LR writes 254")
 # fmt: on
@@ -204,9 +207,13 @@ REGISTERS: dict[str, Register] = {
 MULTI_TURN = 0x10
 """Bit of ``PHASE``: positions leave 0..4095 when the shaft turns on. LR clears it as well."""
 
+SPEED_BITS = 0x0C
+"""Bits of ``PHASE``: speeds are in tick/s, not in 50 tick/s; speed 0 is the highest, not a
+standstill. Both are set in a new servo (FT, FW)."""
+
 REVERSED = 0x81
-"""Bits of ``PHASE``: the motor or the encoder turns the other way. Never set in a new servo (FT);
-nothing here changes them, for a servo with one of them alone runs away."""
+"""Bits of ``PHASE``: the motor or the encoder turns the other way. Never set in a new servo (FT).
+A servo with one of them alone runs away, so they are only changed together, and limp."""
 
 STS3215_MODEL = 777
 """``MODEL_NUMBER`` of the arm's servos (LR)."""

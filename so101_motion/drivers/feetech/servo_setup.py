@@ -1,9 +1,10 @@
 """Set up a servo: write those registers that differ from the values the driver needs.
 
-EEPROM: position mode, positions within one turn, writes acknowledged, and, where a calibration is
-given, its homing offset and limits. RAM: the speed and acceleration caps and the torque limit. A
-servo that restarts forgets its RAM and comes up limp, with no cap at all, so this runs again
-whenever one was silent.
+EEPROM: settings with which it would not move well (``servo_settings.py``) are set right until
+power-off, and it gets its homing offset and limits where a calibration is given. A servo with a
+setting that forbids to move it is refused. RAM: the speed and acceleration caps and the torque
+limit. A servo that restarts forgets its RAM and comes up limp, with no cap at all, so this runs
+again whenever one was silent.
 
 A servo that is driven stays driven, and its joint stays where it is, whatever is changed:
 
@@ -19,17 +20,18 @@ A servo that is driven stays driven, and its joint stays where it is, whatever i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from operator import eq
 from typing import TypeVar
 
-from so101_motion.common.errors import CorruptReply
+from so101_motion.common.errors import CorruptReply, ServoFault
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
-from so101_motion.drivers.bus.registers import TICKS_PER_TURN, Register
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN, Memory, Register
 from so101_motion.drivers.bus.ticks import JointMap, Ticks, to_speed_ticks
+from so101_motion.drivers.feetech.servo_settings import odd_settings, read_registers
 from so101_motion.drivers.position_check import ENOUGH
 from so101_motion.drivers.servo_types import ServoType, type_of
 
@@ -98,8 +100,10 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
 
     Raises:
         BusError: It cannot be reached or does not take a value.
+        ServoFault: Its settings forbid to move it.
     """
     servo_id = joint.servo_id
+    changed = _adapt(bus, joint)
     full = agreed(lambda: bus.read(servo_id, reg.MAX_TORQUE))
     p_gain = agreed(lambda: bus.read(servo_id, reg.P_GAIN))
     block = agreed(lambda: bus.read_block(servo_id, _START, _COUNT, what="a read of its settings"))
@@ -113,16 +117,16 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
     here = read_position(bus, servo_id) if goal is None else goal
     here = (here + shift) % TICKS_PER_TURN if shift else here
     crawls = torque and is_outside(joint, Ticks(here))
-    changed = _fill(bus, servo_id, CRAWL) if crawls else ()
+    changed += _fill(bus, servo_id, CRAWL, anew=changed) if crawls else ()
     if torque and shift:
         bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-    changed += bus.store(servo_id, _eeprom(bus, joint))
+    changed += bus.store(servo_id, _calibration(joint))
     if torque and shift:
         if not crawls:
             bus.write(servo_id, reg.GOAL_POSITION, here)
         bus.write(servo_id, reg.TORQUE_ENABLE, 1)  # without a goal it holds what it finds
     ram = {reg.TORQUE_LIMIT: full, **ram, **(CRAWL if crawls else {})}
-    changed += _fill(bus, servo_id, ram)
+    changed += _fill(bus, servo_id, ram, anew=changed)
     return ServoCondition(
         torque=torque,
         goal_ticks=None if goal is None else Ticks(here),
@@ -198,26 +202,57 @@ def _pull(bus: Bus, servo_id: int, block: bytes, *, p_gain: int, may_do_more: bo
     return None  # no arm's weight needs full drive: the joint is held fast, or the goal is old
 
 
-def _fill(bus: Bus, servo_id: int, ram: Mapping[Register, int]) -> tuple[str, ...]:
-    """Write the RAM registers that differ; return their names."""
+def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
+    """Set the settings right that are wrong, until power-off; return their names."""
+    servo_id = joint.servo_id
+    held = agreed(lambda: _settings(bus, servo_id))
+    odd = odd_settings(held, counts_down=joint.direction < 0)
+    if odd and odd[0].forbids:
+        raise ServoFault(
+            f"{bus.label(servo_id)}: {odd[0].sentence}, so it must not be moved; {odd[0].fix}",
+            servo_id=servo_id,
+        )
+    wanted = {row: value for one in odd if one.is_adapted for row, value in one.as_new.items()}
+    p_gain = wanted.get(reg.P_GAIN, 0)
+    if p_gain > held["p_gain"] and bus.read(servo_id, reg.TORQUE_ENABLE) == 1:
+        # It would jump to a goal that it was too soft to reach.
+        here, goal = read_position(bus, servo_id), bus.read(servo_id, reg.GOAL_POSITION)
+        off = (goal - here) * held["p_gain"] // p_gain
+        bus.write(servo_id, reg.GOAL_POSITION, here + off)
+    return bus.adapt(servo_id, wanted)
+
+
+def _settings(bus: Bus, servo_id: int) -> dict[str, int]:
+    """What a servo holds in EEPROM, by name."""
+    held = read_registers(bus, servo_id)
+    kept = {
+        row.name: held[row.name] for row in reg.REGISTERS.values() if row.memory is Memory.EEPROM
+    }
+    return kept
+
+
+def _fill(
+    bus: Bus, servo_id: int, ram: Mapping[Register, int], *, anew: Collection[str]
+) -> tuple[str, ...]:
+    """Write the RAM registers that differ; return their names.
+
+    After any of the registers ``anew`` was changed all are written, because the servo takes them up
+    when they are written.
+    """
     block = bus.read_block(servo_id, _START, _COUNT, what="a read of its settings")
-    differing = {row: value for row, value in ram.items() if row.cut(block, _START) != value}
+    differing = {
+        row: value for row, value in ram.items() if anew or row.cut(block, _START) != value
+    }
     for register, value in differing.items():
         bus.write(servo_id, register, value)
     return tuple(register.name for register in differing)
 
 
-def _eeprom(bus: Bus, joint: JointMap) -> dict[Register, int]:
-    phase = bus.read(joint.servo_id, reg.PHASE)
-    wanted = {
-        reg.STATUS_LEVEL: 1,
-        reg.OPERATING_MODE: 0,
-        reg.PHASE: phase & ~reg.MULTI_TURN,
+def _calibration(joint: JointMap) -> dict[Register, int]:
+    if joint.homing_offset is None:
+        return {}
+    return {
+        reg.HOMING_OFFSET: joint.homing_offset,
+        reg.MIN_POSITION: joint.lower_ticks,
+        reg.MAX_POSITION: joint.upper_ticks,
     }
-    if joint.homing_offset is not None:
-        wanted |= {
-            reg.HOMING_OFFSET: joint.homing_offset,
-            reg.MIN_POSITION: joint.lower_ticks,
-            reg.MAX_POSITION: joint.upper_ticks,
-        }
-    return wanted

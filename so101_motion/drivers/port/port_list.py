@@ -88,6 +88,12 @@ def find_ports(extra: Collection[str] = (), *, links: Path = _LINKS) -> tuple[Fo
     )
 
 
+def device_of(name: str) -> str:
+    """The device behind a port's name, the same for all its names: links, and tty. and cu."""
+    on_mac = _MAC.fullmatch(name)
+    return on_mac[2] if on_mac else os.path.realpath(name)
+
+
 _NO_PORT = "is not a serial port; list the ports with: so101 ports"
 
 
@@ -219,9 +225,7 @@ def _merge(listed: Iterable[Any]) -> list[list[Any]]:
     """Group the entries of the same port, the best name first."""
     groups: dict[str, list[Any]] = {}
     for port in listed:
-        on_mac = _MAC.fullmatch(str(port.device))
-        same = on_mac[2] if on_mac else os.path.realpath(port.device)
-        groups.setdefault(same, []).append(port)
+        groups.setdefault(device_of(str(port.device)), []).append(port)
     return [
         sorted(group, key=lambda port: _mac_rank(str(port.device))) for group in groups.values()
     ]

@@ -54,6 +54,7 @@ class CalibrationCommands:
             "motor_setup_skip": Taking(self._skip, ("motor_name",)),
             "motor_setup_forget": Taking(self._forget, ("motor_name",)),
             "motor_setup_verify": self._verify,
+            "motor_setup_repair": self._repair,
             "motor_setup_scan_bus": self._scan,
             "motor_setup_reset_status": self._reset_status,
             "setup_steps": Taking(self._list_steps, ("workflow",)),
@@ -226,6 +227,10 @@ class CalibrationCommands:
             "status": found.sentence,
             "next_step": self._setup.view.next_step,
         }
+
+    async def _repair(self) -> dict[str, Any]:
+        done = await run_to_end(self._setup.repair)
+        return {"success": True, "changed": list(done), "next_step": self._setup.view.next_step}
 
     async def _scan(self) -> dict[str, Any]:
         found = await run_to_end(self._setup.scan)

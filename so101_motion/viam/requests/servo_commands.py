@@ -204,7 +204,8 @@ class ServoCommands:
             names = {i: joint for joint, i in servos.settings.ids().items()}
             absent = {names[i] for i in names if names[i] not in servos.setups}
             names = {i: joint for i, joint in names.items() if joint not in absent}
-            seen = await on_bus(self._rig, lambda servos: examine(servos.bus, names))
+            turned = {s.map.servo_id for s in servos.setups.values() if s.map.direction < 0}
+            seen = await on_bus(self._rig, lambda servos: examine(servos.bus, names, turned))
         except So101Error as error:
             return {"success": False, "error": str(error), "findings": [str(error)]}
         trouble = explain(seen)

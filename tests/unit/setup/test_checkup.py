@@ -108,10 +108,12 @@ def holding(row, value, place=3):
     ("trouble", "name", "verdict", "words"),
     [
         (power(0.0), "servos", "fail", "power supply"),
-        (without(6), "servo 6", "fail", "does not answer"),
+        (without(6), "servo 6", "warn", "moves without its jaw"),
+        (holding(emulated.MODEL, 2825), "servo 3", "warn", "sts3250: it works"),
+        (holding(emulated.MODEL, 1029), "servo 3", "fail", "model 1029"),
         (without(2), "servo 2", "fail", "servos behind it do"),
         (holding(emulated.ID, 9), "servos", "fail", "not an arm's answer: 9"),
-        (holding(emulated.MODE, 1), "servo 3", "fail", "mode 1"),
+        (holding(emulated.MODE, 1), "servo 3", "warn", "mode 1"),
         (holding(emulated.FIRMWARE_MINOR, 9), "firmware", "warn", "elbow_flex 3.9"),
         (power(16.0), "servo 1", "fail", "made for at most 14.0 V"),
         (power(10.0), "speed", "warn", "must not be asked"),
@@ -285,3 +287,23 @@ def test_whatever_servos_say_is_judged_and_every_failure_says_what_to_do(found, 
     checks = check_up(Findings(servos=servos, bus_quality=QUIET, speed=math.pi, acceleration=1.0))
     assert all(check.fix for check in checks if check.verdict == "fail")
     assert all(check.sentence for check in checks)
+
+
+def test_ids_from_the_wrong_end_are_recognised_by_the_travels(arm):
+    rows = (emulated.MIN_POSITION, emulated.MAX_POSITION)
+    limits = [[servo.memory.raw(row) for row in rows] for servo in arm.world.servos]
+    for servo, values in zip(arm.world.servos, reversed(limits), strict=True):
+        for row, value in zip(rows, values, strict=True):
+            servo.memory.keep(row, value)
+    found = [check for check in check_up(seen_on(arm)) if "6 to 1" in check.sentence]
+    assert [check.verdict for check in found] == ["fail"]
+
+
+def test_a_rate_of_its_own_and_another_programs_file_are_told(arm):
+    seen = seen_on(arm, baudrate=500_000, agreeing_file=Path("/lerobot/mine.json"))
+    rate = of(check_up(seen), "baud rate")
+    assert rate.verdict == "fail"
+    assert "500000 baud" in rate.sentence
+    file = of(check_up(seen), "calibration")
+    assert file.verdict == "warn"
+    assert "so101 calibration import /lerobot/mine.json" in file.fix

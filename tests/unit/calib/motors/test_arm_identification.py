@@ -61,9 +61,10 @@ def test_an_arm_needs_five_servos_of_its_kind():
     bus = LentBus()
     bus.set(3, model_number=2825)
     seen = seen_on(bus)
-    assert not seen.has_arm
+    assert seen.has_arm, "a stronger servo with the same registers"
     assert seen.servos[3].model == "sts3250"
     bus.set(3, model_number=4711)
+    assert not seen_on(bus).has_arm
     assert seen_on(bus).servos[3].model == "model 4711"
 
 

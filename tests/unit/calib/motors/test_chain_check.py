@@ -4,6 +4,7 @@ import pytest
 from harness.lent_bus import LentBus
 
 from so101_motion.calib.motors.motor_setup import MotorSetup
+from so101_motion.common.errors import MotorSetupError
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.servo_types import STS3215_7V4
 
@@ -74,8 +75,12 @@ def test_strangers_and_other_kinds_are_named():
     assert "discover gripper" not in found.motors["wrist_roll"].fix
     assert any("9" in note for note in found.notes)
     bus, setup = arm()
-    bus.set(2, model_number=2825)
+    bus.set(2, model_number=1029)
     assert check(setup, "shoulder_lift").status == "wrong_model"
+    bus.set(2, model_number=2825)
+    found = setup.verify()
+    assert found.ok
+    assert "sts3250: it works" in found.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -87,19 +92,61 @@ def test_strangers_and_other_kinds_are_named():
         ({"status_level": 0}, "acknowledge"),
         ({"max_torque": 0}, "torque is 0"),
         ({"unloading_condition": 8}, "protection"),
+        ({"phase": 0}, "50 times"),
+        ({"phase": 12 | reg.REVERSED}, "backwards"),
+        ({"p_gain": 4, "d_gain": 0}, "gains (P 4, D 0, I 0)"),
+        ({"angular_resolution": 3}, "resolution is 3"),
+        ({"ccw_dead_zone": 16}, "dead zone"),
     ],
 )
-def test_settings_that_keep_an_arm_from_working_are_named_and_assign_mends_them(changes, words):
+def test_settings_that_keep_an_arm_from_working_are_named_and_mended(changes, words):
     bus, setup = arm()
     bus.set(3, **changes)
     odd = check(setup, "elbow_flex")
     assert odd.status == "wrong_settings"
     assert words in odd.error
-    assert "assign elbow_flex" in odd.fix
+    assert "so101 setup --repair" in odd.fix
+    flash = bytes(bus.world.servo("3").memory.flash)
     bus.plug(3)
     setup.assign("elbow_flex")
     bus.whole_arm()
     assert setup.verify().ok
+    bus.world.servo("3").memory.flash = flash  # the same without unplugging
+    bus.world.servo("3").boot()
+    (done,) = setup.repair()
+    assert done.startswith("elbow_flex: ")
+    bus.world.servo("3").boot()
+    assert setup.verify().ok
+
+
+def test_a_repair_keeps_what_was_set_until_power_off_and_brings_all_to_the_rate_of_the_port():
+    bus, setup = arm()
+    bus.set(3, phase=0, homing_offset=70, min_position=900)
+    bus.set(5, baud_rate=reg.BAUDS.index(500_000))
+    bus.call(lambda wire: wire.adapt(3, {reg.PHASE: 12}))
+    assert setup.repair() == ("wrist_roll: 1000000 baud, was 500000",)
+    for place in range(1, 7):
+        bus.world.servo(str(place)).boot()
+    assert setup.verify().ok
+    assert bus.holds(3, reg.PHASE, after_power_off=True) == 12
+    assert bus.holds(3, reg.HOMING_OFFSET, after_power_off=True) == 70
+    assert bus.holds(3, reg.MIN_POSITION, after_power_off=True) == 900
+
+
+def test_nothing_is_repaired_while_two_servos_share_an_id():
+    bus, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 3, 5: 5, 6: 6})
+    bus.set(4, baud_rate=reg.BAUDS.index(500_000))
+    with pytest.raises(MotorSetupError, match="share an id"):
+        setup.repair()
+
+
+def test_a_whole_arm_at_another_rate_is_found():
+    bus, setup = arm()
+    for place in range(1, 7):
+        bus.set(place, baud_rate=reg.BAUDS.index(500_000))
+    found = setup.verify()
+    assert "at 500000 baud, so the supply is on" in found.sentence
+    assert "so101 setup --repair" in found.motors["gripper"].fix
 
 
 def test_voltages_are_judged_servo_by_servo():

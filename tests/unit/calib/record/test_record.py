@@ -222,3 +222,17 @@ def test_a_servo_with_the_limits_it_came_with_looks_as_new():
     for joint, expected in (("elbow_flex", True), ("wrist_roll", False)):
         found, _ = record.from_registers(joint, 3, homing_offset=0, range_min=0, range_max=4095)
         assert record.looks_as_new(joint, found) is expected
+
+
+def test_a_range_upside_down_is_named_as_such():
+    with pytest.raises(CalibrationError, match="range_min 3145 is above range_max 948"):
+        record.parse(seed_with(range_min=3145, range_max=948))
+
+
+def test_an_arm_on_another_robot_is_read_under_its_prefix_and_two_arms_are_asked_about():
+    wheel = {"id": 7, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
+    robot = {f"arm_{joint}": entry for joint, entry in SEED.items()} | {"base_left_wheel": wheel}
+    assert record.parse(robot) == record.parse(SEED)
+    two = robot | {f"left_arm_{joint}": entry for joint, entry in SEED.items()}
+    with pytest.raises(CalibrationError, match="several arms: arm_, left_arm_"):
+        record.parse(two)

@@ -54,16 +54,18 @@ def test_torque_without_a_goal_is_a_mistake(stand):
         stand.arm.set_torque(True)
 
 
-def test_a_servo_in_the_wrong_mode_or_counting_turns_is_put_right_for_good(make_stand):
+def test_a_servo_in_the_wrong_mode_or_counting_turns_is_put_right_until_power_off(make_stand):
     stand = make_stand()
     servo = stand.port.world.servo(ELBOW)
     for row, value in ((reg.LOCK, 0), (reg.OPERATING_MODE, 1), (reg.PHASE, 28), (reg.LOCK, 1)):
         servo.write(bytes((row.address, *row.encode(value))))
     stand.connect()
-    servo.boot()
     assert stand.memory(ELBOW, reg.OPERATING_MODE) == 0
     assert stand.memory(ELBOW, reg.PHASE) == 12
     assert stand.memory(ELBOW, reg.LOCK) == 1
+    servo.boot()
+    assert stand.memory(ELBOW, reg.OPERATING_MODE) == 1, "nothing is stored for good unasked"
+    assert stand.memory(ELBOW, reg.PHASE) == 28
 
 
 def test_a_servo_that_does_not_acknowledge_is_taught_to(make_stand):

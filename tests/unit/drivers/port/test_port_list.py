@@ -8,6 +8,7 @@ from serial.tools import list_ports
 
 from so101_motion.drivers.port.port_list import (
     adapters_without_port,
+    device_of,
     find_ports,
     open_error_text,
     port_problem,
@@ -260,3 +261,11 @@ def test_an_adapter_with_a_port_is_no_trouble(system, tty):
 
 def test_other_devices_are_none_of_our_business(system):
     assert system(ids=(0x046D, 0xC31C)) == ()
+
+
+def test_all_names_of_a_port_are_one_device(tmp_path):
+    (tmp_path / "ttyACM0").touch()
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
+    assert device_of(str(tmp_path / "by-id")) == device_of(str(tmp_path / "ttyACM0"))
+    assert device_of("/dev/cu.usbmodem5A1") == device_of("/dev/tty.usbmodem5A1")
+    assert device_of("/dev/cu.usbmodem5A1") != device_of("/dev/cu.usbmodem5A2")
