@@ -310,12 +310,9 @@ def _print_diff(rows: tuple[Difference, ...], missing: list[str], there: str) ->
 def _read_registers(port: str | None) -> Mapping[str, Mapping[str, int]]:
     """Read the servos' calibration registers, by joint."""
     from so101_motion.calib.motors.arm_identification import look
-    from so101_motion.calib.record.record import SERVO_IDS
     from so101_motion.cli import port_choice
     from so101_motion.cli.shared import quietly
-    from so101_motion.setup.checkup import held
 
     report = port_choice.find_arm(port)
     with quietly(), port_choice.lent_bus(report, "a comparison") as (_, lease):
-        seen = lease.call(look)
-    return {joint: held(seen.servos[i]) for joint, i in SERVO_IDS.items() if i in seen.servos}
+        return lease.call(look).held

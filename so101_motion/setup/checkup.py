@@ -253,7 +253,7 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
             f"{stored.path} {lacks} {', '.join(missing)}",
             f"so101 calibrate --joint {missing[0]}",
         )
-    there = {joint: held(facts) for joint, facts in seen.facts.items()}
+    there = {joint: facts.calibration for joint, facts in seen.facts.items()}
     differing = [row for row in compare.diff(stored.calibration, there) if row.differs]
     if differing:
         first, *more = differing
@@ -268,15 +268,6 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
     if not differing and not missing:
         text = f"{stored.path}" + (", as the servos have it" if there else "")
         yield ok("calibration", text)
-
-
-def held(facts: ServoFacts) -> dict[str, int]:
-    """The calibration that a servo holds, under the names of the file."""
-    return {
-        "homing_offset": facts.holds(reg.HOMING_OFFSET),
-        "range_min": facts.holds(reg.MIN_POSITION),
-        "range_max": facts.holds(reg.MAX_POSITION),
-    }
 
 
 def _servo_changes(seen: Findings) -> Iterator[Check]:

@@ -221,6 +221,24 @@ class Bus:
         _log.info("%s: stored %s", self.label(servo_id), said)
         return tuple(row.name for row in differing)
 
+    def overlay(self, servo_id: int, values: Mapping[Register, int]) -> tuple[str, ...]:
+        """Write EEPROM registers that differ, in force until the servo loses its power.
+
+        Nothing is stored, because the servo is locked.
+
+        Returns:
+            The names of those that were written.
+
+        Raises:
+            BusError: See ``write``.
+        """
+        differing = {row: want for row, want in values.items() if self.read(servo_id, row) != want}
+        if differing and self.read(servo_id, LOCK) != 1:  # another program left it open
+            self.write(servo_id, LOCK, 1)
+        for register, value in differing.items():
+            self.write(servo_id, register, value)
+        return tuple(row.name for row in differing)
+
     def change_id(self, servo_id: int, new_id: int) -> None:
         """Give a servo another id for good.
 

@@ -1,15 +1,15 @@
 """Set up a servo: write those registers that differ from the values the driver needs.
 
-EEPROM: position mode, positions within one turn, writes acknowledged, and, where a calibration is
-given, its homing offset and limits. RAM: the speed and acceleration caps and the torque limit. A
-servo that restarts forgets its RAM and comes up limp, with no cap at all, so this runs again
-whenever one was silent.
+Nothing is stored in a servo: what is written holds until it loses its power. That is position mode,
+positions within one turn, writes acknowledged and the limits of a calibration file, which are
+EEPROM registers of a locked servo, and, in RAM, the speed and acceleration caps and the torque
+limit. A servo that restarts forgets it all and comes up limp, with no cap at all, so this runs
+again whenever one was silent.
+
+The homing offset is not written: a servo with another one than expected is refused.
 
 A servo that is driven stays driven, and its joint stays where it is, whatever is changed:
 
-* A goal is counted from the homing offset, so a new offset would move the joint. The servo is made
-  limp for the 10 ms that the change takes and then gets the same position in new ticks. (Its torque
-  builds up anew then: a loaded joint dips and comes back, by 1.6 deg on the emulated arm.)
 * A goal outside new limits is left as it is, and the caps are set to a crawl before the limits are
   written, in case the firmware then moves. See ``out_of_range.py``.
 * A servo that cannot reach its goal for lack of torque (a program died that had lowered the limit)
@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from operator import eq
 from typing import TypeVar
 
-from so101_motion.common.errors import CorruptReply
+from so101_motion.common.errors import CorruptReply, ServoFault
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
@@ -97,9 +97,18 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
             that the servo starts with.
 
     Raises:
-        BusError: It cannot be reached or does not take a value.
+        BusError: It cannot be reached, does not take a value or has another homing offset.
     """
     servo_id = joint.servo_id
+    if joint.homing_offset is not None:
+        offset = agreed(lambda: bus.read(servo_id, reg.HOMING_OFFSET))
+        if offset != joint.homing_offset:
+            raise ServoFault(
+                f"{bus.label(servo_id)} holds the homing offset {offset} and no longer"
+                f" {joint.homing_offset}: it was calibrated by another program or replaced, so its"
+                " angles are not known; load the calibration again",
+                servo_id=servo_id,
+            )
     full = agreed(lambda: bus.read(servo_id, reg.MAX_TORQUE))
     p_gain = agreed(lambda: bus.read(servo_id, reg.P_GAIN))
     block = agreed(lambda: bus.read_block(servo_id, _START, _COUNT, what="a read of its settings"))
@@ -107,20 +116,10 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
     goal = _pull(bus, servo_id, block, p_gain=p_gain, may_do_more=limit < full)
     if torque and goal is not None and limit < full:
         bus.write(servo_id, reg.GOAL_POSITION, goal)
-    shift = 0
-    if joint.homing_offset is not None:
-        shift = agreed(lambda: bus.read(servo_id, reg.HOMING_OFFSET)) - joint.homing_offset
     here = read_position(bus, servo_id) if goal is None else goal
-    here = (here + shift) % TICKS_PER_TURN if shift else here
     crawls = torque and is_outside(joint, Ticks(here))
     changed = _fill(bus, servo_id, CRAWL) if crawls else ()
-    if torque and shift:
-        bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-    changed += bus.store(servo_id, _eeprom(bus, joint))
-    if torque and shift:
-        if not crawls:
-            bus.write(servo_id, reg.GOAL_POSITION, here)
-        bus.write(servo_id, reg.TORQUE_ENABLE, 1)  # without a goal it holds what it finds
+    changed += bus.overlay(servo_id, _eeprom(bus, joint))
     ram = {reg.TORQUE_LIMIT: full, **ram, **(CRAWL if crawls else {})}
     changed += _fill(bus, servo_id, ram)
     return ServoCondition(
@@ -216,7 +215,6 @@ def _eeprom(bus: Bus, joint: JointMap) -> dict[Register, int]:
     }
     if joint.homing_offset is not None:
         wanted |= {
-            reg.HOMING_OFFSET: joint.homing_offset,
             reg.MIN_POSITION: joint.lower_ticks,
             reg.MAX_POSITION: joint.upper_ticks,
         }
