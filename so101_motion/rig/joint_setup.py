@@ -85,6 +85,7 @@ def find_joints(
     timeout: float,
     file: Path | None,
     may_file_be_missing: bool = False,
+    finds_file: bool = False,
     jaw_closed: float,
     zero_offsets: Mapping[str, float],
 ) -> JointSetups:
@@ -99,6 +100,7 @@ def find_joints(
         file: The calibration file; None to ask the servos.
         may_file_be_missing: Whether the file need not exist yet, because a calibration will save
             it.
+        finds_file: Whether to use, without ``file``, the saved one that agrees with the servos.
         jaw_closed: The model's angle of the closed jaw [rad].
         zero_offsets: The model's angles in the middle of the travel, of the joints for which they
             are configured [rad].
@@ -110,9 +112,11 @@ def find_joints(
     present = _find(bus, ids, {*required, *expected}, timeout)
     drives = bool(required or expected)
     interrupted = _end_interrupted(bus, file, drives)
+    held = {joint: _held(bus, ids[joint]) for joint in present}
+    if file is None and finds_file:
+        file = _saved_for(held)
     stored, notes = _read_file(file, may_file_be_missing)
     notes = interrupted + notes
-    held = {joint: _held(bus, ids[joint]) for joint in present}
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
     other = _other_calibration(bus, stored, filed, ids, held)
     if other is not None:
@@ -249,6 +253,19 @@ def _held(bus: Bus, servo_id: int) -> _Held:
         return error
 
 
+def _saved_for(held: Mapping[str, _Held]) -> Path | None:
+    """The calibration file that this package has saved and that agrees with the servos."""
+    known = {joint: each for joint, each in held.items() if isinstance(each, Mapping)}
+    for found in file_search.find():
+        if (
+            found.origin == "saved"
+            and found.stored is not None
+            and compare.agrees(found.stored.calibration, known)
+        ):
+            return found.path
+    return None
+
+
 def _offset(found: JointCalibration, held: _Held | None) -> int:
     """The homing offset of a servo that agrees with a file: its own, a tick beside the file's."""
     return held["homing_offset"] if isinstance(held, Mapping) else found.homing_offset
@@ -283,8 +300,8 @@ def _other_calibration(
     return OtherCalibration(
         stored.path,
         f"{stored.path} is not the calibration that the servos on {bus.port.name} hold:"
-        f" {rows[0].sentence}{count}{whose}. Nothing was written to them. If the file is right, store"
-        f" it in the servos: so101 calibration write {stored.path} --port {bus.port.name}",
+        f" {rows[0].sentence}{count}{whose}. Nothing was written to them. If the file is right,"
+        f" store it in the servos: so101 calibration write {stored.path} --port {bus.port.name}",
     )
 
 

@@ -262,8 +262,8 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
         yield warn(
             "calibration",
             f"{first.sentence}{others}",
-            "if this is the file of another arm, so101 calibrate; else leave it: the servos get the"
-            " file's numbers when the arm is opened",
+            "if this is the file of another arm, name this arm's; else so101 calibration write"
+            f" {stored.path} stores it in the servos",
         )
     if not differing and not missing:
         text = f"{stored.path}" + (", as the servos have it" if there else "")

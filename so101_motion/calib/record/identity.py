@@ -32,9 +32,7 @@ class EncoderZero:
 
 
 def encoder_zeros(calibration: Calibration, zeros: Mapping[str, Zero]) -> dict[str, EncoderZero]:
-    """The zero of each joint of a calibration; joints without an entry in ``zeros`` have theirs in
-    the middle of the travel.
-    """
+    """The zero of each joint of a calibration; without an entry in ``zeros`` it is the middle."""
     found = {}
     for joint in JOINTS:
         if joint not in calibration:
