@@ -10,9 +10,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion.cli.completion_values import completed_files
-from so101_motion.cli.shared import CHECK_FAILED, Verbs, dry_run_option, json_option, print_json
+from so101_motion.cli.shared import (
+    CHECK_FAILED,
+    STOPPED,
+    Verbs,
+    dry_run_option,
+    json_option,
+    print_json,
+)
 from so101_motion.cli.sources import port_option
-from so101_motion.common.errors import CalibrationError
+from so101_motion.common.errors import CalibrationError, OtherCalibration
 from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
@@ -20,6 +27,7 @@ if TYPE_CHECKING:
     from so101_motion.calib.record.record import Calibration
     from so101_motion.calib.record.store import Stored
     from so101_motion.calib.record.zero_report import ZeroReport
+    from so101_motion.setup.port_report import PortReport
 
 
 @click.group(cls=Verbs)
@@ -137,8 +145,8 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run:
 def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None:
     """Import a calibration of LeRobot (old or new) or of the published module.
 
-    If there is such a file already, its content is kept as a version. The servos get the new
-    numbers when an arm is opened with the file.
+    If there is such a file already, its content is kept as a version. "so101 calibration write"
+    stores the numbers in the servos.
 
     \b
     so101 calibration import ~/.cache/huggingface/lerobot/calibration/robots/so_follower/me.json
@@ -190,7 +198,67 @@ def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None
     _notes(stored)
 
 
+@calibration.command()
+@click.argument("file", shell_complete=completed_files)
+@port_option("Serial port of the arm; by default the only one with an arm")
+@click.option("--yes", is_flag=True, help="Write without asking.")
+def write(file: str, port: str | None, yes: bool) -> None:
+    """Store FILE in the servos; what they held is kept as a version of FILE.
+
+    Use it if the arm is refused because its servos hold another calibration, and FILE is right.
+    Joints whose zero changes go limp: support the arm.
+    """
+    from so101_motion.calib.record import store
+    from so101_motion.cli import port_choice
+
+    stored = store.read(store.resolve(file))
+    report = port_choice.find_to_examine(port)
+    if not yes:
+        _agree(f"Store {stored.path} in the servos on {report.port.name}? {_GO_LIMP}")
+    _write(stored, report)
+
+
 # Also used by other verbs
+
+
+def ask_and_write(other: OtherCalibration, port: str) -> None:
+    """Ask whether a calibration file is to be stored in servos that hold another, and do it.
+
+    Raises:
+        SystemExit: The answer is no.
+        So101Error: It cannot be written.
+    """
+    from so101_motion.calib.record import store
+    from so101_motion.cli import port_choice
+
+    click.echo(str(other), err=True)
+    _agree(f"Store it in the servos now? What they hold is kept. {_GO_LIMP}")
+    _write(store.read(other.file), port_choice.look_at(port))
+
+
+_GO_LIMP = "Joints whose zero changes go limp: support the arm."
+
+
+def _agree(question: str) -> None:
+    try:
+        agreed = click.confirm(question, err=True)
+    except click.Abort:
+        raise click.UsageError("there is no answer; give --yes to write without asking") from None
+    if not agreed:
+        click.echo("nothing was written", err=True)
+        raise SystemExit(STOPPED)
+
+
+def _write(stored: Stored, report: PortReport) -> None:
+    from so101_motion.calib.procedure.eeprom import write_calibration
+    from so101_motion.cli import port_choice
+
+    with port_choice.lent_bus(report, "writing a calibration") as (_, lease):
+        kept = lease.call(lambda bus: write_calibration(bus, stored))
+    click.echo(f"the servos on {report.port.name} hold {stored.path}", err=True)
+    if kept is not None:
+        undo = f"so101 calibration write {kept} --port {report.port.name}"
+        click.echo(f"what they held before is kept; to put it back: {undo}", err=True)
 
 
 def facts(stored: Stored) -> dict[str, Any]:
@@ -310,12 +378,9 @@ def _print_diff(rows: tuple[Difference, ...], missing: list[str], there: str) ->
 def _read_registers(port: str | None) -> Mapping[str, Mapping[str, int]]:
     """Read the servos' calibration registers, by joint."""
     from so101_motion.calib.motors.arm_identification import look
-    from so101_motion.calib.record.record import SERVO_IDS
     from so101_motion.cli import port_choice
     from so101_motion.cli.shared import quietly
-    from so101_motion.setup.checkup import held
 
     report = port_choice.find_arm(port)
     with quietly(), port_choice.lent_bus(report, "a comparison") as (_, lease):
-        seen = lease.call(look)
-    return {joint: held(seen.servos[i]) for joint, i in SERVO_IDS.items() if i in seen.servos}
+        return lease.call(look).held

@@ -204,10 +204,9 @@ def _as_servos_hold(seen: Findings) -> Stored:
     """The calibration in the servos' registers, used when there is no file."""
     from so101_motion.calib.record import record
     from so101_motion.calib.record.store import Stored
-    from so101_motion.setup.checkup import held
 
     calibration = {
-        joint: record.from_registers(joint, facts.servo_id, **held(facts))[0]
+        joint: record.from_registers(joint, facts.servo_id, **facts.calibration)[0]
         for joint, facts in seen.facts.items()
         if facts.is_calibrated
     }

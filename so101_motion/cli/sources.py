@@ -7,6 +7,7 @@ its gripper has all three (``any_source_options``). A typed option wins over the
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,11 +18,14 @@ import click
 from so101_motion.cli.param_types import IN_FILE, PORT, Finite
 from so101_motion.cli.shared import F, aside, busy_message
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.common.state import ARM_JOINTS
 
 if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.files.cell_file import CellFile
     from so101_motion.rig.cell_rigs import CellRigs
+    from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.rig.protocols import RigLike
     from so101_motion.rig.rig import Rig
     from so101_motion.viam.client import MachineRig
@@ -88,22 +92,55 @@ class Source(_SourceWithCaps):
     def open(self) -> Rig:
         """Open the arm and its gripper.
 
+        If its servos hold another calibration than the file, the user is asked at a terminal.
+
         Raises:
             So101Error: It cannot be reached, or a setting is not valid.
         """
+        from so101_motion.common.errors import OtherCalibration
+        from so101_motion.drivers.bus.defaults import SERVO_IDS
         from so101_motion.rig.hardware_rig import open_hardware
+        from so101_motion.rig.servo_driver import ServoSettings
         from so101_motion.rig.simulated_rig import open_simulated
 
-        rig: Rig
         if self.port is None:
-            rig = open_simulated(q_start=self.q_start)
-        else:
-            from so101_motion.drivers.bus.defaults import SERVO_IDS
-            from so101_motion.rig.servo_driver import ServoSettings
+            return self._capped(open_simulated(q_start=self.q_start))
+        asked = ServoSettings(port=self.port, calibration_file=self.known_calibration())
+        asked = asked.with_arm(SERVO_IDS)
+        try:
+            return self._capped(open_hardware(asked))
+        except OtherCalibration as error:
+            from so101_motion.cli.calibration import ask_and_write
 
-            asked = ServoSettings(port=self.port, calibration_file=self.known_calibration())
-            rig = open_hardware(asked.with_arm(SERVO_IDS))
+            if sys.stdin is None or not sys.stdin.isatty():
+                raise
+            ask_and_write(error, self.port)
+        return self._capped(open_hardware(asked))
+
+    def open_to_look(self) -> Rig:
+        """Open the arm without driving it: nothing is written to a servo, a limp arm stays limp.
+
+        Raises:
+            So101Error: A servo of the arm does not answer, or as ``open``.
+        """
+        if self.port is None:
+            return self.open()
+        rig = self._open_looking(self.port, self.known_calibration())
+        silent = [joint for joint in ARM_JOINTS if joint not in rig.servos.setups]
+        if silent:
+            rig.close()
+            reason = f"{', '.join(silent)} does not answer; check its cable and the arm's power"
+            raise PortUnavailable(self.port, reason)
+        for note in rig.servos.notes:
+            self.say(f"note: {note}")
         return self._capped(rig)
+
+    @staticmethod
+    def _open_looking(port: str, file: Path | None) -> HardwareRig:
+        from so101_motion.rig.hardware_rig import open_hardware
+        from so101_motion.rig.servo_driver import ServoSettings
+
+        return open_hardware(ServoSettings(port=port, timeout=None, calibration_file=file))
 
     def known_calibration(self) -> Path | None:
         """The calibration file that ``open`` uses; None without one.
@@ -178,6 +215,8 @@ class MachineSource(_SourceWithCaps):
                 gripper=self.gripper,
             )
         return self._capped(rig)
+
+    open_to_look = open
 
 
 AnySource = Source | MachineSource

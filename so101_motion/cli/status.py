@@ -17,7 +17,7 @@ from so101_motion.cli.sources import (
     machine_options,
 )
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_mm
 
 if TYPE_CHECKING:
@@ -104,23 +104,28 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     is_held = isinstance(rig, HardwareRig) and _is_held(rig)
     state, arm = rig.arm.state, rig.arm
     pose = arm.T_base()
+    found: tuple[str, ...] = (*ARM_JOINTS, GRIPPER_JOINT)
+    if isinstance(rig, HardwareRig):  # those that answer now, in order
+        found = tuple(j for j in found if j in (rig.servos.positions or rig.servos.setups))
+    q_deg: dict[str, Any] = _by_joint(to_deg(state.q))
+    has_arm = all(joint in found for joint in ARM_JOINTS)
     lower, upper = arm.range
     seen: dict[str, Any] = {
         "source": source.what,
         "connected": rig.connection.is_up,
         "mode": state.mode.value,
         "fault": state.fault or "",
-        "q_deg": _by_joint(to_deg(state.q)),
+        "q_deg": {joint: q if joint in found else None for joint, q in q_deg.items()},
         "range_deg": _by_joint(to_deg(lower), to_deg(upper)),
-        "jaw_percent": round(100.0 * rig.gripper.aperture, 1),
-        "tool_mm": [round(x, 2) for x in to_mm(pose.p).tolist()],
+        "jaw_percent": round(100.0 * rig.gripper.aperture, 1) if GRIPPER_JOINT in found else None,
+        "tool_mm": [round(x, 2) for x in to_mm(pose.p).tolist()] if has_arm else None,
         "speed_degs_per_sec": round(to_deg(arm.speed), 3),
         "acceleration_degs_per_sec_per_sec": round(to_deg(arm.acceleration), 3),
         "alarms": dict(state.reading.alarms),
         "notes": [],
     }
     if isinstance(rig, HardwareRig):
-        seen["joints_found"] = list(rig.servos.setups)
+        seen["joints_found"] = list(found)
         seen["notes"] = list(rig.servos.notes)
         if is_held:  # since before; this program only reads
             seen["mode"] = Mode.HOLDING.value
@@ -151,16 +156,22 @@ def _print_state(seen: dict[str, Any]) -> None:
     click.echo(f"{seen['source']}: {seen['mode']}")
     if seen["fault"]:
         echo(seen["fault"], indent="  ")
-    found = seen.get("joints_found", ARM_JOINTS)
+    found = seen.get("joints_found", (*ARM_JOINTS, GRIPPER_JOINT))
     for joint in ARM_JOINTS:
         if joint not in found:
             click.echo(f"  {joint:<14}does not answer")
             continue
         lower, upper = seen["range_deg"][joint]
         click.echo(f"  {joint:<14}{seen['q_deg'][joint]:>8.1f} deg   {lower:.0f} to {upper:.0f}")
-    click.echo(f"  {'jaw':<14}{seen['jaw_percent']:>8.0f} % open")
-    where = ", ".join(f"{x:.1f}" for x in seen["tool_mm"])
-    click.echo(f"  {'tool':<14}({where}) mm")
+    if seen["jaw_percent"] is None:
+        click.echo(f"  {'jaw':<14}does not answer")
+    else:
+        click.echo(f"  {'jaw':<14}{seen['jaw_percent']:>8.0f} % open")
+    if seen["tool_mm"] is None:
+        click.echo(f"  {'tool':<14}not known")
+    else:
+        where = ", ".join(f"{x:.1f}" for x in seen["tool_mm"])
+        click.echo(f"  {'tool':<14}({where}) mm")
     for joint, words in seen["alarms"].items():
         echo(f"{joint}: {words}", err=True)
     for note in seen["notes"]:

@@ -274,7 +274,7 @@ def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
     quiet = replace(source, say=say) if isinstance(source, Source) else source
 
     def opened() -> RigLike:
-        rig: RigLike = quiet.open()
+        rig: RigLike = quiet.open_to_look()
         if scene is not None:
             rig.arm.scene = scene
         return rig

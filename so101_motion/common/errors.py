@@ -14,6 +14,8 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from so101_motion.common.geometry import Array
     from so101_motion.common.state import JointState
 
@@ -237,6 +239,18 @@ class NotReady(BusError):
     def __init__(self, reason: str) -> None:
         self.reason = reason
         super().__init__(f"not ready: {reason}")
+
+
+class OtherCalibration(BusError):
+    """The servos hold another calibration than the file; nothing was written or driven.
+
+    Attributes:
+        file: The calibration file.
+    """
+
+    def __init__(self, file: Path, reason: str) -> None:
+        self.file = file
+        super().__init__(reason)
 
 
 class NoReply(BusError, TimeoutError):

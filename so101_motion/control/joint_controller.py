@@ -404,6 +404,12 @@ class JointController:
         self._refuse_lent()
         if self.mode is Mode.FAULT:
             raise NotHolding(f"the arm is in a fault: {self._fault}; clear it, then hold again")
+        silent = sorted(self.state.reading.unanswered) if self.state else []
+        if self.mode is Mode.LIMP and silent:
+            raise NotHolding(
+                f"{', '.join(silent)} does not answer; check its cable and the arm's power supply,"
+                " then let the arm hold"
+            )
         if self.mode is Mode.LIMP:
             raise NotHolding("the arm is limp; let it hold first (set_torque, or Hold on the page)")
         raise MotionError(refusal(self.mode, event))

@@ -40,6 +40,19 @@ class GoalMetric(Enum):
     """Everything counts; if five joints cannot reach it, the error names the nearest pose."""
 
 
+def as_metric(given: GoalMetric | str) -> GoalMetric:
+    """The metric itself, or the one of that name.
+
+    Raises:
+        ConfigError: There is none of that name.
+    """
+    try:
+        return GoalMetric(given)
+    except ValueError:
+        names = ", ".join(metric.value for metric in GoalMetric)
+        raise ConfigError("metric", given, f"must be one of {names}") from None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseCloud:
     """Tolerances around a pose: every pose within them is as good as the pose itself.
@@ -103,6 +116,7 @@ class PoseGoal:
     cloud: PoseCloud | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "metric", as_metric(self.metric))
         _refuse_far(self.T_base_tool, FARTHEST)
 
     @classmethod

@@ -13,12 +13,14 @@ import atexit
 import logging
 import threading
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-from so101_motion.calib.record import lerobot
+from so101_motion.calib.procedure.eeprom import write_calibration
+from so101_motion.calib.record import lerobot, store
 from so101_motion.common.clock import Clock, MonotonicClock
-from so101_motion.common.errors import ConfigError, NotReady
+from so101_motion.common.errors import CalibrationError, ConfigError, NotReady
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_lease import BusLease
@@ -129,6 +131,43 @@ class HardwareRig(Rig):
         with _hardware_lock:
             self._shared.rebuild(self.servos.settings)
 
+    def drive(self) -> None:
+        """Ask for the arm's servos, if this share only looks at them; they are held where they are.
+
+        Raises:
+            OtherCalibration: They hold another calibration than the file; nothing is driven.
+            BusError: They cannot be reached or set up; likewise.
+        """
+        with _hardware_lock:
+            looks = self._asked
+            if not looks.required():
+                self._shared.replace(looks, looks.with_arm(SERVO_IDS))
+                self._asked = looks.with_arm(SERVO_IDS)
+
+    def write_calibration(self) -> Path | None:
+        """Store the calibration file in the servos for good; see ``eeprom.write_calibration``.
+
+        Returns:
+            The version that has what they held before.
+
+        Raises:
+            CalibrationError: There is no file, or what they held cannot be kept.
+            MotionError: Something moves.
+            BusError: A servo cannot be reached or set up.
+        """
+        file = self.settings.file
+        if file is None:
+            raise CalibrationError(None, "no calibration file is configured", "configure one")
+        stored, holds = store.load(file), self.servos.is_driving
+        lease = self.lend_bus("writing the calibration")
+        try:
+            kept = lease.call(partial(write_calibration, stored=stored))
+        except BaseException:
+            lease.abandon()
+            raise
+        lease.give_back(hold=holds)
+        return kept
+
     def lend_bus(self, purpose: str) -> BusLease:
         """Borrow the bus, to calibrate the servos or to set them up; see ``BusLease``.
 
@@ -170,7 +209,7 @@ class HardwareRig(Rig):
 
 
 def open_hardware(
-    settings: ServoSettings,
+    settings: ServoSettings | str,
     *,
     clock: Clock | None = None,
     reply_timeout: float | None = None,
@@ -185,7 +224,8 @@ def open_hardware(
     The first user of a port decides ``clock``, ``reply_timeout`` and ``open_port``.
 
     Args:
-        settings: The port, and the settings asked of it.
+        settings: The port, and the settings asked of it; or the port of a whole arm. Without a
+            calibration file, the saved one that agrees with the servos is used, else their own.
         clock: The rig's clock; the real time by default.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s]; by default
             as long as the period of the setpoints allows.
@@ -195,6 +235,10 @@ def open_hardware(
         ConfigError: Another component uses the port with other settings.
         BusError: The port cannot be opened, or a servo that is asked for does not answer.
     """
+    if isinstance(settings, str):
+        settings = ServoSettings(port=settings, servo_ids=SERVO_IDS, gripper_id=GRIPPER_ID)
+    finds = settings.calibration_file is None and settings.fallback_file is None
+    settings = replace(settings, finds_file=finds)
     return _open(settings, clock, reply_timeout, open_port, waits=True)
 
 
@@ -206,7 +250,7 @@ def open_so101(
     Args:
         port: The serial port.
         calibration_id: LeRobot's name of the arm (``--robot.id``), to use LeRobot's calibration
-            file of it; None to use the calibration that the servos hold.
+            file of it; None for the saved file that agrees with the servos, else their own.
         clock: As for ``open_hardware``, which raises further errors.
 
     Raises:

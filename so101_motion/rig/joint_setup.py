@@ -3,6 +3,10 @@
 For each servo the calibration file counts first, then the servo's own registers, then the defaults.
 Without a file the registers are read again at each start. For the zero see ``zero``: only a file
 can have more than the middle of the travel, and only the configuration overrides a file.
+
+A file is used only if the servos hold the same: else it may be that of another arm. Servos that are
+to be driven are then refused (``OtherCalibration``), and nothing is written; where they are only
+looked at, their own calibration is used.
 """
 
 from __future__ import annotations
@@ -14,11 +18,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.record import file_search, record, servo_file, store
+from so101_motion.calib.record import compare, file_search, record, servo_file, store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero import MIDDLE, Zero, in_force, zero_ticks
-from so101_motion.common.errors import BusError, CalibrationError, PortUnavailable
+from so101_motion.common.errors import (
+    BusError,
+    CalibrationError,
+    OtherCalibration,
+    PortUnavailable,
+)
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
@@ -76,6 +85,7 @@ def find_joints(
     timeout: float,
     file: Path | None,
     may_file_be_missing: bool = False,
+    finds_file: bool = False,
     jaw_closed: float,
     zero_offsets: Mapping[str, float],
 ) -> JointSetups:
@@ -90,18 +100,29 @@ def find_joints(
         file: The calibration file; None to ask the servos.
         may_file_be_missing: Whether the file need not exist yet, because a calibration will save
             it.
+        finds_file: Whether to use, without ``file``, the saved one that agrees with the servos.
         jaw_closed: The model's angle of the closed jaw [rad].
         zero_offsets: The model's angles in the middle of the travel, of the joints for which they
             are configured [rad].
 
     Raises:
+        OtherCalibration: Joints are required or expected, and the file is not what they hold.
         BusError: The port went away, or an interrupted calibration could not be ended.
     """
     present = _find(bus, ids, {*required, *expected}, timeout)
-    interrupted = _end_interrupted(bus, file)
+    drives = bool(required or expected)
+    interrupted = _end_interrupted(bus, file, drives)
+    held = {joint: _held(bus, ids[joint]) for joint in present}
+    if file is None and finds_file:
+        file = _saved_for(held)
     stored, notes = _read_file(file, may_file_be_missing)
     notes = interrupted + notes
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
+    other = _other_calibration(bus, stored, filed, ids, held)
+    if other is not None:
+        if drives:
+            raise other
+        stored, filed, notes = None, {}, (*notes, f"{other}. Meanwhile angles are the servos' own")
     setups = {}
     doubtful: dict[str, list[str]] = {}  # of which joints each note is true
     for joint in JOINTS:
@@ -109,13 +130,12 @@ def find_joints(
             continue
         found, source, note = filed.get(ids[joint]), "file", None
         if found is None:
-            found, source, note = _from_servo(joint, ids[joint], bus if joint in present else None)
+            found, source, note = _from_servo(joint, ids[joint], held.get(joint))
         is_own = stored is not None and found is stored.calibration.get(joint)
         known = stored.zeros.get(joint) if stored and is_own else None
         zero = in_force(known, zero_offsets.get(joint))
-        mapped = joint_map(
-            joint, found, is_filed=source == "file", jaw_closed=jaw_closed, zero=zero
-        )
+        offset = _offset(found, held.get(joint)) if source == "file" else None
+        mapped = joint_map(joint, found, offset=offset, jaw_closed=jaw_closed, zero=zero)
         setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
         if note:
             doubtful.setdefault(note, []).append(joint)
@@ -125,7 +145,7 @@ def find_joints(
 
 
 def joint_map(
-    joint: str, found: JointCalibration, *, is_filed: bool, jaw_closed: float, zero: Zero
+    joint: str, found: JointCalibration, *, offset: int | None, jaw_closed: float, zero: Zero
 ) -> JointMap:
     """Make the map from ticks to radians of one joint.
 
@@ -134,7 +154,8 @@ def joint_map(
     Args:
         joint: Its name.
         found: Its calibration.
-        is_filed: Whether it came from a file, which the servo's registers then follow.
+        offset: The homing offset that its servo has to hold, if the calibration came from a file
+            [tick]; else None.
         jaw_closed: The model's angle of the closed jaw [rad].
         zero: The zero of an arm joint.
     """
@@ -144,7 +165,7 @@ def joint_map(
         at_zero = closed_ticks - (-1 if found.drive_mode else 1) * jaw_closed * TICKS_PER_RAD
     return JointMap.from_calibration(
         servo_id=found.id,
-        homing_offset=found.homing_offset if is_filed else None,
+        homing_offset=offset,
         range_min=found.range_min,
         range_max=found.range_max,
         drive_mode=found.drive_mode,
@@ -165,8 +186,15 @@ def _find(bus: Bus, ids: Mapping[str, int], wanted: Collection[str], timeout: fl
     return present
 
 
-def _end_interrupted(bus: Bus, path: Path | None) -> tuple[str, ...]:
-    """End a calibration that a crash interrupted, before its data is used."""
+def _end_interrupted(bus: Bus, path: Path | None, drives: bool) -> tuple[str, ...]:
+    """End a calibration that a crash interrupted, before its data is used to drive the servos."""
+    if path is not None and not drives:
+        if not journal.path_for(path).exists():
+            return ()
+        return (
+            f"a calibration to {path} was interrupted; it is completed or undone when the arm is"
+            " next calibrated, or opened to be moved",
+        )
     try:
         note = None if path is None else journal.recover(bus, path)
     except CalibrationError as error:
@@ -206,14 +234,12 @@ def _elsewhere(path: Path) -> str:
     return f". A file of that name is {' and '.join(others)}; copy it from there" if others else ""
 
 
-def _from_servo(
-    joint: str, servo_id: int, bus: Bus | None
-) -> tuple[JointCalibration, str, str | None]:
-    default = replace(record.default(joint), id=servo_id)
-    if bus is None:
-        return default, "defaults", None
+_Held = Mapping[str, int] | BusError  # what a servo holds, by the names of a file; or why not known
+
+
+def _held(bus: Bus, servo_id: int) -> _Held:
     try:
-        held = {
+        return {
             name: bus.read(servo_id, register)
             for name, register in (
                 ("homing_offset", reg.HOMING_OFFSET),
@@ -224,7 +250,69 @@ def _from_servo(
     except PortUnavailable:
         raise
     except BusError as error:
-        return default, "defaults", f"{error}. Defaults are used"
+        return error
+
+
+def _saved_for(held: Mapping[str, _Held]) -> Path | None:
+    """The calibration file that this package has saved and that agrees with the servos."""
+    known = {joint: each for joint, each in held.items() if isinstance(each, Mapping)}
+    for found in file_search.find():
+        if (
+            found.origin == "saved"
+            and found.stored is not None
+            and compare.agrees(found.stored.calibration, known)
+        ):
+            return found.path
+    return None
+
+
+def _offset(found: JointCalibration, held: _Held | None) -> int:
+    """The homing offset of a servo that agrees with a file: its own, a tick beside the file's."""
+    return held["homing_offset"] if isinstance(held, Mapping) else found.homing_offset
+
+
+def _other_calibration(
+    bus: Bus,
+    stored: Stored | None,
+    filed: Mapping[int, JointCalibration],
+    ids: Mapping[str, int],
+    held: Mapping[str, _Held],
+) -> OtherCalibration | None:
+    """The error that the servos hold something else than the file, if they do."""
+    known = {joint: each for joint, each in held.items() if isinstance(each, Mapping)}
+    named = {joint: filed[ids[joint]] for joint in known if ids[joint] in filed}
+    rows = compare.conflicts(named, known)
+    if stored is None or not rows:
+        return None
+    others = [
+        str(found.path)
+        for found in file_search.find()
+        if found.stored is not None
+        and found.path != stored.path
+        and compare.agrees(found.stored.calibration, known)
+    ]
+    count = f", and {len(rows) - 1} more numbers differ" if len(rows) > 1 else ""
+    whose = (
+        f". They agree with {others[0]}, so this is probably the arm of that file: use that"
+        if others
+        else ". This may be another arm, whose file is another"
+    )
+    return OtherCalibration(
+        stored.path,
+        f"{stored.path} is not the calibration that the servos on {bus.port.name} hold:"
+        f" {rows[0].sentence}{count}{whose}. Nothing was written to them. If the file is right,"
+        f" store it in the servos: so101 calibration write {stored.path} --port {bus.port.name}",
+    )
+
+
+def _from_servo(
+    joint: str, servo_id: int, held: _Held | None
+) -> tuple[JointCalibration, str, str | None]:
+    default = replace(record.default(joint), id=servo_id)
+    if held is None:
+        return default, "defaults", None
+    if isinstance(held, BusError):
+        return default, "defaults", f"{held}. Defaults are used"
     found, note = record.from_registers(joint, servo_id, **held)
     believed = (found.range_min, found.range_max) == (held["range_min"], held["range_max"])
     return found, "registers" if believed else "defaults", note

@@ -34,6 +34,8 @@ class ServoSettings:
             order; None from components that do not care.
         compensates: Whether weight, friction and lag are compensated; None from components that do
             not care: they are compensated then.
+        finds_file: Whether the saved calibration that agrees with the servos is used if none is
+            named.
         goes_with_arm: Whether it is a gripper that names its arm; the arm's baudrate counts, and
             its own only when the arm has left.
     """
@@ -49,6 +51,7 @@ class ServoSettings:
     fallback_file: Path | None = None
     releases_at_end: bool | None = None
     compensates: bool | None = None
+    finds_file: bool = False
     goes_with_arm: bool = False
 
     @property

@@ -23,6 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from so101_motion.calib.record.identity import identity
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance, Wall
@@ -339,6 +340,16 @@ class ServoDriver:
     def calibration(self) -> dict[str, JointCalibration]:
         """The calibration in use, by joint."""
         return {joint: setup.calibration for joint, setup in self.setups.items()}
+
+    @property
+    def identity(self) -> str | None:
+        """The identity of the calibration in use, with configured zeros; None before it is known.
+
+        See ``calib/record/identity.py``.
+        """
+        if not self.setups:
+            return None
+        return identity(self.calibration, {j: setup.zero for j, setup in self.setups.items()})
 
     def to_ticks(self, joint: str, q: float) -> int:
         """The servo position that ``joint`` has at angle ``q`` [rad]."""

@@ -192,6 +192,7 @@ def joints_on(
         timeout=timeout,
         file=settings.file,
         may_file_be_missing=settings.may_file_be_missing,
+        finds_file=settings.finds_file,
         jaw_closed=JAW_CLOSED,
         zero_offsets=settings.zero_offsets or {},
     )

@@ -244,6 +244,17 @@ class SharedPort:
             self.rebuild(joined)
         self.servos.settings = joined
 
+    def replace(self, before: ServoSettings, after: ServoSettings) -> None:
+        """Let a component ask for other settings; if that fails, all is as before.
+
+        Raises:
+            BusError: A servo that they ask for cannot be set up.
+        """
+        others = list(self.shares)
+        others[others.index(before)] = after
+        self.admit(self._combined(others))
+        self.shares = others
+
     def leave(self, settings: ServoSettings) -> bool:
         """Give up a share; returns whether it was the last one."""
         self.shares.remove(settings)

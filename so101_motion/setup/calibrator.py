@@ -17,6 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -24,6 +25,7 @@ from so101_motion.calib.access import BusAccess
 from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.calib.motors.setup_view import SetupView, Verification
 from so101_motion.calib.procedure import jobs
+from so101_motion.calib.procedure.eeprom import write_calibration
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.steps import Command, State
 from so101_motion.calib.procedure.view import CalibrationView, JointView
@@ -302,7 +304,8 @@ class Calibrator(BaseCalibrator):
             self._loan = self._rig.lend_bus("an earlier calibration")
             try:
                 stored = store.restore(self._file(), number)
-            except CalibrationError:
+                self._loan.call(partial(write_calibration, stored=stored))
+            except So101Error:
                 self._give_back(hold=was_held)
                 raise
             return self._give_back(hold=was_held, stored=stored)

@@ -301,7 +301,7 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
             f"{stored.path} {lacks} {', '.join(missing)}",
             f"so101 calibrate --joint {missing[0]}",
         )
-    there = {joint: held(facts) for joint, facts in seen.facts.items()}
+    there = {joint: facts.calibration for joint, facts in seen.facts.items()}
     differing = [row for row in compare.diff(stored.calibration, there) if row.differs]
     if differing:
         first, *more = differing
@@ -310,8 +310,8 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
         yield warn(
             "calibration",
             f"{first.sentence}{others}",
-            "if this is the file of another arm, so101 calibrate; else leave it: the servos get the"
-            " file's numbers when the arm is opened",
+            "if this is the file of another arm, name this arm's; else so101 calibration write"
+            f" {stored.path} stores it in the servos",
         )
     if not differing and not missing:
         text = f"{stored.path}" + (", as the servos have it" if there else "")
@@ -321,15 +321,6 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
 def held_range(facts: ServoFacts) -> int:
     """The travel that a servo's limits leave it [tick]."""
     return facts.holds(reg.MAX_POSITION) - facts.holds(reg.MIN_POSITION)
-
-
-def held(facts: ServoFacts) -> dict[str, int]:
-    """The calibration that a servo holds, under the names of the file."""
-    return {
-        "homing_offset": facts.holds(reg.HOMING_OFFSET),
-        "range_min": facts.holds(reg.MIN_POSITION),
-        "range_max": facts.holds(reg.MAX_POSITION),
-    }
 
 
 def _servo_changes(seen: Findings) -> Iterator[Check]:

@@ -238,11 +238,11 @@ def _judge(port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile]) -> Po
             nominal_volts=first.nominal_volts,
             supply_trouble=first.supply_trouble,
         )
-    if not seen.has_arm:
-        return replace(report, sentence=_about_no_arm(seen))
     fitting = [found for found in files if arm_identification.fits(seen, found)]
-    role, because = arm_identification.role(seen, fitting)
     file, about_file = _calibration(port, seen, files, fitting)
+    if not seen.has_arm:  # perhaps only a loose plug
+        return replace(report, calibration=file, sentence=_about_no_arm(seen))
+    role, because = arm_identification.role(seen, fitting)
     return replace(
         report,
         role=role,

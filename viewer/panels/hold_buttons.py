@@ -14,6 +14,7 @@ from typing import Any
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
+from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import ArmConnection, RigLike
 from so101_motion.rig.rig import Rig
 
@@ -178,6 +179,8 @@ def hold(rig: RigLike) -> None:
     Raises:
         So101Error: The cause of a fault is still there.
     """
+    if isinstance(rig, HardwareRig):
+        rig.drive()
     rig.arm.set_torque(True)
     if isinstance(rig, Rig):
         rig.gripper.regrip()

@@ -19,6 +19,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from so101_motion.calib.record import compare
 from so101_motion.calib.record.file_search import FoundFile
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.common.errors import BusError, CorruptReply, PortUnavailable
@@ -37,7 +38,6 @@ from so101_motion.drivers.feetech.servo_settings import OddSetting, odd_settings
 Role = Literal["follower", "leader", "unknown"]
 
 _MODELS = {reg.STS3215_MODEL: "sts3215", 2825: "sts3250", 1540: "sts3250"}  # LR; Feetech's Go users
-_SAME = 1  # [tick], the published module stores an offset that is one off its file's
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,6 +135,15 @@ class ServoFacts:
         return self.holds(reg.MIN_POSITION) < self.holds(reg.MAX_POSITION)
 
     @property
+    def calibration(self) -> dict[str, int]:
+        """The calibration that it holds, under the names of a file."""
+        return {
+            "homing_offset": self.holds(reg.HOMING_OFFSET),
+            "range_min": self.holds(reg.MIN_POSITION),
+            "range_max": self.holds(reg.MAX_POSITION),
+        }
+
+    @property
     def is_calibrated(self) -> bool:
         """Whether it has ever been given limits or an offset."""
         limits = (self.holds(reg.MIN_POSITION), self.holds(reg.MAX_POSITION))
@@ -171,6 +180,12 @@ class ServosOnBus:
     def has_gripper(self) -> bool:
         """Whether the jaw's servo is there and of its kind."""
         return self._is_there(SERVO_IDS[JOINTS[-1]])
+
+    @property
+    def held(self) -> dict[str, dict[str, int]]:
+        """The calibration that each servo holds, by joint, as ``compare`` takes it."""
+        found = ((joint, self.servos.get(i)) for joint, i in SERVO_IDS.items())
+        return {joint: facts.calibration for joint, facts in found if facts is not None}
 
     @property
     def unexpected_ids(self) -> tuple[int, ...]:
@@ -215,22 +230,10 @@ def look(bus: Bus) -> ServosOnBus:
 
 
 def fits(seen: ServosOnBus, found: FoundFile) -> bool:
-    """Whether a calibration file agrees with the servos, for every joint of an arm."""
+    """Whether a calibration file is of all joints of an arm and agrees with the servos."""
     calibration = found.stored.calibration if found.stored is not None else {}
-    if any(joint not in calibration for joint in ARM_JOINTS):
-        return False
-    for joint, entry in calibration.items():
-        facts = seen.servos.get(SERVO_IDS[joint])
-        if facts is None:
-            continue
-        pairs = (
-            (entry.homing_offset, reg.HOMING_OFFSET),
-            (entry.range_min, reg.MIN_POSITION),
-            (entry.range_max, reg.MAX_POSITION),
-        )
-        if any(abs(held - facts.holds(register)) > _SAME for held, register in pairs):
-            return False
-    return True
+    is_whole = all(joint in calibration for joint in ARM_JOINTS)
+    return is_whole and compare.agrees(calibration, seen.held)
 
 
 def role(seen: ServosOnBus, files: Iterable[FoundFile] = ()) -> tuple[Role, str]:

@@ -12,12 +12,16 @@ angle.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from so101_motion.calib.procedure.travel import representable
+from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JointCalibration
+from so101_motion.calib.record.store import Stored
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN, Memory, Register
+from so101_motion.drivers.feetech.presence import missing_servos
 
 _MAX = TICKS_PER_TURN - 1
 
@@ -49,6 +53,15 @@ class HeldCalibration:
             homing_offset=entry.homing_offset,
             range_min=entry.range_min,
             range_max=entry.range_max,
+        )
+
+    def entry(self, like: JointCalibration) -> JointCalibration:
+        """A calibration record's entry with these values; all else is as in ``like``."""
+        return replace(
+            like,
+            homing_offset=representable(self.homing_offset),
+            range_min=self.range_min,
+            range_max=self.range_max,
         )
 
 
@@ -94,3 +107,27 @@ def write_held(bus: Bus, servo_id: int, wanted: HeldCalibration) -> None:
 
 def _limits(lower: int, upper: int) -> int:
     return upper << 16 | lower
+
+
+def write_calibration(bus: Bus, stored: Stored) -> Path | None:
+    """Store a calibration file in the servos for good; silent servos are left out.
+
+    What they held is kept first, as a version of the file. A joint whose homing offset changes
+    goes limp.
+
+    Returns:
+        That version; None if they held nothing that can be a calibration.
+
+    Raises:
+        CalibrationError: It cannot be kept; nothing was changed.
+        BusError: A servo cannot be reached or does not take a value.
+    """
+    answering = bus.answering(entry.id for entry in stored.calibration.values())
+    there = {joint: e for joint, e in stored.calibration.items() if e.id in answering}
+    if not there:
+        raise missing_servos(bus, [entry.id for entry in stored.calibration.values()], ())
+    held = {joint: read_held(bus, entry.id) for joint, entry in there.items()}
+    kept = store.keep_held(stored.path, {joint: held[joint].entry(there[joint]) for joint in there})
+    for entry in there.values():
+        write_held(bus, entry.id, HeldCalibration.of(entry))
+    return kept

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from so101_motion.calib.record.record import JOINTS, Calibration
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 
 FIELDS = ("homing_offset", "range_min", "range_max")
 """The fields of a calibration that servos hold, in registers 31, 9 and 11."""
@@ -59,12 +60,51 @@ def diff(
             field=field,
             filed=(filed := getattr(calibration[joint], field)),
             held=(there := held.get(joint, {}).get(field)),
-            differs=there is not None and abs(there - filed) > tolerance,
+            differs=there is not None and _apart(field, there, filed) > tolerance,
         )
         for joint in JOINTS
         if joint in calibration
         for field in FIELDS
     )
+
+
+def conflicts(
+    calibration: Calibration, held: Mapping[str, Mapping[str, int]]
+) -> tuple[Difference, ...]:
+    """The differences that show that the servos were not calibrated with this calibration.
+
+    Limits that leave a servo no travel or its whole turn were never recorded: they say nothing.
+    """
+    return tuple(
+        row
+        for row in diff(calibration, held)
+        if row.differs and (row.field == FIELDS[0] or has_travel(held[row.joint]))
+    )
+
+
+def has_travel(held: Mapping[str, int]) -> bool:
+    """Whether a servo's limits are a recorded travel; new ones have a whole turn, or none."""
+    lower, upper = held["range_min"], held["range_max"]
+    return lower < upper and upper - lower < TICKS_PER_TURN - 1
+
+
+def agrees(calibration: Calibration, held: Mapping[str, Mapping[str, int]]) -> bool:
+    """Whether the servos that answer were calibrated with this calibration, for all it tells.
+
+    A loose plug does not matter. Servos that were never calibrated agree with nothing.
+    """
+    compared = [joint for joint in calibration if joint in held]
+    return (
+        any(has_travel(held[joint]) for joint in compared)
+        and any(joint in calibration for joint in held)
+        and not any(row.differs for row in diff(calibration, held))
+    )
+
+
+def _apart(field: str, there: int, filed: int) -> int:
+    """The difference of two numbers; offsets that are a whole turn apart are the same."""
+    away = abs(there - filed)
+    return min(away, abs(TICKS_PER_TURN - away)) if field == FIELDS[0] else away
 
 
 def as_held(calibration: Calibration) -> dict[str, dict[str, int]]:

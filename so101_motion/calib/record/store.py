@@ -186,6 +186,36 @@ def _keep(path: Path, zeros: bytes | None = None) -> tuple[str, ...]:
 # Writing
 
 
+def keep_held(path: Path, held: Calibration) -> Path | None:
+    """Keep the calibration that servos hold as a version of the file at ``path``.
+
+    The file's own content stays the last version.
+
+    Returns:
+        The version, itself a calibration file; None if nothing that they hold can be a calibration.
+
+    Raises:
+        CalibrationError: It cannot be written.
+    """
+    data = {joint: entry.to_json() for joint, entry in held.items()}
+    try:
+        whole = record.usable(data).calibration
+    except CalibrationError:
+        return None
+    try:
+        before = history.contents(path) if path.exists() else None
+        kept = history.keep(path, _text(whole), None)
+        if before is not None:
+            history.keep(path, *before)
+    except OSError as error:
+        raise CalibrationError(
+            None,
+            f"what the servos hold cannot be kept: {error.strerror or error}",
+            "make room in your home directory; nothing was changed",
+        ) from error
+    return kept
+
+
 def save(path: Path, calibration: Calibration, *, zeros: Mapping[str, Zero] = NO_ZEROS) -> Stored:
     """Save ``calibration`` to the file at ``path``; the file's other joints stay.
 
@@ -303,12 +333,11 @@ def _salvaged(path: Path) -> Stored:
 def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) -> Stored:
     """Replace the file's content in the steps listed at the top; the lock must be held."""
     path, beside = before.path, zero_path(before.path)
-    data = {joint: calibration[joint].to_json() for joint in JOINTS if joint in calibration}
     notes = before.notes + _set_aside(path)
     _write_or_remove(
         beside, zero_file.text((before.calibration, before.zeros), (calibration, zeros))
     )
-    atomic.write(path, json.dumps(data, indent=2).encode() + b"\n")
+    atomic.write(path, _text(calibration))
     now = zero_file.text((calibration, zeros))
     notes += _keep(path, now)
     try:
@@ -318,6 +347,11 @@ def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) ->
         notes += (f"{beside} still has the zeros of the calibration before as well: {reason}",)
     found = read(path)
     return replace(found, notes=found.notes + notes)
+
+
+def _text(calibration: Calibration) -> bytes:
+    data = {joint: calibration[joint].to_json() for joint in JOINTS if joint in calibration}
+    return json.dumps(data, indent=2).encode() + b"\n"
 
 
 def _set_aside(path: Path) -> tuple[str, ...]:

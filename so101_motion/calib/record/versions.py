@@ -98,8 +98,8 @@ def listed(kept: Path) -> tuple[Version, ...]:
     return tuple(sorted(found, key=lambda version: -version.number))
 
 
-def keep(path: Path, data: bytes, zeros: bytes | None) -> None:
-    """Keep the content of the file at ``path`` as a version, unless the last is the same.
+def keep(path: Path, data: bytes, zeros: bytes | None) -> Path:
+    """Keep a content of the file at ``path`` as a version, unless the last is the same; return it.
 
     Raises:
         OSError: It cannot be kept.
@@ -109,7 +109,7 @@ def keep(path: Path, data: bytes, zeros: bytes | None) -> None:
     with atomic.locked(kept):
         before = listed(kept)
         if before and contents(before[0].path) == (data, zeros):
-            return
+            return before[0].path
         for left in kept.glob(".*.tmp"):
             left.unlink(missing_ok=True)  # of a writer that was killed
         if not (kept / "of.txt").exists():
@@ -122,6 +122,7 @@ def keep(path: Path, data: bytes, zeros: bytes | None) -> None:
         for old in before[KEPT - 1 :]:
             old.path.unlink(missing_ok=True)
             zero_path(old.path).unlink(missing_ok=True)
+    return copy
 
 
 def contents(path: Path) -> tuple[bytes, bytes | None]:

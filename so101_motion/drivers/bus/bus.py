@@ -228,8 +228,10 @@ class Bus:
         _log.info("%s: stored %s", self.label(servo_id), said or "what it holds")
         return tuple(row.name for row in differing)
 
-    def adapt(self, servo_id: int, values: Mapping[Register, int]) -> tuple[str, ...]:
-        """Write EEPROM registers until power-off, those that differ; the memory is locked first.
+    def overlay(self, servo_id: int, values: Mapping[Register, int]) -> tuple[str, ...]:
+        """Write EEPROM registers that differ, in force until the servo loses its power.
+
+        Nothing is stored, because the servo is locked.
 
         Returns:
             The names of those that were written.
@@ -237,11 +239,11 @@ class Bus:
         Raises:
             BusError: See ``write``.
         """
-        differing = [row for row in values if self.read(servo_id, row) != values[row]]
-        if differing:
+        differing = {row: want for row, want in values.items() if self.read(servo_id, row) != want}
+        if differing and self.read(servo_id, LOCK) != 1:  # another program left it open
             self.write(servo_id, LOCK, 1)
-        for row in differing:
-            self.write(servo_id, row, values[row])
+        for register, value in differing.items():
+            self.write(servo_id, register, value)
         return tuple(row.name for row in differing)
 
     def change_id(self, servo_id: int, new_id: int) -> None:

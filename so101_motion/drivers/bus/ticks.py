@@ -48,8 +48,8 @@ class JointMap:
         direction: 1 if the servo counts up with the angle, else -1.
         lower_ticks: Smallest position the joint may be sent to.
         upper_ticks: Largest.
-        homing_offset: The servo's homing offset for which these ticks are valid [tick]; it and the
-            limits are then stored in the servo. None leaves the servo's values alone.
+        homing_offset: The servo's homing offset for which these ticks are valid [tick]; the servo
+            gets the limits until it loses its power. None leaves its limits alone.
 
     Raises:
         ValueError: Limits or direction make no sense.

@@ -83,7 +83,7 @@ class Chain:
             PortUnavailable: There is no port at present; ``set_up`` tries to get it back.
         """
         if not self.is_set_up:
-            reason = "not connected at present; it reconnects by itself"
+            reason = "not connected at present; check the USB cable and plug it in again"
             raise PortUnavailable("the arm's port", reason)
         return self.connection.bus()
 

@@ -1,16 +1,16 @@
 """Set up a servo: write those registers that differ from the values the driver needs.
 
-EEPROM: settings with which it would not move well (``servo_settings.py``) are set right until
-power-off, and it gets its homing offset and limits where a calibration is given. A servo with a
-setting that forbids to move it is refused. RAM: the speed and acceleration caps and the torque
-limit. A servo that restarts forgets its RAM and comes up limp, with no cap at all, so this runs
-again whenever one was silent.
+Nothing is stored in a servo: what is written holds until it loses its power. EEPROM registers of a
+locked servo: settings with which it would not move well (``servo_settings.py``) are set right, and
+it gets the limits of a calibration file. RAM: the speed and acceleration caps and the torque limit.
+A servo that restarts forgets it all and comes up limp, with no cap at all, so this runs again
+whenever one was silent.
+
+A servo with a setting that forbids to move it is refused, and so is one that holds another homing
+offset than expected.
 
 A servo that is driven stays driven, and its joint stays where it is, whatever is changed:
 
-* A goal is counted from the homing offset, so a new offset would move the joint. The servo is made
-  limp for the 10 ms that the change takes and then gets the same position in new ticks. (Its torque
-  builds up anew then: a loaded joint dips and comes back, by 1.6 deg on the emulated arm.)
 * A goal outside new limits is left as it is, and the caps are set to a crawl before the limits are
   written, in case the firmware then moves. See ``out_of_range.py``.
 * A servo that cannot reach its goal for lack of torque (a program died that had lowered the limit)
@@ -100,9 +100,18 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
 
     Raises:
         BusError: It cannot be reached or does not take a value.
-        ServoFault: Its settings forbid to move it.
+        ServoFault: It has another homing offset, or its settings forbid to move it.
     """
     servo_id = joint.servo_id
+    if joint.homing_offset is not None:
+        offset = agreed(lambda: bus.read(servo_id, reg.HOMING_OFFSET))
+        if offset != joint.homing_offset:
+            raise ServoFault(
+                f"{bus.label(servo_id)} holds the homing offset {offset} and no longer"
+                f" {joint.homing_offset}: it was calibrated by another program or replaced, so its"
+                " angles are not known; load the calibration again",
+                servo_id=servo_id,
+            )
     changed = _adapt(bus, joint)
     full = agreed(lambda: bus.read(servo_id, reg.MAX_TORQUE))
     p_gain = agreed(lambda: bus.read(servo_id, reg.P_GAIN))
@@ -111,20 +120,10 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
     goal = _pull(bus, servo_id, block, p_gain=p_gain, may_do_more=limit < full)
     if torque and goal is not None and limit < full:
         bus.write(servo_id, reg.GOAL_POSITION, goal)
-    shift = 0
-    if joint.homing_offset is not None:
-        shift = agreed(lambda: bus.read(servo_id, reg.HOMING_OFFSET)) - joint.homing_offset
     here = read_position(bus, servo_id) if goal is None else goal
-    here = (here + shift) % TICKS_PER_TURN if shift else here
     crawls = torque and is_outside(joint, Ticks(here))
     changed += _fill(bus, servo_id, CRAWL, anew=changed) if crawls else ()
-    if torque and shift:
-        bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-    changed += bus.store(servo_id, _calibration(joint))
-    if torque and shift:
-        if not crawls:
-            bus.write(servo_id, reg.GOAL_POSITION, here)
-        bus.write(servo_id, reg.TORQUE_ENABLE, 1)  # without a goal it holds what it finds
+    changed += bus.overlay(servo_id, _limits(joint))
     ram = {reg.TORQUE_LIMIT: full, **ram, **(CRAWL if crawls else {})}
     changed += _fill(bus, servo_id, ram, anew=changed)
     return ServoCondition(
@@ -219,7 +218,7 @@ def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
         here, goal = read_position(bus, servo_id), bus.read(servo_id, reg.GOAL_POSITION)
         off = (goal - here) * held["p_gain"] // p_gain
         bus.write(servo_id, reg.GOAL_POSITION, here + off)
-    return bus.adapt(servo_id, wanted)
+    return bus.overlay(servo_id, wanted)
 
 
 def _settings(bus: Bus, servo_id: int) -> dict[str, int]:
@@ -248,11 +247,7 @@ def _fill(
     return tuple(register.name for register in differing)
 
 
-def _calibration(joint: JointMap) -> dict[Register, int]:
+def _limits(joint: JointMap) -> dict[Register, int]:
     if joint.homing_offset is None:
         return {}
-    return {
-        reg.HOMING_OFFSET: joint.homing_offset,
-        reg.MIN_POSITION: joint.lower_ticks,
-        reg.MAX_POSITION: joint.upper_ticks,
-    }
+    return {reg.MIN_POSITION: joint.lower_ticks, reg.MAX_POSITION: joint.upper_ticks}

@@ -169,7 +169,7 @@ def _checked(result: int) -> int:
     return result
 
 
-_UNPLUGGED = "the port went away; check the USB cable and wait, it reconnects by itself"
+_UNPLUGGED = "the port went away; check the USB cable and plug it in again"
 
 
 class PortOpener:

@@ -98,7 +98,8 @@ def _maps(stored: Stored) -> Iterator[JointMap]:
         if entry is None:
             raise ConfigError("calibration", str(stored.path), f"lacks {joint}")
         zero = in_force(stored.zeros.get(joint), None)
-        yield joint_map(joint, entry, is_filed=True, jaw_closed=JAW_CLOSED, zero=zero)
+        offset = entry.homing_offset
+        yield joint_map(joint, entry, offset=offset, jaw_closed=JAW_CLOSED, zero=zero)
 
 
 def _encoder_at_zero(joint: JointMap) -> float:

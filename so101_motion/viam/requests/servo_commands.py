@@ -136,6 +136,7 @@ class ServoCommands:
             "controller_status": self._controller_status,
             "diagnose": self._diagnose,
             "verify_config": self._verify_config,
+            "write_calibration": self._write_calibration,
             "reinitialize": Taking(self._reinitialize, ("retries",)),
             "test_servo_communication": self._test_servo_communication,
             "reload_calibration": self._reload_calibration,
@@ -276,6 +277,11 @@ class ServoCommands:
         message = "; ".join((loaded, *found.notes))
         return {"success": True, "calibration_file": str(file), "message": message}
 
+    async def _write_calibration(self) -> dict[str, Any]:
+        """Store the calibration file in servos that hold another, as their user asks."""
+        kept = await run_to_end(self._rig.write_calibration)
+        return {"success": True, "kept": "" if kept is None else str(kept)}
+
     async def _get_calibration(self) -> dict[str, Any]:
         setups, file = self._rig.servos.setups, self._rig.servos.settings.file
         return {
@@ -306,10 +312,10 @@ def _differing(servos: ServoDriver) -> list[str]:
         if facts is None:
             found.append(f"no answer from {seen.label(setup.map.servo_id)}")
             continue
-        wanted = {"operating_mode": 0}
+        wanted: dict[str, int | None] = {"operating_mode": 0}
         if setup.source == "file":
             wanted |= {
-                "homing_offset": setup.calibration.homing_offset,
+                "homing_offset": setup.map.homing_offset,
                 "min_position": setup.calibration.range_min,
                 "max_position": setup.calibration.range_max,
             }

@@ -123,7 +123,7 @@ def test_a_repair_keeps_what_was_set_until_power_off_and_brings_all_to_the_rate_
     bus, setup = arm()
     bus.set(3, phase=0, homing_offset=70, min_position=900)
     bus.set(5, baud_rate=reg.BAUDS.index(500_000))
-    bus.call(lambda wire: wire.adapt(3, {reg.PHASE: 12}))
+    bus.call(lambda wire: wire.overlay(3, {reg.PHASE: 12}))
     assert setup.repair() == ("wrist_roll: 1000000 baud, was 500000",)
     for place in range(1, 7):
         bus.world.servo(str(place)).boot()
