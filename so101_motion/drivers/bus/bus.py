@@ -70,6 +70,10 @@ silent. Chosen: kernels were seen to hand over received bytes that late."""
 _LONGEST = 0.2
 """Longest timeout of one try [s]."""
 
+_PROMPT = 0.7
+"""Answers are prompt as long as most take no longer than this share of the timeout. Chosen: the
+rest is for the time on the wire."""
+
 _REST = 0.003
 """How long to wait for the others once the first answers to a sync read have come, beyond the time
 the wire takes [s]: an adapter hands over its bytes every millisecond or two. Chosen."""
@@ -421,7 +425,17 @@ class Bus:
         A control loop that misses a few answers need not wait for them.
         """
         lateness = self.counters.lateness
-        return lateness.longest if lateness.typical > self._reply_timeout else 0.0
+        if lateness.typical <= _PROMPT * self._reply_timeout:
+            return 0.0
+        if not lateness.is_told and self._reply_timeout:
+            lateness.is_told = True
+            _log.warning(
+                "answers on %s come %.0f ms late, so setpoints go out less often; so101 doctor says"
+                " what to do",
+                self.port.name,
+                1e3 * lateness.typical,
+            )
+        return lateness.longest
 
     @property
     def _rest(self) -> float:
