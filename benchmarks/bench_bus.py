@@ -31,8 +31,7 @@ from benchmarks.emulated_port import SUPPORT, emulated_port
 from so101_motion.common.clock import MonotonicClock
 from so101_motion.common.errors import NoReply
 from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.bus.bus import Bus
-from so101_motion.drivers.bus.sdk import Port
+from so101_motion.drivers.bus.bus import Bus, Port
 from so101_motion.drivers.bus.ticks import JointMap
 from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world

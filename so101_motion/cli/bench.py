@@ -182,7 +182,7 @@ def _bus(lease: BusLease, servo_ids: Sequence[int]) -> Figure:
         median=heard.median,
         p99=heard.p99,
         worst=heard.longest,
-        remark=f"{heard.lost} lost, {heard.corrupt} garbled of {heard.asked} answers",
+        remark=f"{heard.late} late, {heard.lost} lost, {heard.corrupt} garbled of {heard.asked}",
     )
 
 

@@ -271,8 +271,10 @@ def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
         if heard is None
         else {
             "asked": heard.asked,
+            "late": heard.late,
             "lost": heard.lost,
             "garbled": heard.corrupt,
+            "lateness_ms": round(1e3 * heard.lateness, 3),
             "cycle_ms": {
                 "median": round(1e3 * heard.median, 3),
                 "p99": round(1e3 * heard.p99, 3),

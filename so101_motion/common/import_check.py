@@ -18,7 +18,7 @@ from pathlib import Path
 
 NEEDED = (
     *("click", "coal", "google.protobuf", "grpclib", "h2", "numpy", "osqp", "pinocchio", "rich"),
-    *("ruckig", "scservo_sdk", "serial", "trimesh", "viam.module.module"),
+    *("ruckig", "serial", "trimesh", "viam.module.module"),
     *(("toppra",) if (sys.platform, platform.machine()) == ("linux", "x86_64") else ()),
 )
 """Packages that the module, the library and the command line import."""
@@ -33,6 +33,7 @@ NEEDED_BY_EXTRA = {
         "pyarrow",
         "pytest",
         "qpsolvers",
+        "scservo_sdk",
     ),
 }
 """Further packages of each extra of the installation."""

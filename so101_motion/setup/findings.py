@@ -38,14 +38,18 @@ class BusQuality:
     """How reliably and how fast the servos answer.
 
     Attributes:
+        late: How many answers came after their timeout; they are not among the lost.
+        lateness: How late answers typically come, beyond the time on the wire [s].
         median: How long it takes to read all servos [s].
         p99: The same, exceeded by one reading in a hundred [s].
         longest: The longest [s].
     """
 
     asked: int
+    late: int
     lost: int
     corrupt: int
+    lateness: float
     median: float
     p99: float
     longest: float
@@ -154,17 +158,19 @@ def listen(bus: Bus, ids: Iterable[int], cycles: int = CYCLES) -> BusQuality:
         begin = time.perf_counter()
         bus.sync_read(ids, VITALS_START, VITALS_COUNT)
         times.append(time.perf_counter() - begin)
-    lost, corrupt = (now - then for now, then in zip(_counted(bus, ids), before, strict=True))
+    late, lost, corrupt = (now - then for now, then in zip(_counted(bus, ids), before, strict=True))
     return BusQuality(
         asked=cycles * len(ids),
+        late=late,
         lost=lost,
         corrupt=corrupt,
+        lateness=bus.counters.lateness.typical,
         median=float(np.median(times)),
         p99=float(np.quantile(times, 0.99)),
         longest=max(times),
     )
 
 
-def _counted(bus: Bus, ids: Iterable[int]) -> tuple[int, int]:
+def _counted(bus: Bus, ids: Iterable[int]) -> tuple[int, ...]:
     counters = [bus.counters[servo_id] for servo_id in ids if servo_id in bus.counters]
-    return sum(counter.lost for counter in counters), sum(counter.corrupt for counter in counters)
+    return tuple(sum(getattr(c, kind) for c in counters) for kind in ("late", "lost", "corrupt"))

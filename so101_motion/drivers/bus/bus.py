@@ -1,9 +1,12 @@
 """The transactions on the servo bus, with retries and counters.
 
-How it works. The vendor's SDK builds the packets and runs the transactions with a single servo,
-over a port handler of ours (``sdk.py``). The two transactions of a control cycle are our own
-(``protocol.py``): the SDK is slow at a sync write, and in a sync read it gives up at the first
-silent servo and returns zeros for the rest.
+How it works. ``protocol.py`` builds the packets and finds the answers; here they are sent, waited
+for and counted. A question to one servo is waited for like a sync read of one.
+
+An answer that comes after its timeout is late, not lost. It is recognised when it comes, because
+its length is that of an overdue question (``stale_replies.py``), and from then on answers are
+waited for longer (``Lateness``): an adapter with a latency timer, a virtual machine or a hub may be
+16 ms away.
 
 Four rules keep a wrong value from being believed:
 
@@ -27,20 +30,21 @@ import logging
 import time
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-
-import scservo_sdk
+from typing import Protocol
 
 from so101_motion.common.errors import CorruptReply, NoReply, ServoFault
 from so101_motion.drivers.bus.protocol import (
     Answer,
     Answers,
-    is_cut_short,
+    Instruction,
+    instruction_packet,
     packet_size,
+    sync_read_packet,
     sync_write_packet,
+    whole_packets,
 )
 from so101_motion.drivers.bus.registers import BROADCAST, ID, LOCK, MODEL_NUMBER, Fault, Register
 from so101_motion.drivers.bus.reply_counters import ReplyCounters
-from so101_motion.drivers.bus.sdk import Port, WaitingHandler, sync_read_packet
 from so101_motion.drivers.bus.stale_replies import StaleReplies
 
 __all__ = ["REPLY_TIMEOUT", "RETRIES", "Bus", "PingAnswers", "Port", "reply_timeout_in"]
@@ -66,12 +70,40 @@ silent. Chosen: kernels were seen to hand over received bytes that late."""
 _LONGEST = 0.2
 """Longest timeout of one try [s]."""
 
+_PROMPT = 0.7
+"""Answers are prompt as long as most take no longer than this share of the timeout. Chosen: the
+rest is for the time on the wire."""
+
 _REST = 0.003
 """How long to wait for the others once the first answers to a sync read have come, beyond the time
 the wire takes [s]: an adapter hands over its bytes every millisecond or two. Chosen."""
 
 _GAP = 3  # byte times between two answers to a sync read (FW)
 _PING_SLOT = packet_size(0) + _GAP
+
+
+class Port(Protocol):
+    """An open serial port. Every method may raise ``PortUnavailable``."""
+
+    @property
+    def name(self) -> str:
+        """Name of the port."""
+
+    @property
+    def baud(self) -> int:
+        """Baud rate [bit/s]."""
+
+    def write(self, data: bytes) -> None:
+        """Send ``data``."""
+
+    def read(self, until: float) -> bytes:
+        """Read received bytes; none if none came by ``until``, on ``time.monotonic`` [s]."""
+
+    def discard(self) -> None:
+        """Discard received bytes."""
+
+    def close(self) -> None:
+        """Close the port."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +151,6 @@ class Bus:
         self.counters = ReplyCounters() if counters is None else counters
         self._names = names or {}
         self._reply_timeout = reply_timeout
-        self._sdk = scservo_sdk.PacketHandler(0)
-        self._handler = WaitingHandler(port, reply_timeout)
         self._stale_replies = StaleReplies()
 
     def label(self, servo_id: int) -> str:
@@ -141,7 +171,7 @@ class Bus:
             NoReply: The servo is silent.
             CorruptReply: No answer was sound.
         """
-        return Fault(self._ask(servo_id, scservo_sdk.INST_PING, (), 0, "a ping").faults)
+        return Fault(self._ask(servo_id, Instruction.PING, b"", 0, "a ping").faults)
 
     def read(self, servo_id: int, register: Register) -> int:
         """Read a register.
@@ -163,10 +193,10 @@ class Bus:
         for tried in range(1 + RETRIES):
             now = time.monotonic()
             begin, length = self._stale_replies.span((servo_id,), start, count, now)
-            answer = self._once(servo_id, scservo_sdk.INST_READ, (begin, length), length, tried)
+            question = bytes((begin, length))
+            answer = self._once(servo_id, Instruction.READ, question, length, tried)
             if isinstance(answer, Answer):
                 return answer.data[start - begin : start - begin + count]
-            self._stale_replies.missed(servo_id, length, time.monotonic())
             self.counters[servo_id].retries += 1
         raise self._failure(servo_id, answer, what)
 
@@ -181,10 +211,10 @@ class Bus:
             ServoFault: The register holds something else.
             ValueError: The register does not take ``value``.
         """
-        params = (register.address, *register.encode(value))
+        params = bytes((register.address, *register.encode(value)))
         held = None
         for tried in range(1 + RETRIES):
-            self._once(servo_id, scservo_sdk.INST_WRITE, params, 0, tried)
+            self._once(servo_id, Instruction.WRITE, params, 0, tried)
             held = self.read(servo_id, register)
             if held == value:
                 return
@@ -276,8 +306,8 @@ class Bus:
 
         For the id and the baud rate: from then on the servo answers under the new one.
         """
-        params = (register.address, *register.encode(value))
-        self._once(servo_id, scservo_sdk.INST_WRITE, params, 0)
+        params = bytes((register.address, *register.encode(value)))
+        self._once(servo_id, Instruction.WRITE, params, 0)
 
     # All servos
 
@@ -288,10 +318,10 @@ class Bus:
     def ping_all(self) -> PingAnswers:
         """Ping all servos that listen at this baud rate; each answers in a slot of its own."""
         answers = Answers(range(BROADCAST), 0)
-        self._handler.is_using = False
-        self._sdk.txPacket(self._handler, [0, 0, BROADCAST, 2, scservo_sdk.INST_PING, 0])
+        self._discard()
+        self.port.write(instruction_packet(BROADCAST, Instruction.PING))
         wire = 10.0 * (packet_size(0) + BROADCAST * _PING_SLOT) / self.port.baud
-        until = time.monotonic() + wire + self._reply_timeout
+        until = time.monotonic() + wire + self._reply_timeout_for(0)
         while data := self.port.read(until):
             answers.feed(data)
         garbled = answers.skipped + len(answers.rest) > 0
@@ -341,9 +371,8 @@ class Bus:
                 asked, start, count, time.monotonic(), again=True, most=self._longest(len(asked))
             )
             skip = start - begin
-            self.port.discard()
-            self.port.write(sync_read_packet(tuple(asked), begin, length))
-            for servo_id, answer in self._answers(asked, length, attempt).items():
+            packet = sync_read_packet(tuple(asked), begin, length)
+            for servo_id, answer in self._transact(packet, asked, length, attempt)[0].items():
                 found[servo_id] = (
                     answer
                     if length == count
@@ -361,7 +390,7 @@ class Bus:
     # How
 
     def _ask(
-        self, servo_id: int, instruction: int, params: tuple[int, ...], count: int, what: str
+        self, servo_id: int, instruction: Instruction, params: bytes, count: int, what: str
     ) -> Answer:
         for tried in range(1 + RETRIES):
             answer = self._once(servo_id, instruction, params, count, tried)
@@ -371,38 +400,18 @@ class Bus:
         raise self._failure(servo_id, answer, what)
 
     def _once(
-        self,
-        servo_id: int,
-        instruction: int,
-        params: tuple[int, ...],
-        count: int,
-        tried: int = 0,
+        self, servo_id: int, instruction: Instruction, params: bytes, count: int, tried: int = 0
     ) -> Answer | bytes:
         """Ask one servo once; return its answer, or the bytes that were no valid answer."""
-        handler, counter = self._handler, self.counters[servo_id]
-        handler.is_using = False  # the SDK forgets to after an exception
-        packet = [0, 0, servo_id, len(params) + 2, instruction, *params, 0]
-        self._sdk.txPacket(handler, packet)
-        handler.reply_timeout = self._reply_timeout_for(tried)
-        handler.setPacketTimeout(len(packet) + packet_size(count))
-        while True:
-            raw, result = self._sdk.rxPacket(handler)
-            if result != scservo_sdk.COMM_SUCCESS:
-                handler.clearPort()
-                counter.missed(garbled=bool(raw))
-                return bytes(raw)
-            if is_cut_short(bytes(raw), self.counters):
-                handler.clearPort()
-                counter.missed(garbled=True)
-                return bytes(raw)
-            # Any other well-formed packet is a stale reply: read on.
-            if raw[2] == servo_id and raw[3] == count + 2 and len(raw) == packet_size(count):
-                counter.heard(raw[4])
-                return Answer(bytes(raw[5:-1]), raw[4])
+        packet = instruction_packet(servo_id, instruction, params)
+        found, received = self._transact(packet, [servo_id], count, tried)
+        return found.get(servo_id, received)
 
     def _reply_timeout_for(self, tried: int) -> float:
         """How long to wait for an answer after ``tried`` earlier tries [s]."""
-        return min(self._reply_timeout * _PERSISTENCE[tried], max(self._reply_timeout, _LONGEST))
+        late = self._lateness
+        first = max(self._reply_timeout, 1.5 * late + 0.001 if late else 0.0)  # chosen, for jitter
+        return min(first * _PERSISTENCE[tried], max(self._reply_timeout, _LONGEST))
 
     def _longest(self, servos: int) -> int:
         """How many bytes each of ``servos`` can send within the timeout of a control cycle."""
@@ -411,33 +420,91 @@ class Bus:
         room = (reply_timeout - min(_REST, 0.5 * reply_timeout)) * self.port.baud / 10.0
         return int((room - 8) / servos) - 1 - packet_size(0) - _GAP
 
-    def _answers(self, asked: list[int], count: int, tried: int) -> dict[int, Answer]:
-        """Wait for the answers of ``asked`` to a sync read of ``count`` bytes."""
-        answers, reply_timeout = Answers(asked, count), self._reply_timeout_for(tried)
-        wire = 10.0 * (8 + len(asked) * (1 + packet_size(count) + _GAP)) / self.port.baud
-        rest = min(_REST, 0.5 * reply_timeout)
-        until = time.monotonic() + max(reply_timeout, wire + rest)
+    @property
+    def _lateness(self) -> float:
+        """How late answers come [s]; 0 while most come within the timeout.
+
+        A control loop that misses a few answers need not wait for them.
+        """
+        lateness = self.counters.lateness
+        if lateness.typical <= _PROMPT * self._reply_timeout:
+            return 0.0
+        if not lateness.is_told and self._reply_timeout:
+            lateness.is_told = True
+            _log.warning(
+                "answers on %s come %.0f ms late, so setpoints go out less often; so101 doctor says"
+                " what to do",
+                self.port.name,
+                1e3 * lateness.typical,
+            )
+        return lateness.longest
+
+    @property
+    def _rest(self) -> float:
+        """How long to wait for the rest of the answers once the first have come [s]."""
+        return max(min(_REST, 0.5 * self._reply_timeout), self._lateness)
+
+    def _transact(
+        self, packet: bytes, asked: list[int], count: int, tried: int
+    ) -> tuple[dict[int, Answer], bytes]:
+        """Send a question; return the answers of ``count`` bytes, and all that was received."""
+        self._discard()
+        self.port.write(packet)
+        sent = time.monotonic()
+        answers, received, late = Answers(asked, count), b"", 0
+        wire = 10.0 * (len(packet) + len(asked) * (packet_size(count) + _GAP)) / self.port.baud
+        until = sent + max(self._reply_timeout_for(tried), wire + self._rest)
         while not answers.is_complete and asked[-1] not in answers.found:
             data = self.port.read(until)
             if not data:
                 break
+            now = time.monotonic()
+            received += data
             if not answers.found:
-                until = min(until, time.monotonic() + wire + rest)
-            answers.feed(data)
+                answers.feed(data)
+                late += self._take_late(received, now, but=count)
+                if answers.found and now <= until:  # else this computer was late, not the answer
+                    self.counters.lateness.measured(now - sent - wire, len(asked))
+                end = sent + max(self._reply_timeout_for(tried), wire + self._rest)
+                until = min(end, now + wire + self._rest)
+            else:
+                answers.feed(data)
         for servo_id, answer in answers.found.items():
             self.counters[servo_id].heard(answer.faults)
         if not answers.is_complete:
-            self._miss(answers, asked, count)
-        return answers.found
-
-    def _miss(self, answers: Answers, asked: list[int], count: int) -> None:
-        self.port.discard()
-        garbled = answers.skipped + len(answers.rest) > 0
-        now = time.monotonic()
-        for servo_id in asked:
-            if servo_id not in answers.found:
-                self._stale_replies.missed(servo_id, count, now)
+            missing = [servo_id for servo_id in asked if servo_id not in answers.found]
+            self._stale_replies.missed(missing, count, sent)
+            garbled = answers.skipped + len(answers.rest) > late
+            for servo_id in missing:
                 self.counters[servo_id].missed(garbled=garbled)
+        return answers.found, received if late < len(received) else b""
+
+    def _discard(self) -> None:
+        """Discard received bytes, but count the late answers among them."""
+        if self._stale_replies.awaits(time.monotonic()):
+            received = b""
+            while data := self.port.read(0.0):
+                received += data
+            self._take_late(received, time.monotonic())
+        self.port.discard()
+
+    def _take_late(self, received: bytes, now: float, *, but: int | None = None) -> int:
+        """Count the answers to earlier questions in ``received``; return their length.
+
+        Those with ``but`` bytes of data are answers to the present question.
+        """
+        if not self._stale_replies.awaits(now):
+            return 0
+        size = 0
+        for servo_id, count in whole_packets(received):
+            asked = None if count == but else self._stale_replies.came(servo_id, count, now)
+            if asked is not None:
+                self.counters[servo_id].came_late()
+                size += packet_size(count)
+                # It may have come long ago, so waiting is prolonged step by step.
+                delay = min(now - asked, 2.0 * self._reply_timeout_for(0))
+                self.counters.lateness.measured(delay, 1)
+        return size
 
     def _failure(self, servo_id: int, answer: Answer | bytes, what: str) -> NoReply | CorruptReply:
         label, tries = self.label(servo_id), 1 + RETRIES

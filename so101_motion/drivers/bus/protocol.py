@@ -1,4 +1,4 @@
-"""Encode sync writes and decode status packets; no port here.
+"""Encode instructions and decode status packets; no port here.
 
 A status packet is ``FF FF id length flags data... checksum``, where ``length`` is the number of
 data bytes plus 2 and the checksum is the inverted sum of everything between header and itself.
@@ -13,20 +13,30 @@ is right. So a packet that contains the beginning of another is refused (``is_cu
 answer whose checksum FF turns out to be the first byte of the next header is taken back, because
 one of its bytes is missing.
 
-``sync_write_packet`` builds the only packet that we do not leave to the vendor's SDK: byte by byte,
-a hundred times a second, the SDK took longer than all the rest of sending. A test compares both.
+Tests compare every packet with the one that the vendor's SDK builds, and let the SDK read ours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Mapping
+from collections.abc import Collection, Container, Iterator, Mapping
+from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
 from so101_motion.drivers.bus.registers import BROADCAST
 
-_SYNC_WRITE = 0x83
 _HEADER = b"\xff\xff"
 _OVERHEAD = 6  # header 2, id, length, flags, checksum
+
+
+class Instruction(IntEnum):
+    """The instructions that the driver sends (STS memory table and protocol manual)."""
+
+    PING = 0x01
+    READ = 0x02
+    WRITE = 0x03
+    SYNC_READ = 0x82
+    SYNC_WRITE = 0x83
 
 
 def packet_size(count: int) -> int:
@@ -54,6 +64,18 @@ def is_cut_short(packet: bytes, servo_ids: Container[int]) -> bool:
     return False
 
 
+def instruction_packet(servo_id: int, instruction: Instruction, params: bytes = b"") -> bytes:
+    """The packet that gives a servo, or all of them, an instruction."""
+    body = bytes((servo_id, len(params) + 2, instruction)) + params
+    return _HEADER + body + bytes((checksum(body),))
+
+
+@lru_cache(maxsize=64)  # each control cycle asks the same few questions
+def sync_read_packet(servo_ids: tuple[int, ...], start: int, count: int) -> bytes:
+    """The packet that asks several servos at once for ``count`` bytes from address ``start``."""
+    return instruction_packet(BROADCAST, Instruction.SYNC_READ, bytes((start, count, *servo_ids)))
+
+
 def sync_write_packet(start: int, data: Mapping[int, bytes]) -> bytes:
     """The packet that writes to several servos at once.
 
@@ -61,14 +83,23 @@ def sync_write_packet(start: int, data: Mapping[int, bytes]) -> bytes:
         start: The first address.
         data: What to write, by servo id; the same number of bytes for each.
     """
-    count = len(next(iter(data.values())))
-    length = 4 + len(data) * (1 + count)
-    body = bytearray((BROADCAST, length, _SYNC_WRITE, start, count))
+    params = bytearray((start, len(next(iter(data.values())))))
     for servo_id, share in data.items():
-        body.append(servo_id)
-        body += share
-    body.append(checksum(body))
-    return _HEADER + bytes(body)
+        params.append(servo_id)
+        params += share
+    return instruction_packet(BROADCAST, Instruction.SYNC_WRITE, bytes(params))
+
+
+def whole_packets(data: bytes) -> Iterator[tuple[int, int]]:
+    """Find status packets of any servo; yield its id and the number of data bytes."""
+    at = data.find(_HEADER)
+    while 0 <= at <= len(data) - _OVERHEAD:
+        end = at + 4 + data[at + 3]
+        if end - at >= _OVERHEAD and end <= len(data) and sum(data[at:end]) & 0xFF == 0xFD:
+            yield data[at + 2], end - at - _OVERHEAD
+            at = data.find(_HEADER, end)
+        else:
+            at = data.find(_HEADER, at + 1)
 
 
 class Answer(NamedTuple):  # six are made in every cycle, and this is the fastest kind

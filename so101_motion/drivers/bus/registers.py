@@ -184,8 +184,8 @@ LOCK = Register("lock", 55, 1, _R, 0, 1, "0: EEPROM writes are kept", 1, "FT, FW
 PRESENT_POSITION = Register("present_position", 56, 2, _M, -32766, 32766, "tick", _TICK, "FT", 15)
 PRESENT_VELOCITY = Register("present_velocity", 58, 2, _M, -32766, 32766, "tick/s", _TICK,
                             "FT; steps of 50 (FW)", 15)
-PRESENT_LOAD = Register("present_load", 60, 2, _M, -1000, 1000, "0.1 % drive", 1e-3,
-                        "FT, LR: drive, not torque", 10)
+PRESENT_LOAD = Register("present_load", 60, 2, _M, -1000, 1000, "0.1 % drive", -1e-3,
+                        "FT, LR: drive, not torque; recorded: > 0 towards lower ticks", 10)
 PRESENT_VOLTAGE = Register("present_voltage", 62, 1, _M, 0, 255, "0.1 V", 0.1, "FT")
 PRESENT_TEMPERATURE = Register("present_temperature", 63, 1, _M, 0, 255, "degC", 1, "FT")
 STATUS = Register("status", 65, 1, _M, 0, 255, "status bits", 1, "FT")

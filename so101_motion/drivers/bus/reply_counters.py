@@ -1,4 +1,4 @@
-"""Count each servo's good, lost and corrupt replies from the start of the program.
+"""Count each servo's good, late, lost and corrupt replies from the start of the program.
 
 ``Bus`` counts. Code that reopens the bus passes the same ``ReplyCounters`` to the new one, so that
 the counts survive an unplugged cable and a new set-up. Any thread may read them.
@@ -6,7 +6,11 @@ the counts survive an unplugged cable and a new set-up. Any thread may read them
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
+
+_DELAYS = 64  # chosen: ten control cycles
+_TYPICAL = 0.55  # chosen: an adapter that hands over two answers at once makes half of them late
 
 
 @dataclass(slots=True)
@@ -15,6 +19,7 @@ class ReplyCounter:
 
     Attributes:
         answers: Right answers.
+        late: Questions whose answer came after its timeout, and could not be used.
         lost: Questions without any answer.
         corrupt: Questions whose answer was garbled.
         retries: Questions asked again.
@@ -23,6 +28,7 @@ class ReplyCounter:
     """
 
     answers: int = 0
+    late: int = 0
     lost: int = 0
     corrupt: int = 0
     retries: int = 0
@@ -32,7 +38,7 @@ class ReplyCounter:
     @property
     def asked(self) -> int:
         """How many questions there were, repeated ones included."""
-        return self.answers + self.lost + self.corrupt
+        return self.answers + self.late + self.lost + self.corrupt
 
     def heard(self, faults: int) -> None:
         """Count a good reply with this status byte."""
@@ -46,9 +52,46 @@ class ReplyCounter:
         self.corrupt += garbled
         self.lost += not garbled
 
+    def came_late(self) -> None:
+        """Count a reply as late that was counted as missing."""
+        self.late += 1
+        if self.lost:
+            self.lost -= 1
+        else:  # something else was heard in its place
+            self.corrupt -= 1
+
+
+class Lateness:
+    """How much later the last 64 answers came than the wire explains.
+
+    Attributes:
+        typical: 55 % of them came no later [s].
+        longest: The longest [s].
+        is_told: Whether the user has been warned of it.
+    """
+
+    def __init__(self) -> None:
+        self.typical = self.longest = 0.0
+        self.is_told = False
+        self._delays: deque[float] = deque(maxlen=_DELAYS)
+
+    def measured(self, delay: float, answers: int) -> None:
+        """Note that so many answers came ``delay`` [s] late."""
+        self._delays.extend([max(delay, 0.0)] * answers)
+        ranked = sorted(self._delays)
+        self.typical, self.longest = ranked[int(_TYPICAL * len(ranked))], ranked[-1]
+
 
 class ReplyCounters(dict[int, ReplyCounter]):
-    """The counter of each servo, by id; made when the servo is first asked."""
+    """The counter of each servo, by id; made when the servo is first asked.
+
+    Attributes:
+        lateness: How late answers come on this bus.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lateness = Lateness()
 
     def __missing__(self, servo_id: int) -> ReplyCounter:
         """Make a new counter."""

@@ -31,6 +31,7 @@ class StaleReplies:
         self._start = 0  # of the last question
         self._asked: dict[tuple[int, int], float] = {}  # who with what length, and when
         self._missing: dict[int, dict[int, float]] = {}  # until when, by servo and length
+        self._overdue: dict[tuple[int, int], float] = {}  # by servo and length: when it was asked
         self._copies: dict[int, deque[tuple[int, float]]] = {}  # lengths and until when, by servo
         self._until = -math.inf  # when the last of them will be over
 
@@ -67,10 +68,23 @@ class StaleReplies:
         self._asked.update({(servo_id, length): now for servo_id in servo_ids})
         return min(start, END - length), length
 
-    def missed(self, servo_id: int, length: int, now: float) -> None:
-        """Note at ``now`` [s] that a reply of this length is overdue."""
-        self._until = max(self._until, now + OVERDUE)
-        self._missing.setdefault(servo_id, {})[length] = self._until
+    def missed(self, servo_ids: Collection[int], length: int, asked: float) -> None:
+        """Note that replies of this length are overdue; the question was sent at ``asked`` [s]."""
+        self._until = max(self._until, asked + OVERDUE)
+        for servo_id in servo_ids:
+            self._missing.setdefault(servo_id, {})[length] = self._until
+            self._overdue[servo_id, length] = asked
+
+    def awaits(self, now: float) -> bool:
+        """Whether overdue replies may still come."""
+        if self._overdue and now >= self._until:
+            self._overdue.clear()
+        return bool(self._overdue)
+
+    def came(self, servo_id: int, length: int, now: float) -> float | None:
+        """Take note of a reply; return when it was asked for if it was overdue, else None [s]."""
+        asked = self._overdue.pop((servo_id, length), None)
+        return None if asked is None or now > asked + OVERDUE else asked
 
     def _choose(self, servo_ids: Collection[int], count: int, now: float, most: int) -> int:
         if now >= self._until:

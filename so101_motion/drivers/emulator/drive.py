@@ -242,7 +242,10 @@ class Drive:
             self.wake()
             return
         profile = self.profile
-        seen = (shaft.output, profile.position, profile.target, self.loop.integral, self.duty)
+        seen = (
+            *(shaft.output, profile.position, profile.target),
+            *(self.loop.integral, self.demand, self.duty),
+        )
         self._unchanged = self._unchanged + 1 if seen == self._seen else 0
         self._seen = seen
         wait = max(_QUIET_AFTER, self._settings.gains.window // 5 + 1)

@@ -148,7 +148,7 @@ def goal_of(memory: Memory, *, top_speed: float) -> float:
         cap = _top_speed(memory, top_speed)
         return max(min(_goal_speed(memory), cap), -cap)
     if mode == reg.PWM_MODE:
-        return float(memory.value(reg.GOAL_TIME))
+        return -float(memory.value(reg.GOAL_TIME))  # signed like the load
     if mode == reg.STEP_MODE:
         return float(memory.value(reg.GOAL_POSITION) * memory.value(reg.RESOLUTION))
     return float(_clamped_goal(memory))
@@ -168,16 +168,25 @@ def _in_register(memory: Memory, ticks: int) -> int:
     return ticks % TICKS_PER_TURN
 
 
+def _unapplied_offset(memory: Memory) -> int:
+    """What the homing offset lacks: it does not apply in speed and PWM mode [tick]."""
+    is_turning = memory.value(reg.MODE) in (reg.SPEED_MODE, reg.PWM_MODE)
+    return reg.decode_offset(memory.raw(reg.OFFSET)) if is_turning else 0
+
+
 _Measurement = Callable[[Memory, Drive, int], float]
 
 _MEASUREMENTS: tuple[tuple[Register, _Measurement], ...] = (
     (reg.TORQUE_ENABLE, lambda _memory, drive, _scatter: drive.torque),
     (
         reg.PRESENT_POSITION,
-        lambda memory, drive, scatter: _in_register(memory, drive.position + scatter),
+        lambda memory, drive, scatter: _in_register(
+            memory, drive.position + scatter + _unapplied_offset(memory)
+        ),
     ),
     (reg.PRESENT_VELOCITY, lambda _memory, drive, _scatter: drive.speed),
-    (reg.PRESENT_LOAD, lambda _memory, drive, _scatter: drive.demand),
+    # Recorded: negative where the drive pushes towards higher ticks, in 98 % of 163,041 samples.
+    (reg.PRESENT_LOAD, lambda _memory, drive, _scatter: -drive.demand),
     (reg.PRESENT_VOLTAGE, lambda _memory, drive, _scatter: drive.volts * 10.0),
     (reg.PRESENT_TEMPERATURE, lambda _memory, drive, _scatter: int(drive.motor.temperature)),
     (reg.STATUS, lambda _memory, drive, _scatter: drive.guard.flags),

@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import BusError, CorruptReply, NoReply, PortUnavailable, ServoFault
-from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.bus import Bus, Port
 from so101_motion.drivers.bus.registers import Register
 from so101_motion.drivers.bus.reply_counters import ReplyCounters
-from so101_motion.drivers.bus.sdk import Port
 from so101_motion.drivers.bus.ticks import JointMap
 from so101_motion.drivers.feetech.connection import Connection
 from so101_motion.drivers.feetech.presence import Presence, missing_servos

@@ -12,9 +12,8 @@ from collections.abc import Callable, Mapping
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import PortUnavailable
-from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus, Port
 from so101_motion.drivers.bus.reply_counters import ReplyCounters
-from so101_motion.drivers.bus.sdk import Port
 
 _log = logging.getLogger(__name__)
 

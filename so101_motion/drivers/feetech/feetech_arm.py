@@ -37,9 +37,8 @@ from so101_motion.common.errors import BusError, ServoFault
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus, Port
 from so101_motion.drivers.bus.reply_counters import ReplyCounters
-from so101_motion.drivers.bus.sdk import Port
 from so101_motion.drivers.bus.ticks import JointMap, to_acceleration_units, to_speed_ticks
 from so101_motion.drivers.command_record import CommandListener
 from so101_motion.drivers.feetech.chain import Chain

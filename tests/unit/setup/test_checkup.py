@@ -56,7 +56,9 @@ def of(checks, name):
     return next(check for check in checks if check.name == name)
 
 
-QUIET = BusQuality(asked=1200, lost=0, corrupt=0, median=0.002, p99=0.003, longest=0.004)
+QUIET = BusQuality(
+    asked=1200, late=0, lost=0, corrupt=0, lateness=0.001, median=0.002, p99=0.003, longest=0.004
+)
 
 
 @pytest.fixture
@@ -159,7 +161,9 @@ def test_a_voltage_that_sags_along_the_cable_is_noticed(arm):
         (QUIET, "ok"),
         (replace(QUIET, lost=20), "warn"),
         (replace(QUIET, corrupt=200), "fail"),
-        (replace(QUIET, median=0.017), "fail"),
+        (replace(QUIET, late=600, lateness=0.008), "warn"),
+        (replace(QUIET, lateness=0.016, median=0.017), "warn"),
+        (replace(QUIET, lateness=0.15, median=0.151), "fail"),
     ],
 )
 def test_a_bus_is_judged_by_what_gets_lost_and_how_long_a_reading_takes(arm, bus_quality, verdict):
@@ -167,9 +171,10 @@ def test_a_bus_is_judged_by_what_gets_lost_and_how_long_a_reading_takes(arm, bus
 
 
 def test_an_adapter_that_holds_bytes_back_is_blamed_for_it(arm):
-    slow = replace(QUIET, median=0.017)
+    slow = replace(QUIET, lateness=0.016, median=0.017)
     checks = check_up(seen_on(arm, bus_quality=slow, latency_timer=0.016))
-    assert "16 ms" in of(checks, "bus").fix
+    assert "answers come 16 ms late" in of(checks, "bus").sentence
+    assert "latency_timer" in of(checks, "bus").fix
 
 
 def test_a_servo_that_holds_something_else_than_the_file_says_is_a_warning(arm):

@@ -86,8 +86,9 @@ def test_a_silent_servo_is_given_more_time_in_the_end(port):
     port.world.disconnect(3)
     with pytest.raises(NoReply):
         Bus(port, reply_timeout=0.001).read(3, POSITION)
-    assert len(port.limits) == 1 + RETRIES
-    assert port.limits[-1] - port.limits[-2] > 0.02
+    waited_until = [limit for limit in port.limits if limit]
+    assert len(waited_until) == 1 + RETRIES
+    assert waited_until[-1] - waited_until[-2] > 0.02
 
 
 def test_answers_that_stay_garbled_are_an_error_with_the_bytes(port, bus):

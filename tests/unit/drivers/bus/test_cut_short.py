@@ -83,7 +83,7 @@ class Torn:
         self._asked += 1
         answer = packet(data[2], self._data + bytes(count - len(self._data)))
         if self._asked == 1:
-            answer = answer[: -self._missing] + packet(data[2], b"\x01\x02\x03")
+            answer = answer[: -self._missing] + packet(data[2], bytes(20))
         self._arrived = answer
 
     def read(self, until):

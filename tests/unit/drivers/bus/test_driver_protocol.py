@@ -6,9 +6,13 @@ from hypothesis import strategies as st
 from so101_motion.drivers.bus.protocol import (
     Answer,
     Answers,
+    Instruction,
     checksum,
+    instruction_packet,
     packet_size,
+    sync_read_packet,
     sync_write_packet,
+    whole_packets,
 )
 from so101_motion.drivers.bus.registers import Fault
 
@@ -53,6 +57,27 @@ def test_a_sync_write_is_built_as_the_vendors_sdk_builds_it(start, count, servo_
     port = Recorder("")
     scservo_sdk.PacketHandler(0).syncWriteTxOnly(port, start, count, params, len(params))
     assert sync_write_packet(start, shares) == port.packet
+
+
+@given(ids, st.sampled_from([1, 2, 3]), st.binary(max_size=20))
+def test_an_instruction_is_built_as_the_vendors_sdk_builds_it(servo_id, code, params):
+    port = Recorder("")
+    wanted = [0, 0, servo_id, len(params) + 2, code, *params, 0]
+    scservo_sdk.PacketHandler(0).txPacket(port, wanted)
+    assert instruction_packet(servo_id, Instruction(code), params) == port.packet
+
+
+@given(st.integers(0, 79), st.integers(1, 7), st.lists(ids, min_size=1, max_size=6, unique=True))
+def test_a_sync_read_is_built_as_the_vendors_sdk_builds_it(start, count, servo_ids):
+    port = Recorder("")
+    scservo_sdk.PacketHandler(0).syncReadTx(port, start, count, servo_ids, len(servo_ids))
+    assert sync_read_packet(tuple(servo_ids), start, count) == port.packet
+
+
+def test_whole_packets_are_found_among_broken_ones():
+    broken = packet(3, b"\x01\x02")[:-1] + b"\x00"
+    data = b"\x07" + packet(1, b"") + broken + packet(2, b"\x05") + packet(4, b"\x05")[:-1]
+    assert list(whole_packets(data)) == [(1, 0), (2, 1)]
 
 
 @given(st.dictionaries(ids, positions, min_size=1, max_size=6), st.data())

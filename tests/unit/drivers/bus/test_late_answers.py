@@ -91,7 +91,9 @@ def test_answers_that_come_late_or_never_cost_no_cycle(make_loop, clock, fault, 
 
 
 @pytest.mark.parametrize("dt", [0.01, 0.005])
-def test_a_computer_that_hands_no_answer_over_for_a_while_costs_no_cycle(make_loop, clock, dt):
+def test_a_computer_that_hands_no_answer_over_for_a_while_costs_no_later_cycle(
+    make_loop, clock, dt
+):
     port, executor = make_loop(dt)
     future = executor.execute(online.point_to_point(executor.state.q_ref, GOAL, LIMITS, dt))
     clock.advance(0.4)
@@ -100,7 +102,7 @@ def test_a_computer_that_hands_no_answer_over_for_a_while_costs_no_cycle(make_lo
     port.faults.late = 0.0
     clock.advance(3.0)
     future.result(timeout=0)
-    assert executor.state.late_ticks == 0
+    assert executor.state.late_ticks <= 0.2 / dt, "it may wait longer for answers meanwhile"
 
 
 def test_in_a_cycle_is_one_question_whatever_does_not_come(make_loop, clock):
@@ -128,3 +130,57 @@ def test_who_answers_first_gives_the_others_no_more_time(port):
     Bus(port, reply_timeout=0.007).sync_read(range(1, 7), 56, 2)
     assert len(limits) > 5 * 8
     assert max(limits) == limits[0]
+
+
+class FarAwayPort:
+    """Six servos behind an adapter that hands over their answers ``delay`` [s] later.
+
+    Time passes while an answer is waited for, and by ``wait``.
+    """
+
+    name, baud = "/dev/far", 1_000_000
+
+    def __init__(self, wired):
+        self._near, self._coming, self.now, self.delay = wired(), [], 0.0, 0.001
+
+    def monotonic(self):
+        return self.now
+
+    def write(self, data):
+        self._near.write(data)
+        while reply := self._near.read(self.now):
+            self._coming.append((self.now + self.delay, reply))
+
+    def read(self, until):
+        if self._coming and self._coming[0][0] <= max(until, self.now):
+            due, reply = self._coming.pop(0)
+            self.now = max(due, self.now)
+            return reply
+        self.now = max(until, self.now)
+        return b""
+
+    def discard(self):
+        self._coming = [each for each in self._coming if each[0] > self.now]
+
+    def close(self):
+        """There is nothing to close."""
+
+
+@pytest.mark.parametrize("delay", [0.004, 0.008, 0.016, 0.020, 0.040])
+def test_answers_that_begin_to_come_late_are_late_not_lost_and_soon_waited_for(
+    wired, monkeypatch, delay
+):
+    port = FarAwayPort(wired)
+    monkeypatch.setattr("so101_motion.drivers.bus.bus.time", port)
+    bus = Bus(port)
+    found = []
+    for cycle in range(100):
+        port.delay = 0.001 if cycle < 30 else delay
+        begin = port.now
+        found.append(len(bus.sync_read(range(1, 7), 56, 15)))
+        port.now = max(port.now, begin + 0.01)
+    counted = bus.counters.values()
+    assert found[50:] == [6] * 50
+    assert sum(counter.lost + counter.corrupt for counter in counted) == 0
+    assert sum(counter.late for counter in counted) == 600 - sum(found)
+    assert bus.counters.lateness.typical == pytest.approx(delay, abs=0.002)

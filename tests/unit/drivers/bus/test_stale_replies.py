@@ -20,8 +20,8 @@ def lengths(stale, count, now, servos=(1,), **options):
 
 def test_the_next_question_has_another_length_while_an_answer_is_overdue():
     stale = StaleReplies()
-    stale.missed(3, 2, now=1.0)
-    stale.missed(3, 3, now=1.1)
+    stale.missed([3], 2, 1.0)
+    stale.missed([3], 3, 1.1)
     assert lengths(stale, 1, 1.2, (3,), again=True) == [4]
     assert lengths(stale, 1, 1.2, (1, 3), again=True) == [4]
     assert lengths(stale, 1, 1.2, (1,), again=True) == [2]
@@ -49,7 +49,7 @@ def test_where_there_is_no_time_for_a_longer_one_the_oldest_straggler_is_put_up_
     for k in range(15):
         (length,) = lengths(stale, 1, 0.01 * k, again=True, most=16)
         assert length == 2 + k
-        stale.missed(1, length, 0.01 * k)
+        stale.missed([1], length, 0.01 * k)
     assert lengths(stale, 1, 0.2, again=True, most=16) == [2]
     assert lengths(stale, 1, 0.2, again=True) == [17]
 
@@ -57,13 +57,13 @@ def test_where_there_is_no_time_for_a_longer_one_the_oldest_straggler_is_put_up_
 def test_some_lengths_can_be_told_apart_however_slow_the_wire():
     stale = StaleReplies()
     for length in range(2, 9):
-        stale.missed(1, length, 0.0)
+        stale.missed([1], length, 0.0)
     assert lengths(stale, 1, 0.1, again=True, most=-3) == [9]
 
 
 def test_what_is_needed_is_asked_for_even_at_the_end_of_the_registers():
     stale = StaleReplies()
     for length in range(END):
-        stale.missed(1, length, 0.0)
+        stale.missed([1], length, 0.0)
     assert stale.span((1,), END - 1, 1, 0.1) == (END - 1, 1)
     assert stale.span((1,), 0, END, 0.1) == (0, END)

@@ -55,10 +55,29 @@ def test_in_pwm_mode_a_larger_duty_turns_it_faster(bench):
         bench.write(ROLL, reg.GOAL_TIME, duty)
         bench.advance(0.4)
         speeds.append(bench.read(ROLL, reg.PRESENT_VELOCITY))
-    assert speeds[0] == 0 < speeds[1] < speeds[2]
+    assert speeds[0] == 0 > speeds[1] > speeds[2], "a positive duty turns towards lower ticks"
     bench.write(ROLL, reg.GOAL_TIME, -300)
     bench.advance(0.4)
-    assert bench.read(ROLL, reg.PRESENT_VELOCITY) < 0
+    assert bench.read(ROLL, reg.PRESENT_VELOCITY) > 0
+
+
+@pytest.mark.parametrize("wait", [0.05, 0.2, 0.203])
+def test_a_duty_turns_the_servo_however_long_it_stood(bench, wait):
+    in_mode(bench, reg.PWM_MODE)
+    bench.advance(wait)
+    before = position(bench)
+    bench.write(ROLL, reg.GOAL_TIME, 400)
+    bench.advance(0.3)
+    assert position(bench) < before - 100
+
+
+def test_the_homing_offset_applies_in_position_and_step_mode_only(bench):
+    bench.write(ROLL, reg.OFFSET, reg.encode_offset(500))
+    read = []
+    for mode in (reg.POSITION_MODE, reg.SPEED_MODE, reg.PWM_MODE, reg.STEP_MODE):
+        bench.write(ROLL, reg.MODE, mode)
+        read.append(position(bench))
+    assert read == [read[0], read[0] + 500, read[0] + 500, read[0]]
 
 
 def test_in_step_mode_a_goal_is_so_much_farther(bench):

@@ -175,7 +175,7 @@ def test_load_register_shows_the_duty_and_its_direction(make_bench, constant_loa
     for servo_id in (2, 3):
         bench.write(servo_id, reg.TORQUE_ENABLE, 1)
     bench.advance(1.0)
-    loads = [bench.read(servo_id, reg.PRESENT_LOAD) for servo_id in (2, 3)]
+    loads = [-bench.read(servo_id, reg.PRESENT_LOAD) for servo_id in (2, 3)]
     assert -0.6 / 6.76 * 1000 < loads[0] < -20, "friction helps to hold"
     assert loads[1] == -loads[0]
     assert bench.read(2, reg.PRESENT_CURRENT) < 0 < bench.read(3, reg.PRESENT_CURRENT)
@@ -199,7 +199,7 @@ def test_object_stops_the_jaw_and_is_felt(bench):
     held_at = bench.world.q[5]
     # The tips are 20 mm apart at 3.4 deg; the jaw squeezes a little further.
     assert math.radians(1.0) < held_at < math.radians(4.5)
-    assert bench.read(6, reg.PRESENT_LOAD) < -400
+    assert bench.read(6, reg.PRESENT_LOAD) > 400
     bench.world.take_object()
     bench.advance(1.0)
     assert bench.read(6, reg.PRESENT_POSITION) == pytest.approx(1920, abs=3)

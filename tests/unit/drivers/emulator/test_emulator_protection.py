@@ -22,10 +22,10 @@ def stalled(bench):
 def test_overload_trips_after_its_time_and_sags_to_the_protective_torque(stalled):
     stalled.advance(1.4)
     assert stalled.read(6, reg.STATUS) == 0
-    assert stalled.read(6, reg.PRESENT_LOAD) < -900
+    assert stalled.read(6, reg.PRESENT_LOAD) > 900
     stalled.advance(0.6)
     assert stalled.ask_one(6, Code.PING).error == reg.OVERLOAD
-    assert stalled.read(6, reg.PRESENT_LOAD) == -200
+    assert stalled.read(6, reg.PRESENT_LOAD) == 200
     assert stalled.read(6, reg.TORQUE_ENABLE) == 1
 
 
@@ -71,7 +71,7 @@ def test_overload_threshold_time_and_hold_are_registers(stalled):
     stalled.write(6, reg.GOAL_POSITION, 2048 - 3 * STALL)
     stalled.advance(0.5)
     assert stalled.read(6, reg.STATUS) == reg.OVERLOAD
-    assert stalled.read(6, reg.PRESENT_LOAD) == -50
+    assert stalled.read(6, reg.PRESENT_LOAD) == 50
 
 
 def test_unmasked_overload_is_reported_but_not_acted_upon(stalled):
@@ -79,7 +79,7 @@ def test_unmasked_overload_is_reported_but_not_acted_upon(stalled):
     stalled.write(6, reg.PROTECTION_CURRENT, 0)  # no limit
     stalled.advance(2.0)
     assert stalled.read(6, reg.STATUS) == reg.OVERLOAD
-    assert stalled.read(6, reg.PRESENT_LOAD) < -900
+    assert stalled.read(6, reg.PRESENT_LOAD) > 900
 
 
 def test_overcurrent_switches_torque_off_and_clears_when_switched_on(stalled):
