@@ -29,6 +29,12 @@ def mark_request() -> None:
     _asked.set(next(NUMBERS))
 
 
+def request_number() -> int:
+    """The number of the request that this task or thread carries out; a new one if it has none."""
+    asked = _asked.get()
+    return next(NUMBERS) if math.isinf(asked) else int(asked)
+
+
 def forget_request() -> None:
     """Note that what follows is a motion that has begun: a stop ends that by itself."""
     _asked.set(math.inf)
