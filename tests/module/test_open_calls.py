@@ -5,7 +5,15 @@ import time
 from datetime import timedelta
 
 import pytest
-from harness.fake_parent import ARM, GRIPPER, MOTION, SIMULATED, SIMULATED_GRIPPER, running_module
+from harness.fake_parent import (
+    ARM,
+    GRIPPER,
+    MOTION,
+    SIMULATED,
+    SIMULATED_GRIPPER,
+    running_module,
+    until,
+)
 from viam.components.arm import Arm, JointPositions, Pose
 from viam.gen.service.worldstatestore.v1.world_state_store_grpc import WorldStateStoreServiceStub
 from viam.proto.common import PoseInFrame
@@ -96,9 +104,11 @@ async def test_a_stop_passes_a_thousand_open_calls_of_each_kind(machine):
         calls = [asyncio.ensure_future(call(machine)) for _ in range(CALLS)]
         await asyncio.sleep(0.5)
         move = asyncio.ensure_future(machine.arm.move_to_joint_positions(joints(100.0)))
-        async with asyncio.timeout(60.0):
-            while not (move.done() or await machine.arm.is_moving()):
-                await asyncio.sleep(0.01)
+
+        async def has_begun(move=move):
+            return move.done() or await machine.arm.is_moving()
+
+        await until(has_begun)
         begin = time.monotonic()
         await machine.arm.stop()
         took = time.monotonic() - begin

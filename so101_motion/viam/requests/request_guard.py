@@ -55,8 +55,8 @@ DEEPEST = 32
 """Most levels of nested structs: protobuf gives up at 100 messages, and a level has three."""
 
 MOST_OPEN = 2_000
-"""Most calls that a connection keeps open, Stops not counted. Chosen: viam-server has one connection
-for all its clients, and passes on a hundred calls to each resource."""
+"""Most calls that a connection keeps open, Stops not counted. Chosen: viam-server has one
+connection for all its clients, and passes on a hundred calls to each resource."""
 
 _MOST_STREAMS = 2**31 - 1
 """How many calls a client may begin: HTTP/2's largest. A client that has reached the limit waits
@@ -99,7 +99,7 @@ def _make_room(server: Any) -> None:
 
 
 class _RoomForStop(H2Protocol):
-    """A connection whose client may begin ``_MOST_STREAMS`` calls; grpclib has no setting for it."""
+    """A connection whose client may begin ``_MOST_STREAMS`` calls: grpclib cannot be told."""
 
     def connection_made(self, transport: BaseTransport) -> None:
         super().connection_made(transport)
