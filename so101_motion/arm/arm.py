@@ -124,6 +124,14 @@ class Arm(PlannedArm):
         """Plan and move; supersedes what is under way. Arguments as for ``plan``."""
         return self.start_planned(partial(self.start_plan, goal, limits=limits, search=search))
 
+    def consider(self, goal: Goal, *, search: Search | None = None) -> tuple[Motion, Future[Plan]]:
+        """Plan for a motion that may be asked for next; the one under way goes on.
+
+        What would supersede it, or a stop, interrupts the motion returned and cancels the plan.
+        """
+        planning = self.start_plan(goal, search=search)
+        return self._motions.consider(planning), planning
+
     def start_planned(self, planning: Callable[[], Future[Plan]]) -> Motion:
         """Bring the arm to rest, let ``planning`` begin, and move; supersedes what is under way.
 
@@ -283,11 +291,8 @@ class Arm(PlannedArm):
 
     def _start_stop(self, by: str, number: int | None) -> Future[None]:
         """Stop; motions of requests that are older than ``number`` are refused from now on."""
-        motions = self._motions
-        with motions.lock:
-            self.stops += 1
-            motions.stopped = max(motions.stopped, number or 0)
-            motions.current.give_up(by)  # the executor's stop ends what moves
+        self.stops += 1
+        self._motions.stop(by, number or 0)
         return self._executor.stop(Channel.ARM, by=by)
 
     def set_manual(self, enabled: bool, compliance: Compliance | None = None) -> None:

@@ -40,6 +40,11 @@ def forget_request() -> None:
     _asked.set(math.inf)
 
 
+def is_older(stopped: int) -> bool:
+    """Whether the request that is carried out arrived before the stop of this number."""
+    return stopped > _asked.get()
+
+
 def refuse_older(stopped: int) -> None:
     """Refuse to begin a motion for a request that arrived before a stop.
 
@@ -49,5 +54,5 @@ def refuse_older(stopped: int) -> None:
     Raises:
         Interrupted: It did.
     """
-    if stopped > _asked.get():
+    if is_older(stopped):
         raise Interrupted(STOP)
