@@ -20,9 +20,15 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import MotionQueue, Opening
 from so101_motion.arm.open_ended_motions import OpenEndedMotions
 from so101_motion.arm.planned_arm import ArmParts, PlannedArm
-from so101_motion.arm.stop_order import NUMBERS, STOP
+from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older, request_number
 from so101_motion.common.compliance import Compliance
-from so101_motion.common.errors import SUPERSEDED, InCollision, MotionError, NotHolding
+from so101_motion.common.errors import (
+    SUPERSEDED,
+    InCollision,
+    Interrupted,
+    MotionError,
+    NotHolding,
+)
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import lent_out
@@ -117,6 +123,14 @@ class Arm(PlannedArm):
     ) -> Motion:
         """Plan and move; supersedes what is under way. Arguments as for ``plan``."""
         return self.start_planned(partial(self.start_plan, goal, limits=limits, search=search))
+
+    def consider(self, goal: Goal, *, search: Search | None = None) -> tuple[Motion, Future[Plan]]:
+        """Plan for a motion that may be asked for next; the one under way goes on.
+
+        What would supersede it, or a stop, interrupts the motion returned and cancels the plan.
+        """
+        planning = self.start_plan(goal, search=search)
+        return self._motions.consider(planning), planning
 
     def start_planned(self, planning: Callable[[], Future[Plan]]) -> Motion:
         """Bring the arm to rest, let ``planning`` begin, and move; supersedes what is under way.
@@ -273,12 +287,12 @@ class Arm(PlannedArm):
 
     def start_stop(self, *, by: str = STOP) -> Future[None]:
         """Like ``stop``, but does not wait; motions that it ends raise ``Interrupted(by)``."""
+        return self._start_stop(by, next(NUMBERS) if by == STOP else None)
+
+    def _start_stop(self, by: str, number: int | None) -> Future[None]:
+        """Stop; motions of requests that are older than ``number`` are refused from now on."""
         self.stops += 1
-        motions = self._motions
-        with motions.lock:
-            if by == STOP:
-                motions.stopped = next(NUMBERS)
-            motions.current.give_up(by)  # the executor's stop ends what moves
+        self._motions.stop(by, number or 0)
         return self._executor.stop(Channel.ARM, by=by)
 
     def set_manual(self, enabled: bool, compliance: Compliance | None = None) -> None:
@@ -287,14 +301,22 @@ class Arm(PlannedArm):
         The hand feels a wall where it leads the arm into itself, into the scene (and what
         ``keep_off`` adds) or into another arm of its cell. A motion, a stop and letting go end
         manual mode as well.
+
+        Raises:
+            Interrupted: The arm was stopped after manual mode had been asked for; it holds.
         """
-        if enabled:
-            compliance = compliance or self.compliance
-            self.stop()
-            wall = self._open_ended.wall(self._situation) if compliance.wall else None
-            self._executor.guide(compliance, wall).result()
-        else:
+        if not enabled:
             self._executor.hold().result()
+            return
+        compliance, asked = compliance or self.compliance, request_number()
+        refuse_older(self._motions.stopped)
+        self._start_stop(STOP, asked).result()
+        wall = self._open_ended.wall(self._situation) if compliance.wall else None
+        with self._motions.lock:  # a stop that comes later finds the request and ends it
+            if self._motions.stopped > asked:
+                raise Interrupted(STOP)
+            guiding = self._executor.guide(compliance, wall)
+        guiding.result()
 
     def set_torque(self, on: bool) -> None:
         """Hold all joints, or stop and release them: the arm then sinks. The jaw is a joint too."""

@@ -15,10 +15,10 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from dataclasses import dataclass
-from typing import Generic
+from typing import Any, Generic
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.arm.stop_order import forget_request, refuse_older
+from so101_motion.arm.stop_order import STOP, forget_request, is_older, refuse_older
 from so101_motion.common.errors import SUPERSEDED, MotionError
 from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future
@@ -57,6 +57,7 @@ class MotionQueue:
     def __init__(self, come_to_rest: Callable[[], Future[None] | None]) -> None:
         self.current = Motion()
         self.current.future.set_result(None)
+        self._considered = Motion()
         self._come_to_rest = come_to_rest
         self.lock = threading.Lock()
         self.stopped = 0
@@ -89,7 +90,30 @@ class MotionQueue:
                 raise MotionError("this arm has been closed; open it again") from error
             self.current = motion
             previous.interrupt(SUPERSEDED)
+            self._considered.interrupt(SUPERSEDED)
         return motion
+
+    def consider(self, planning: Future[Any]) -> Motion:
+        """Note what is planned for a motion that may be asked for next, if it turns out possible.
+
+        The motion under way goes on. A newer motion, a stop, or a newer one that is considered
+        cancels ``planning``, and interrupts what is returned.
+        """
+        motion = Motion()
+        motion.begin(lambda: planning, lambda running, _by: running.cancel())
+        with self.lock:
+            if is_older(self.stopped):
+                motion.interrupt(STOP)
+            before, self._considered = self._considered, motion
+        before.interrupt(SUPERSEDED)
+        return motion
+
+    def stop(self, by: str, number: int) -> None:
+        """End what is prepared; requests that are older than ``number`` begin nothing any more."""
+        with self.lock:
+            self.stopped = max(self.stopped, number)
+            self.current.give_up(by)  # the executor's stop ends what moves
+            self._considered.interrupt(by)
 
     def open_source(
         self,
@@ -137,6 +161,7 @@ class MotionQueue:
             running = begin(motion)
             previous, self.current = self.current, motion
             previous.interrupt(SUPERSEDED)
+            self._considered.interrupt(SUPERSEDED)
         running.add_done_callback(motion.take_outcome)
         return motion
 

@@ -47,6 +47,8 @@ class Kind(IntEnum):
     """The child is still working."""
     ANSWER = 5
     """A plan, an error, or None for what was given up."""
+    COPY = 6
+    """The child shall make a copy of itself, which answers on the socket that comes next."""
 
 
 class Scenes:
@@ -164,6 +166,24 @@ class MessageSocket:
                     sent += self._end.send(view[sent:])
                 except BlockingIOError:
                     self._wait(True)
+
+    def send_copy(self, line: socket.socket) -> None:
+        """Ask the other end for a copy of itself that answers on ``line``; never waits.
+
+        Raises:
+            OSError: The other end is gone, or takes nothing at present.
+        """
+        head = _HEAD.pack(Kind.COPY, 0)
+        if self._end.send(head) < len(head):
+            raise BrokenPipeError("the other end takes nothing")
+        socket.send_fds(self._end, [b"\0"], [line.fileno()])
+
+    def receive_line(self) -> socket.socket:
+        """The socket that comes behind ``Kind.COPY``."""
+        while not self.has_more():
+            self._wait(False)
+        _, (line,), _, _ = socket.recv_fds(self._end, 1, 1)
+        return socket.socket(fileno=line)
 
     def receive(self) -> tuple[Kind, list[bytearray]]:
         """The next message.

@@ -7,14 +7,16 @@ end of it and leaves.
 from __future__ import annotations
 
 import contextlib
+import os
 import select
 import signal
 import socket
 import subprocess
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from so101_motion.arm.plan_messages import Kind, MessageSocket, Scenes, packed, unpacked
 from so101_motion.common.child_process import spawn
@@ -23,6 +25,9 @@ from so101_motion.common.errors import So101Error, WorkerError
 if TYPE_CHECKING:
     from so101_motion.planning.cell.team_requests import TeamTask
     from so101_motion.planning.request import PlanRequest
+
+CAN_COPY = hasattr(os, "pidfd_open")
+"""Whether this system watches a copy of a process. Linux does, since 2019."""
 
 HANG_TIMEOUT = 3.0
 """A child that has work hangs if it sends no sign of life for so long and uses no processor [s].
@@ -44,18 +49,35 @@ class PlanningProcess:
 
     Args:
         hang_timeout: After how long without a sign of life it hangs [s], see ``HANG_TIMEOUT``.
+        original: The process to copy, also while it plans; None to start a new one.
+
+    Raises:
+        ChildDied: The original does not make a copy.
+        WorkerError: No process can be started.
     """
 
-    def __init__(self, hang_timeout: float = HANG_TIMEOUT) -> None:
+    def __init__(
+        self, hang_timeout: float = HANG_TIMEOUT, original: PlanningProcess | None = None
+    ) -> None:
         ours, theirs = socket.socketpair()
+        self._line = MessageSocket(ours, self._wait)
+        self._sending = threading.Lock()
+        self.is_ready = False
+        self._child: subprocess.Popen[bytes] | _Copy
         with theirs:
             try:
                 line = theirs.fileno()
-                self._child = spawn(_CHILD, str(line), pass_fds=(line,))
+                if original is None:
+                    self._child = spawn(_CHILD, str(line), pass_fds=(line,))
+                else:
+                    self._child = original._child
+                    with original._sending:
+                        original._line.send_copy(theirs)
             except OSError as error:
                 ours.close()
+                if original is not None:
+                    raise ChildDied("makes no copy") from error
                 raise WorkerError(f"the planning process could not be started: {error}") from error
-        self._line = MessageSocket(ours, self._wait)
         self._wake, self._woken = socket.socketpair()
         self._wake.setblocking(False)
         self._woken.setblocking(False)
@@ -64,6 +86,13 @@ class PlanningProcess:
         self._is_unwanted: Callable[[], bool] = bool
         self._gave_up = False
         self._sign = time.monotonic()
+        if original is not None:
+            try:
+                self._child = _Copy(cast("int", self._converse(Kind.READY)))
+            except (ChildDied, OSError):
+                self._close()
+                raise
+            self.is_ready = True
 
     @property
     def pid(self) -> int | None:
@@ -80,6 +109,7 @@ class PlanningProcess:
         answer = self._converse(Kind.READY)
         if isinstance(answer, So101Error):
             raise answer
+        self.is_ready = True
 
     def ask(
         self, request: PlanRequest | TeamTask[object], is_unwanted: Callable[[], bool]
@@ -100,7 +130,8 @@ class PlanningProcess:
         self._is_unwanted, self._gave_up = is_unwanted, False
         self._sign = time.monotonic()
         try:
-            self._line.send(Kind.REQUEST, packed(request, self._scenes))
+            with self._sending:
+                self._line.send(Kind.REQUEST, packed(request, self._scenes))
         except OSError as error:
             raise ChildDied(self.ending()) from error
         answer = self._converse(Kind.ANSWER)
@@ -121,6 +152,9 @@ class PlanningProcess:
         """End the child and forget it."""
         self._child.kill()
         self._child.wait()
+        self._close()
+
+    def _close(self) -> None:
         for each in (self._line, self._wake, self._woken):
             each.close()
 
@@ -130,6 +164,8 @@ class PlanningProcess:
             code = self._child.wait(self._hang_timeout)
         except subprocess.TimeoutExpired:
             return "closed its end of the socket"
+        if isinstance(self._child, _Copy):
+            return "ended"
         if code >= 0:
             return f"ended with exit code {code}"
         name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
@@ -150,7 +186,8 @@ class PlanningProcess:
         """Wait until the child takes or sends something; tell it to give up an unwanted plan."""
         if not for_writing and not self._gave_up and self._is_unwanted():
             self._gave_up = True
-            self._line.send(Kind.GIVE_UP)
+            with self._sending:
+                self._line.send(Kind.GIVE_UP)
         line, woken = self._line.fileno(), self._woken.fileno()
         reading, writing = ([woken], [line]) if for_writing else ([woken, line], [])
         readable, writable, _ = select.select(reading, writing, [], 0.5 * self._hang_timeout)
@@ -163,6 +200,36 @@ class PlanningProcess:
         silent = now - self._sign
         if silent > _SILENT or (silent > self._hang_timeout and _stands_still(self._child.pid)):
             raise ChildDied(f"showed no sign of life for {silent:.1f} s")
+
+
+class _Copy:
+    """A copy of a planning process, with the methods of ``Popen``: the system tells only its end.
+
+    Raises:
+        OSError: It has ended already.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self._watch = os.pidfd_open(pid)
+        self.pid = pid
+
+    def poll(self) -> int | None:
+        """0 if it has ended."""
+        return 0 if select.select([self._watch], [], [], 0.0)[0] else None
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for its end."""
+        if not select.select([self._watch], [], [], timeout)[0]:
+            raise subprocess.TimeoutExpired(_CHILD, timeout or 0.0)
+        return 0
+
+    def kill(self) -> None:
+        """End it at once."""
+        with contextlib.suppress(ProcessLookupError):
+            signal.pidfd_send_signal(self._watch, signal.SIGKILL)
+
+    def __del__(self) -> None:
+        os.close(self._watch)
 
 
 def _stands_still(pid: int) -> bool:

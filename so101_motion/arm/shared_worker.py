@@ -19,7 +19,7 @@ def acquire_worker() -> PlanningWorker:
     global _worker, _worker_users
     with _worker_lock:
         if _worker is None:
-            _worker = PlanningWorker()
+            _worker = PlanningWorker(copies=True)
         _worker_users += 1
         return _worker
 

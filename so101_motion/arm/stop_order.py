@@ -29,9 +29,20 @@ def mark_request() -> None:
     _asked.set(next(NUMBERS))
 
 
+def request_number() -> int:
+    """The number of the request that this task or thread carries out; a new one if it has none."""
+    asked = _asked.get()
+    return next(NUMBERS) if math.isinf(asked) else int(asked)
+
+
 def forget_request() -> None:
     """Note that what follows is a motion that has begun: a stop ends that by itself."""
     _asked.set(math.inf)
+
+
+def is_older(stopped: int) -> bool:
+    """Whether the request that is carried out arrived before the stop of this number."""
+    return stopped > _asked.get()
 
 
 def refuse_older(stopped: int) -> None:
@@ -43,5 +54,5 @@ def refuse_older(stopped: int) -> None:
     Raises:
         Interrupted: It did.
     """
-    if stopped > _asked.get():
+    if is_older(stopped):
         raise Interrupted(STOP)

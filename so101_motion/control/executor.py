@@ -295,7 +295,8 @@ class Executor:
         The jaw holds on and may be moved meanwhile. ``wall`` is called on the I/O thread; where it
         holds the joints back, they resist the hand.
         """
-        return self.ask(lambda control: control.guide(compliance, wall))
+        guide = partial(self._control.guide, compliance, wall)
+        return self.requests.ask(guide, channel=Channel.ARM)  # a stop that comes later ends it
 
     def release(self) -> Future[None]:
         """Switch torque off, so that the joints can be moved by hand; refused while they move."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from functools import partial
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import JAW_LIMITS, Gripper
@@ -80,7 +81,7 @@ class Rig:
             self.arm = Arm(
                 model=RobotModel.load(),
                 executor=self.executor,
-                planner=self.planner.plan,
+                planner=partial(self.planner.plan, owner=self.executor),
                 speed=speed,
                 acceleration=acceleration,
                 scene=scene,

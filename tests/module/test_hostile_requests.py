@@ -2,6 +2,8 @@
 
 import asyncio
 import gc
+import gzip
+import struct as struct_module
 import time
 
 import pytest
@@ -11,6 +13,7 @@ from harness.in_process_module import guarded_arm
 from viam.components.arm import JointPositions, Pose
 from viam.gen.component.arm.v1.arm_grpc import ArmServiceStub
 from viam.proto.common import DoCommandRequest
+from viam.proto.component.arm import GetJointPositionsRequest
 
 from so101_motion.viam.requests.large_messages import LARGEST_STRUCT
 from so101_motion.viam.requests.request_guard import DEEPEST, MOST_VALUES
@@ -151,3 +154,19 @@ async def test_structs_nested_too_deeply_are_an_invalid_argument():
             error = await refusal(stub.DoCommand(nested(levels)))
             assert error.status is Status.INVALID_ARGUMENT
             assert "nested" in error.message
+
+
+async def test_a_compressed_request_is_refused_with_a_sentence():
+    message = gzip.compress(GetJointPositionsRequest(name="arm").SerializeToString())
+    async with guarded_arm() as arm:
+
+        async def ask():
+            async with ArmServiceStub(arm.channel).GetJointPositions.open() as stream:
+                await stream.send_request()
+                head = struct_module.pack(">?I", True, len(message))
+                await stream._stream.send_data(head + message, end_stream=True)
+                await stream.recv_message()
+
+        with pytest.raises(GRPCError, match="switch compression off") as caught:
+            await ask()
+    assert caught.value.status is Status.UNIMPLEMENTED

@@ -280,6 +280,22 @@ async def test_a_stop_ends_a_move_of_the_motion_service_that_is_being_planned(ar
 # The motion service
 
 
+async def test_a_move_that_is_looked_at_first_ends_when_its_successor_comes_or_a_stop(
+    arm, client, motion
+):
+    async with under_way(arm, client):
+        with hung_planner(arm):
+            calls = []
+            for x in (100, 110, 120):
+                calls.append(asyncio.ensure_future(motion.move("arm", point(x, 250, 150))))
+                await asyncio.sleep(0.1)
+            for call in calls[:-1]:
+                assert (await error_of(call)).status is Status.ABORTED
+            stopping = asyncio.ensure_future(client.stop())
+            assert (await error_of(calls[-1])).status is Status.CANCELLED
+        await in_time(client, stopping)
+
+
 @pytest.mark.parametrize(
     ("destination", "extra"),
     [

@@ -88,7 +88,9 @@ class MachineRig(Machine):
             )
             speed = self._params.get("current_speed_degs_per_sec", 50.0)
             acceleration = self._params.get("current_acceleration_degs_per_sec_per_sec", 100.0)
-            self.arm = self._new_arm(to_rad(speed), to_rad(acceleration), worker.plan)
+            self.arm = self._new_arm(
+                to_rad(speed), to_rad(acceleration), partial(worker.plan, owner=self)
+            )
             worker.start()
         except BaseException:
             release_worker()

@@ -241,12 +241,18 @@ class So101Motion(ServiceForAnArm, MotionService):
         Store, camera and other arms are read later, when the arm rests.
 
         Raises:
+            Interrupted: It was superseded or stopped meanwhile.
             So101Error: Why it fails; a path that is not found from here is no reason.
         """
         asked = await self._asked(wanted, around)
-        planning = asked.arm.start_plan(asked.goal, search=asked.search)
+        considered, planning = asked.arm.consider(asked.goal, search=asked.search)
+        try:
+            await asyncio.wait([asyncio.wrap_future(planning)])
+        finally:
+            planning.cancel()
+        considered.refuse_interrupted()
         with suppress(NoPath):
-            await asyncio.wrap_future(planning)
+            planning.result()
 
     async def _asked(self, wanted: MoveArguments, around: Scene) -> _PlanningTask:
         """Read a request for the arm's present position and these surroundings.

@@ -34,6 +34,7 @@ from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.conversion.geometries import to_geometry
 from so101_motion.viam.conversion.shown_things import shown_id
 from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
+from so101_motion.viam.requests.await_motion import TurnQueue, in_own_thread
 
 _PERIOD = 0.25
 """Period of a stream [s]; chosen: fast enough for the eye, and nearly free."""
@@ -71,6 +72,12 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:world-state")
 
+    def __init__(self, name: str, arm: str | None) -> None:
+        super().__init__(name, arm)
+        self._turns = TurnQueue()
+        self._looking: asyncio.Future[Shown] | None = None
+        self._looked = 0.0
+
     async def list_uuids(self, **kwargs: Any) -> list[bytes]:
         """The ids of the transforms shown now.
 
@@ -101,11 +108,21 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
         yield StreamTransformChangesResponse()
         shown: Shown = {}
         while True:
-            now = await asyncio.to_thread(self._now_or_nothing)
-            for change in _changes(shown, now):
-                yield change
-            shown = now
+            now = await self._seen()
+            if now is not shown:
+                await self._turns.passed()  # of many streams one sends in each turn of the loop
+                for change in _changes(shown, now):
+                    yield change
+                shown = now
             await asyncio.sleep(_PERIOD)
+
+    async def _seen(self) -> Shown:
+        """What is shown now; all streams share one look in each period."""
+        now = asyncio.get_running_loop().time()
+        if self._looking is None or (self._looking.done() and now >= self._looked + _PERIOD / 2.0):
+            self._looked = now
+            self._looking = in_own_thread(self._now_or_nothing)
+        return await asyncio.shield(self._looking)
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
         """Refuse: the store has no commands."""

@@ -9,6 +9,8 @@ from __future__ import annotations
 import asyncio
 import logging
 from contextlib import suppress
+from contextvars import copy_context
+from functools import partial
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.attributes import checked_number
@@ -61,18 +63,19 @@ class ManualMode:
             So101Error: The joints could not be switched.
         """
         checked_number("enabled_for", enabled_for, lower=0.0, upper=LONGEST, unit="s")
-        await wait_to_end(self._switch(enabled, enabled_for, compliance))
+        async with self._one_at_a_time:
+            await wait_to_end(self._switch(enabled, enabled_for, compliance))
 
     async def _switch(
         self, enabled: bool, enabled_for: float, compliance: Compliance | None
     ) -> None:
-        async with self._one_at_a_time:
-            await in_own_thread(lambda: self._arm.set_manual(enabled, compliance))
-            self.forget()
-            if enabled:
-                self._looking = asyncio.create_task(self._look())
-            if enabled and enabled_for > 0.0:
-                self._timer = asyncio.create_task(self._hold_after(enabled_for))
+        # in the request's context, so that it is refused if the arm was stopped meanwhile
+        await in_own_thread(partial(copy_context().run, self._arm.set_manual, enabled, compliance))
+        self.forget()
+        if enabled:
+            self._looking = asyncio.create_task(self._look())
+        if enabled and enabled_for > 0.0:
+            self._timer = asyncio.create_task(self._hold_after(enabled_for))
 
     def forget(self) -> None:
         """Cancel the time limit, and look no more."""

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from so101_motion.arm.plan_messages import Scenes, packed, unpacked
-from so101_motion.arm.planning_worker import PlanningWorker
+from so101_motion.arm.planning_worker import SHARE, PlanningWorker
 from so101_motion.common.errors import ConfigError, NoPath, OutsideLimits, WorkerError
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Box, Obstacle, PointCloud, Scene
@@ -248,9 +248,9 @@ def test_signals_for_the_whole_group_do_not_end_a_child_that_plans(worker):
 PARENT = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
-from test_planning_worker import begin_endless, pid_of
+from test_planning_worker import begin_endless, endless_request, pid_of
 from so101_motion.arm.planning_worker import PlanningWorker
-worker = PlanningWorker()
+worker = PlanningWorker(copies=sys.argv[2] == "copied")
 if sys.argv[2] == "starting":
     worker.start()
     while pid_of(worker) is None:
@@ -260,7 +260,11 @@ else:
     worker.start().result()
     if sys.argv[2] == "planning":
         begin_endless(worker)
-print(pid_of(worker), flush=True)
+    elif sys.argv[2] == "copied":
+        for _ in range(3):
+            worker.plan(endless_request())
+        time.sleep(1.0)
+print(*worker.pids, flush=True)
 time.sleep(60)
 """
 
@@ -402,3 +406,72 @@ def test_a_new_worker_gets_the_scene_again(worker):
     os.waitid(os.P_PID, died, os.WEXITED | os.WNOWAIT)
     again = worker.plan(request).result()
     assert np.array_equal(first.trajectory.q, again.trajectory.q)
+
+
+@pytest.fixture
+def shared():
+    worker = PlanningWorker(copies=True)
+    worker.start().result()
+    yield worker
+    worker.close()
+
+
+def test_an_easy_request_never_waits_for_a_hard_one(shared):
+    hard = [shared.plan(endless_request(), owner="a") for _ in range(8)]
+    for _ in range(20):
+        begin = time.monotonic()
+        assert shared.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), owner="b").result(60.0).duration
+        assert time.monotonic() < begin + 5.0, "not the 60 s of one of them"
+    assert not any(each.done() for each in hard)
+    assert len(shared.pids) == SHARE
+    main, *copies = shared.pids
+    for each in hard:
+        each.cancel()
+    wait_until(lambda: shared.pids == (main,) and not any(map(is_alive, copies)))
+    assert shared.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
+    assert shared.pids == (main,)
+
+
+def test_what_is_asked_before_the_first_child_is_ready_waits_for_it_and_not_for_its_plan():
+    worker = PlanningWorker(copies=True)
+    hard = worker.plan(endless_request(), owner="a")
+    assert worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), owner="b").result(60.0).duration > 0.0
+    assert not hard.done()
+    worker.close()
+
+
+def test_a_copy_that_dies_or_hangs_is_replaced_and_its_plan_is_made(caplog):
+    worker = PlanningWorker(1.5, copies=True)
+    worker.start().result()
+    hard = worker.plan(endless_request(), owner="a")
+    for end in (signal.SIGKILL, signal.SIGSTOP):
+        easy = worker.plan(dataclasses.replace(endless_request(), time_budget=1.0), owner="b")
+        wait_until(lambda: len(worker.pids) == 2)
+        os.kill(worker.pids[1], end)
+        with pytest.raises(NoPath):
+            easy.result(60.0)
+    assert "ended" in caplog.text
+    assert "no sign of life" in caplog.text
+    assert not hard.done()
+    worker.close()
+
+
+def test_an_original_that_hangs_holds_up_nobody(caplog):
+    worker = PlanningWorker(1.5, copies=True)
+    worker.start().result()
+    hard = begin_endless(worker)
+    os.kill(pid_of(worker), signal.SIGSTOP)
+    assert worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), owner="b").result(60.0).duration > 0.0
+    hard.cancel()
+    worker.close()
+
+
+def test_copies_end_when_their_parent_is_killed():
+    folder = str(Path(__file__).parent)
+    command = [sys.executable, "-c", PARENT, folder, "copied"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        pids = [int(each) for each in parent.stdout.readline().split()]
+        assert len(pids) == 3
+        assert all(map(is_alive, pids))
+        parent.kill()
+    wait_until(lambda: not any(map(is_alive, pids)), 30.0)

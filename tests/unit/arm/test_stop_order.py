@@ -9,6 +9,7 @@ from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_queue import MotionQueue
 from so101_motion.arm.stop_order import NUMBERS, mark_request, refuse_older
 from so101_motion.common.errors import Interrupted
+from so101_motion.rig.simulated_rig import open_simulated
 
 
 def requested():
@@ -66,3 +67,21 @@ def test_a_jaw_begins_nothing_that_was_asked_for_before_its_stop(make_sim):
             request.run(begin)
     assert not gripper.is_moving
     sim.after(3.0, requested().run(gripper.start_move, 0.5).future)
+
+
+def test_manual_mode_that_was_asked_for_before_a_stop_does_not_begin_after_it():
+    with open_simulated() as rig:
+        before = requested()
+        rig.arm.stop()
+        with pytest.raises(Interrupted, match="stop"):
+            before.run(rig.arm.set_manual, True)
+        make_wall = rig.arm._open_ended.wall
+
+        def wall(now):
+            rig.arm.stop()
+            return make_wall(now)
+
+        rig.arm._open_ended.wall = wall
+        with pytest.raises(Interrupted, match="stop"):
+            requested().run(rig.arm.set_manual, True)
+        assert not rig.arm.is_movable_by_hand
