@@ -525,7 +525,8 @@ def _pcd(data: bytes) -> Array:
             for i in axes
         ]
     elif form == "binary":
-        _refuse_other_count(count, (len(data) - begin) // record.itemsize)
+        if any(data[begin + count * record.itemsize :]):  # PCL fills the last page with zeros
+            _refuse_other_count(count, (len(data) - begin) // record.itemsize)
         rows = np.frombuffer(data, record, count, begin)
         columns = [rows[f"{i}"][:, 0] for i in axes]
     else:

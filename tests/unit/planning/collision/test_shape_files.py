@@ -117,7 +117,7 @@ def test_too_many_triangles_as_text_are_refused_when_they_are_read():
     "data",
     [
         pcd(b"2", body=b"\0" * 12),
-        pcd(b"1", body=b"\0" * 24),
+        pcd(b"1", body=b"\1" * 24),
         pcd(b"1", b"ascii", b"1 2 3 4 5 6"),
         pcd(b"1", b"binary_compressed", struct.pack("<II", 2, 12) + b"\0\0"),
         pcd(b"1", b"ascii", b"1 2"),
@@ -221,7 +221,7 @@ POLYGONS += [[i, (i + 1) % 6, 6 + (i + 1) % 6, 6 + i] for i in range(6)]
 def obj_text(parts=1, *, relative=False):
     lines = []
     for part in range(parts):
-        lines += [f"o part{part}", *("v %g %g %g" % tuple(p + [100 * part, 0, 0]) for p in PRISM)]
+        lines += [f"o part{part}", *(f"v {x + 100 * part} {y} {z}" for x, y, z in PRISM)]
         for face in POLYGONS:
             corners = (i - 12 if relative else i + 1 + 12 * part for i in face)
             lines.append("f " + " ".join(f"{i}/1" for i in corners))
@@ -242,7 +242,7 @@ def text_stl(name):
     vertices, triangles = read_mesh("obj", obj_text())
     facets = "".join(
         "facet normal 0 0 0\nouter loop\n"
-        + "".join("vertex %g %g %g\n" % tuple(vertices[i]) for i in triangle)
+        + "".join("vertex {} {} {}\n".format(*vertices[i]) for i in triangle)
         + "endloop\nendfacet\n"
         for triangle in triangles
     )
