@@ -22,7 +22,7 @@ test: browser
 test-lerobot:
 	@tests/genuine_lerobot/run.sh
 
-# The robot description in six programs, and mesh files of eleven (6 GB of packages).
+# The robot description in six programs, and mesh files of ten (6 GB of packages).
 test-tools:
 	@tests/genuine_tools/run.sh
 

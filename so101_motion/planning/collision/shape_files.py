@@ -4,7 +4,7 @@ A file of a million triangles takes a second to read. So a request handler reads
 (``shape_file``) and passes its bytes on; the planning process reads the rest (``read_shape``). The
 head says how large the content is, and too much is refused before anything is read.
 
-Each format is read by what read it rightly when genuine files of eleven programs were tried: PLY by
+Each format is read by what read it rightly when genuine files of ten programs were tried: PLY by
 plyfile, polygons are cut by mapbox_earcut, GLB and 3MF are read by trimesh. trimesh 5.2 places
 objects of an OBJ file with relative indices on each other, draws polygons over their notches, and
 reads an STL file with further bytes, or with "vertex" in its name, as empty; assimp, which coal
