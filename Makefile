@@ -6,7 +6,7 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-lerobot check bench campaign pictures site clean browser installed-dev
+.PHONY: demo test test-lerobot test-tools check bench campaign pictures site clean browser installed-dev
 
 demo:
 	@./setup.sh --with viewer
@@ -21,6 +21,10 @@ test: browser
 # some gigabytes; LEROBOT_PYTHON=/path/to/python3.12 names one.
 test-lerobot:
 	@tests/genuine_lerobot/run.sh
+
+# The robot description in six programs, and mesh files of ten (6 GB of packages).
+test-tools:
+	@tests/genuine_tools/run.sh
 
 check: browser
 	$(BIN)/ruff format --check .
@@ -70,4 +74,4 @@ installed-dev:
 	@./setup.sh --with dev
 
 clean:
-	rm -rf $(VENV) .venv-lerobot build dist site wheels setup.log .setup.lock *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-lerobot .venv-tools build dist site wheels setup.log .setup.lock *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -20,7 +20,9 @@ Millimetres and degrees, with the unit in every name, in the arm's base frame::
       ]
     }
 
-Attached objects stand in the tool frame. An error for an unknown name suggests the nearest known
+A mesh file is in millimetres unless its format declares a unit (GLB: metres, y up; 3MF); the
+optional ``"scale"`` of an entry multiplies the lengths of its shape. Attached objects stand in the
+tool frame. An error for an unknown name suggests the nearest known
 one, and every error names its entry.
 """
 
@@ -54,7 +56,7 @@ from so101_motion.planning.collision.scene import (
     Sphere,
     StandingArm,
 )
-from so101_motion.planning.collision.shape_files import LARGEST_FILE, read_mesh, read_shape, welded
+from so101_motion.planning.collision.shape_files import LARGEST_FILE, file_mesh, read_shape
 
 _LARGEST_MM = LARGEST * 1000.0
 _SHAPES = (
@@ -73,6 +75,7 @@ _THING = (
     "capsule_length_mm",
     "triangles",
     "resolution_mm",
+    "scale",
 )
 
 
@@ -306,13 +309,14 @@ def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
             "shape", forms or None, f"needs exactly one form, one of {', '.join(_SHAPES)}"
         )
     form = forms[0]
+    scale = given.number("scale", 1.0, lower=1e-6, upper=1e6)
     if form == "box_mm":
         edges_mm = np.array(given.triple(form, _LARGEST_MM))
         if not np.all(edges_mm > 0.0):
             raise ConfigError(form, edges_mm.tolist(), "must be three lengths of more than 0 mm")
-        return Box(size=to_m(edges_mm))
+        return Box(size=scale * to_m(edges_mm))
     if form == "sphere_radius_mm":
-        return Sphere(radius=_length(given, form))
+        return Sphere(radius=scale * _length(given, form))
     if form == "capsule_radius_mm":
         radius, length = _length(given, form), _length(given, "capsule_length_mm")
         if length < 2.0 * radius:
@@ -321,18 +325,19 @@ def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
                 to_mm(length),
                 f"is from tip to tip, at least twice its radius, {to_mm(2.0 * radius):g} mm",
             )
-        return Capsule(radius=radius, length=length)
+        return Capsule(radius=scale * radius, length=scale * length)
     if form == "mesh_file":
         if folder is None:
             raise ConfigError(
                 form, entry[form], "names a file, which cannot be read here; give vertices_mm"
             )
-        return _mesh(folder / given.text(form, ""))
+        return _mesh(folder / given.text(form, ""), scale)
     if form == "points_mm":
         resolution = _length(given, "resolution_mm") if given.given("resolution_mm") else 0.01
-        return PointCloud(points=to_m(_table(form, entry[form])), resolution=resolution)
+        points = scale * to_m(_table(form, entry[form]))
+        return PointCloud(points=points, resolution=resolution)
     return Mesh(
-        vertices=to_m(_table(form, entry[form])),
+        vertices=scale * to_m(_table(form, entry[form])),
         triangles=_table("triangles", entry.get("triangles")),
     )
 
@@ -357,33 +362,19 @@ def _table(key: str, value: object, columns: int = 3) -> Array:
     return table
 
 
-def _mesh(path: Path) -> Mesh:
-    """Read a mesh file in millimetres, as 3D printers use it."""
-    kind = path.suffix.lower()[1:]
+def _mesh(path: Path, scale: float) -> Mesh:
+    """Read a mesh file; where its format declares no unit, in millimetres."""
     try:
-        if kind in ("ply", "stl"):
-            vertices, triangles = welded(*read_mesh(kind, _bytes(path)))
-        else:
-            import trimesh  # many formats, and slow to import
-
-            mesh = trimesh.load_mesh(path)
-            vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        size = path.stat().st_size
+        data = path.read_bytes() if size <= LARGEST_FILE else b""
+        if not data:
+            raise ConfigError("mesh", f"{size} bytes", f"must be 1 to {LARGEST_FILE} bytes")
+        return file_mesh(path.suffix.lower()[1:], data, scale=scale)
+    except OSError as error:
+        reason = f"cannot be read: {error.strerror}"
+        raise ConfigError("mesh_file", str(path), reason) from error
     except ConfigError as error:
         raise ConfigError("mesh_file", str(path), f"({error.value}) {error.reason}") from error
-    except Exception as error:  # its readers raise whatever they trip over
-        raise ConfigError("mesh_file", str(path), f"cannot be read as a mesh: {error}") from error
-    if len(triangles) == 0:
-        raise ConfigError("mesh_file", str(path), "holds no triangles; is it a mesh?")
-    return Mesh(vertices=to_m(vertices), triangles=triangles)
-
-
-def _bytes(path: Path) -> bytes:
-    size = path.stat().st_size
-    if size > LARGEST_FILE:
-        raise ConfigError(
-            "mesh_file", f"{size} bytes", f"is larger than the {LARGEST_FILE} bytes that are read"
-        )
-    return path.read_bytes()
 
 
 # Writing

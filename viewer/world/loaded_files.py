@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import PurePath
 
-import numpy as np
-
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
-from so101_motion.common.units import to_m
 from so101_motion.files.scene_file import scene_from
 from so101_motion.planning.collision.coal_shapes import full_cubes
 from so101_motion.planning.collision.scene import Mesh, PointCloud, Scene
-from so101_motion.planning.collision.shape_files import holds_faces, read_cloud, read_mesh, welded
+from so101_motion.planning.collision.shape_files import MESHES, file_mesh, holds_faces, read_cloud
 
-ENDINGS = (".json", ".stl", ".ply", ".pcd", ".xyz")
+ENDINGS = (".json", ".pcd", ".xyz", *(f".{kind}" for kind in MESHES))
 """Endings of the files that can be loaded."""
 
 MOST_TRIANGLES = 50_000
@@ -28,16 +25,20 @@ VOXEL = 0.01
 """Edge of a cloud's cubes by default [m]; chosen, as for Viam's clouds."""
 
 
-def read_loaded(name: str, content: bytes, *, voxel: float = VOXEL) -> Scene | Mesh | PointCloud:
+def read_loaded(
+    name: str, content: bytes, *, voxel: float = VOXEL, scale: float = 1.0
+) -> Scene | Mesh | PointCloud:
     """The content of a file.
 
-    Meshes are in millimetres and are put around the middle of their bounding box. Point clouds are
-    in metres and stay where they are, seen from the arm's base.
+    Meshes are in millimetres, unless their format declares a unit, and are put around the middle
+    of their bounding box. Point clouds are in metres and stay where they are, seen from the arm's
+    base.
 
     Args:
         name: The file's name; its ending gives the kind.
         content: Its bytes.
         voxel: Edge of the cubes of a cloud [m].
+        scale: Factor for the lengths of a mesh or a cloud.
 
     Raises:
         ConfigError: The file cannot be used; the message begins with its name.
@@ -45,15 +46,15 @@ def read_loaded(name: str, content: bytes, *, voxel: float = VOXEL) -> Scene | M
     kind = PurePath(name).suffix.lower()
     if kind not in ENDINGS:
         raise ConfigError(
-            "file", name, "is neither a scene (.json), a mesh (.stl, .ply) nor points"
-            " (.ply, .pcd, .xyz)"
+            "file", name, f"is neither a scene (.json), a mesh (.{', .'.join(MESHES)}) nor"
+            " points (.ply, .pcd, .xyz); of a part, export STL or GLB"
         )  # fmt: skip
     try:
         if kind == ".json":
             return _scene(name, content)
-        if kind == ".stl" or (kind == ".ply" and holds_faces(content)):
-            return _mesh(kind[1:], content)
-        return thinned(read_cloud(kind[1:], content), voxel)
+        if kind[1:] in MESHES and (kind != ".ply" or holds_faces(content)):
+            return _mesh(kind[1:], content, scale)
+        return thinned(scale * read_cloud(kind[1:], content), voxel)
     except ConfigError as error:
         if error.key == "file":
             raise
@@ -87,7 +88,7 @@ def _scene(name: str, content: bytes) -> Scene:
     return scene_from(text, folder=None)  # a browser must not have files of ours read
 
 
-def _mesh(kind: str, content: bytes) -> Mesh:
-    vertices, triangles = welded(*read_mesh(kind, content, most=MOST_TRIANGLES))
-    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
-    return Mesh(vertices=to_m(vertices - middle), triangles=np.asarray(triangles))
+def _mesh(kind: str, content: bytes, scale: float) -> Mesh:
+    mesh = file_mesh(kind, content, scale=scale, most=MOST_TRIANGLES)
+    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0
+    return Mesh(vertices=mesh.vertices - middle, triangles=mesh.triangles)

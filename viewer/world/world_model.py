@@ -61,6 +61,7 @@ class WorldModel:
         sentence: The outcome of the last edit.
         dragging: Whether somebody holds a thing by its handles.
         voxel: Edge of the cubes of a cloud that is loaded [m].
+        scale: Factor for the lengths of a mesh or cloud that is loaded.
         saved_files: Undoes ``save``.
     """
 
@@ -77,6 +78,7 @@ class WorldModel:
         self.sentence = INVITATION
         self.dragging = False
         self.voxel = VOXEL
+        self.scale = 1.0
         self.saved_files = SavedFiles(lambda _name: self.file, lambda: (), self._tell)
         self._history = History(scene, now)
         self._given, self._given_at = scene, float("-inf")
@@ -250,7 +252,7 @@ class WorldModel:
         Raises:
             ConfigError: It is none of these.
         """
-        found = read_loaded(name, content, voxel=self.voxel)
+        found = read_loaded(name, content, voxel=self.voxel, scale=self.scale)
         if isinstance(found, Scene):
             loaded = len(scene_edits.things(found))
             held = (each for each in self.scene.attached if isinstance(each, HeldBy))

@@ -176,7 +176,8 @@ class WorldPart(Part):
         bring = gui.add_upload_button(
             "Load",
             icon=viser.Icon.UPLOAD,
-            hint="A scene (.json), a mesh in mm (.stl, .ply), or points in m (.ply, .pcd, .xyz)",
+            hint="A scene (.json), a mesh (.stl, .ply, .obj in mm; .glb),"
+            " or points in m (.ply, .pcd, .xyz)",
             mime_type=",".join(ENDINGS),
         )
         voxel = gui.add_number(
@@ -187,6 +188,14 @@ class WorldPart(Part):
             step=1.0,
             hint="For point clouds only: smaller cubes show more, and plans take longer",
         )
+        scale = gui.add_number(
+            "Scale",
+            1.0,
+            min=1e-6,
+            max=1e6,
+            hint="Factor for the lengths in the next file: 1000 for an STL file in metres",
+        )
+        self._scale = self._field(scale, self._set_scale, shown=float)
         self._voxel = self._field(voxel, lambda mm: self.world.set_voxel(to_m(mm)), shown=tenth)
         gui.add_html(markup.small("Loaded points become cubes with edges of this length."))
         self._context.on_file(bring, lambda file: self.world.load(file.name, file.content))
@@ -195,6 +204,9 @@ class WorldPart(Part):
         return SharedField(widget, command, self._context, shown=shown)
 
     # Commands
+
+    def _set_scale(self, scale: float) -> None:
+        self.world.scale = scale
 
     def _report(self, error: So101Error) -> None:
         self.world.sentence = texts.ended(error)
@@ -343,6 +355,7 @@ class WorldPart(Part):
         self._position.show(None if pose is None else to_mm(pose.p))
         self._turn.show(to_deg(pose.rpy) if pose is not None and turns else None)
         cloud = shape if isinstance(shape, PointCloud) else None
+        self._scale.show(self.world.scale)
         self._voxel.show(to_mm(self.world.voxel if cloud is None else cloud.resolution))
         self._mass.show(1000.0 * thing.mass if isinstance(thing, Attached) else None)
         self._zone.show(thing.keep_out if isinstance(thing, Obstacle) else None)

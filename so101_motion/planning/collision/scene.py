@@ -46,6 +46,13 @@ configurations than its motion; between them it may come a little nearer. Chosen
 LARGEST = 100.0
 """Largest size and distance [m]; a larger number was probably meant as millimetres."""
 
+SMALLEST_SEEN = 0.002
+LARGEST_SEEN = 10.0
+"""What is smaller, or larger, than this in all directions is in another unit [m]; chosen."""
+
+FEW_POINTS = 10
+"""A cloud of fewer points may be a speck; chosen."""
+
 CUBES = 32_000
 """Most cubes of a point cloud from its origin to any of its points: octrees are 16 levels deep."""
 
@@ -220,6 +227,7 @@ class Obstacle:
     def __post_init__(self) -> None:
         _named(self.name)
         _placed(self.name, self.T_base_obstacle)
+        refuse_odd_size(self.name, self.shape)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -247,6 +255,7 @@ class Attached:
     def __post_init__(self) -> None:
         _named(self.name)
         _placed(self.name, self.T_tool_object)
+        refuse_odd_size(self.name, self.shape)
         if not 0.0 <= self.mass < LARGEST:
             raise ConfigError("mass", self.mass, f'of "{self.name}" must be 0 to {LARGEST:g} kg')
 
@@ -371,6 +380,34 @@ def _placed(name: str, pose: SE3) -> None:
         )
 
 
+def refuse_odd_size(name: str, shape: Shape | ShapeFile) -> None:
+    """Refuse a thing that is a speck, or as large as a house, because its unit is another one.
+
+    A point (a sphere without a radius) and a few points that were seen are no specks.
+
+    Raises:
+        ConfigError: It is under 2 mm or over 10 m in all directions.
+    """
+    if isinstance(shape, ShapeFile):
+        return  # when it is read
+    if isinstance(shape, Mesh | PointCloud):
+        points = shape.vertices if isinstance(shape, Mesh) else shape.points
+        extent = np.ptp(points, axis=0)
+        is_speck = isinstance(shape, Mesh) or len(points) >= FEW_POINTS
+    elif isinstance(shape, Box):
+        extent, is_speck = shape.size, True
+    else:
+        extent = np.full(3, 2.0 * shape.radius)
+        extent[2] = extent[2] if isinstance(shape, Sphere) else shape.length
+        is_speck = shape.radius > 0.0
+    if is_speck and extent.max() < SMALLEST_SEEN:
+        reason = f'is the largest extent of "{name}"; is it in metres? add "scale": 1000'
+        raise ConfigError("size", f"{1000.0 * extent.max():.3g} mm", reason)
+    if extent.min() > LARGEST_SEEN:
+        reason = f'is the smallest extent of "{name}"; is it in millimetres? add "scale": 0.001'
+        raise ConfigError("size", f"{extent.min():.3g} m", reason)
+
+
 def _length(key: str, value: object) -> float:
     return float(_lengths(key, value, ()))
 
@@ -394,8 +431,9 @@ def _points(key: str, value: object) -> Array:
     points = _numbers(key, value, (-1, 3))
     if len(points) == 0 or not np.all(np.abs(points) <= LARGEST):
         raise ConfigError(
-            key, points.shape, f"must be at least one finite point within {LARGEST:g} m"
-        )
+            key, points.shape, f"must be at least one finite point within {LARGEST:g} m; if lengths"
+            ' are in millimetres where metres are expected, add "scale": 0.001'
+        )  # fmt: skip
     return points
 
 

@@ -1,23 +1,44 @@
-"""Read meshes and point clouds from files (STL, PLY, PCD, XYZ), and simplify meshes.
+"""Read meshes (STL, PLY, OBJ, GLB, 3MF) and point clouds (PCD, PLY, XYZ), and simplify meshes.
 
 A file of a million triangles takes a second to read. So a request handler reads only its head
 (``shape_file``) and passes its bytes on; the planning process reads the rest (``read_shape``). The
-head says how large the content is, and too much is refused before anything is read. Binary files
-are read here with numpy; other mesh files by trimesh, which takes half a second to import.
+head says how large the content is, and too much is refused before anything is read.
+
+Each format is read by what read it rightly when genuine files of ten programs were tried: PLY by
+plyfile, polygons are cut by mapbox_earcut, GLB and 3MF are read by trimesh. trimesh 5.2 places
+objects of an OBJ file with relative indices on each other, draws polygons over their notches, and
+reads an STL file with further bytes, or with "vertex" in its name, as empty; assimp, which coal
+brings, reads all of them, but a PLY file that was cut off ends the process. So STL and OBJ are
+read here, in a few lines each.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import re
+import struct
+import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
+import mapbox_earcut
 import numpy as np
+import plyfile
 
 from so101_motion.common.errors import ConfigError, clipped
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.scene import Mesh, PointCloud, Shape, ShapeFile
+from so101_motion.planning.collision.scene import (
+    Mesh,
+    PointCloud,
+    Shape,
+    ShapeFile,
+    refuse_odd_size,
+)
+
+MESHES = ("stl", "ply", "obj", "off", "glb", "gltf", "3mf")
+"""Endings of the mesh files that are read."""
 
 MOST_TRIANGLES = 300_000
 """Most triangles of a mesh. Chosen: the tree over them is made in half a second."""
@@ -58,10 +79,14 @@ def read_shape(shape: Shape | ShapeFile) -> Shape:
         return shape
     data = shape.data.tobytes()
     try:
+        read: Shape
         if shape.kind == "pcd":
-            return PointCloud(points=_around(read_points(data), shape.centre))
-        vertices, triangles = read_mesh(shape.kind, data)
-        return Mesh(vertices=vertices, triangles=triangles)
+            read = PointCloud(points=_around(read_points(data), shape.centre))
+        else:
+            vertices, triangles = read_mesh(shape.kind, data)
+            read = Mesh(vertices=vertices, triangles=triangles)
+        refuse_odd_size(shape.name, read)
+        return read
     except ConfigError as error:
         raise ConfigError(error.key, error.value, f"(of {shape.name}) {error.reason}") from error
 
@@ -69,37 +94,58 @@ def read_shape(shape: Shape | ShapeFile) -> Shape:
 def mesh_kind(data: bytes | memoryview) -> str:
     """The kind of a mesh file, by its content: ``"ply"`` or ``"stl"``.
 
-    A binary STL file has any 80 bytes, the number of its triangles, and 50 bytes for each.
-
     Raises:
         ConfigError: It is neither.
     """
     head = bytes(data[:_HEAD])
-    words = head.split(maxsplit=1)[:1]
-    if words == [b"ply"]:
+    if head.split(maxsplit=1)[:1] == [b"ply"]:
         return "ply"
-    if _is_binary_stl(head, len(data)) or [word.lower() for word in words] == [b"solid"]:
+    if _is_text_stl(head) or 0 < 50 * _stl_count(head) <= len(data) - 84:
         return "stl"
     raise ConfigError("mesh", f"{len(data)} bytes", "must be a PLY or STL file")
 
 
-def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Array, Any]:
-    """Read vertices (n, 3) and triangles (m, 3), at most ``most``, in the file's unit.
+def file_mesh(kind: str, data: bytes, *, scale: float = 1.0, most: int = MOST_TRIANGLES) -> Mesh:
+    """Read the mesh in a file of a disk; its unit is what the format declares, or millimetres.
+
+    Args:
+        kind: The file's ending, one of ``MESHES``.
+        data: Its bytes.
+        scale: Factor for its lengths: 1000 for a file of an undeclared unit in metres.
+        most: Most triangles.
 
     Raises:
         ConfigError: It is too large, or no such file.
     """
+    vertices, triangles = read_mesh(kind, data, most=most)
+    if kind not in ("glb", "gltf", "3mf"):  # these are in metres when they were read
+        vertices = vertices / 1000.0
+    vertices, triangles = welded(vertices, triangles)
+    return Mesh(vertices=scale * vertices, triangles=triangles)
+
+
+def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Array, Any]:
+    """Read vertices (n, 3) and triangles (m, 3), at most ``most``.
+
+    Lengths are metres and z is up where the format declares them (GLB, 3MF); else as in the file.
+
+    Raises:
+        ConfigError: It is too large, or no such file.
+    """
+    size = f"{len(data)} bytes"
+    if kind not in MESHES:
+        reason = f"is none of {', '.join(MESHES)}; export STL or GLB"
+        raise ConfigError("mesh", f".{kind}", reason)
     _refuse_large(kind, data, len(data), most)
+    readers = {"stl": _stl, "ply": _ply, "obj": _obj}
     try:
-        found = _binary_stl(data) if kind == "stl" else _binary_ply(data)
-        if found is None:
-            found = _any_mesh(kind, data)
-    except Exception as error:  # trimesh's readers raise whatever they trip over
-        raise ConfigError(
-            "mesh", f"{len(data)} bytes", f"is not a {kind} file: {clipped(str(error), 200)}"
-        ) from error
+        found = readers[kind](data) if kind in readers else _by_trimesh(kind, data)
+    except Exception as error:  # the libraries raise whatever they trip over
+        reason = f"is not a {kind} file that can be read: {clipped(str(error), 200)}"
+        raise ConfigError("mesh", size, reason) from error
     if len(found[1]) == 0:
-        raise ConfigError("mesh", f"{len(data)} bytes", "holds no triangles; is it a mesh?")
+        raise ConfigError("mesh", size, "holds no triangles; is it a mesh?")
+    _refuse_many("mesh", len(data), {"triangles": (len(found[1]), most)})
     return found
 
 
@@ -174,32 +220,34 @@ def read_cloud(kind: str, data: bytes) -> Array:
 
 def holds_faces(data: bytes) -> bool:
     """Whether a PLY file holds a surface, not only points; ``ConfigError`` if it is no PLY."""
-    return _count(_ply_head(data)[0], rb"element face (\d+)") > 0
+    return _ply_counts(data)["triangles"] > 0
 
 
 def _refuse_large(kind: str, data: bytes, size: int, most_triangles: int = MOST_TRIANGLES) -> None:
     """Refuse a file of ``size`` bytes with too much content.
 
-    ``data`` is all of it or its head; STL text has no head, so only the given part is counted.
+    ``data`` is all of it or its head; what has no head is counted when it was read.
     """
     what = "point_cloud" if kind == "pcd" else "mesh"
     if size > LARGEST_FILE:
         raise ConfigError(
             what, f"{size} bytes", f"is larger than the {LARGEST_FILE} bytes that are read"
         )
+    counts = {}
     if kind == "stl":
-        counts = {"triangles": (_stl_count(data, size), most_triangles)}
+        counts = {"triangles": _stl_count(data)}
     elif kind == "ply":
-        head, _ = _ply_head(data)
-        counts = {
-            "triangles": (_count(head, rb"element face (\d+)"), most_triangles),
-            "vertices": (_count(head, rb"element vertex (\d+)"), MOST_POINTS),
-        }
-    else:
+        counts = _ply_counts(data)
+    elif kind == "pcd":
         try:
-            counts = {"points": (_pcd_count(_pcd_head(data)[0]), MOST_POINTS)}
+            counts = {"points": _pcd_count(_pcd_head(data)[0])}
         except (KeyError, ValueError, IndexError) as error:
             raise _no_cloud(data, error) from error
+    most = {"triangles": most_triangles}
+    _refuse_many(what, size, {k: (count, most.get(k, MOST_POINTS)) for k, count in counts.items()})
+
+
+def _refuse_many(what: str, size: int, counts: dict[str, tuple[int, int]]) -> None:
     for unit, (count, most) in counts.items():
         if count > most:
             raise ConfigError(
@@ -212,104 +260,188 @@ def _refuse_large(kind: str, data: bytes, size: int, most_triangles: int = MOST_
 
 # Meshes
 
-
-def _is_binary_stl(head: bytes, size: int) -> bool:
-    return size >= 84 and size == 84 + 50 * int.from_bytes(head[80:84], "little")
-
-
-def _stl_count(data: bytes, size: int) -> int:
-    if _is_binary_stl(data, size):
-        return int.from_bytes(data[80:84], "little")
-    return data.count(b"endfacet") + data.count(b"ENDFACET")
+_CORNER = re.compile(rb"\bvertex" + 3 * rb"\s+([-+.\dEe]+)" + rb"\s", re.IGNORECASE)
+_FACET = re.compile(rb"\bouter\s+loop\b", re.IGNORECASE)
 
 
-def _binary_stl(data: bytes) -> tuple[Array, Any] | None:
-    if not _is_binary_stl(data, len(data)):
-        return None
+def _is_text_stl(data: bytes) -> bool:
+    return re.match(rb"\s*solid\b", data, re.IGNORECASE) is not None and b"\0" not in data[:512]
+
+
+def _stl_count(data: bytes) -> int:
+    """Triangles of an STL file: as its head says, or counted in its text."""
+    if _is_text_stl(data):
+        return len(_FACET.findall(data))
+    return int.from_bytes(data[80:84], "little")
+
+
+def _stl(data: bytes) -> tuple[Array, Any]:
+    """Read STL: 80 bytes of any kind, the number of triangles, 50 bytes for each; or text."""
+    count = _stl_count(data)
+    if _is_text_stl(data):
+        numbers = np.array(_CORNER.findall(data), dtype=np.float64).reshape(-1, 3)
+        if len(numbers) != 3 * count or (count and b"endsolid" not in data[-200:].lower()):
+            reason = f"{count} triangles begin, {len(numbers)} corners are there; was it cut off?"
+            raise ValueError(reason)
+        return numbers, np.arange(len(numbers)).reshape(-1, 3)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    corners = np.frombuffer(data, record, offset=84)["corners"]
-    return corners.reshape(-1, 3).astype(np.float64), np.arange(3 * len(corners)).reshape(-1, 3)
+    held = max(len(data) - 84, 0) // record.itemsize
+    if held < count:
+        raise ValueError(f"its head says {count} triangles, it holds {held}; was it cut off?")
+    if len(data) < 84:
+        raise ValueError("it is too short")
+    corners = np.frombuffer(data, record, count, 84)["corners"]  # some programs append bytes
+    return corners.reshape(-1, 3).astype(np.float64), np.arange(3 * count).reshape(-1, 3)
 
 
-def _ply_head(data: bytes) -> tuple[bytes, int]:
-    """The head of a PLY file, and its length with its last line."""
-    end = re.search(rb"\nend_header\r?\n", data[:_HEAD])
-    if end is None:
+def _ply_counts(data: bytes) -> dict[str, int]:
+    head = re.match(rb"ply\s.*?\nend_header\r?\n", data[:_HEAD], re.DOTALL)
+    if head is None:
         raise ConfigError("mesh", f"{len(data)} bytes", "is not a ply file: its head has no end")
-    return data[: end.start()].replace(b"\r", b""), end.end()
+    found = {b"vertex": 0, b"face": 0, b"tristrips": 0}
+    found |= {name: int(n) for name, n in re.findall(rb"\nelement (\w+) (\d{1,18})", head[0])}
+    return {"triangles": found[b"face"] + found[b"tristrips"], "vertices": found[b"vertex"]}
 
 
-def _count(head: bytes, pattern: bytes) -> int:
-    found = re.search(pattern, head)
-    return int(found[1][:18]) if found else 0
+def _read_ply(data: bytes) -> plyfile.PlyData:
+    """Read a PLY file; fast where all faces are triangles, which only a file of a disk can be."""
+    name = b"vertex_indices" if b"vertex_indices" in data[:_HEAD] else b"vertex_index"
+    if b"format ascii" not in data[:_HEAD]:
+        with tempfile.TemporaryFile() as file, suppress(plyfile.PlyParseError):
+            file.write(data)
+            file.seek(0)
+            return plyfile.PlyData.read(file, known_list_len={"face": {name.decode(): 3}})
+    return plyfile.PlyData.read(io.BytesIO(data))
 
 
-_PLY_TYPES = {
-    "char": "<i1", "uchar": "<u1", "short": "<i2", "ushort": "<u2", "int": "<i4", "uint": "<u4",
-    "int8": "<i1", "uint8": "<u1", "int16": "<i2", "uint16": "<u2", "int32": "<i4",
-    "uint32": "<u4", "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8",
-}  # fmt: skip
+def _ply(data: bytes) -> tuple[Array, Any]:
+    file = _read_ply(data)
+    face = file["face"]
+    names = [each.name for each in face.properties]
+    corners = face[next(name for name in ("vertex_indices", "vertex_index") if name in names)]
+    return _triangulated(_axes(file["vertex"]), list(corners))
 
 
-def _binary_ply(data: bytes) -> tuple[Array, Any] | None:
-    """Read the usual form: little-endian, vertices, then triangles only; None for other forms."""
-    head, begin = _ply_head(data)
-    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
-    lines = [words for words in lines if words and words[0] not in ("comment", "obj_info")]
-    elements = [words for words in lines if words[0] == "element"]
-    if lines[1][1:2] != ["binary_little_endian"] or [e[1] for e in elements] != ["vertex", "face"]:
-        return None
-    at = lines.index(elements[1])
-    columns, faces = lines[lines.index(elements[0]) + 1 : at], lines[at + 1 :]
-    if len(faces) != 1 or faces[0][1:2] != ["list"]:
-        return None
-    vertex = np.dtype([(words[2], _PLY_TYPES[words[1]]) for words in columns])
-    number, corner = (_PLY_TYPES[word] for word in faces[0][2:4])
-    face = np.dtype([("n", number), ("corners", corner, 3)])
-    counts = [int(words[2]) for words in elements]
-    if len(data) != begin + counts[0] * vertex.itemsize + counts[1] * face.itemsize:
-        return None
-    vertices = np.frombuffer(data, vertex, counts[0], begin)
-    faces_ = np.frombuffer(data, face, counts[1], begin + vertices.nbytes)
-    if not np.all(faces_["n"] == 3):
-        return None
-    points = np.stack([vertices[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    return points, faces_["corners"].astype(np.int64)
+def _axes(vertex: Any) -> Array:
+    return np.stack([np.asarray(vertex[axis], dtype=np.float64) for axis in "xyz"], axis=1)
 
 
-def _any_mesh(kind: str, data: bytes) -> tuple[Array, Any]:
-    import trimesh  # many formats, and slow to import
+def _obj(data: bytes) -> tuple[Array, Any]:
+    """Read vertices and faces of a Wavefront OBJ; an index below 0 counts from the last vertex."""
+    vertices, polygons = [], []
+    for line in re.sub(rb"\\\r?\n", b" ", data).splitlines():
+        words = line.split()
+        if words[:1] == [b"v"]:
+            vertices.append(words[1:4])
+        elif words[:1] == [b"f"]:
+            corners = [int(word.split(b"/")[0]) for word in words[1:]]
+            if 0 in corners:
+                raise ValueError("a face has the vertex 0; they are counted from 1")
+            polygons.append([i - 1 if i > 0 else len(vertices) + i for i in corners])
+        elif words[:1] == [b"surf"]:
+            raise ValueError("it holds curved surfaces; export triangles")
+    return _triangulated(np.array(vertices, dtype=np.float64).reshape(-1, 3), polygons)
 
-    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind)
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+def _triangulated(vertices: Array, polygons: Sequence[Any]) -> tuple[Array, Any]:
+    """Cut polygons, (k,) numbers of vertices each, into triangles."""
+    sizes = np.array([len(polygon) for polygon in polygons])
+    found = []
+    for n in range(3, int(sizes.max(initial=0)) + 1):
+        faces = np.array([polygons[int(i)] for i in np.flatnonzero(sizes == n)], dtype=np.int64)
+        if len(faces) == 0:
+            continue
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise ValueError(f"a face has a vertex that is none of the {len(vertices)}")
+        corners = vertices[faces]
+        sides = np.roll(corners, -1, axis=1) - corners
+        turns = np.cross(sides, np.roll(sides, -1, axis=1))
+        normals = np.cross(corners - corners[:, :1], sides).sum(axis=1)
+        has_notch = np.any(np.einsum("kni,ki->kn", turns, normals) < 0.0, axis=1) & (n > 3)
+        fan = np.stack([np.zeros(n - 2, int), np.arange(1, n - 1), np.arange(2, n)], axis=1)
+        found.append(faces[~has_notch][:, fan].reshape(-1, 3))
+        found += [faces[i][_ears(corners[i], normals[i])] for i in np.flatnonzero(has_notch)]
+    return vertices, np.concatenate(found) if found else np.empty((0, 3), np.int64)
+
+
+def _ears(corners: Array, normal: Array) -> Any:
+    """Cut one polygon with notches, (n, 3); the triangles turn as it does."""
+    axes = [(1, 2), (2, 0), (0, 1)][int(np.argmax(np.abs(normal)))]
+    flat = np.ascontiguousarray(corners[:, axes])
+    ears = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], np.uint32))
+    triangles = ears.reshape(-1, 3).astype(np.int64)
+    a, b, c = (corners[triangles[:, i]] for i in range(3))
+    return triangles if np.cross(b - a, c - a).sum(axis=0) @ normal >= 0.0 else triangles[:, ::-1]
+
+
+_DRAWN = ("KHR_materials", "KHR_texture", "KHR_lights", "EXT_texture")
+"""Extensions of glTF that change how a surface looks, not where it is."""
+
+
+def _by_trimesh(kind: str, data: bytes) -> tuple[Array, Any]:
+    """Read what trimesh reads rightly; GLB and 3MF in metres, with z up."""
+    import trimesh  # slow to import
+
+    if kind not in trimesh.available_formats():
+        raise ValueError("networkx and lxml are not installed; export STL or GLB")
+    if kind == "gltf":
+        _refuse_unread(json.loads(data))
+    elif kind == "glb":
+        data = _checked_glb(data)
+    scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
+    mesh = scene.to_mesh()
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    if kind == "3mf":
+        vertices = vertices * trimesh.units.unit_conversion(str(scene.units), "meters")
+    elif kind != "off":  # y is up
+        vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
+    return vertices, np.asarray(mesh.faces)
+
+
+def _checked_glb(data: bytes) -> bytes:
+    """Refuse what trimesh leaves out; put right where Open CASCADE places a part.
+
+    Open CASCADE 7.7 to 8.0 (CadQuery, build123d) turns a part, or a whole assembly, so that y is
+    up, but leaves its own place as it was with z up.
+    """
+    end = 20 + int.from_bytes(data[12:16], "little")
+    head = json.loads(data[20:end])
+    _refuse_unread(head)
+    if not re.match(r"Open CASCADE Technology (7\.[7-9]|8\.0)", head["asset"].get("generator", "")):
+        return data
+    nodes = [head["nodes"][i] for scene in head["scenes"] for i in scene["nodes"]]
+    for node in nodes:
+        placed = [key for key in ("rotation", "translation") if key in node]
+        for key in placed:
+            x, y, z, *w = node[key]
+            node[key] = [x, z, -y, *w]
+        if not placed:
+            nodes += [head["nodes"][i] for i in node.get("children", ())]
+    changed = json.dumps(head).encode()
+    changed += b" " * (-len(changed) % 4)
+    sizes = [len(changed) + len(data) - end + 20, len(changed)]
+    return data[:8] + struct.pack("<II", *sizes) + b"JSON" + changed + data[end:]
+
+
+def _refuse_unread(head: dict[str, Any]) -> None:
+    """Refuse glTF of which trimesh would leave something out."""
+    needed = [e for e in head.get("extensionsRequired", []) if not e.startswith(_DRAWN)]
+    if needed:
+        raise ValueError(f"it needs {', '.join(needed)}; export it without compression")
+    if any(p.get("mode") == 6 for mesh in head.get("meshes", []) for p in mesh["primitives"]):
+        raise ValueError("it holds fans; export triangles")
 
 
 # Point clouds
 
 
 def _ply_points(data: bytes) -> Array:
-    """Read the vertices of a PLY file in which they come first."""
+    """Read the vertices of a PLY file."""
     _refuse_large("ply", data, len(data))
-    head, begin = _ply_head(data)
-    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
-    words = [line for line in lines if line and line[0] in ("format", "element", "property")]
     try:
-        assert words[0][0] == "format"
-        assert words[1][:2] == ["element", "vertex"]
-        rest = [k for k, line in enumerate(words[2:], 2) if line[0] == "element"]
-        columns = [(line[2], line[1]) for line in words[2 : rest[0] if rest else None]]
-        count, form = int(words[1][2]), words[0][1]
-        if form == "ascii":
-            rows = data[begin:].split(b"\n", count)[:count]
-            names = [name for name, _ in columns]
-            table = np.array([row.split()[: len(names)] for row in rows], dtype=np.float64)
-            return np.asarray(table[:, [names.index(axis) for axis in "xyz"]])
-        order = {"binary_little_endian": "<", "binary_big_endian": ">"}[form]
-        record = np.dtype([(name, order + _PLY_TYPES[kind][1:]) for name, kind in columns])
-        found = np.frombuffer(data, record, count, begin)
-        return np.stack([found[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    except (AssertionError, IndexError, KeyError, ValueError) as error:
-        reason = "is not a ply file whose points can be read"
+        return _axes(_read_ply(data)["vertex"])
+    except (plyfile.PlyParseError, KeyError, ValueError) as error:
+        reason = f"is not a ply file whose points can be read: {clipped(str(error), 200)}"
         raise ConfigError("point_cloud", f"{len(data)} bytes", reason) from error
 
 
@@ -338,8 +470,8 @@ def _around(points: Array, centre: Array | None) -> Array:
     return points - centre if np.abs(middle - centre).max() <= near else points
 
 
-_PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8", ("I", 4): "<i4", ("U", 4): "<u4"} | {
-    (kind, size): f"<{code}{size}" for kind, code in (("I", "i"), ("U", "u")) for size in (1, 2)
+_PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
+    (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
 }
 
 _WIDEST = 1_024
@@ -366,16 +498,10 @@ def _pcd_count(fields: dict[str, list[str]]) -> int:
 def _pcd(data: bytes) -> Array:
     fields, form, begin = _pcd_head(data)
     names, count = fields["FIELDS"], _pcd_count(fields)
-    columns = [names.index(axis) for axis in "xyz"]
-    if form == "ascii":
-        table = np.array(data[begin:].split(), dtype=np.float64).reshape(count, -1)
-        return np.asarray(table[:, columns])
-    if form != "binary":
-        raise ValueError(f"DATA {clipped(form, 40)} is not read here")
-    counts = fields.get("COUNT", ["1"] * len(names))
+    counts = [int(number[:4]) for number in fields.get("COUNT", ["1"] * len(names))]
     record = np.dtype(
         [
-            (f"{i}", _PCD_TYPES[letter, int(size[:4])], (int(number[:4]),))
+            (f"{i}", _PCD_TYPES[letter, int(size[:4])], (number,))
             for i, (letter, size, number) in enumerate(
                 zip(fields["TYPE"], fields["SIZE"], counts, strict=True)
             )
@@ -383,8 +509,59 @@ def _pcd(data: bytes) -> Array:
     )
     if not 0 < record.itemsize <= _WIDEST:
         raise ValueError(f"a point has {record.itemsize} bytes, 1 to {_WIDEST} are read")
-    rows = np.frombuffer(data, record, count, begin)
-    return np.stack([rows[f"{i}"][:, 0].astype(np.float64) for i in columns], axis=1)
+    axes = [names.index(axis) for axis in "xyz"]
+    if form == "ascii":
+        table = np.array(data[begin:].split(), dtype=np.float64)
+        _refuse_other_count(count, len(table) / sum(counts))
+        table = table.reshape(count, -1)
+        return np.asarray(table[:, [sum(counts[:i]) for i in axes]])
+    if form == "binary_compressed":  # all of the first field, all of the second, ...
+        packed, size = (int.from_bytes(data[begin + k : begin + k + 4], "little") for k in (0, 4))
+        _refuse_other_count(count, size / record.itemsize)
+        body = _unpacked(data[begin + 8 : begin + 8 + packed], size)
+        starts = np.cumsum([0, *(record[i].itemsize for i in range(len(names)))]) * count
+        columns = [
+            np.frombuffer(body, record[i].base, count * counts[i], int(starts[i]))[:: counts[i]]
+            for i in axes
+        ]
+    elif form == "binary":
+        if any(data[begin + count * record.itemsize :]):  # PCL fills the last page with zeros
+            _refuse_other_count(count, (len(data) - begin) // record.itemsize)
+        rows = np.frombuffer(data, record, count, begin)
+        columns = [rows[f"{i}"][:, 0] for i in axes]
+    else:
+        raise ValueError(f"DATA {clipped(form, 40)} is not read here")
+    return np.stack([column.astype(np.float64) for column in columns], axis=1)
+
+
+def _refuse_other_count(head: int, held: float) -> None:
+    if head != held:
+        raise ValueError(f"its head says {head} points, it holds {held:g}")
+
+
+def _unpacked(data: bytes, size: int) -> bytes:
+    """Undo LZF: each item is up to 32 bytes as they are, or a copy of what came before."""
+    out, i = bytearray(), 0
+    while i < len(data) and len(out) <= size:
+        control = data[i]
+        i += 1
+        if control < 32:
+            out += data[i : i + control + 1]
+            i += control + 1
+            continue
+        length = control >> 5
+        if length == 7:
+            length += data[i]
+            i += 1
+        start = len(out) - ((control & 31) << 8) - data[i] - 1
+        i += 1
+        if start < 0:
+            raise ValueError("its compressed points are damaged")
+        seen = out[start:]  # a copy may run into itself
+        out += (seen * ((length + 2) // len(seen) + 1))[: length + 2]
+    if len(out) != size:
+        raise ValueError(f"{size} bytes were packed, {len(out)} came out; was it cut off?")
+    return bytes(out)
 
 
 def _no_cloud(data: bytes, error: Exception) -> ConfigError:

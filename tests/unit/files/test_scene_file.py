@@ -155,7 +155,7 @@ def test_mesh_files_are_not_read_where_there_is_no_folder_to_read_them_from():
 def test_a_mesh_file_that_holds_no_triangles_is_named(tmp_path):
     (tmp_path / "empty.stl").write_text("not a mesh")
     thing = {"name": "part", "mesh_file": "empty.stl"}
-    with pytest.raises(ConfigError, match=r"empty\.stl.*holds no triangles"):
+    with pytest.raises(ConfigError, match=r"empty\.stl.*too short"):
         scene_from({"obstacles": [thing]}, folder=tmp_path)
 
 
@@ -230,3 +230,19 @@ def test_invalid_arms_are_refused_in_a_sentence(changed, says):
     assert len(arms_from([entry])) == 1
     with pytest.raises(ConfigError, match=says):
         arms_from([entry | changed])
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"box_mm": [0.02, 0.12, 0.26]},
+        {"sphere_radius_mm": 0.05},
+        {"vertices_mm": [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], "triangles": [[0, 1, 2]]},
+        {"points_mm": [[0.01 * i, 0, 0] for i in range(10)]},
+    ],
+)
+def test_a_speck_is_refused_until_its_scale_is_given(shape):
+    entry = {"name": "wall", **shape}
+    with pytest.raises(ConfigError, match='is it in metres\\? add "scale": 1000'):
+        scene_from({"obstacles": [entry]})
+    assert scene_from({"obstacles": [entry | {"scale": 1000}]}).obstacles[0].name == "wall"

@@ -14,6 +14,7 @@ from so101_motion.planning.collision.shape_files import (
     MOST_POINTS,
     MOST_TRIANGLES,
     coarse,
+    file_mesh,
     holds_faces,
     mesh_kind,
     read_cloud,
@@ -73,7 +74,7 @@ def test_binary_meshes_are_read_without_trimesh(kind, data, monkeypatch):
     }
 
 
-def test_other_forms_of_meshes_are_read_by_trimesh():
+def test_other_forms_of_meshes_are_read():
     import trimesh
 
     body = trimesh.Trimesh(CORNERS, FACES, process=False)
@@ -116,6 +117,9 @@ def test_too_many_triangles_as_text_are_refused_when_they_are_read():
     "data",
     [
         pcd(b"2", body=b"\0" * 12),
+        pcd(b"1", body=b"\1" * 24),
+        pcd(b"1", b"ascii", b"1 2 3 4 5 6"),
+        pcd(b"1", b"binary_compressed", struct.pack("<II", 2, 12) + b"\0\0"),
         pcd(b"1", b"ascii", b"1 2"),
         pcd(b"1", b"ascii", b"1 2 x"),
         pcd(b"1", b"binary_compressed"),
@@ -206,3 +210,104 @@ def test_a_text_of_points_is_read_whatever_is_around_them(text):
 def test_a_file_without_points_is_refused(kind, data):
     with pytest.raises(ConfigError):
         read_cloud(kind, data)
+
+
+L = np.array([[0, 0], [40, 0], [40, 10], [10, 10], [10, 30], [0, 30]], float)
+PRISM = np.vstack([np.c_[L, np.zeros(6)], np.c_[L, np.full(6, 20.0)]])
+POLYGONS = [[1, 0, 5, 4, 3, 2], [7, 8, 9, 10, 11, 6]]
+POLYGONS += [[i, (i + 1) % 6, 6 + (i + 1) % 6, 6 + i] for i in range(6)]
+
+
+def obj_text(parts=1, *, relative=False):
+    lines = []
+    for part in range(parts):
+        lines += [f"o part{part}", *(f"v {x + 100 * part} {y} {z}" for x, y, z in PRISM)]
+        for face in POLYGONS:
+            corners = (i - 12 if relative else i + 1 + 12 * part for i in face)
+            lines.append("f " + " ".join(f"{i}/1" for i in corners))
+    return "\n".join(lines).encode()
+
+
+def polygons_ply(order):
+    head = f"ply\nformat binary_{order}_endian 1.0\nelement vertex 12\n" + "".join(
+        f"property float {axis}\n" for axis in "xyz"
+    )
+    head += "element face 8\nproperty list uchar int vertex_index\nend_header\n"
+    sign = "<" if order == "little" else ">"
+    faces = b"".join(struct.pack(f"{sign}B{len(f)}i", len(f), *f) for f in POLYGONS)
+    return head.encode() + PRISM.astype(f"{sign}f4").tobytes() + faces
+
+
+def text_stl(name):
+    vertices, triangles = read_mesh("obj", obj_text())
+    facets = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {} {} {}\n".format(*vertices[i]) for i in triangle)
+        + "endloop\nendfacet\n"
+        for triangle in triangles
+    )
+    return f"solid {name}\n{facets}endsolid {name}\n".encode()
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "parts"),
+    [
+        ("obj", obj_text(), 1),
+        ("obj", obj_text(2, relative=True), 2),
+        ("ply", polygons_ply("little"), 1),
+        ("ply", polygons_ply("big"), 1),
+        ("stl", text_stl("my facet, endfacet, vertex group"), 1),
+        ("stl", text_stl("a") + text_stl("b").replace(b"vertex 4", b"vertex 14"), None),
+    ],
+)
+def test_a_part_with_a_notch_has_its_volume_and_surface(kind, data, parts):
+    vertices, triangles = read_mesh(kind, data)
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    if parts is None:
+        assert len(triangles) == 40
+        return
+    assert abs(np.sum(a * np.cross(b, c)) / 6.0) == pytest.approx(12_000.0 * parts)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0
+    assert area == pytest.approx(4_000.0 * parts), "a fan would cover the notch"
+    assert np.ptp(vertices, axis=0)[0] == 40.0 + 100.0 * (parts - 1)
+
+
+def test_bytes_after_a_binary_stl_are_left_and_missing_ones_are_named():
+    data = stl(CORNERS[FACES])
+    assert len(read_mesh("stl", data + b"\0\0more")[1]) == 4
+    with pytest.raises(ConfigError, match="cut off"):
+        read_mesh("stl", data[:-3])
+    with pytest.raises(ConfigError, match="end-of-file"):
+        read_mesh("ply", polygons_ply("little")[:-3])
+
+
+def test_a_compressed_cloud_is_read():
+    # x of both points, then y, then z; the last item copies the four bytes of y's second number
+    plain = np.array([1, 2, 3, 4, 5, 4], "<f4").tobytes()
+    packed = b"\x13" + plain[:20] + bytes([2 << 5, 7])
+    body = struct.pack("<II", len(packed), 24) + packed
+    cloud = read_points(pcd(b"2", b"binary_compressed", body))
+    np.testing.assert_array_equal(cloud, [[1, 3, 5], [2, 4, 4]])
+
+
+@pytest.mark.parametrize("generator", ["trimesh", "Open CASCADE Technology 8.0 [x]"])
+def test_a_glb_is_in_metres_with_y_up_and_a_part_of_open_cascade_in_its_place(generator):
+    import trimesh
+
+    turn = trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0))
+    placed = turn.copy()
+    placed[:3, 3] = (0.24, 0.0, 0.13) if "CASCADE" in generator else (0.24, 0.13, 0.0)
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box((0.02, 0.12, 0.26)), transform=placed)
+
+    def named(tree):
+        tree["asset"]["generator"] = generator
+        for node in tree["nodes"]:
+            if node.pop("matrix", None):
+                node["rotation"] = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
+                node["translation"] = placed[:3, 3].tolist()
+
+    data = scene.export(file_type="glb", tree_postprocessor=named)
+    vertices = file_mesh("glb", data).vertices
+    np.testing.assert_allclose(vertices.min(axis=0), [0.23, -0.06, 0.0], atol=1e-6)
+    np.testing.assert_allclose(vertices.max(axis=0), [0.25, 0.06, 0.26], atol=1e-6)

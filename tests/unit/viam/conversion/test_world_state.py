@@ -222,7 +222,7 @@ async def test_allowed_contacts_name_parts_as_viam_does(machine):
 
 
 def box_labelled(label):
-    dims = Vector3(x=1, y=1, z=1)
+    dims = Vector3(x=2, y=2, z=2)
     return Geometry(label=label, box=RectangularPrism(dims_mm=dims))
 
 
