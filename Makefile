@@ -6,7 +6,7 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-lerobot check bench campaign pictures site clean browser installed-dev
+.PHONY: demo test test-lerobot test-data-sets check bench campaign pictures site clean browser installed-dev
 
 demo:
 	@./setup.sh --with viewer
@@ -21,6 +21,9 @@ test: browser
 # some gigabytes; LEROBOT_PYTHON=/path/to/python3.12 names one.
 test-lerobot:
 	@tests/genuine_lerobot/run.sh
+
+test-data-sets:
+	@tests/genuine_lerobot/data_sets.sh
 
 check: browser
 	$(BIN)/ruff format --check .
