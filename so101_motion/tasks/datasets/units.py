@@ -228,8 +228,9 @@ _RELEASES = {
     RANGE: ("so100_follower", "so101_follower", "so100_follower_end_effector"),
     DEGREES: ("so_follower", "so101_motion"),
 }
-"""Robot types, of two arms with ``bi_`` before, by the units that are the default in every release that writes them (for so_follower
-in all but 0.4.3). Source: LeRobot 0.3.3, 0.4.2, 0.4.4 and 0.6.1, and our plugin."""
+"""Robot types, of two arms with ``bi_`` before, by the units that are the default in every release
+that writes them (for so_follower in all but 0.4.3). Source: LeRobot 0.3.3, 0.4.2, 0.4.4 and
+0.6.1, and our plugin."""
 
 _COUNTS = {DEGREES: (TICKS_PER_TURN - 1) / 180.0, OLD: TICKS_PER_TURN / 360.0}
 """Positions times this are whole numbers, as servos count; a middle may be half a count."""
@@ -304,7 +305,7 @@ class UnitsGuess:
         """Why the arm's numbers are too small for any of the units; empty if they are not."""
         if not 0.0 < self._largest <= 3.2 or self._by_counts():
             return ""
-        unit = "numbers from -1 to 1" if self._largest <= 1.0 else "radians"
+        unit = "radians or numbers from -1 to 1" if self._largest <= 1.0 else "radians"
         return (
             f"no arm joint is ever beyond {self._largest:.2f}, so these are hardly degrees or"
             f" -100 to 100; perhaps they are {unit}"
