@@ -1,8 +1,8 @@
 """Data sets that genuine LeRobot releases write, and what ``so101 dataset check`` says of them.
 
 ``plan FOLDER`` and ``check FOLDER`` run where so101_motion is installed; ``make FOLDER VERSION``
-runs where LeRobot is, for each of its releases in between. The numbers are those of the release: its
-own bus class turns servo counts into them, and its own data set class writes them.
+runs where LeRobot is, for each of its releases in between. The numbers are those of the release:
+its own bus class turns servo counts into them, and its own data set class writes them.
 """
 
 import json
