@@ -6,7 +6,7 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-lerobot test-tools check bench campaign pictures site clean browser installed-dev
+.PHONY: demo test test-lerobot test-data-sets test-tools check bench campaign pictures site clean browser installed-dev
 
 demo:
 	@./setup.sh --with viewer
@@ -22,9 +22,14 @@ test: browser
 test-lerobot:
 	@tests/genuine_lerobot/run.sh
 
+# Data sets that genuine releases of LeRobot write.
+test-data-sets:
+	@tests/genuine_lerobot/data_sets.sh
+
 # The robot description in six programs, and mesh files of ten (6 GB of packages).
 test-tools:
 	@tests/genuine_tools/run.sh
+
 
 check: browser
 	$(BIN)/ruff format --check .

@@ -67,7 +67,7 @@ class BiSO101Motion(Robot):
                 if arm.config.scene is None:
                     arm.scene = self._cell.scene_of(each)
         self.cameras = {
-            side + key: camera
+            self._named(side, key): camera
             for side, arm in self.arms.items()
             for key, camera in arm.cameras.items()
         }
@@ -148,8 +148,15 @@ class BiSO101Motion(Robot):
 
     def _joined(self, of: Callable[[SO101Motion], dict[str, Any]]) -> dict[str, Any]:
         return {
-            side + key: value for side, arm in self.arms.items() for key, value in of(arm).items()
+            self._named(side, key): value
+            for side, arm in self.arms.items()
+            for key, value in of(arm).items()
         }
+
+    def _named(self, side: str, key: str) -> str:
+        """The key of both for a key of one arm; the left one has the cameras of neither."""
+        is_shared = side == "left_" and key.removesuffix("_depth") in self.config.cameras
+        return key if is_shared else side + key
 
 
 def _two_of(file: CellFile) -> CellFile:
@@ -163,6 +170,10 @@ def _of_side(
     config: BiSO101MotionConfig, side: str, settings: SO101MotionArmConfig
 ) -> SO101MotionConfig:
     own = {each.name: getattr(settings, each.name) for each in fields(SO101MotionArmConfig)}
+    if twice := sorted(set(config.cameras) & set(settings.cameras)):
+        raise ValueError(f"camera {twice[0]} is among those of the {side} arm and those of neither")
+    if side == "left":
+        own["cameras"] = {**settings.cameras, **config.cameras}
     return SO101MotionConfig(
         id=f"{config.id}_{side}" if config.id else None,
         calibration_dir=config.calibration_dir,

@@ -14,6 +14,8 @@ from lerobot.cameras import CameraConfig
 from lerobot.robots import RobotConfig
 from lerobot.teleoperators import TeleoperatorConfig
 
+from lerobot_robot_so101_motion.units import JOINTS, is_number
+
 
 @dataclass
 class SO101MotionArmConfig:
@@ -52,6 +54,20 @@ class SO101MotionArmConfig:
     stale_after_s: float = 0.25
     """The arm slows to rest after this long without a target [s]."""
 
+    def __post_init__(self) -> None:
+        most = self.max_relative_target
+        bounds = most if isinstance(most, dict) else {} if most is None else {"": most}
+        for joint, bound in bounds.items():
+            if joint and joint not in JOINTS:
+                known = ", ".join(JOINTS)
+                raise ValueError(f"max_relative_target: there is no joint {joint}; known: {known}")
+            if not is_number(bound) or bound <= 0.0:
+                name = f"max_relative_target {joint}".rstrip()
+                raise ValueError(f"{name} must be a number above 0, not {bound}")
+        parent = getattr(super(), "__post_init__", None)
+        if parent is not None:
+            parent()
+
 
 @RobotConfig.register_subclass("so101_motion")
 @dataclass
@@ -68,6 +84,8 @@ class BiSO101MotionConfig(RobotConfig):
     """Settings of the left arm."""
     right_arm_config: SO101MotionArmConfig
     """Settings of the right arm."""
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    """Cameras of neither arm; their names get no prefix."""
     cell: Path | None = None
     """A cell file, as for "so101 cell", with arms "left" and "right", which then keep clear of each
     other, and of the file's scene if they have none of their own."""

@@ -259,7 +259,7 @@ class SO101Motion(SO101Device, Robot):
         near = {}
         for key, value in wanted.items():
             joint = key.removesuffix(".pos")
-            bound = most.get(joint, math.inf) if isinstance(most, dict) else float(most or 0.0)
+            bound = most.get(joint, math.inf) if isinstance(most, dict) else float(most or math.inf)
             off = float(np.clip(value - here[key], -bound, bound))
             near[key] = here[key] + off
             if abs(near[key] - value) > 1e-4:

@@ -256,6 +256,12 @@ def replay(
                 f"{planned.approach.duration:.1f} s to the first frame, then"
                 f" {planned.duration:.1f} s as recorded"
             )
+            declared_fps = data_set.metadata.fps
+            if abs(planned.fps / declared_fps - 1.0) > 0.02:
+                aside(
+                    f"the time stamps give {planned.fps:.3g} frames a second, info.json"
+                    f" {declared_fps:g}; the arm follows the time stamps"
+                )
             for joint, count in planned.beyond.items():
                 aside(
                     f"{joint} is beyond this arm's range in {count} frames; it waits at its limit"
@@ -284,9 +290,7 @@ def _with_replay_caps(source: Source) -> Source:
 
 def _units_kind(data_set: DataSet, units: str) -> str:
     """The units given by option or declared in the data set; refuses if there are none."""
-    from so101_motion.tasks.datasets.check import declared
-
-    kind = units or declared(data_set)
+    kind = units or data_set.declared
     if not kind:
         raise click.UsageError(
             "the units of its numbers are unknown; give --units (so101 dataset check finds out"
@@ -318,7 +322,7 @@ def _print_check(report: CheckReport, worst: int) -> None:
         f" {report.episodes} episodes, {report.frames} frames at {metadata.fps:g} a second"
         f" ({minutes:.1f} min)"
     )
-    click.echo(f"units: {IN_WORDS[report.units.kind]}; {report.why_units}")
+    click.echo(f"units: {IN_WORDS[report.units.kind]} ({report.certainty}: {report.why_units})")
     if report.differences is None:
         click.echo("the joints' measured positions were not recorded, only the commands")
     else:

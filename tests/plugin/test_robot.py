@@ -11,6 +11,7 @@ from harness.lerobot_bench import READY, action
 from lerobot.cameras import Camera, CameraConfig
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
+from lerobot_robot_so101_motion.config import SO101MotionConfig
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.planning.collision.collision import CollisionModel
 
@@ -106,6 +107,12 @@ def test_targets_keep_within_max_relative_target(bench):
     robot = bench.connected(max_relative_target={"shoulder_pan": 4.0})
     taken = robot.send_action(action(30.0, *READY[1:]))
     assert taken["shoulder_pan.pos"] == pytest.approx(4.0, abs=0.5)
+
+
+@pytest.mark.parametrize("most", [{"pan": 4.0}, {"shoulder_pan": -1.0}, -5.0, 0.0, math.nan])
+def test_a_max_relative_target_that_is_none_is_refused(most):
+    with pytest.raises(ValueError, match="max_relative_target"):
+        SO101MotionConfig(port="none", max_relative_target=most)
 
 
 def test_a_target_in_the_table_holds_the_arm_off_it(bench):

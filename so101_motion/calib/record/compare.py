@@ -16,6 +16,10 @@ TOLERANCE = 1
 one tick off the one it writes to its file."""
 
 
+LIMIT_TOLERANCE = 60
+"""Limits up to so far apart may be two recordings of one arm's stops [tick]. Chosen: 5 degrees."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
     """One number of one joint, in the calibration and in the servo.
@@ -74,12 +78,16 @@ def conflicts(
     """The differences that show that the servos were not calibrated with this calibration.
 
     Limits that leave a servo no travel or its whole turn were never recorded: they say nothing.
+    Nor do those that differ by no more than ``LIMIT_TOLERANCE``: other programs record the travels
+    anew and keep the offsets.
     """
-    return tuple(
+    offsets = (row for row in diff(calibration, held) if row.field == FIELDS[0] and row.differs)
+    limits = (
         row
-        for row in diff(calibration, held)
-        if row.differs and (row.field == FIELDS[0] or has_travel(held[row.joint]))
+        for row in diff(calibration, held, tolerance=LIMIT_TOLERANCE)
+        if row.field != FIELDS[0] and row.differs and has_travel(held[row.joint])
     )
+    return tuple(sorted((*offsets, *limits), key=lambda row: JOINTS.index(row.joint)))
 
 
 def has_travel(held: Mapping[str, int]) -> bool:

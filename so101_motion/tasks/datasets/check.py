@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
 
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.calib.record.store import Stored
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.datasets.contact_check import ContactCheck
-from so101_motion.tasks.datasets.data_set import DataSet, Episode
+from so101_motion.tasks.datasets.data_set import ACTION, DataSet, Episode
 from so101_motion.tasks.datasets.joint_checks import Differences, JointCheck, Thresholds, Tracking
-from so101_motion.tasks.datasets.metadata import UNITS, read_object
+from so101_motion.tasks.datasets.metadata import UNITS
 from so101_motion.tasks.datasets.moments import KINDS, Moment, Moments
-from so101_motion.tasks.datasets.units import IN_WORDS, Fit, Units, UnitsGuess, units_of
-from so101_motion.tasks.datasets.units import KINDS as UNIT_KINDS
+from so101_motion.tasks.datasets.parquet import Reader
+from so101_motion.tasks.datasets.units import (
+    CERTAIN,
+    IN_WORDS,
+    LIKELY,
+    UNKNOWN,
+    Fit,
+    Units,
+    UnitsGuess,
+    Verdict,
+    units_of,
+)
 
 _MOSTLY_OUTSIDE = 0.05
 """Units are doubted when more than this share of frames is beyond the stops. Chosen."""
@@ -30,6 +43,7 @@ class CheckReport:
         data_set: The data set.
         units: The units that its numbers were taken to have.
         why_units: The reason for them, as text.
+        certainty: How certain they are, as in ``units.Verdict``.
         fits: How well each of the possible units fits.
         notes: Notes for the user, to be read first.
         lengths: How many frames each episode has, by its number, in order.
@@ -42,6 +56,7 @@ class CheckReport:
     data_set: DataSet
     units: Units
     why_units: str
+    certainty: str
     fits: tuple[Fit, ...]
     notes: tuple[str, ...]
     lengths: Mapping[int, int]
@@ -72,6 +87,7 @@ class CheckReport:
             "frames": self.frames,
             "units": self.units.kind,
             "why_units": self.why_units,
+            "units_are": self.certainty,
             "zeros": dict(zip(ARM_JOINTS, self.units.zeros, strict=True)),
             "outside_stops": {fit.kind: round(fit.outside, 4) for fit in self.fits},
             "notes": list(self.notes),
@@ -101,16 +117,20 @@ def check_data_set(
     Raises:
         ConfigError: A file is broken, or there are no such units.
     """
-    meant, why, fits = meaning(data_set, units, calibration)
+    verdict, guess = meaning(data_set, units, calibration)
+    meant, is_known = units_of(verdict.kind, calibration), verdict.certainty != UNKNOWN
     moments, fps = Moments(), data_set.metadata.fps
+    anywhere = np.full(5, np.inf)
     joints = JointCheck(
         moments,
         fps=fps,
-        lower=meant.lower[:5],
-        upper=meant.upper[:5],
+        lower=meant.lower[:5] if is_known else -anywhere,
+        upper=meant.upper[:5] if is_known else anywhere,
         has_jaw=data_set.has_jaw,
         thresholds=thresholds or Thresholds(),
     )
+    if data_set.metadata.is_mobile:
+        scene = replace(scene or Scene(), floor_z=None)
     contact = ContactCheck(moments, fps=fps, scene=scene)
     lengths: dict[int, int] = {}
     tracked: list[Tracking] = []
@@ -119,16 +139,18 @@ def check_data_set(
         action, state = angles(data_set, meant, episode)
         found = joints.check(episode, action, state)
         tracked += [] if found is None else [found]
-        contact.check(episode, "action", action)
-        if state is not None:
+        if is_known:
+            contact.check(episode, "action", action)
+        if is_known and state is not None:
             contact.check(episode, "state", state)
     contact.finish()
     return CheckReport(
         data_set=data_set,
         units=meant,
-        why_units=why,
-        fits=fits,
-        notes=_notes(data_set, meant, fits, calibration, lengths),
+        why_units=verdict.why,
+        certainty=verdict.certainty,
+        fits=guess.fits(),
+        notes=_notes(data_set, verdict, guess, calibration, lengths),
         lengths=lengths,
         moments=moments.worst(),
         counts=dict(moments.counts),
@@ -139,32 +161,32 @@ def check_data_set(
 
 def meaning(
     data_set: DataSet, units: str, calibration: Stored | None
-) -> tuple[Units, str, tuple[Fit, ...]]:
-    """Find the units of a data set, the reason for them, and how well all possible ones fit.
+) -> tuple[Verdict, UnitsGuess]:
+    """Find the units of a data set, and what its numbers say of all possible ones.
 
     Args:
         data_set: The data set; all of it is read.
         units: The units; found out if empty.
         calibration: Of the arm that was recorded; None if it is not known.
+
+    Raises:
+        ConfigError: There are no such units, or the numbers fit none and none are given.
     """
-    asked = units_of(units, calibration) if units else None
+    if units:
+        units_of(units, calibration)
     guess = UnitsGuess(calibration)
     for episode in data_set.episodes():
         guess.add(episode.action if episode.state is None else episode.state)
-    if asked is not None:
-        return asked, "as asked for", guess.fits()
-    said = declared(data_set)
-    if said:
-        return units_of(said, calibration), f"{UNITS} says so", guess.fits()
-    kind, why = guess.best()
-    return units_of(kind, calibration), why, guess.fits()
-
-
-def declared(data_set: DataSet) -> str:
-    """The units that a data set itself declares; empty if it declares none, as LeRobot's do."""
-    path = data_set.metadata.root / UNITS
-    kind = read_object(path).get("units") if path.is_file() else ""
-    return kind if isinstance(kind, str) and kind in UNIT_KINDS else ""
+    if units:
+        return Verdict(kind=units, certainty=CERTAIN, why="as asked for"), guess
+    if data_set.declared:
+        why = f"declared in {UNITS}"
+        return Verdict(kind=data_set.declared, certainty=CERTAIN, why=why), guess
+    if guess.too_small:
+        reason = f"{guess.too_small}; convert them first, or give the units if it is none of these"
+        raise ConfigError("units", None, reason)
+    metadata = data_set.metadata
+    return guess.best(metadata.robot, metadata.version, metadata.features[ACTION].names), guess
 
 
 def angles(data_set: DataSet, units: Units, episode: Episode) -> tuple[Array, Array | None]:
@@ -184,13 +206,29 @@ def angles(data_set: DataSet, units: Units, episode: Episode) -> tuple[Array, Ar
 
 def _notes(
     data_set: DataSet,
-    units: Units,
-    fits: tuple[Fit, ...],
+    units: Verdict,
+    guess: UnitsGuess,
     calibration: Stored | None,
     lengths: Mapping[int, int],
 ) -> tuple[str, ...]:
-    metadata, notes = data_set.metadata, []
+    metadata, fits, notes = data_set.metadata, guess.fits(), list(guess.doubts())
     episodes, frames = len(lengths), sum(lengths.values())
+    if data_set.declared not in ("", units.kind):
+        notes.append(
+            f"{UNITS} declares {data_set.declared}, which contradicts --units {units.kind}"
+        )
+    if units.certainty == UNKNOWN:
+        notes.append(
+            "the evidence for its units is not enough, so limits and contacts were not checked;"
+            " give --units"
+        )
+    elif units.certainty == LIKELY:
+        notes.append("the units are likely, not certain; if they are others, give --units")
+    if metadata.is_mobile:
+        notes.append(
+            f"{metadata.robot} carries its arm on a base, so contact with a table was not checked"
+        )
+    notes += _not_loaded(data_set)
     here = next(fit for fit in fits if fit.kind == units.kind)
     if here.outside > _MOSTLY_OUTSIDE:
         better = min(fits, key=lambda fit: fit.outside)
@@ -217,3 +255,24 @@ def _notes(
     if metadata.frames not in (None, frames):
         notes.append(f"info.json says {metadata.frames} frames; there are {frames}")
     return tuple(notes)
+
+
+def _not_loaded(data_set: DataSet) -> list[str]:
+    """Why LeRobot itself does not load the data set, as notes."""
+    metadata = data_set.metadata
+    if not metadata.is_v3:
+        return [
+            f"LeRobot since 0.4 loads version {metadata.version} only after its own conversion to"
+            " version 3.0"
+        ]
+    first: dict[str, str] = {}
+    for path in metadata.data_files():
+        with Reader(path) as file:
+            first = first or file.types
+            for name, kind in file.types.items():
+                if first.get(name, kind) != kind:
+                    return [
+                        f'LeRobot itself cannot load it: column "{name}" is {first[name]} in one'
+                        f" data file and {kind} in {path.relative_to(metadata.root)}"
+                    ]
+    return []

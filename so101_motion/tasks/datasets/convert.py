@@ -13,7 +13,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -74,8 +74,10 @@ def convert_data_set(
         link: Whether videos, images and other files that stay the same become hard links.
 
     Raises:
-        ConfigError: The folder exists or cannot be written, or the source is broken.
+        ConfigError: The data set declares other units, the folder exists or cannot be written, or
+            the source is broken.
     """
+    data_set.refuse_other_units(source.kind)
     root = data_set.metadata.root.resolve()
     _refuse_place(root, path)
     try:
@@ -148,9 +150,17 @@ class _Run:
             written.add(new)
         self._end_episode()
         written |= set(self._write_statistics())
-        content = {"schema": "so101/data-set-units/1", "units": self._target.kind}
+        content = {"schema": "so101/data-set-units/1", "units": self._declaration()}
         written.add(self._write_text(UNITS, json.dumps(content, indent=2)))
         self._copy_others(written, link=link)
+
+    def _declaration(self) -> str | dict[str, str]:
+        """The new units; of two arms by side, with what was declared for the other one."""
+        if not self._set.side:
+            return self._target.kind
+        arms = {side: replace(self._set, side=side).declared for side in ("left", "right")}
+        arms[self._set.side] = self._target.kind
+        return {side: kind for side, kind in arms.items() if kind}
 
     # Frames
 

@@ -7,6 +7,7 @@ data set's own units; see ``units``. An episode's arrays have six columns in the
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,18 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.calib.record.record import JOINTS
-from so101_motion.common.errors import quoted
+from so101_motion.common.errors import ConfigError, quoted
 from so101_motion.common.geometry import Array
 from so101_motion.tasks.datasets.metadata import (
     EPISODES_2,
     EPISODES_3,
+    OTHER_ARMS,
+    UNITS,
     Feature,
     Metadata,
     read_lines,
     read_metadata,
+    read_object,
     refusal,
 )
 from so101_motion.tasks.datasets.parquet import Reader, require
+from so101_motion.tasks.datasets.units import KINDS
 
 ACTION, STATE = "action", "observation.state"
 
@@ -42,6 +47,8 @@ LARGEST_NUMBER = 1e6
 
 _COUNTERS = ("timestamp", "frame_index", "episode_index")
 _SIDES = ("left_", "right_")
+_NAME = re.compile(r"(left_|right_)?(?:main_|arm_)?(.*?)(?:\.pos)?$", re.DOTALL)
+"""A joint's name; LeRobot before June 2025 puts ``main_`` before it, mobile robots ``arm_``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,6 +90,24 @@ class DataSet:
     metadata: Metadata
     side: str
     columns: dict[str, tuple[int | None, ...]]
+
+    @property
+    def declared(self) -> str:
+        """The units that the set itself declares for this arm; empty for none, as LeRobot's."""
+        path = self.metadata.root / UNITS
+        kind = read_object(path).get("units") if path.is_file() else ""
+        kind = kind.get(self.side) if isinstance(kind, dict) else kind
+        return kind if isinstance(kind, str) and kind in KINDS else ""
+
+    def refuse_other_units(self, kind: str) -> None:
+        """Refuse units that contradict those that the set itself declares.
+
+        Raises:
+            ConfigError: They do.
+        """
+        if self.declared not in ("", kind):
+            reason = f"contradicts {UNITS} in the data set, which declares {self.declared}"
+            raise ConfigError("units", kind, reason)
 
     def angles(self, name: str) -> Iterator[tuple[int | None, ...]]:
         """The indices of ``JOINTS`` in a row of a column, for each set of angles in it.
@@ -193,6 +218,9 @@ def open_data_set(root: Path, *, side: str = "") -> DataSet:
     """
     require()
     metadata = read_metadata(root)
+    if metadata.robot.removeprefix("bi_").startswith(OTHER_ARMS):
+        reason = f"was recorded on {quoted(metadata.robot)}, which is not an SO-101: its links,"
+        raise refusal(root, f"{reason} zeros and travels are others")
     if ACTION not in metadata.features:
         raise refusal(root, f'has no column "{ACTION}"')
     columns = {
@@ -206,7 +234,7 @@ def open_data_set(root: Path, *, side: str = "") -> DataSet:
 def _places(root: Path, column: str, feature: Feature, side: str) -> tuple[int | None, ...]:
     """The place of each joint in a column."""
     prefix = f"{side}_" if side else ""
-    plain = [name.removesuffix(".pos").removeprefix("main_") for name in feature.names]
+    plain = ["".join(_NAME.findall(name)[0]) for name in feature.names]
     places = {name: place for place, name in enumerate(plain)}
     missing = [joint for joint in JOINTS[:5] if prefix + joint not in places]
     if missing:

@@ -71,8 +71,8 @@ def html_report(report: CheckReport) -> bytes:
         f"<h1>{escape(str(metadata.root))}</h1>",
         f"<p>LeRobot {escape(metadata.version)}, {escape(metadata.robot or 'no robot named')}:"
         f" {report.episodes} episodes, {report.frames} frames at {metadata.fps:g} a second"
-        f" ({minutes:.1f} min).<br>Units: {IN_WORDS[report.units.kind]};"
-        f" {escape(report.why_units)}.</p>",
+        f" ({minutes:.1f} min).<br>Units: {IN_WORDS[report.units.kind]}"
+        f" ({report.certainty}: {escape(report.why_units)}).</p>",
         *(f"<p class=note>{escape(note)}</p>" for note in report.notes),
         _findings(report),
         _differences(report),

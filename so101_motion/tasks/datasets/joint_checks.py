@@ -31,6 +31,7 @@ from so101_motion.tasks.datasets.moments import (
 )
 
 _LONGEST_LAG = 0.5  # [s] that a state may be behind its action to be compared with it
+_SLACK = 0.1  # [s] by which a joint may start later, or stop earlier, than its lag says; chosen
 _STILL = to_rad(1e-4)  # less is no change; a servo's count is 0.09 deg
 
 
@@ -174,9 +175,10 @@ class JointCheck:
                     self._check_travel(episode, of, i, q[:, i])
         if state is None:
             return None
+        found = self._check_tracking(episode, action[:, :5], state[:, :5])
         for i in range(5):
-            self._check_frozen(episode, i, action[:, i], state[:, i])
-        return self._check_tracking(episode, action[:, :5], state[:, :5])
+            self._check_frozen(episode, i, action[:, i], state[:, i], found.lag if found else 0)
+        return found
 
     def _check_time(self, episode: Episode) -> None:
         period, n = 1.0 / self._fps, len(episode)
@@ -244,18 +246,27 @@ class JointCheck:
         beyond = np.greater(over_deg, limit_deg)
         self._add_runs(episode, _About(LIMIT, of, joint, limit_deg, "deg"), beyond, over_deg, say)
 
-    def _check_frozen(self, episode: Episode, i: int, action: Array, state: Array) -> None:
+    def _check_frozen(
+        self, episode: Episode, i: int, action: Array, state: Array, lag: int
+    ) -> None:
+        """Compare each standing of a joint with the action ``lag`` frames before.
+
+        A joint starts later and stops earlier than the mean lag makes it, so ``_SLACK`` is left out
+        at both ends.
+        """
+        slack = round(_SLACK * self._fps)
         joint, least = ARM_JOINTS[i], max(round(self._from.frozen_time * self._fps), 2)
         about = _About(FROZEN, "state", joint, to_deg(self._from.frozen_travel), "deg")
         for first, last in runs(np.abs(np.diff(state)) <= _STILL):
-            part = action[first : last + 2]
-            if len(part) <= least or np.isnan(part).any():
+            begin, stood = max(first + slack - lag, 0), last + 2 - first
+            part = action[begin : max(last + 2 - slack - lag, 0)]
+            if stood <= least or not len(part) or np.isnan(part).any():
                 continue
             travel_deg = to_deg(float(np.ptp(part)))
             if travel_deg > about.limit:
-                frame = first + int(np.argmax(np.abs(part - state[first])))
+                frame = begin + lag + int(np.argmax(np.abs(part - state[first])))
                 words = (
-                    f"state: {joint} stands for {len(part) / self._fps:.1f} s while the action"
+                    f"state: {joint} stands for {stood / self._fps:.1f} s while the action"
                     f" turns it by {travel_deg:.0f} deg"
                 )
                 self._add(episode, about, first, last + 1, frame, travel_deg, words)

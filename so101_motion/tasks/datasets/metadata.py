@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
@@ -33,6 +34,13 @@ LARGEST_INFO = 4_000_000
 
 LARGEST_LINES = 64_000_000
 """Largest ``.jsonl`` file that is read [byte]; with a thousand episodes it has 3 MB. Chosen."""
+
+OTHER_ARMS = ("koch", "omx", "moss", "aloha", "viperx", "openarm", "rebot", "hope_jr", "reachy2")
+"""How LeRobot's robot types begin that have these joint names or similar ones, but other links,
+zeros and travels than an SO-101."""
+
+MOBILE = ("lekiwi", "xlerobot")
+"""How the robot types begin that carry SO-101 arms on a base, with no table at their foot."""
 
 MOST_FEATURES, MOST_NAMES = 1000, 1000
 """More columns, or entries of one, than any robot has. Chosen."""
@@ -86,6 +94,11 @@ class Metadata:
         """Whether data files hold several episodes, and metadata is Parquet."""
         return self.version.startswith("v3")
 
+    @property
+    def is_mobile(self) -> bool:
+        """Whether the arm stands on a mobile base."""
+        return self.robot.startswith(MOBILE)
+
     def data_files(self) -> tuple[Path, ...]:
         """The data files in the order of the episodes.
 
@@ -98,6 +111,22 @@ class Metadata:
         if len(found) > MOST_FILES:
             raise refusal(self.root, f"holds more than {MOST_FILES} data files")
         return tuple(found)
+
+
+def why_broken(path: Path) -> str:
+    """The reason for which a file that cannot be parsed is broken; empty if it is not known."""
+    with path.open("rb") as file:
+        begin = file.read(40)
+        file.seek(-min(4, file.seek(0, os.SEEK_END)), os.SEEK_END)
+        end = file.read()
+    if begin.startswith(b"version https://git-lfs"):
+        return "is a Git LFS pointer: the data was not downloaded; run git lfs pull"
+    if begin.startswith(b"PAR1") and end != b"PAR1":
+        return (
+            "has no footer: the recording was ended before LeRobot finished the file (finalize),"
+            " or the file was cut off; its frames cannot be read"
+        )
+    return ""
 
 
 def refusal(path: Path, reason: str) -> ConfigError:
@@ -182,7 +211,7 @@ def _parsed(path: Path, data: bytes, what: str) -> object:
     except RecursionError as error:
         raise refusal(path, f"{what} is nested too deeply") from error
     except ValueError as error:
-        raise refusal(path, f"{what} is not JSON: {error}") from error
+        raise refusal(path, why_broken(path) or f"{what} is not JSON: {error}") from error
     return content
 
 

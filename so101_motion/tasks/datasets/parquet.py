@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.common.errors import ConfigError, clipped
-from so101_motion.tasks.datasets.metadata import refusal
+from so101_motion.tasks.datasets.metadata import refusal, why_broken
 
 ROWS = 8192
 """Rows that are read at a time."""
@@ -82,6 +82,7 @@ class Reader:
     Attributes:
         rows: How many rows it declares.
         columns: The names of its columns.
+        types: Their types as text, by name.
 
     Raises:
         ConfigError: It is not a Parquet file, or declares more rows than any data set has.
@@ -93,7 +94,9 @@ class Reader:
         try:
             self._file = self._parquet.ParquetFile(str(path), memory_map=False, pre_buffer=False)
             self.rows = int(self._file.metadata.num_rows)
-            self.columns = tuple(str(name) for name in self._file.schema_arrow.names)
+            schema = self._file.schema_arrow
+            self.columns = tuple(str(name) for name in schema.names)
+            self.types = {str(each.name): str(each.type) for each in schema}
         except Exception as error:  # whatever a broken file makes pyarrow raise
             raise self._broken(error) from error
         if not 0 <= self.rows <= MOST_FRAMES:
@@ -212,4 +215,5 @@ class Reader:
 
     def _broken(self, error: Exception) -> ConfigError:
         said = clipped(" ".join(str(error).split()), 200)
-        return refusal(self._path, f"is not a readable Parquet file: {said}")
+        why = why_broken(self._path) if self._path.is_file() else ""
+        return refusal(self._path, why or f"is not a readable Parquet file: {said}")

@@ -55,6 +55,7 @@ class EpisodeReplay:
         q: Where the arm joints are sent, within the arm's range, shape (n, 5), [rad].
         aperture: How far the jaw is open, 0 to 1, shape (n,); None to leave it alone.
         approach: The plan from where the arm is to the first frame.
+        fps: Frames a second by the time stamps.
         beyond: In how many frames each joint was recorded beyond this arm's range, so that it stays
             at its limit; only joints that were.
     """
@@ -63,6 +64,7 @@ class EpisodeReplay:
     q: Array
     aperture: Array | None
     approach: Plan
+    fps: float
     beyond: Mapping[str, int]
 
     @property
@@ -120,17 +122,26 @@ def plan_episode(
         start: How far into the episode it begins [s].
 
     Raises:
-        ConfigError: There is no such episode, or a frame of it lacks a number.
+        ConfigError: The data set declares other units, there is no such episode, its time stamps do
+            not increase, or a frame of it lacks a number.
         PlanningError: The first frame cannot be reached.
     """
-    episode, fps = data_set.episode(number), data_set.metadata.fps
+    data_set.refuse_other_units(units.kind)
+    episode = data_set.episode(number)
+    steps = np.diff(episode.t)
+    if not (np.isfinite(episode.t).all() and (steps > 0.0).all()):
+        frame = int(np.argmin(np.isfinite(steps) & (steps > 0.0))) + 1
+        reason = f"frame {frame} of episode {number} has no later time stamp than the one before"
+        raise refusal(data_set.metadata.root, reason)
+    t = episode.t - episode.t[0]
     action, state = angles(data_set, units, episode)
     if of not in ("action", "state") or (of == "state" and state is None):
         raise ConfigError("of", of, "must be action, or state where the data set holds it")
     recorded = action if of == "action" or state is None else state
-    recorded = recorded[max(round(start * fps), 0) :]
+    begin = int(np.searchsorted(t, start - 1e-4))
+    recorded, t = recorded[begin:], t[begin:]
     if not len(recorded):
-        raise ConfigError("start", start, f"episode {number} is {len(episode) / fps:.1f} s long")
+        raise ConfigError("start", start, f"episode {number} is {np.ptp(episode.t):.1f} s long")
     missing = np.flatnonzero(np.isnan(recorded).any(axis=1))
     if len(missing):
         frame = len(episode) - len(recorded) + int(missing[0])
@@ -145,10 +156,11 @@ def plan_episode(
         raise error.about(f"the first frame of episode {number}") from None
     has_jaw = data_set.has_jaw and jaw_of(rig) is not None
     return EpisodeReplay(
-        t=np.arange(len(q)) / fps,
+        t=t - t[0],
         q=q,
         aperture=units.aperture(recorded[:, 5]) if has_jaw else None,
         approach=approach,
+        fps=1.0 / float(np.median(steps)) if len(steps) else data_set.metadata.fps,
         beyond={joint: n for joint, n in zip(ARM_JOINTS, over, strict=True) if n},
     )
 

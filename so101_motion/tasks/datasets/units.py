@@ -21,6 +21,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.calib.record.lerobot import STRETCHED, TURNED
@@ -221,8 +222,41 @@ _BEYOND = math.radians(5.0)
 Chosen."""
 
 
+CERTAIN, LIKELY, UNKNOWN = "certain", "likely", "unknown"
+
+_RELEASES = {
+    RANGE: ("so100_follower", "so101_follower", "so100_follower_end_effector"),
+    DEGREES: ("so_follower", "so101_motion"),
+}
+"""Robot types, of two arms with ``bi_`` before, by the units that are the default in every release
+that writes them (for so_follower in all but 0.4.3). Source: LeRobot 0.3.3, 0.4.2, 0.4.4 and
+0.6.1, and our plugin."""
+
+_COUNTS = {DEGREES: (TICKS_PER_TURN - 1) / 180.0, OLD: TICKS_PER_TURN / 360.0}
+"""Positions times this are whole numbers, as servos count; a middle may be half a count."""
+
+_TRAVELS = np.arange(700, TICKS_PER_TURN)  # [tick] that a joint of -100 to 100 may have
+_NEAR = 1e-3  # [tick]; 32-bit numbers are off by 1e-4
+_FEWEST, _MOST = 8, 300  # different positions of a joint that tell its counts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """The units of a data set.
+
+    Attributes:
+        kind: One of ``KINDS``.
+        certainty: ``"certain"``, ``"likely"``, or ``"unknown"`` where the evidence is not enough.
+        why: The evidence as text.
+    """
+
+    kind: str
+    certainty: str
+    why: str
+
+
 class UnitsGuess:
-    """Finds the units of a data set from the angles that each unit would give.
+    """Finds the units of a data set from its numbers, its names and the release that wrote it.
 
     Args:
         calibration: Of the arm that was recorded; None if it is not known.
@@ -234,15 +268,23 @@ class UnitsGuess:
         self._worst = dict.fromkeys(KINDS, 0.0)
         self._frames = self._clipped = 0
         self._largest = 0.0
+        self._positions: list[Array] = [np.zeros(0)] * 5
+        self._jaw = np.array([np.inf, -np.inf])
 
     def add(self, x: Array) -> None:
         """Add some frames, shape (n, 6), in the data set's units."""
+        jaw = x[np.isfinite(x[:, 5]), 5]
+        if len(jaw):
+            self._jaw = np.array([min(self._jaw[0], jaw.min()), max(self._jaw[1], jaw.max())])
         x = x[np.isfinite(x[:, :5]).all(axis=1), :5]
         if not len(x):
             return
         self._frames += len(x)
         self._largest = max(self._largest, float(np.abs(x).max()))
-        self._clipped += int((np.abs(np.abs(x) - 100.0) < 1e-3).any(axis=1).sum())
+        self._clipped += int((np.abs(np.abs(x) - 100.0) < 1e-4).any(axis=1).sum())
+        for i, known in enumerate(self._positions):
+            if len(known) < _MOST:
+                self._positions[i] = np.unique(np.concatenate([known, x[:, i]]))[:_MOST]
         for kind, units in self._kinds.items():
             q = x * units.factor[:5] + units.offset[:5]
             lower, upper = (np.array([STOPS[joint][end] for joint in ARM_JOINTS]) for end in (0, 1))
@@ -258,17 +300,108 @@ class UnitsGuess:
             for kind in KINDS
         )
 
-    def best(self) -> tuple[str, str]:
-        """The likeliest kind, and the reason as text."""
-        if self._largest <= 100.5 and self._clipped:
-            return RANGE, "no number is beyond 100, and some are exactly 100"
-        outside = {fit.kind: fit.outside for fit in self.fits()}
-        if outside[OLD] + 0.05 < outside[DEGREES]:
-            share = f"{100.0 * outside[DEGREES]:.0f} % of the frames would be beyond the stops"
-            return OLD, f"in degrees from the middle of the travels {share}"
-        if self._largest > 100.5:
-            return DEGREES, "some numbers are beyond 100"
+    @property
+    def too_small(self) -> str:
+        """Why the arm's numbers are too small for any of the units; empty if they are not."""
+        if not 0.0 < self._largest <= 3.2 or self._by_counts():
+            return ""
+        unit = "radians or numbers from -1 to 1" if self._largest <= 1.0 else "radians"
         return (
-            DEGREES,
-            "LeRobot's default; if they are -100 to 100, say so: --units range",
+            f"no arm joint is ever beyond {self._largest:.2f}, so these are hardly degrees or"
+            f" -100 to 100; perhaps they are {unit}"
         )
+
+    def doubts(self) -> tuple[str, ...]:
+        """Why the numbers are hardly in any of the units, as text."""
+        lowest, highest = self._jaw.tolist()
+        found = [self.too_small] if self.too_small else []
+        if lowest < -10.0 or highest > 110.0:
+            found.append(
+                f"the jaw goes from {lowest:.0f} to {highest:.0f}, so it is hardly in per cent of"
+                " its travel"
+            )
+        elif lowest >= -1.0 and highest <= 1.8 and highest - lowest > 0.5:
+            unit = "0 to 1" if lowest >= -0.05 and highest <= 1.05 else "radians"
+            found.append(
+                f"the jaw is never beyond {max(highest, -lowest):.2f}, so it is hardly in per cent"
+                f" of its travel; perhaps in {unit}"
+            )
+        return tuple(found)
+
+    def best(self, robot: str, version: str, names: tuple[str, ...]) -> Verdict:
+        """The likeliest kind, how certain it is, and why.
+
+        Args:
+            robot: The data set's robot type.
+            version: Its version, such as ``"v2.1"``.
+            names: The names of the joints' column.
+        """
+        has_new_names = any(name.endswith(".pos") for name in names)
+        if any(name.startswith("main_") for name in names):
+            why = "only LeRobot before June 2025 named joints main_shoulder_pan and so on"
+            return Verdict(kind=OLD, certainty=CERTAIN, why=why)
+        if kind := self._by_counts():
+            why = "the positions are whole servo counts in these units, and in no others"
+            return Verdict(kind=kind, certainty=CERTAIN, why=why)
+        if self._largest <= 100.0001 and self._clipped:
+            why = "no number is beyond 100, and some are exactly 100"
+            return Verdict(kind=RANGE, certainty=CERTAIN, why=why)
+        outside = {fit.kind: fit.outside for fit in self.fits()}
+        if min(outside.values()) > 0.5:
+            why = "the joints would be beyond their stops in all of them"
+            return Verdict(kind=DEGREES, certainty=UNKNOWN, why=why)
+        if outside[OLD] + 0.05 < outside[DEGREES] and self._largest > 100.5:
+            share = f"{100.0 * outside[DEGREES]:.0f} % of the frames would be beyond the stops"
+            why = f"in degrees from the middle of the travels {share}"
+            return Verdict(kind=OLD, certainty=LIKELY, why=why)
+        if self._largest > 100.5:
+            return Verdict(kind=DEGREES, certainty=LIKELY, why="some numbers are beyond 100")
+        if not has_new_names and version.startswith("v2") and not robot.endswith("_follower"):
+            why = "LeRobot since June 2025 names joints shoulder_pan.pos and so on"
+            return Verdict(kind=OLD, certainty=LIKELY, why=why)
+        for kind, robots in _RELEASES.items():
+            if robot.removeprefix("bi_") in robots:
+                why = f"it is the default of the releases that write robot type {robot}"
+                return Verdict(kind=kind, certainty=LIKELY, why=why)
+        if has_new_names and version.startswith("v2"):
+            why = f"it was the default while LeRobot wrote version {version} with these names"
+            return Verdict(kind=RANGE, certainty=LIKELY, why=why)
+        why = f"robot type {robot or 'none'} and the numbers fit degrees as well as -100 to 100"
+        return Verdict(kind=DEGREES, certainty=UNKNOWN, why=why)
+
+    def _by_counts(self) -> str:
+        """The only kind in which positions are whole counts; empty if there is none.
+
+        A position that a servo measured is a whole number of counts, in degrees of 1/4095 turn in
+        ``degrees``, of 1/4096 in ``old``, and of some travel in ``range``.
+        """
+        joints = []
+        for values in self._positions:
+            values = values[(np.abs(values) > 1.0) & (np.abs(np.abs(values) - 100.0) > 1e-3)]
+            if len(values) >= _FEWEST:
+                joints.append(values)
+        if not joints:
+            return ""
+        for kind, scale in _COUNTS.items():
+            if all(_are_counts(values * scale) for values in joints):
+                return kind
+        return RANGE if all(_is_of_a_travel(values) for values in joints) else ""
+
+
+def _whole(x: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(x - np.round(x)) < _NEAR)
+
+
+def _are_counts(x: Array) -> bool:
+    """Whether numbers are whole; but not all multiples of more than 2, as rounded ones would be."""
+    steps = np.diff(np.round(x)).astype(int)
+    return bool(_whole(x).mean() > 0.98 and np.gcd.reduce(steps) <= 2)
+
+
+def _is_of_a_travel(x: Array) -> bool:
+    """Whether numbers of -100 to 100 are whole counts of one travel, and not of any."""
+    if np.abs(x).max() > 100.0:
+        return False
+    share = _whole((x[:, None] + 100.0) / 200.0 * _TRAVELS).mean(axis=0)
+    travels = _TRAVELS[share > 0.98]
+    return len(travels) > 0 and bool((travels % travels[0] == 0).all())

@@ -1,4 +1,5 @@
 import pickle
+from pathlib import Path
 
 import click
 import numpy as np
@@ -30,6 +31,7 @@ ONE_OF_EACH = [
     errors.CorruptReply("garbled", raw=b"\xff\xff\x03"),
     errors.ServoFault("overloaded", servo_id=3, flags=0x20),
     errors.CommandRefused("too far at once", joint="elbow_flex"),
+    errors.OtherCalibration(Path("arm.json"), "arm.json is another arm's"),
     errors.Interrupted("stop"),
     errors.NotHolding("limp"),
     errors.FollowingError("stuck", joint="elbow_flex", error=0.2, recent=()),

@@ -2,7 +2,7 @@ import sys
 
 import numpy as np
 import pytest
-from harness.lerobot_data import late, swing, write_data_set
+from harness.lerobot_data import NAMES, late, pa, pq, swing, write_data_set
 
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
@@ -10,6 +10,9 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.tasks.datasets import check_data_set, open_data_set, units_of
+
+MAIN, ARM = (tuple(f"{prefix}_{joint}" for joint in JOINTS) for prefix in ("main", "arm"))
+ARM = tuple(f"{name}.pos" for name in ARM)
 
 
 def checked(root, episodes, *, scene=None, units="model", **how):
@@ -26,7 +29,7 @@ def of_kind(report, kind):
 def test_nothing_is_found_in_a_clean_recording(tmp_path, version):
     report = checked(tmp_path / "set", [swing(), swing(phase=1.0)], version=version)
     assert not report.moments
-    assert not report.notes
+    assert [note for note in report.notes if "version 3.0" not in note] == []
     assert (report.episodes, report.frames) == (2, 180)
     assert report.differences.lag_s == pytest.approx(0.1)
     assert max(report.differences.rms_deg.values()) < 0.01
@@ -103,6 +106,13 @@ def test_a_joint_that_stands_while_it_is_sent_on_is_found(tmp_path):
     assert of_kind(report, "not reached")[0].what == "elbow_flex"
 
 
+def test_a_joint_that_follows_late_does_not_stand(tmp_path):
+    pan = np.concatenate([np.zeros(60), np.arange(4, 41, 4), np.full(60, 40.0)])
+    action = np.tile([0, -40, 10, 30, 0, 50.0], (len(pan), 1))
+    action[:, 0] = pan
+    assert not checked(tmp_path / "set", [(action, late(action, 4))]).moments
+
+
 def test_gaps_in_time_and_in_the_numbers_are_found(tmp_path):
     t = np.arange(90) / 30.0
     t[50:] += 0.4
@@ -123,7 +133,7 @@ def test_an_episode_of_another_length_than_its_metadata_says_is_found(tmp_path):
     path.write_text(path.read_text().replace('"length": 90', '"length": 80'))
     report = check_data_set(open_data_set(root), units="model")
     assert "80" in of_kind(report, "time")[0].sentence
-    assert "91 frames; there are 90" in report.notes[0]
+    assert "91 frames; there are 90" in " ".join(report.notes)
 
 
 def test_the_worst_of_very_many_moments_are_kept_and_the_others_counted(tmp_path):
@@ -169,7 +179,7 @@ def rest_and_reach():
 @pytest.mark.parametrize("kind", ["degrees", "old"])
 def test_what_numbers_mean_is_found_out(tmp_path, kind):
     x = in_units(kind, rest_and_reach())
-    report = checked(tmp_path / "set", [x], units="")
+    report = checked(tmp_path / "set", [x], units="", info={"robot_type": "so_follower"})
     assert report.units.kind == kind
     assert ("before June 2025" in " ".join(report.notes)) == (kind == "old")
 
@@ -178,6 +188,78 @@ def test_numbers_that_are_cut_off_at_100_are_of_a_travel(tmp_path):
     x = np.clip(in_units("range", rest_and_reach()), -100, 100)
     x[0, 1] = -100.0
     assert checked(tmp_path / "set", [x], units="").units.kind == "range"
+
+
+def counted(scale, offset=0.0):
+    """A swing as a servo counts it: ``scale`` numbers a count."""
+    return offset + np.round((swing() - offset) / scale) * scale
+
+
+@pytest.mark.parametrize(
+    ("x", "robot", "names", "version", "units", "certainty", "why"),
+    [
+        (counted(360 / 4095), "so101_follower", NAMES, "v3.0", "degrees", "certain", "counts"),
+        (counted(360 / 4096), "my_arm", JOINTS, "v3.0", "old", "certain", "counts"),
+        (counted(200 / 2307, -100), "so_follower", NAMES, "v3.0", "range", "certain", "counts"),
+        (swing(), "so101_follower", NAMES, "v3.0", "range", "likely", "so101_follower"),
+        (np.round(swing()), "bi_so100_follower", NAMES, "v3.0", "range", "likely", "bi_so100"),
+        (swing(), "so_follower", NAMES, "v3.0", "degrees", "likely", "so_follower"),
+        (swing(), "my_arm", NAMES, "v2.1", "range", "likely", "v2.1"),
+        (swing(), "so100", JOINTS, "v2.1", "old", "likely", "June 2025"),
+        (swing(), "so100", MAIN, "v3.0", "old", "certain", "main_shoulder_pan"),
+        (swing(), "my_arm", NAMES, "v3.0", "degrees", "unknown", "fit degrees as well as"),
+        (swing(), "lekiwi", ARM, "v3.0", "degrees", "unknown", "fit degrees as well as"),
+    ],
+)
+def test_units_are_told_from_counts_names_and_releases(
+    tmp_path, x, robot, names, version, units, certainty, why
+):
+    info = {"robot_type": robot}
+    how = {"names": names, "version": version, "info": info, "units": ""}
+    report = checked(tmp_path / "set", [(x, x)], **how)
+    assert (report.units.kind, report.certainty) == (units, certainty)
+    assert why in report.why_units
+    assert ("give --units" in " ".join(report.notes)) == (certainty != "certain")
+
+
+def test_no_limit_and_contact_is_found_in_unknown_units(tmp_path):
+    down = swing()
+    down[:, 1:4] = [40, 40, 40]
+    for robot, found in (("so_follower", True), ("my_arm", False)):
+        report = checked(tmp_path / robot, [down], units="", info={"robot_type": robot})
+        assert bool(of_kind(report, "contact")) == found
+
+
+def test_numbers_too_small_for_any_units_are_refused_unless_units_are_given(tmp_path):
+    x = np.radians(swing())
+    with pytest.raises(ConfigError, match="perhaps they are radians"):
+        checked(tmp_path / "radians", [x], units="")
+    with pytest.raises(ConfigError, match=r"ever beyond 2\.\d+.*perhaps they are radians"):
+        checked(tmp_path / "wide", [x * 4], units="")
+    assert "radians" in checked(tmp_path / "asked", [x], units="degrees").notes[0]
+
+
+@pytest.mark.parametrize(("factor", "words"), [(0.01, "0 to 1"), (0.017, "radians"), (3, "hardly")])
+def test_a_jaw_in_other_units_is_noticed(tmp_path, factor, words):
+    x = swing()
+    x[:, 5] = np.linspace(0, 100, 90) * factor
+    notes = checked(tmp_path / "set", [x], units="model").notes
+    assert "jaw" in notes[0]
+    assert words in notes[0]
+
+
+def test_data_files_that_lerobot_cannot_load_together_are_noticed(tmp_path):
+    root = write_data_set(tmp_path / "set", [swing()])
+    path = root / "data/chunk-000/file-000.parquet"
+    table = pq.read_table(path)
+    lists = pa.array(table["action"].to_pylist(), pa.list_(pa.float32()))
+    episode = pa.array(np.ones(len(table)), pa.int64())
+    other = table.set_column(0, "action", lists).drop(["episode_index"])
+    pq.write_table(
+        other.append_column("episode_index", episode), path.with_name("file-001.parquet")
+    )
+    notes = check_data_set(open_data_set(root), units="model").notes
+    assert any("LeRobot itself cannot load it" in note for note in notes)
 
 
 def test_units_that_do_not_fit_are_doubted(tmp_path):

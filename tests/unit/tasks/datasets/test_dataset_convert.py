@@ -108,7 +108,7 @@ def test_a_data_set_is_written_anew_with_other_numbers_and_statistics(tmp_path, 
         for x, y in zip(was, now, strict=True):
             assert np.allclose(source.to_model(x), target.to_model(y), atol=1e-5)
             assert np.allclose(x[:, 5], y[:, 5], atol=1e-4)
-    assert check_data_set(new).why_units == "meta/so101_units.json says so"
+    assert check_data_set(new).why_units == "declared in meta/so101_units.json"
 
     here, there = ({p.relative_to(r) for p in r.rglob("*")} for r in (root, tmp_path / "new"))
     assert there - here == {Path("meta/so101_units.json")}
@@ -217,9 +217,29 @@ def test_nothing_is_left_of_a_conversion_that_fails(tmp_path):
     path.write_bytes(path.read_bytes()[:-3] + b"???")
     before = sorted(tmp_path.rglob("*"))
     units = units_of("model")
-    with pytest.raises(ConfigError, match="not a readable Parquet file"):
+    with pytest.raises(ConfigError, match="has no footer"):
         convert_data_set(open_data_set(root), tmp_path / "new", source=units, target=units)
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_each_arm_of_two_is_declared_and_a_contradiction_is_refused(tmp_path):
+    names = [f"{side}_{name}" for side in ("left", "right") for name in NAMES]
+    root = write_data_set(tmp_path / "two", [np.hstack([swing(), swing()])], names=names)
+    old, model = units_of("old"), units_of("model")
+    left = open_data_set(root, side="left")
+    convert_data_set(left, tmp_path / "one", source=old, target=model)
+    once = open_data_set(tmp_path / "one", side="left")
+    assert (once.declared, open_data_set(once.metadata.root, side="right").declared) == (
+        "model",
+        "",
+    )
+    with pytest.raises(ConfigError, match="declares model"):
+        convert_data_set(once, tmp_path / "twice", source=old, target=model)
+    assert any("contradicts" in note for note in check_data_set(once, units="old").notes)
+    right = open_data_set(tmp_path / "one", side="right")
+    convert_data_set(right, tmp_path / "both", source=old, target=old)
+    sides = [open_data_set(tmp_path / "both", side=side).declared for side in ("left", "right")]
+    assert sides == ["model", "old"]
 
 
 def run(*arguments):

@@ -210,3 +210,27 @@ def test_a_broken_footer_does_not_end_the_process(tmp_path):
         path.write_bytes(whole[:place] + b"\0" + whole[place + 1 :])
         with contextlib.suppress(ConfigError):
             list(open_data_set(root).episodes())
+
+
+def test_a_file_that_was_not_downloaded_or_not_finished_is_named(tmp_path):
+    root = write_data_set(tmp_path / "set", [swing()])
+    path = root / "data/chunk-000/file-000.parquet"
+    path.write_bytes(path.read_bytes()[:-8])
+    assert "finalize" in broken(root)
+    path.write_text("version https://git-lfs.github.com/spec/v1\nsize 40960\n")
+    assert "git lfs pull" in broken(root)
+
+
+@pytest.mark.parametrize("robot", ["koch_follower", "bi_openarm_follower", "moss"])
+def test_other_arms_with_these_joint_names_are_refused(tmp_path, robot):
+    root = write_data_set(tmp_path / "set", [swing()], info={"robot_type": robot})
+    with pytest.raises(ConfigError, match="not an SO-101"):
+        open_data_set(root)
+
+
+def test_the_names_of_mobile_robots_are_read(tmp_path):
+    names = [f"{side}_arm_{name}" for side in ("left", "right") for name in NAMES] + ["x.vel"]
+    x = np.hstack([swing(), swing() + 1.0, np.zeros((90, 1))])
+    root = write_data_set(tmp_path / "set", [x], names=names, info={"robot_type": "xlerobot"})
+    right = open_data_set(root, side="right").episode(0).action
+    assert right == pytest.approx(swing() + 1.0, abs=1e-4)

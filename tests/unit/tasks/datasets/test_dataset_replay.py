@@ -181,3 +181,20 @@ def test_the_command_asks_first_and_does_not_guess_units(short):
     result = run(short, "--episode", 0, "--sim", "--yes")
     assert result.exit_code == 2
     assert "give --units" in result.stderr
+
+
+def test_the_time_stamps_are_followed(tmp_path, rig):
+    data_set = set_of(tmp_path, swing(), timestamps={0: 3.0 + np.arange(90) / 15})
+    replay = plan_episode(rig, data_set, 0, units=MODEL, start=2.0)
+    assert (replay.duration, replay.fps) == pytest.approx((89 / 15 - 2.0, 15.0), abs=1e-3)
+
+
+def test_time_stamps_that_do_not_increase_and_other_units_are_refused(tmp_path, rig):
+    t = np.arange(90) / 30
+    t[40] = t[39]
+    data_set = set_of(tmp_path, swing(), timestamps={0: t})
+    with pytest.raises(ConfigError, match="frame 40 of episode 0"):
+        plan_episode(rig, data_set, 0, units=MODEL)
+    (data_set.metadata.root / "meta/so101_units.json").write_text('{"units": "old"}')
+    with pytest.raises(ConfigError, match="declares old"):
+        plan_episode(rig, data_set, 0, units=MODEL)
