@@ -99,7 +99,7 @@ def test_the_emulator_prints_its_port_and_ends_on_sigterm(tmp_path):
         assert emulator.stdout.readline().decode().strip() == str(link)
         assert link.is_symlink()
         emulator.terminate()
-        assert emulator.wait(60.0) == 0
+        assert emulator.wait(60.0) == 130
     assert not link.exists()
 
 
