@@ -9,11 +9,27 @@ answer at once.
 
 import sys
 
+from so101_motion.common import interrupts
+
 
 def main() -> None:
-    """Run ``so101``; Ctrl-C ends it without a traceback while it is still being imported, too."""
+    """Run ``so101``; signals are taken from here on, see ``interrupts``."""
+    interrupts.listen(_end_by_force)
     try:
         from so101_motion.cli.verbs import main as so101
+
+        with interrupts.held():  # click prints and exits in its own way; verbs are interrupted
+            so101(prog_name="so101")
     except KeyboardInterrupt:
+        print(f"ended by {interrupts.first() or 'Ctrl-C'}; nothing moved", file=sys.stderr)
         sys.exit(130)  # as ``error_exit.py`` has it, which may not have been imported
-    so101(prog_name="so101")
+    finally:
+        interrupts.end()
+
+
+def _end_by_force(name: str) -> None:
+    sys.stderr.write(
+        f"ended by {name}, by force: the program did not end within 10 s."
+        " The arm may still move or hold; switch its power off if it moves\n"
+    )
+    sys.stderr.flush()

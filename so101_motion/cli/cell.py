@@ -20,6 +20,7 @@ from so101_motion.cli.shared import (
     quietly,
     stops_on_ctrl_c,
 )
+from so101_motion.cli.sources import open_arms
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 
 _POINT = Numbers("X", "Y", "Z", most=1e6)
 _JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
-_HOLD = "all arms hold"
 
 
 @click.group(cls=Verbs)
@@ -60,7 +60,6 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
     so101 cell calibrate cell.json
     """  # noqa: D301
     from so101_motion.files.cell_file import read_cell, write_cell
-    from so101_motion.rig.cell_rigs import open_cell
     from so101_motion.setup.base_fit import measure_bases
 
     known = read_cell(file)
@@ -74,7 +73,7 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
         if not (sys.stdin and sys.stdin.readline()):
             raise click.UsageError("there is no terminal to press Enter on; run it in one")
 
-    with quietly(), open_cell(known) as opened:
+    with quietly(), open_arms(known) as opened:
         if not yes:
             have_agreed("All arms will yield to your hands now. Are you holding each of them?")
         arms = {name: rig.arm for name, rig in opened.rigs.items()}
@@ -129,7 +128,6 @@ def move(
     """  # noqa: D301
     from so101_motion.files.cell_file import read_cell
     from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
-    from so101_motion.rig.cell_rigs import open_cell
 
     goals: dict[str, Goal] = {}
     for name, q_deg in joints:
@@ -140,7 +138,7 @@ def move(
         goals[name] = PoseGoal.at_point(to_m(p_mm))
     if not goals:
         raise click.UsageError("no goal; give --joints or --xyz, each with the name of an arm")
-    with quietly(), open_cell(read_cell(file)) as opened:
+    with quietly(), open_arms(read_cell(file)) as opened:
         plans = opened.cell.plan_together(goals)
         duration = max(plan.duration for plan in plans.values())
         click.echo(f"{' and '.join(plans)}: one motion of {duration:.2f} s", err=True)
@@ -173,14 +171,13 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
     so101 cell run cell.json wave.json
     """  # noqa: D301
     from so101_motion.files.cell_file import read_cell
-    from so101_motion.rig.cell_rigs import open_cell
     from so101_motion.tasks.program.cell_program import read_cell_program
     from so101_motion.tasks.program.cell_run import rehearse_cell, start_cell_program
 
     made = read_cell_program(program)
     if rounds is not None:
         made = replace(made, rounds=rounds)
-    with quietly(), open_cell(read_cell(file)) as opened:
+    with quietly(), open_arms(read_cell(file)) as opened:
         with busy_message("planning the program ..."):
             rehearsal = rehearse_cell(opened.cell, made)
         for step in rehearsal.first_round:
@@ -190,7 +187,7 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
         if not yes:
             have_agreed("Move the arms?")
         running = start_cell_program(opened.cell, rehearsal)
-        with stops_on_ctrl_c(opened.cell, _HOLD):
+        with stops_on_ctrl_c(opened.cell):
             while not wait((running.future,), 0.1).done:
                 pass
         running.future.result()
@@ -220,7 +217,6 @@ def handover(
     """  # noqa: D301
     from so101_motion.files.cell_file import read_cell
     from so101_motion.files.scene_file import attached_to
-    from so101_motion.rig.cell_rigs import open_cell
 
     known = read_cell(file)
     if thing is None:
@@ -229,7 +225,7 @@ def handover(
             names = ", ".join(held) or "nothing"
             raise click.UsageError(f"name the THING; in {file}, {giver} holds: {names}")
         thing = held[0]
-    with quietly(), open_cell(known) as opened:
+    with quietly(), open_arms(known) as opened:
         with busy_message("searching for a place where the hands can meet ..."):
             plan = opened.cell.plan_handover(giver, taker, thing)
         click.echo(f"{thing} from {giver} to {taker}: {plan.duration:.1f} s of motion", err=True)
@@ -260,7 +256,7 @@ def _wait_for_all(cell: Cell, motions: Mapping[str, Motion]) -> None:
     problems = []
     for name, motion in motions.items():
         try:
-            with stops_on_ctrl_c(cell, _HOLD):
+            with stops_on_ctrl_c(cell):
                 motion.result()
         except So101Error as error:
             problems.append(error if name in str(error) else error.about(name))

@@ -8,7 +8,7 @@ import click
 import numpy as np
 
 from so101_motion.cli.plan_table import plan_table
-from so101_motion.cli.shared import INTERRUPTED
+from so101_motion.cli.shared import note_opened, stops_on_ctrl_c
 from so101_motion.cli.sources import CellSource, Source
 from so101_motion.cli.view import Page, page_options, show, show_cell
 from so101_motion.common.units import to_mm
@@ -47,19 +47,15 @@ def _in_text() -> None:
 
     x_mm, y_mm, z_mm = _DEMO_TARGET_MM
     goal = PoseGoal.at_point(np.array(_DEMO_TARGET_MM) / 1000.0)
-    with open_simulated() as rig:
+    with note_opened("simulated arm", open_simulated()) as rig:
         plan = rig.arm.plan(goal)
         click.echo(f"Simulated arm: move the tool to ({x_mm:g}, {y_mm:g}, {z_mm:g}) mm\n")
         click.echo(plan_table(plan))
         click.echo("\nmoving ...", nl=False)
         sys.stdout.flush()
         motion = rig.arm.start_execute(plan)
-        try:
+        with stops_on_ctrl_c(rig.arm):
             motion.result()
-        except KeyboardInterrupt:
-            rig.arm.stop()
-            click.echo(" stopped")
-            raise SystemExit(INTERRUPTED) from None
         p = to_mm(rig.arm.T_base().p)
         off = float(np.linalg.norm(p - np.array(_DEMO_TARGET_MM)))
         click.echo(

@@ -10,6 +10,7 @@ from typing import TextIO
 import click
 
 from so101_motion.cli.param_types import Finite, Link
+from so101_motion.common import interrupts
 
 
 @click.command()
@@ -118,3 +119,5 @@ def emulate(
         commands=sys.stdin,
         gravity=RobotModel.load().gravity_torque,
     )
+    if interrupts.first():
+        raise KeyboardInterrupt("the virtual port is closed")

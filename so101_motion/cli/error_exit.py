@@ -11,16 +11,21 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
-import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import NoReturn
 
 import click
 
 from so101_motion.cli.error_text import ErrorText, parted
-from so101_motion.cli.shared import DEBUG, INTERRUPTED, has_printed, print_json
+from so101_motion.cli.shared import (
+    DEBUG,
+    INTERRUPTED,
+    has_printed,
+    print_json,
+    state_of_opened_arms,
+)
+from so101_motion.common import interrupts
 from so101_motion.common.errors import (
     BusError,
     CalibrationError,
@@ -70,14 +75,19 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
     """
     try:
         yield
+        if interrupts.first():  # such as teleoperation, which Ctrl-C ends in order
+            raise KeyboardInterrupt
     except So101Error as error:
+        if interrupts.first():
+            _print_interrupted(str(error), as_json=as_json)
         code = next((code for kind, code in _EXIT_CODES if isinstance(error, kind)), 1)
         _print_error(parted(error), code, as_json=as_json, name=type(error).__name__)
         raise SystemExit(code) from error
-    except KeyboardInterrupt:
-        _print_for_programs(_by_code(INTERRUPTED), INTERRUPTED, as_json=as_json)
-        raise SystemExit(INTERRUPTED) from None
+    except KeyboardInterrupt as ended:
+        _print_interrupted(str(ended), as_json=as_json)
     except SystemExit as end:  # the verb has printed why
+        if interrupts.first():
+            _print_interrupted("", as_json=as_json)
         if isinstance(end.code, int) and end.code:
             _print_for_programs(_by_code(end.code), end.code, as_json=as_json)
         raise
@@ -85,6 +95,8 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
         _print_for_programs(_misused(error), error.exit_code, as_json=as_json)
         raise
     except (click.Abort, click.exceptions.Exit, BrokenPipeError):
+        if interrupts.first():  # while a question was asked
+            _print_interrupted("", as_json=as_json)
         raise  # click handles these; a closed pipe ends the verb without a message
     except Exception as error:
         if os.environ.get(DEBUG):
@@ -93,24 +105,14 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
         raise SystemExit(1) from error
 
 
-@contextmanager
-def ends_like_ctrl_c() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end a verb in this block as Ctrl-C does.
-
-    A signal that is ignored (``nohup``) or has a handler already stays as it is.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = [signal.SIGTERM] + ([signal.SIGHUP] if sys.platform != "win32" else [])
-    taken = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
-    for number in taken:
-        signal.signal(number, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        for number in taken:
-            signal.signal(number, signal.SIG_DFL)
+def _print_interrupted(why: str, *, as_json: bool) -> NoReturn:
+    """Print by what the verb was ended and what the arm does now, and exit with 130."""
+    interrupts.taken()
+    by = f"ended by {interrupts.first() or 'Ctrl-C'}"
+    state = "; ".join(part for part in (why, state_of_opened_arms()) if part) or "nothing moved"
+    click.echo(f"{by}; {state}", err=True)
+    _print_for_programs(ErrorText(what=by, why=state), INTERRUPTED, as_json=as_json)
+    raise SystemExit(INTERRUPTED) from None
 
 
 def _print_error(text: ErrorText, code: int, *, as_json: bool, name: str) -> None:

@@ -19,6 +19,7 @@ from so101_motion.cli.shared import (
     yes_option,
 )
 from so101_motion.cli.sources import Source, pace_options, source_options
+from so101_motion.common import interrupts
 from so101_motion.common.units import to_deg, to_rad
 
 if TYPE_CHECKING:
@@ -105,7 +106,9 @@ def _run_keys(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: flo
             if key in ("o", "c"):
                 move = rig.gripper.start_move if key == "o" else rig.gripper.start_grab
                 move(_OPEN if key == "o" else _CLOSED)
-    except (KeyboardInterrupt, Quit):
+    except KeyboardInterrupt:
+        interrupts.taken()
+    except Quit:
         pass
 
 

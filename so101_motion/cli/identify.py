@@ -10,6 +10,7 @@ import click
 
 from so101_motion.cli.shared import have_agreed, json_option, print_json, quietly, yes_option
 from so101_motion.cli.sources import Source, source_options
+from so101_motion.common import interrupts
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
@@ -109,5 +110,6 @@ def _move(identification: Identification, outline: IdentificationOutline) -> Non
             try:
                 wait((moving,), LOOK_FOR_SIGNALS)
             except KeyboardInterrupt:
+                interrupts.taken()
                 identification.cancel()
         moving.result()

@@ -22,6 +22,7 @@ from so101_motion.cli.shared import (
     yes_option,
 )
 from so101_motion.cli.sources import Source, source_options
+from so101_motion.common import interrupts
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ def _tested(test: MoveTest, outline: Outline, stopped: threading.Event) -> MoveR
             try:
                 wait((tested,), LOOK_FOR_SIGNALS)
             except KeyboardInterrupt:
+                interrupts.taken()
                 stopped.set()
                 test.cancel()
         return tested.result()

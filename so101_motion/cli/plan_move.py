@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import sys
-import threading
+import time
 from concurrent.futures import wait
 from contextlib import closing
 from dataclasses import replace
@@ -282,6 +281,5 @@ def _show(viewer: Any, rig: RigLike, found: Plan, source: AnySource) -> None:
     with viewer.serve(rig, title=source.title, plan=found) as page:
         aside(f"open   {page.url}")
         aside("       (anyone with this link can move the arm; Ctrl-C to quit)")
-        with contextlib.suppress(KeyboardInterrupt):
-            while True:
-                threading.Event().wait(LOOK_FOR_SIGNALS)
+        while True:
+            time.sleep(LOOK_FOR_SIGNALS)

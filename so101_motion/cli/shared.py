@@ -17,12 +17,15 @@ import click
 
 from so101_motion import __version__
 from so101_motion.common.errors import ConfigError
+from so101_motion.common.modes import Mode
 
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
     from so101_motion.arm.cell import Cell
+    from so101_motion.rig.protocols import RigLike
 
 F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R", bound="RigLike")
 
 NO_DEVICE, CHECK_FAILED, STOPPED, INTERRUPTED = 3, 6, 7, 130
 """Exit codes that verbs use themselves; ``error_exit.py`` has all of them."""
@@ -121,21 +124,59 @@ def have_agreed(question: str) -> None:
     except click.Abort as abort:
         if isinstance(abort.__context__, EOFError):
             raise nobody from None
-        raise SystemExit(INTERRUPTED) from None
+        raise KeyboardInterrupt from None
     if not agreed:
         aside("nothing moved")
         raise SystemExit(STOPPED)
 
 
 @contextmanager
-def stops_on_ctrl_c(moving: Arm | Cell, holds: str = "the arm holds") -> Iterator[None]:
-    """On Ctrl-C in this block, stop what moves, wait until it rests, and end the program."""
+def stops_on_ctrl_c(moving: Arm | Cell) -> Iterator[None]:
+    """On Ctrl-C in this block, stop what moves and wait until it rests."""
     try:
         yield
     except KeyboardInterrupt:
         moving.stop()
-        aside(f"stopped; {holds}")
-        raise SystemExit(INTERRUPTED) from None
+        raise
+
+
+_DOES = {
+    Mode.HOLDING: "holds",
+    Mode.MOVING: "may still move",
+    Mode.STOPPING: "may still move",
+    Mode.LIMP: "is limp",
+    Mode.GUIDING: "yields to a hand",
+    Mode.CALIBRATING: "is being calibrated",
+}
+
+_opened: list[tuple[str, RigLike]] = []
+
+
+def forget_opened_arms() -> None:
+    """A verb begins: no arm is open."""
+    _opened.clear()
+
+
+def note_opened(what: str, rig: R) -> R:
+    """Note that a verb has opened ``rig``, so that its end can tell what the arm does."""
+    _opened.append((what, rig))
+    return rig
+
+
+def state_of_opened_arms() -> str:
+    """What the arms that this verb has opened do, now that it ends; empty if it opened none."""
+    return "; ".join(_state_of(what, rig) for what, rig in _opened)
+
+
+def _state_of(what: str, rig: RigLike) -> str:
+    try:
+        rig.close()  # where it was not closed yet, this waits until the arm rests
+        state = rig.arm.state
+    except Exception as error:
+        return f"what the {what} does is not known: {error}"
+    if state.mode is Mode.FAULT:
+        return f"the {what} is in a fault and may not hold: {state.fault}"
+    return f"the {what} {_DOES[state.mode]}"
 
 
 def write_report(path: Path, content: bytes) -> None:

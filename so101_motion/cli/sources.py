@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from so101_motion.cli.param_types import IN_FILE, PORT, Finite
-from so101_motion.cli.shared import F, aside, busy_message
+from so101_motion.cli.shared import F, aside, busy_message, note_opened
+from so101_motion.common import interrupts
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.common.state import ARM_JOINTS
@@ -65,7 +66,7 @@ class _SourceWithCaps:
         except BaseException:
             rig.close()
             raise
-        return rig
+        return note_opened(self.what, rig)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,18 +105,21 @@ class Source(_SourceWithCaps):
         from so101_motion.rig.simulated_rig import open_simulated
 
         if self.port is None:
-            return self._capped(open_simulated(q_start=self.q_start))
+            with interrupts.held():
+                return self._capped(open_simulated(q_start=self.q_start))
         asked = ServoSettings(port=self.port, calibration_file=self.known_calibration())
         asked = asked.with_arm(SERVO_IDS)
         try:
-            return self._capped(open_hardware(asked))
+            with interrupts.held():
+                return self._capped(open_hardware(asked))
         except OtherCalibration as error:
             from so101_motion.cli.calibration import ask_and_write
 
             if sys.stdin is None or not sys.stdin.isatty():
                 raise
             ask_and_write(error, self.port)
-        return self._capped(open_hardware(asked))
+        with interrupts.held():
+            return self._capped(open_hardware(asked))
 
     def open_to_look(self) -> Rig:
         """Open the arm without driving it: nothing is written to a servo, a limp arm stays limp.
@@ -284,9 +288,18 @@ class CellSource:
 
     def open(self) -> CellRigs:
         """Open all arms; raises as ``open_cell``."""
-        from so101_motion.rig.cell_rigs import open_cell
+        return open_arms(self.file)
 
-        return open_cell(self.file)
+
+def open_arms(file: CellFile) -> CellRigs:
+    """Open all arms of a cell; raises as ``open_cell``."""
+    from so101_motion.rig.cell_rigs import open_cell
+
+    with interrupts.held():
+        opened = open_cell(file)
+        for name, rig in opened.rigs.items():
+            note_opened(f"arm {name}", rig)
+        return opened
 
 
 def read_cell_source(path: Path) -> CellSource:

@@ -12,6 +12,7 @@ import click
 from so101_motion.cli.param_types import IN_FILE, PORT, SECONDS, Finite, OutFile, PerJoint
 from so101_motion.cli.shared import STOPPED, have_agreed, json_option, print_json
 from so101_motion.cli.sources import Source
+from so101_motion.common import interrupts
 from so101_motion.common.modes import HELD, Mode
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
@@ -183,6 +184,7 @@ def _watch(session: Any, seconds: float | None) -> None:
                 shown = words
             time.sleep(_EVERY if end is None else min(_EVERY, max(end - time.monotonic(), 0.0)))
     except KeyboardInterrupt:
+        interrupts.taken()
         click.echo("", err=True)
 
 

@@ -16,7 +16,7 @@ from so101_motion.cli.dataset import dataset
 from so101_motion.cli.demo import demo
 from so101_motion.cli.doctor import doctor
 from so101_motion.cli.emulate import emulate
-from so101_motion.cli.error_exit import ends_like_ctrl_c, reports_errors
+from so101_motion.cli.error_exit import reports_errors
 from so101_motion.cli.guide import guide
 from so101_motion.cli.identify import identify
 from so101_motion.cli.move_test import move_test
@@ -24,12 +24,14 @@ from so101_motion.cli.plan_move import move, plan
 from so101_motion.cli.ports import ports
 from so101_motion.cli.program import run
 from so101_motion.cli.setup import setup
+from so101_motion.cli.shared import forget_opened_arms
 from so101_motion.cli.status import status, stop
 from so101_motion.cli.sweeps.sweep import sweep
 from so101_motion.cli.teleop import teleop
 from so101_motion.cli.udev import install_udev
 from so101_motion.cli.viam import viam
 from so101_motion.cli.view import view
+from so101_motion.common import interrupts
 
 _SECTIONS: dict[str, tuple[click.Command, ...]] = {
     "Try it": (demo,),
@@ -63,7 +65,8 @@ class _So101(click.Group):
             return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        with reports_errors(as_json=ctx.meta[_AS_JSON]), ends_like_ctrl_c():
+        forget_opened_arms()
+        with reports_errors(as_json=ctx.meta[_AS_JSON]), interrupts.raised():
             return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:

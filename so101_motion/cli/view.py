@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import os
-import queue
-import signal
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -242,10 +240,6 @@ def keep_open(served: Any, page: Page) -> None:
     """Print the page's link, open it in a browser if there is a screen, and wait for Ctrl-C."""
     from so101_viewer.server.guarded_server import DEFAULT_PORT
 
-    # An Event would deadlock if the signal came while it begins to wait; this queue is reentrant.
-    ended: queue.SimpleQueue[int] = queue.SimpleQueue()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: ended.put(number))
     port = urlsplit(served.url).port
     if page.port is None and port != DEFAULT_PORT:
         click.echo(f"so101: port {DEFAULT_PORT} is taken, so the page is on port {port}", err=True)
@@ -256,10 +250,7 @@ def keep_open(served: Any, page: Page) -> None:
 
         webbrowser.open(served.url_for_once())
     while True:
-        with contextlib.suppress(queue.Empty):
-            ended.get(timeout=LOOK_FOR_SIGNALS)
-            break
-    click.echo("\nso101: stopping", err=True)
+        time.sleep(LOOK_FOR_SIGNALS)
 
 
 def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.gripper import JAW_CLOSED
+from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
 from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import POSES
@@ -45,6 +46,7 @@ class CellRigs:
             rig.arm.scene = file.scene_of(arm)
             self.cell.add(arm.name, rig, arm.T_cell_base)
 
+    @interrupts.held()
     def close(self) -> None:
         """Bring all arms to rest and close all rigs. May be called twice."""
         self._closing.close()

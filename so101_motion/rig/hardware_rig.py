@@ -19,6 +19,7 @@ from pathlib import Path
 
 from so101_motion.calib.procedure.eeprom import write_calibration
 from so101_motion.calib.record import lerobot, store
+from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import CalibrationError, ConfigError, NotReady
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
@@ -187,6 +188,7 @@ class HardwareRig(Rig):
         self._lease = lease
         return lease
 
+    @interrupts.held()
     def close(self) -> None:
         """Give up this share; the last one closes the port. May be called twice.
 

@@ -13,6 +13,7 @@ from functools import partial
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import JAW_LIMITS, Gripper
 from so101_motion.arm.shared_worker import acquire_worker, release_worker
+from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
@@ -102,6 +103,7 @@ class Rig:
         """Start the planning process in the background, so that the first plan comes quickly."""
         self.planner.start()
 
+    @interrupts.held()
     def close(self) -> None:
         """Stop, end all threads, close the driver. May be called twice."""
         if self._closed:

@@ -343,8 +343,8 @@ def computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dict
         with dask_executor(dask) as (executor, ahead):
             yield {"executor": executor, "ahead": ahead}
     except KeyboardInterrupt:
-        aside(f"interrupted; finished pieces are kept in {out}, give the same command to continue")
-        raise
+        kept = f"finished pieces are kept in {out}, give the same command to continue"
+        raise KeyboardInterrupt(kept) from None
 
 
 @contextmanager

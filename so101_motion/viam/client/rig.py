@@ -26,6 +26,7 @@ from viam.robot.client import RobotClient
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.shared_worker import acquire_worker, release_worker
+from so101_motion.common import interrupts
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError, MachineRefused
 from so101_motion.common.modes import Mode
@@ -196,6 +197,7 @@ class MachineRig(Machine):
         """Whether the machine can play our trajectories; if not, it gets the path's corners."""
         return self._executor.takes_streams
 
+    @interrupts.held()
     def close(self) -> None:
         """End our own motion, if one is under way, and disconnect. May be called twice."""
         if self._closed:

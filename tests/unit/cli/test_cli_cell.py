@@ -192,7 +192,7 @@ def test_ctrl_c_stops_all_arms_and_says_so(tmp_path, monkeypatch, flags):
     asked = ["cell", "move", str(path), "--joints", "left", "60,0,0,0,0", "--yes", *flags]
     result = CliRunner().invoke(main, asked)
     assert result.exit_code == 130
-    assert "stopped; all arms hold" in result.stderr
+    assert "the arm left holds; the arm right holds" in result.stderr
     assert stopped == [[False, False]]
     if flags:
         assert json.loads(result.stdout)["kind"] == "interrupted"

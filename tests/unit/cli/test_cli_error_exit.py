@@ -5,8 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import logging
-import signal
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from so101_motion.cli.error_exit import KINDS, ends_like_ctrl_c, reports_errors
+from so101_motion.cli.error_exit import KINDS, reports_errors
 from so101_motion.cli.shared import DEBUG, in_lines, print_json
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import ConfigError
@@ -135,30 +133,6 @@ def test_a_log_line_is_one_line_and_shows_a_traceback_only_on_request(
     assert trouble() == "a servo is silent\n"
     monkeypatch.setenv(DEBUG, "1")
     assert "Traceback" in trouble()
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_the_end_of_the_terminal_ends_a_verb_as_ctrl_c_does(name):
-    number = getattr(signal, name)
-    before = signal.getsignal(number)
-    signal.signal(number, signal.SIG_DFL)
-    try:
-        with pytest.raises(KeyboardInterrupt), ends_like_ctrl_c():
-            signal.raise_signal(number)
-        assert signal.getsignal(number) is signal.SIG_DFL
-    finally:
-        signal.signal(number, before)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signal")
-def test_a_terminal_whose_end_is_ignored_stays_ignored():
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with ends_like_ctrl_c():
-            signal.raise_signal(signal.SIGHUP)
-    finally:
-        signal.signal(signal.SIGHUP, before)
 
 
 def test_a_full_disk_is_no_defect_of_the_program(capsys):

@@ -1,0 +1,126 @@
+"""Ctrl-C, SIGTERM and SIGHUP in a program: none is lost, and none cuts short what ends the program.
+
+``listen`` is called first. The first signal raises ``KeyboardInterrupt`` in the main thread. Code
+that swallows it, such as a callback during an import, gets another one 0.2 s later. While a
+``KeyboardInterrupt`` is handled, in an ``except`` or ``finally`` or at the end of a ``with``, more
+signals raise nothing, and neither do they in a block of ``held`` or after ``taken``. So motions
+come to rest and ports are closed however often Ctrl-C is pressed. A program that has not ended
+10 s after the first signal is ended by the next one, where it is.
+
+In a program that does not call ``listen`` all of this does nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_REPEAT = 0.2  # [s] between two attempts to raise
+_PATIENCE = 10.0  # [s] for the end of the program after the first signal
+
+_NAMES = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "the end of the terminal (SIGHUP)"}
+
+
+class _Interrupts:
+    """The signals of this process."""
+
+    def __init__(self) -> None:
+        self.first = ""
+        self.since = 0.0
+        self.holds = 0
+        self.is_taken = False
+        self.on_hung: Callable[[str], None] = lambda name: None
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        if not self.first:
+            self.first = _NAMES[signal.Signals(number).name]
+            self.since = time.monotonic()
+            signal.setitimer(signal.ITIMER_REAL, _REPEAT, _REPEAT)
+        elif time.monotonic() - self.since > _PATIENCE:
+            self.on_hung(self.first)
+            os._exit(130)
+        self.raise_once()
+
+    def on_timer(self, number: int, frame: FrameType | None) -> None:
+        self.raise_once()
+
+    def raise_once(self) -> None:
+        if self.first and not (self.holds or self.is_taken or _is_handled()):
+            raise KeyboardInterrupt
+
+
+_this = _Interrupts()
+
+
+def listen(on_hung: Callable[[str], None]) -> None:
+    """Take the signals of this process from now on; one that is ignored (``nohup``) stays ignored.
+
+    Args:
+        on_hung: Called with the name of the first signal before the program is ended by force.
+    """
+    _this.on_hung = on_hung
+    for name in _NAMES:
+        number = getattr(signal, name)
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _this.on_signal)
+    signal.signal(signal.SIGALRM, _this.on_timer)
+
+
+def first() -> str:
+    """The name of the first signal, for people; empty if none has come."""
+    return _this.first
+
+
+def taken() -> None:
+    """Say that the signal was heard and is being obeyed: no more are raised."""
+    _this.is_taken = True
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def end() -> None:
+    """Ignore signals from now on: the program has ended and leaves with its exit code."""
+    taken()
+    for name in _NAMES:
+        signal.signal(getattr(signal, name), signal.SIG_IGN)  # the interpreter's end leaves this
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Let this block end first: a signal that comes in it raises ``KeyboardInterrupt`` after it.
+
+    In other threads than the main one it does nothing; no signal is raised there.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _this.holds += 1
+    try:
+        yield
+    finally:
+        _this.holds -= 1
+    _this.raise_once()
+
+
+@contextmanager
+def raised() -> Iterator[None]:
+    """Let signals interrupt this block, which is within one of ``held``."""
+    before, _this.holds = _this.holds, 0
+    try:
+        _this.raise_once()
+        yield
+    finally:
+        _this.holds = before
+
+
+def _is_handled() -> bool:
+    """Whether this thread is handling a ``KeyboardInterrupt``, or what one has led to."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
