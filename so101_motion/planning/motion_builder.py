@@ -119,7 +119,10 @@ class MotionBuilder:
         """
         slow = self.limits.lowered_to(np.full(5, DEPARTURE_SPEED), np.inf)
         trajectory = replace(self, limits=slow).straight(q_from, q_to)
-        if not is_harmless(self.collision, trajectory.q, self.q_jaw):
+        if not any(
+            is_harmless(self.collision, trajectory.q, self.q_jaw, judged)
+            for judged in (True, self.collision.measured)
+        ):
             raise self.in_collision(q_from, "start")
         return trajectory
 

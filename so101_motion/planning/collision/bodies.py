@@ -38,6 +38,7 @@ from so101_motion.planning.collision.coal_shapes import (
     octree,
     standing_shape,
 )
+from so101_motion.planning.collision.cubes import cube_middles, cube_numbers
 from so101_motion.planning.collision.motion_bounds import MotionBounds
 from so101_motion.planning.collision.scene import (
     FLOOR,
@@ -55,6 +56,10 @@ from so101_motion.planning.collision.scene import (
     StandingArm,
 )
 from so101_motion.planning.collision.shape_files import read_shape
+from so101_motion.planning.collision.solids import Inside, enclosed, filled, parts_of
+
+MOST_CORNERS = 1024
+"""The compiled library gets the triangles of a solid with more corners than this; chosen by time."""
 
 NEAR = 0.1
 """An obstacle is not checked against a link that never comes nearer than this [m]. Chosen: more
@@ -82,6 +87,8 @@ class Bodies:
         levers: Bounds on the distance of moved points from each joint's axis.
         standing: Shapes of the obstacles by their index among the bodies; of a cloud, the cubes
             that are near.
+        insides: What the surfaces among them enclose, None if it is not known; coal measures no
+            depth in surfaces.
     """
 
     geometry: Any
@@ -91,6 +98,7 @@ class Bodies:
     swapped: tuple[bool, ...]
     levers: MotionBounds
     standing: dict[int, Standing]
+    insides: dict[int, Inside | None]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "margins", frozen_array(self.margins, (len(self.pairs),)))
@@ -185,7 +193,11 @@ def around_base(model: Any, scene: Scene) -> str | None:
     """
     _, base = next(iter(_hulls().values()))
     standing = [
-        *((each.name, _shape_of(each), each.T_base_obstacle) for each in scene.obstacles),
+        *(
+            (each.name, shape, each.T_base_obstacle)
+            for each in scene.obstacles
+            for shape in _shapes_of(each, _foot(model, each.T_base_obstacle))
+        ),
         *((name, part.shape, T) for arm in scene.arms for name, part, T in _parts_of(model, arm)),
     ]
     for name, shape, T in standing:
@@ -197,11 +209,23 @@ def around_base(model: Any, scene: Scene) -> str | None:
     return None
 
 
-def _shape_of(obstacle: Obstacle) -> Any:
+def _shapes_of(obstacle: Obstacle, foot: Array) -> Iterator[Any]:
     form = read_shape(obstacle.shape)
     if isinstance(form, PointCloud):
-        return octree(full_cubes(form), form.resolution)
-    return standing_shape(form)
+        yield octree(full_cubes(form), form.resolution)
+    elif isinstance(form, Mesh):
+        for part in parts_of(form, foot):
+            yield standing_shape(part.mesh) if part.hull is None else convex_hull(part.hull)
+    else:
+        yield standing_shape(form)
+
+
+def _foot(model: Any, T: SE3) -> Array:
+    """Points of the base above the table and of the shoulder, in the frame at ``T``, (n, 3) [m]."""
+    base, shoulder = (np.array(hull.points()) for _, hull in list(_hulls().values())[:2])
+    at = model.jointPlacements[1]
+    points = np.concatenate([base, shoulder @ at.rotation.T + at.translation])
+    return np.asarray((points[points[:, 2] > 0.005] - T.p) @ T.R)
 
 
 class _Part(NamedTuple):
@@ -255,6 +279,7 @@ class _Gathered:
         self._movers, self._levers, self._spans = carried
         self._pairs: list[tuple[int, int]] = []
         self._standing: dict[int, Standing] = {}
+        self._insides: dict[int, Inside | None] = {}
         for each in self._movers:
             self._add(each.name, each.joint, each.placement, each.shape)
         self._centre = np.array(model.jointPlacements[1].translation)
@@ -280,23 +305,32 @@ class _Gathered:
     def add_obstacle(self, obstacle: Obstacle, checkpoint: Checkpoint) -> None:
         """Add an obstacle, unless nothing can come near it."""
         form, T = read_shape(obstacle.shape), obstacle.T_base_obstacle
-        given: Standing
+        name, foot = obstacle.name, _foot(self._model, T)
+        checkpoint()
         if isinstance(form, PointCloud):
-            given = Cubes(self._in_reach(form, T, checkpoint), form.resolution)
-            if len(given.middles) == 0:
-                return
-            checkpoint()
-            shape = octree(*given)
+            cubes, inside = self._cubes(form, T, foot, checkpoint)
+            if len(cubes.middles):
+                self._stand(name, cubes, octree(*cubes), T, inside)
+        elif isinstance(form, Mesh):
+            for part in parts_of(form, foot):
+                checkpoint()
+                if part.hull is None:
+                    self._stand(name, part.mesh, standing_shape(part.mesh), T, part.inside)
+                else:
+                    many = len(part.hull) > MOST_CORNERS
+                    given = filled(part.mesh, part.hull) if many else Hull(part.hull, 0.0)
+                    self._stand(name, given, convex_hull(part.hull), T)
         else:
-            given, shape = form, standing_shape(form)
-        self._stand(obstacle.name, given, shape, T)
+            self._stand(name, form, standing_shape(form), T)
 
     def add_arm(self, arm: StandingArm) -> None:
         """Add another arm at rest."""
         for name, part, T in _parts_of(self._model, arm):
             self._stand(name, part.form, part.shape, T)
 
-    def _stand(self, name: str, given: Standing, shape: Any, T: SE3) -> None:
+    def _stand(
+        self, name: str, given: Standing, shape: Any, T: SE3, inside: Inside | None = None
+    ) -> None:
         """Add a shape that does not move, if a link can come near it."""
         shape.computeLocalAABB()
         away = float(np.linalg.norm(T @ shape.aabb_center - self._centre)) - shape.aabb_radius
@@ -308,14 +342,29 @@ class _Gathered:
         if near:
             this = self._add(name, 0, _placement(T), shape)
             self._standing[this] = given
+            if isinstance(shape, coal.BVHModelOBBRSS | coal.OcTree):
+                self._insides[this] = inside
             self._pairs += [(i, this) for i in near]
 
-    def _in_reach(self, cloud: PointCloud, T: SE3, checkpoint: Checkpoint) -> Array:
-        """The cubes of a cloud at ``T`` that the arm can come near: often a small part of it."""
-        cubes = full_cubes(cloud, checkpoint)
-        away = np.linalg.norm(cubes @ T.R.T + (T.p - self._centre), axis=1)
-        diagonal = math.sqrt(3.0) * cloud.resolution
-        return np.asarray(cubes[away < max(self._spans) + NEAR + diagonal])
+    def _cubes(
+        self, cloud: PointCloud, T: SE3, foot: Array, checkpoint: Checkpoint
+    ) -> tuple[Cubes, Inside | None]:
+        """The cubes of a cloud at ``T`` that the arm can come near, and what all of them enclose.
+
+        Often they are a small part of it.
+        """
+        cubes, centre = full_cubes(cloud, checkpoint), T.inverse @ self._centre
+        farthest = max(self._spans) + NEAR + math.sqrt(3.0) * cloud.resolution
+        away = np.linalg.norm(cubes - centre, axis=1)
+        near = cubes[away < farthest]
+        if len(near) == 0:
+            return Cubes(near, cloud.resolution), None
+        # What is partly out of reach is still closed.
+        inside, hollow = enclosed(cubes[away < 2.0 * farthest], cloud.resolution, foot)
+        hollow = hollow[np.linalg.norm(hollow - centre, axis=1) < farthest]
+        hollow = cube_middles(cube_numbers(hollow, cloud.resolution), cloud.resolution)
+        checkpoint()
+        return Cubes(np.concatenate([near, hollow]), cloud.resolution), inside
 
     def bodies(self, allowed: set[frozenset[str]], margin: float) -> Bodies:
         """The collected bodies, without the pairs that may touch."""
@@ -336,6 +385,7 @@ class _Gathered:
             swapped=tuple(isinstance(objects[b].geometry, coal.OcTree) for _, b in kept),
             levers=self._levers,
             standing=self._standing,
+            insides=self._insides,
         )
 
     def _add(self, name: str, joint: int, placement: Any, shape: Any) -> int:

@@ -40,6 +40,7 @@ from so101_motion.planning.collision.continuous_check import (
     travel,
 )
 from so101_motion.planning.collision.scene import MARGIN, Scene
+from so101_motion.planning.collision.solids import RIB, points_in
 from so101_motion.planning.kinematics.model import RobotModel
 
 
@@ -47,7 +48,8 @@ class Clearance(NamedTuple):
     """The distance of two bodies.
 
     Attributes:
-        distance: Distance between them [m]; negative by the depth if they overlap.
+        distance: Distance between them [m]; negative by the depth if they overlap; 0 if they
+            overlap and the depth is not known, because the second is a surface only.
         first: A link by its human name, such as ``"upper arm"``, or a held object.
         second: Another link, ``"floor"`` or an obstacle.
         margin: Distance they must keep [m].
@@ -70,6 +72,8 @@ class Clearance(NamedTuple):
         first, second = self.called
         if self.distance > 0.0:
             return f"{first} {verb} {self.distance * 1e3:.1f} mm from {second}"
+        if self.distance == 0.0:
+            return f"{first} {verb} in contact with {second}"
         return f"{first} {verb} {-self.distance * 1e3:.1f} mm into {second}"
 
 
@@ -114,6 +118,8 @@ class CollisionModel:
         margin: Distance that must be kept from obstacles [m].
         pairs: The pairs of bodies that are checked, by name.
         margins: Distance that each pair must keep, shape (len(pairs),), [m].
+        measured: Whether the depth of each pair is the shortest way out, booleans, shape
+            (len(pairs),); it is not in what is no convex solid (``solids.py``).
         checkpoint: As given; code that uses this model calls it too.
         reach: For each arm joint, a bound on how far a point moves per angle, shape (5,), [m/rad].
     """
@@ -135,6 +141,9 @@ class CollisionModel:
         self._bodies, self.pairs, self.margins = bodies.geometry, bodies.pairs, bodies.margins
         self._levers, self.reach = bodies.levers, bodies.levers.longest
         self._moved_by, self._swapped = bodies.moved_by, bodies.swapped
+        self._insides, self._points = bodies.insides, lru_cache(maxsize=32)(self._points_in)
+        solids = (each.second not in self._insides for each in self._bodies.collisionPairs)
+        self.measured = np.fromiter(solids, bool, len(self.pairs))
         self._distances = pin.GeometryData(self._bodies)
         self._near_pairs = lru_cache(maxsize=4)(self._boxes_within)
         self._kept: list[Any] = []  # what the checks need alive
@@ -180,12 +189,17 @@ class CollisionModel:
         return np.array([proof.levels[0].touches(each) for each in q], dtype=bool)
 
     def distances(self, q: ArrayLike, q_jaw: float = 0.0) -> Array:
-        """The distance of each pair, shape (len(pairs),), [m]; negative where they overlap."""
+        """The distance of each pair, shape (len(pairs),), [m]; as in ``Clearance``."""
         self._q[:5] = q
         self._q[5] = q_jaw
         self.checkpoint()
         pin.computeDistances(self._model, self._data, self._bodies, self._distances, self._q)
-        return np.array([result.min_distance for result in self._distances.distanceResults])
+        return np.array(
+            [
+                self._found(k, each).distance
+                for k, each in enumerate(self._distances.distanceResults)
+            ]
+        )
 
     def lacking(self, q: ArrayLike, q_jaw: float, margins: Array) -> Array:
         """How much each pair is closer than its margin, both shape (len(pairs),), [m]; mostly 0."""
@@ -200,8 +214,8 @@ class CollisionModel:
         self._q[5] = q_jaw
         # The others are further apart than the widest margin.
         for k in self._near_pairs(widest)(self._q):
-            distance = pin.computeDistance(self._bodies, self._distances, k).min_distance
-            lack[k] = max(margins[k] - distance, 0.0)
+            result = pin.computeDistance(self._bodies, self._distances, k)
+            lack[k] = max(margins[k] - self._found(k, result).distance, 0.0)
         return lack
 
     def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool:
@@ -278,28 +292,45 @@ class CollisionModel:
     def _near_by_coal(self, q: ArrayLike, q_jaw: float, within: float) -> Array:
         self._q[:5] = q
         self._q[5] = q_jaw
-        found: list[tuple[int, float, Any]] = []
+        found = dict[int, _Found]()
         for k in self._near_pairs(within)(self._q):
             result = pin.computeDistance(self._bodies, self._distances, k)
             if result.min_distance <= within:
-                found.append((k, result.min_distance, result))
+                found[k] = self._found(k, result)
         return self._rows(found) if found else np.zeros((0, NEAR_ROW))
 
-    def _rows(self, found: list[tuple[int, float, Any]]) -> Array:
-        """The rows of ``near_bounds`` from pair indices, distances and coal's results."""
-        pairs = [k for k, _, _ in found]
-        sides = [
-            (each.getNearestPoint2(), each.getNearestPoint1(), -each.normal)
-            if self._swapped[k]
-            else (each.getNearestPoint1(), each.getNearestPoint2(), each.normal)
-            for k, _, each in found
-        ]
-        p_first, p_second, normal = (np.array(each) for each in zip(*sides, strict=True))
+    def _found(self, k: int, result: Any) -> _Found:
+        """What coal found for a pair, with the depth in solids of which it knows the surface."""
+        distance, pair = float(result.min_distance), self._bodies.collisionPairs[k]
+        if distance <= RIB and pair.second in self._insides:
+            inside, objects = self._insides[pair.second], self._bodies.geometryObjects
+            if inside is not None:
+                body = objects[pair.first].geometry
+                points = partial(self._points, int(pair.first))
+                T = self._distances.oMg[pair.second]
+                at = T.actInv(self._distances.oMg[pair.first])
+                deep = inside.depth(body, points, at.rotation, at.translation)
+                if deep is not None:
+                    p_first, p_second = T.act(deep.p_body), T.act(deep.p_solid)
+                    return _Found(-deep.depth, p_first, p_second, T.rotation @ deep.normal)
+            distance = max(distance, 0.0)
+        if self._swapped[k]:
+            sides = (result.getNearestPoint2(), result.getNearestPoint1(), -result.normal)
+        else:
+            sides = (result.getNearestPoint1(), result.getNearestPoint2(), result.normal)
+        return _Found(distance, *sides)
+
+    def _points_in(self, body: int) -> Array:
+        return points_in(self._bodies.geometryObjects[body].geometry)
+
+    def _rows(self, found: dict[int, _Found]) -> Array:
+        """The rows of ``near_bounds`` from what was found for each pair."""
+        pairs = list(found)
+        distances, p_first, p_second, normal = map(np.array, zip(*found.values(), strict=True))
         J = pin.computeJointJacobians(self._model, self._data, self._q)
         moved_by = self._moved_by[pairs]
         gradient = _rates(J, moved_by[:, 1], p_second, normal)
         gradient -= _rates(J, moved_by[:, 0], p_first, normal)
-        distances = [distance for _, distance, _ in found]
         return np.column_stack((pairs, distances, p_first, p_second, normal, gradient))
 
     def travel(self, points: Array) -> Array:
@@ -437,6 +468,15 @@ class _Proof(NamedTuple):
 
     levels: Sequence[Level]
     native: Levels | None
+
+
+class _Found(NamedTuple):
+    """Distance [m], nearest points [m] and normal of two bodies, as in ``ClosePair``."""
+
+    distance: float
+    p_first: Array
+    p_second: Array
+    normal: Array
 
 
 def _rates(J: Array, joints: Array, p: Array, normal: Array) -> Array:

@@ -9,13 +9,15 @@ close. A joint outside its limits moves straight inward during it.
 Candidates for its end are the nearest configuration inside the limits and, from there, short moves
 towards the goals, towards the zero pose (which is free on every table) and of single joints; the
 harmless one with the least motion is taken. If there is none, moves of all joints in random
-proportions are tried. The planner makes this motion slowly and plans from its end.
+proportions are tried, then the shortest out of solids that are not convex, because the distance
+from their surface may grow on the way out. The planner makes this motion slowly and plans from its end.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +76,10 @@ def find_departure(
     inside = np.clip(q_start, model.lower, model.upper)
     random = np.random.default_rng(seed).standard_normal((_RANDOM_DIRECTIONS, 5))
     plain = [*(q - inside for q in towards), -inside, *np.eye(5), *-np.eye(5)]
-    for directions in (plain, random):
+    tries: list[tuple[Any, Any]] = [(plain, True), (random, True)]
+    if not collision.measured.all():
+        tries.append((plain, collision.measured))
+    for directions, judged in tries:
         exits = [
             q
             for direction in directions
@@ -84,7 +89,7 @@ def find_departure(
         free = [q for q in (inside, *exits) if collision.is_free(q, q_jaw)]
         free.sort(key=lambda q: float(np.abs(q - q_start) @ collision.reach))
         for q_exit in free:
-            if is_harmless(collision, np.array([q_start, q_exit]), q_jaw):
+            if is_harmless(collision, np.array([q_start, q_exit]), q_jaw, judged):
                 return q_exit
     closest = collision.clearance(q_start, q_jaw)
     raise InCollision(
@@ -95,16 +100,24 @@ def find_departure(
     )
 
 
-def is_harmless(collision: CollisionModel, points: Array, q_jaw: float) -> bool:
-    """Whether along ``points`` (n, 5) close pairs only move apart, and no other becomes close."""
+def is_harmless(collision: CollisionModel, points: Array, q_jaw: float, judged: Any = True) -> bool:
+    """Whether along ``points`` (n, 5) close pairs only move apart, and no other becomes close.
+
+    ``judged``: the pairs this is asked of, booleans, shape (len(pairs),), or True. It is not asked
+    of pairs with a surface that the arm is in to an unknown depth: a link on its far side passes
+    through it.
+    """
     travelled = collision.travel(points)
     steps = max(1, math.ceil(travelled[-1] / float(collision.margins.min())))
     at = np.linspace(0.0, travelled[-1], steps + 1)
     columns = [np.interp(at, travelled, points[:, i]) for i in range(5)]
     # A pair must keep the distance it has gained, up to its margin.
     kept = np.full(len(collision.pairs), -math.inf)
+    pairs = zip(collision.pairs, collision.distances(points[0], q_jaw), strict=True)
+    surfaces = {second for (_, second), distance in pairs if distance == 0.0}
+    judged = judged & np.array([second not in surfaces for _, second in collision.pairs])
     for q in np.column_stack(columns):
-        distances = collision.distances(q, q_jaw)
+        distances = np.where(judged, collision.distances(q, q_jaw), math.inf)
         if np.any(distances < kept - CLOSER):
             return False
         kept = np.minimum(np.maximum(kept, distances), collision.margins)

@@ -1,0 +1,344 @@
+"""Find the inside of meshes and point clouds, so that they are as solid as a box.
+
+A connected part of a mesh that covers its own convex hull is that hull. What another surface, or
+the cubes of a cloud, enclose is found on a grid: whatever cannot be reached from outside through
+empty cells of the grid. Gaps narrower than a cell are closed by that. A surface around the whole
+foot of the arm is a room, and what encloses nothing is a surface only: how deep something is in it
+is not known.
+
+The depth of a body in a convex solid is the shortest way out, as for a box. In another solid it is
+the distance of the body's deepest point from the surface, known to about half a cell.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.coal_shapes import convex_hull
+from so101_motion.planning.collision.scene import Mesh
+from so101_motion.planning.collision.shape_files import welded
+
+FLAT = 2e-4
+"""A mesh no farther from its hull than this is the hull [m]; chosen: the error of scans."""
+
+SAME_AREA = 0.01
+"""Share by which its area may differ from the hull's. Chosen: a missing side is far more."""
+
+FINEST = 0.004
+"""Smallest cell of a grid around a mesh [m]; chosen."""
+
+MOST_CELLS = 1_000_000
+"""Most cells of a grid. Chosen: searched in 20 ms."""
+
+RIB = 0.01
+"""A solid is filled so densely that no link finds room in it [m]; the thinnest is 15 mm."""
+
+SAMPLE = 0.008
+"""Distance of the points of a body whose depth is looked up, besides its corners [m]; chosen."""
+
+
+class Depth(NamedTuple):
+    """How deep a body is in a solid, in the solid's frame.
+
+    Attributes:
+        depth: [m].
+        p_body: The body's deepest point, shape (3,), [m].
+        p_solid: The nearest point of the surface, shape (3,), [m].
+        normal: From the body into the solid, shape (3,).
+    """
+
+    depth: float
+    p_body: Array
+    p_solid: Array
+    normal: Array
+
+
+class Inside:
+    """The inside of a surface: cells of a grid.
+
+    Args:
+        low: The corner of the grid, shape (3,), [m].
+        edge: Of the cells [m].
+        full: Whether each cell is full, shape (i, j, k); none at the border.
+        skin: How deep the middle of a cell at the border of the solid is [cells].
+    """
+
+    def __init__(self, low: Array, edge: float, full: Any, skin: float) -> None:
+        self.edge = edge
+        self._low, self._full, self._skin = low, full, skin
+
+    def depth(self, body: Any, points: Callable[[], Array], R: Array, p: Array) -> Depth | None:
+        """How deep a convex body is in it; None if not at all, or not known.
+
+        Args:
+            body: The body, coal's.
+            points: Returns what ``points_in`` finds.
+            R: The body's orientation in the frame of the solid, shape (3, 3).
+            p: Its position, shape (3,), [m].
+        """
+        found = [each for hull in self._parts[0] if (each := _depth_in(hull, body, R, p))]
+        if self._parts[1] is not None:
+            field = self._parts[1]
+            at = points() @ R.T + p
+            depths = self._look_up(field, at)
+            k = int(np.argmax(depths))
+            if depths[k] > 0.0:
+                steps = 0.5 * self.edge * np.eye(3)
+                rise = self._look_up(field, at[k] + steps)
+                rise -= self._look_up(field, at[k] - steps)
+                length = float(np.linalg.norm(rise))
+                normal = rise / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
+                surface = at[k] - depths[k] * normal
+                found.append(Depth(float(depths[k]), at[k], surface, normal))
+        return max(found, default=None, key=lambda each: each.depth)
+
+    @cached_property
+    def _parts(self) -> tuple[list[Any], Array | None]:
+        """The convex parts, coal's, and the depth of the middles of the others' cells [m]."""
+        from scipy import ndimage
+
+        # Walls of one or two cells have no depth.
+        thick = ndimage.binary_opening(self._full, np.ones((3, 3, 3)))
+        label, count = ndimage.label(thick)
+        hulls, others = [], np.zeros_like(thick)
+        for i, box in enumerate(ndimage.find_objects(label), 1):
+            part = np.pad(label[box] == i, 1)
+            begin = np.array([each.start - 1 for each in box])
+            hull = self._hull(part, begin) if self._skin == 0.5 else None
+            if hull is not None:
+                hulls.append(hull)
+            else:
+                others[box] |= part[1:-1, 1:-1, 1:-1]
+        if not others.any():
+            return hulls, None
+        field = ndimage.distance_transform_edt(others)
+        return hulls, np.asarray((field - self._skin) * self.edge, dtype=np.float32)
+
+    def _hull(self, part: Any, begin: Array) -> Any:
+        """The hull of cubes, coal's, if they fill it but for a cell; else None."""
+        from scipy import ndimage
+        from scipy.spatial import ConvexHull
+
+        cells = np.argwhere(part & ~ndimage.binary_erosion(part))
+        corners = (cells[:, None] + np.stack(np.unravel_index(range(8), (2, 2, 2)), 1)).reshape(
+            -1, 3
+        )
+        found = ConvexHull(np.unique(corners, axis=0))
+        empty = np.argwhere(~part) + 0.5
+        planes = found.equations
+        for at in range(0, len(empty), 4096):
+            away = empty[at : at + 4096] @ planes[:, :3].T + planes[:, 3]
+            if (away < -1.0).all(axis=1).any():
+                return None
+        points = found.points[found.vertices] + begin
+        return convex_hull(self._low + self.edge * points)
+
+    def _look_up(self, field: Array, points: Array) -> Array:
+        """The depth of points (n, 3) [m], shape (n,), [m], between the middles of cells."""
+        from scipy import ndimage
+
+        at = ((points - self._low) / self.edge - 0.5).T
+        outside = -self._skin * self.edge
+        return np.asarray(ndimage.map_coordinates(field, at, order=1, cval=outside))
+
+
+class Part(NamedTuple):
+    """A part of a mesh: a convex solid, or a surface.
+
+    Attributes:
+        mesh: Its triangles; of a surface, with triangles in its inside that leave no link room.
+        hull: The points of its convex hull, shape (n, 3), [m]; None for a surface.
+        inside: Its inside; None for a hull, or if it is not known.
+    """
+
+    mesh: Mesh
+    hull: Array | None
+    inside: Inside | None
+
+
+def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:
+    """The convex parts of a mesh, then the rest of it as one.
+
+    Args:
+        mesh: The mesh.
+        foot: Points of the arm's base and shoulder in the mesh's frame, shape (n, 3), [m].
+    """
+    rest = []
+    vertices, all_triangles = welded(mesh.vertices, mesh.triangles)
+    for triangles in _connected(vertices, all_triangles):
+        hull = _as_hull(vertices, triangles)
+        if hull is None or (foot @ hull[1][:, :3].T + hull[1][:, 3] < 0.0).all():
+            rest.append(triangles)
+        else:
+            points, _ = hull
+            yield Part(_only(vertices, triangles), points, None)
+    if rest:
+        yield _surface(_only(vertices, np.concatenate(rest)), foot)
+
+
+def _only(vertices: Array, triangles: Any) -> Mesh:
+    used, numbers = np.unique(triangles, return_inverse=True)
+    return Mesh(vertices=vertices[used], triangles=numbers.reshape(-1, 3))
+
+
+def _connected(vertices: Array, triangles: Any) -> list[Any]:
+    """The triangles of each connected part."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    a, b, c = triangles.T
+    number = len(vertices)
+    edges = (np.concatenate([a, b]), np.concatenate([b, c]))
+    count, part = connected_components(
+        coo_array((np.ones(2 * len(a), dtype=bool), edges), shape=(number, number))
+    )
+    order = np.argsort(part[a], kind="stable")
+    ends = np.cumsum(np.bincount(part[a], minlength=count))
+    return [each for each in np.split(triangles[order], ends[:-1]) if len(each)]
+
+
+def _as_hull(vertices: Array, triangles: Any) -> tuple[Array, Array] | None:
+    """The corners and planes of the hull that triangles cover; None if they do not."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    corners = vertices[triangles]
+    try:
+        hull = ConvexHull(vertices[np.unique(triangles)])
+    except (QhullError, ValueError):
+        return None  # flat
+    area = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    if abs(float(area.sum()) - hull.area) > SAME_AREA * hull.area:
+        return None
+    used = np.unique(triangles)
+    facets = {tuple(each) for each in np.sort(used[hull.simplices], axis=1).tolist()}
+    others = [tuple(each) not in facets for each in np.sort(triangles, axis=1).tolist()]
+    middles = corners.mean(axis=1)[np.array(others) & (area > 0.0)]
+    planes = np.unique(hull.equations.round(9), axis=0)
+    for begin in range(0, len(middles), _AT_ONCE):
+        away = middles[begin : begin + _AT_ONCE] @ planes[:, :3].T + planes[:, 3]
+        if away.max(axis=1).min() < -FLAT:
+            return None
+    return hull.points[hull.vertices], hull.equations
+
+
+_AT_ONCE = 1024
+
+
+def _surface(mesh: Mesh, foot: Array) -> Part:
+    """A mesh with what it encloses."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    edge = max(FINEST, math.cbrt(float(np.prod(high - low + FINEST)) / MOST_CELLS))
+    inside, hollow = enclosed(_sampled(mesh, 0.5 * edge), edge, foot, skin=1.0)
+    if len(hollow) == 0:
+        return Part(mesh, None, None)
+    return Part(_ribbed(mesh, hollow, 0.45 * edge), None, inside)
+
+
+def filled(mesh: Mesh, hull: Array) -> Mesh:
+    """A convex mesh with triangles in its inside; ``hull``: the corners, shape (n, 3), [m]."""
+    towards = np.random.default_rng(0).standard_normal((64, 3))
+    corners = hull[np.unique(np.argmax(hull @ towards.T, axis=0))]
+    return _ribbed(mesh, points_in(convex_hull(corners)), 1e-6)
+
+
+def _ribbed(mesh: Mesh, middles: Array, size: float) -> Mesh:
+    """A mesh with a triangle of a size [m] around each point (n, 3) [m]."""
+    ribs = middles[:, None] + size * np.array([[1.0, 1, 1], [-1, -1, 1], [-1, 1, -1]])
+    number = len(mesh.vertices) + np.arange(3 * len(middles)).reshape(-1, 3)
+    return Mesh(
+        vertices=np.concatenate([mesh.vertices, ribs.reshape(-1, 3)]),
+        triangles=np.concatenate([mesh.triangles, number]),
+    )
+
+
+def _sampled(mesh: Mesh, spacing: float) -> Array:
+    """Points on the triangles, no farther apart than ``spacing`` [m], shape (n, 3), [m]."""
+    corners = mesh.vertices[mesh.triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    steps = np.ceil(longest / spacing).astype(int).clip(1)
+    found = []
+    for n in np.unique(steps):
+        u, v = np.divmod(np.arange((n + 1) ** 2), n + 1)
+        shares = np.column_stack([u, v, n - u - v])[u + v <= n] / n
+        found.append(np.einsum("ij,kjc->kic", shares, corners[steps == n]).reshape(-1, 3))
+    return np.concatenate(found)
+
+
+def enclosed(points: Array, edge: float, foot: Array, skin: float = 0.5) -> tuple[Inside, Array]:
+    """The inside of what points show, and the middles of enclosed cells that fill it.
+
+    Args:
+        points: Shape (n, 3), n >= 1, [m].
+        edge: Of the cells [m]; several of them are taken together if there are too many.
+        foot: As for ``parts_of``; what is around all of it is a room.
+        skin: As for ``Inside``.
+
+    Returns:
+        The middles have the shape (m, 3), [m]; they are as far apart as no link fits between.
+    """
+    from scipy import ndimage
+
+    first, last = (np.floor(each / edge) for each in (points.min(axis=0), points.max(axis=0)))
+    together = max(1, math.ceil(math.cbrt(float(np.prod(last - first + 3.0)) / MOST_CELLS)))
+    edge *= together
+    cells = np.floor(points / edge).astype(np.int64)
+    corner = cells.min(axis=0) - 1
+    full = np.zeros(cells.max(axis=0) - corner + 2, dtype=bool)
+    full[tuple((cells - corner).T)] = True
+    label, _ = ndimage.label(~full)
+    hollow = (label != label[0, 0, 0]) & ~full
+    own = np.floor(foot / edge).astype(np.int64) - corner
+    if (own >= 0).all() and (own < full.shape).all():
+        around = np.unique(label[tuple(own.T)])
+        if len(around) == 1 and around[0]:
+            hollow &= label != around[0]
+    low = corner * edge
+    inside = Inside(low, edge, full | hollow, skin)
+    every = max(1, int(RIB / edge))
+    at = np.argwhere(hollow)
+    at = at[(at % every == 0).all(axis=1)]
+    return inside, low + edge * (at + 0.5)
+
+
+def points_in(body: Any) -> Array:
+    """Points all over a convex body, coal's, its corners among them, shape (n, 3), [m]."""
+    from scipy.spatial import Delaunay
+
+    if isinstance(body, coal.ConvexBase):
+        corners = np.array(body.points())
+    elif isinstance(body, coal.Box):
+        corners = _DIRECTIONS[np.abs(_DIRECTIONS).min(axis=1) > 0.0] * np.array(body.halfSide)
+    else:  # a sphere or a capsule
+        round_ = body.radius * _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
+        end = np.array([0.0, 0.0, getattr(body, "halfLength", 0.0)])
+        corners = np.concatenate([round_ + end, round_ - end])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    counts = np.ceil((high - low) / SAMPLE).astype(int).clip(1, 40)
+    axes = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, counts, strict=True)]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.concatenate([corners, lattice[Delaunay(corners).find_simplex(lattice) >= 0]])
+
+
+_DIRECTIONS = np.array(
+    [each for each in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(each)]
+)
+
+
+def _depth_in(hull: Any, body: Any, R: Array, p: Array) -> Depth | None:
+    """How deep a convex body placed by R and p [m] is in a hull, both coal's."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    coal.distance(body, coal.Transform3s(R, p), hull, coal.Transform3s(), request, result)
+    if result.min_distance >= 0.0:
+        return None
+    first, second = (np.array(e()) for e in (result.getNearestPoint1, result.getNearestPoint2))
+    return Depth(-float(result.min_distance), first, second, np.array(result.normal))
