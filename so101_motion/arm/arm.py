@@ -379,8 +379,7 @@ class Arm(PlannedArm):
         )
 
     def _retarget(self, q_goal: Array, limits: MotionLimits | None, *, guarded: bool) -> Motion:
-        q_goal = frozen_array(q_goal, (5,))
-        self.model.check_limits(q_goal)
+        q_goal = self.model.within_limits(frozen_array(q_goal, (5,)))
         self._range.check(q_goal)
         make = self._maker(limits, guarded=guarded, stale_after=None, ends_there=True)
         turn = partial(self._executor.turn, channel=Channel.ARM)

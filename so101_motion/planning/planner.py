@@ -261,12 +261,12 @@ class Planner:
         if isinstance(goal, LeaveContactGoal):
             return self._to_any(context, q_from, iter([q_from]))
         if isinstance(goal, JointGoal):
-            context.model.check_limits(goal.q)
-            if not context.is_free(goal.q):
-                raise context.moves.in_collision(goal.q, "goal")
+            q_goal = context.model.within_limits(goal.q)
+            if not context.is_free(q_goal):
+                raise context.moves.in_collision(q_goal, "goal")
             if context.moves.load is not None:
-                context.moves.load.check_goal(goal.q)
-            return self._to_any(context, q_from, iter([goal.q]))
+                context.moves.load.check_goal(q_goal)
+            return self._to_any(context, q_from, iter([q_goal]))
         if isinstance(goal, PathGoal):
             return self._along(context, q_from, goal)
         if isinstance(goal, ApproachGoal):

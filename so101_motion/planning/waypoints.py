@@ -16,6 +16,9 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import SAME, MotionBuilder
 
+_ONE = 1e-3
+"""Waypoints nearer than this count as one [rad]; chosen: what a servo cannot tell apart."""
+
 _TURN = 1e-6
 """A waypoint at which the direction changes less than this is on a line."""
 
@@ -37,7 +40,8 @@ def checked_path(model: RobotModel, moves: MotionBuilder, q_from: Array, waypoin
         raise ConfigError("waypoints", [], "a path needs at least one waypoint")
     for number, q in enumerate(waypoints, 1):
         _check(model, moves, q, f"waypoint {number} of {len(waypoints)}")
-    corners = np.concatenate([q_from[None], waypoints])
+    drawn_in = np.clip(waypoints, model.lower, model.upper)
+    corners = np.concatenate([q_from[None], drawn_in])
     for number, leg in enumerate(pairwise(corners)):
         blocked = moves.collision.first_blocked(np.array(leg), moves.q_jaw)
         if blocked is not None:
@@ -63,7 +67,7 @@ def _check(model: RobotModel, moves: MotionBuilder, q: Array, name: str) -> None
 
 
 def simplified(waypoints: Array) -> Array:
-    """A polyline without repeated waypoints and those on a straight line.
+    """A polyline without (nearly) repeated waypoints and those on a straight line.
 
     Args:
         waypoints: Shape (m, n), m >= 2, [rad].
@@ -73,9 +77,9 @@ def simplified(waypoints: Array) -> Array:
     """
     kept = [waypoints[0]]
     for q in waypoints[1:-1]:
-        if np.abs(q - kept[-1]).max() > SAME:
+        if np.abs(q - kept[-1]).max() > _ONE:
             kept.append(q)
-    if len(kept) > 1 and np.abs(waypoints[-1] - kept[-1]).max() <= SAME:
+    if len(kept) > 1 and np.abs(waypoints[-1] - kept[-1]).max() <= _ONE:
         kept.pop()
     points = np.array([*kept, waypoints[-1]])
     steps = np.diff(points, axis=0)

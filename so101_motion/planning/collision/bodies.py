@@ -1,8 +1,9 @@
 """Build the collision bodies and pairs for Pinocchio and coal: links, held objects, obstacles.
 
 *Bodies.* Each link is one convex hull that contains the whole real part (``urdf/README.md``).
-Boxes, spheres and capsules are used as they are; a mesh is its triangles; a point cloud an octree
-of full cubes; the floor a half-space. Held objects move with the gripper's link; a held mesh or
+Boxes, spheres and capsules are used as they are; a mesh is its convex parts and other triangles; a
+point cloud an octree of full cubes; what surfaces enclose is solid (``solids.py``); the floor is a
+half-space. Held objects move with the gripper's link; a held mesh or
 cloud is replaced by its convex hull, which is cheap and on the safe side.
 
 *Pairs.* Links joined by a hinge always touch, and some others never can; the table of
@@ -59,7 +60,7 @@ from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.collision.solids import Inside, enclosed, filled, parts_of
 
 MOST_CORNERS = 1024
-"""The compiled library gets the triangles of a solid with more corners than this; chosen by time."""
+"""The compiled library gets the triangles of a solid with more corners; chosen by time."""
 
 NEAR = 0.1
 """An obstacle is not checked against a link that never comes nearer than this [m]. Chosen: more

@@ -25,6 +25,10 @@ _THICKNESS = 5e-4
 """Flat held objects are made so thick [m], because a hull needs a volume. Chosen."""
 
 
+_THINNEST = 1e-6
+"""Plates and points are made so thick for coal [m]."""
+
+
 def standing_shape(shape: Box | Sphere | Capsule | Mesh) -> Any:
     """The shape of an obstacle, in the obstacle's own frame; see ``octree`` for clouds."""
     return _triangles(shape) if isinstance(shape, Mesh) else _simple(shape)
@@ -81,9 +85,9 @@ def convex_hull(points: Array) -> Any:
 
 def _simple(shape: Box | Sphere | Capsule) -> Any:
     if isinstance(shape, Box):
-        return coal.Box(*shape.size.tolist())
+        return coal.Box(*np.maximum(shape.size, _THINNEST).tolist())
     if isinstance(shape, Sphere):
-        return coal.Sphere(shape.radius)
+        return coal.Sphere(max(shape.radius, _THINNEST))
     return coal.Capsule(shape.radius, shape.length - 2.0 * shape.radius)
 
 

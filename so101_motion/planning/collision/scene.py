@@ -79,13 +79,13 @@ class Box(_Form):
     """A box around its own origin.
 
     Attributes:
-        size: Edge lengths along x, y, z, shape (3,), [m].
+        size: Edge lengths along x, y, z, shape (3,), [m]; 0 for a plate, a line or a point.
     """
 
     size: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "size", _lengths("size", self.size, (3,)))
+        object.__setattr__(self, "size", _lengths("size", self.size, (3,), least=0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,13 +93,13 @@ class Sphere(_Form):
     """A ball around its own origin.
 
     Attributes:
-        radius: [m].
+        radius: [m]; 0 for a point.
     """
 
     radius: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", _length("radius", self.radius))
+        object.__setattr__(self, "radius", float(_lengths("radius", self.radius, (), least=0.0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,8 +128,8 @@ class Capsule(_Form):
 class Mesh(_Form):
     """A surface of triangles; which way they face does not matter.
 
-    The inside of a closed surface needs no check, because an arm outside cannot get there. A held
-    mesh is replaced by its convex hull.
+    What it encloses is solid (``solids.py``), unless the arm stands in it: then it is a room. A
+    held mesh is replaced by its convex hull.
 
     Attributes:
         vertices: Shape (n, 3), [m].
@@ -162,7 +162,8 @@ class Mesh(_Form):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PointCloud(_Form):
-    """Points that a camera saw; each cube of a grid that holds a point is an obstacle.
+    """Points that a camera saw; each cube of a grid that holds a point is an obstacle, and so is
+    what the cubes enclose (``solids.py``).
 
     A held cloud is replaced by the convex hull of its cubes.
 
@@ -412,10 +413,13 @@ def _length(key: str, value: object) -> float:
     return float(_lengths(key, value, ()))
 
 
-def _lengths(key: str, value: object, shape: tuple[int, ...]) -> Array:
+def _lengths(
+    key: str, value: object, shape: tuple[int, ...], least: float = np.nextafter(0.0, 1.0)
+) -> Array:
     lengths = _numbers(key, value, shape)
-    if not np.all((lengths > 0.0) & (lengths <= LARGEST)):
-        raise ConfigError(key, lengths.tolist(), f"must be more than 0 and at most {LARGEST:g} m")
+    if not np.all((lengths >= least) & (lengths <= LARGEST)):
+        from_ = "more than 0" if least else "0 or more"
+        raise ConfigError(key, lengths.tolist(), f"must be {from_} and at most {LARGEST:g} m")
     return lengths
 
 

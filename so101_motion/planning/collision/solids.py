@@ -107,7 +107,7 @@ class Inside:
 
         # Walls of one or two cells have no depth.
         thick = ndimage.binary_opening(self._full, np.ones((3, 3, 3)))
-        label, count = ndimage.label(thick)
+        label, _ = ndimage.label(thick)
         hulls, others = [], np.zeros_like(thick)
         for i, box in enumerate(ndimage.find_objects(label), 1):
             part = np.pad(label[box] == i, 1)
@@ -185,8 +185,10 @@ def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:
 
 
 def _only(vertices: Array, triangles: Any) -> Mesh:
+    used: Any
+    numbers: Any
     used, numbers = np.unique(triangles, return_inverse=True)
-    return Mesh(vertices=vertices[used], triangles=numbers.reshape(-1, 3))
+    return Mesh(vertices=vertices[used], triangles=numbers.reshape(triangles.shape))
 
 
 def _connected(vertices: Array, triangles: Any) -> list[Any]:

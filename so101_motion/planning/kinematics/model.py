@@ -14,6 +14,7 @@ for another thread (it takes milliseconds). Its ``lowerVelocityLimit`` is positi
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,11 @@ GRIPPER_LINK = "gripper_link"
 """The last link of the arm; the tool, the jaw tip and held objects are fixed to it."""
 
 _OUR_FRAMES = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+
+
+ROUNDED = math.radians(0.01)
+"""A goal is not refused, but drawn in, if it is no farther outside its limits [rad]: their last
+digit in messages."""
 
 
 class RobotModel:
@@ -275,20 +281,30 @@ class RobotModel:
         worst = int(np.argmax(excess))
         return worst if excess[worst] > tolerance else None
 
+    def within_limits(self, q: ArrayLike) -> Array:
+        """Joint angles, drawn in where a rounded number is ``ROUNDED`` beyond a limit, (5,), [rad].
+
+        Raises:
+            OutsideLimits: As ``check_limits``.
+        """
+        self.check_limits(q)
+        return np.clip(np.asarray(q, dtype=np.float64), self.lower, self.upper)
+
     def check_limits(self, q: ArrayLike) -> None:
-        """Refuse joint angles outside the limits.
+        """Refuse joint angles outside the limits by more than ``ROUNDED``.
 
         Raises:
             OutsideLimits: Names the joint that is furthest outside, its value and its limits.
         """
-        i = self.outside(q)
+        i = self.outside(q, ROUNDED)
         if i is None:
             return
         value = float(np.asarray(q, dtype=np.float64)[i])
         lower, upper = float(self.lower[i]), float(self.upper[i])
         raise OutsideLimits(
             f"{ARM_JOINTS[i]} = {to_deg(value):.2f} deg is outside its {self._bounds} "
-            f"{to_deg(lower):.2f} to {to_deg(upper):.2f} deg; choose a value between them",
+            f"{math.ceil(100.0 * to_deg(lower)) / 100.0:.2f} to "
+            f"{math.floor(100.0 * to_deg(upper)) / 100.0:.2f} deg; choose a value between them",
             joint=ARM_JOINTS[i],
             value=value,
             lower=lower,

@@ -10,7 +10,8 @@ Candidates for its end are the nearest configuration inside the limits and, from
 towards the goals, towards the zero pose (which is free on every table) and of single joints; the
 harmless one with the least motion is taken. If there is none, moves of all joints in random
 proportions are tried, then the shortest out of solids that are not convex, because the distance
-from their surface may grow on the way out. The planner makes this motion slowly and plans from its end.
+from their surface may grow on the way out. The planner makes this motion slowly and plans from its
+end.
 """
 
 from __future__ import annotations

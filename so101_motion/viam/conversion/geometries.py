@@ -58,9 +58,9 @@ def _shape(geometry: Geometry, label: str) -> Shape | ShapeFile:
     kind = geometry.WhichOneof("geometry_type")
     if kind == "box":
         dims = geometry.box.dims_mm
-        return Box(size=_lengths("dims_mm", dims.x, dims.y, dims.z))
+        return Box(size=_lengths("dims_mm", dims.x, dims.y, dims.z, least=0.0))
     if kind == "sphere":
-        return Sphere(radius=float(_lengths("radius_mm", geometry.sphere.radius_mm)[0]))
+        return Sphere(radius=float(_lengths("radius_mm", geometry.sphere.radius_mm, least=0.0)[0]))
     if kind == "capsule":
         capsule = geometry.capsule
         radius, length = _lengths("radius_mm, length_mm", capsule.radius_mm, capsule.length_mm)
@@ -73,10 +73,11 @@ def _shape(geometry: Geometry, label: str) -> Shape | ShapeFile:
     raise ConfigError("geometry", kind, "must be a box, sphere, capsule, mesh or point cloud")
 
 
-def _lengths(key: str, *lengths_mm: float) -> Array:
+def _lengths(key: str, *lengths_mm: float, least: float = math.ulp(0.0)) -> Array:
     """Lengths in metres; errors are in the unit of the request."""
-    if not all(0.0 < length < math.inf for length in lengths_mm):
-        raise ConfigError(key, list(lengths_mm), "must be more than 0 mm and finite")
+    if not all(least <= length < math.inf for length in lengths_mm):
+        from_ = "more than 0 mm" if least else "0 mm or more"
+        raise ConfigError(key, list(lengths_mm), f"must be {from_} and finite")
     return to_m(np.array(lengths_mm))
 
 

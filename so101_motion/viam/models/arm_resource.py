@@ -296,7 +296,7 @@ class ArmResource(Configured, Arm):
         return bool(np.max(np.abs(q - self._arm.state.q)) <= AT_START)
 
     def _checked(self, q: Array) -> Array:
-        self._arm.model.check_limits(q)
+        q = self._arm.model.within_limits(q)
         self._arm.range.check(q)
         return q
 

@@ -27,3 +27,8 @@ def test_the_last_waypoint_stays_exactly():
     kept = simplified(points)
     assert len(kept) == 3
     assert np.array_equal(kept[-1], points[-1])
+
+
+def test_nearly_repeated_waypoints_count_as_one():
+    path = np.array([np.zeros(5), np.full(5, 0.5), np.full(5, 0.5 + 1e-5), np.arange(5.0)])
+    np.testing.assert_array_equal(simplified(path), path[[0, 1, 3]])

@@ -136,7 +136,7 @@ def test_the_joint_furthest_outside_is_named_with_its_limits(model):
     q = np.array([0.0, 1.8, 1.7, 0.0, 0.0])
     assert model.outside(q) == 2
     with pytest.raises(
-        OutsideLimits, match=r"elbow_flex = 97\.40 deg.*-96\.83 to 90\.80"
+        OutsideLimits, match=r"elbow_flex = 97\.40 deg.*-96\.82 to 90\.80"
     ) as caught:
         model.check_limits(q)
     assert caught.value.joint == "elbow_flex"

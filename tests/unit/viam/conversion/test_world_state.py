@@ -119,9 +119,9 @@ def test_point_clouds_come_as_pcd(kind):
     ("geometry", "says"),
     [
         (Geometry(label="ghost"), "ghost"),
-        (Geometry(sphere=Sphere(radius_mm=0), label="ball"), "ball"),
-        (Geometry(sphere=Sphere(radius_mm=float("nan")), label="ball"), "more than 0"),
-        (Geometry(box=RectangularPrism(dims_mm=Vector3(x=20, y=0, z=9)), label="slab"), "dims_mm"),
+        (Geometry(sphere=Sphere(radius_mm=-1), label="ball"), "ball"),
+        (Geometry(sphere=Sphere(radius_mm=float("nan")), label="ball"), "0 mm or more"),
+        (Geometry(box=RectangularPrism(dims_mm=Vector3(x=20, y=-1, z=9)), label="slab"), "dims_mm"),
         (Geometry(mesh=Mesh(content_type="ply", mesh=b"nonsense"), label="part"), "part"),
         (Geometry(mesh=Mesh(content_type="glb", mesh=b"glTF"), label="part"), "PLY or STL"),
         (Geometry(pointcloud=PointCloud(point_cloud=b"nonsense"), label="seen"), "PCD"),
