@@ -162,10 +162,9 @@ class Mesh(_Form):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PointCloud(_Form):
-    """Points that a camera saw; each cube of a grid that holds a point is an obstacle, and so is
-    what the cubes enclose (``solids.py``).
+    """Points that a camera saw; each cube of a grid that holds a point is an obstacle.
 
-    A held cloud is replaced by the convex hull of its cubes.
+    So is what the cubes enclose (``solids.py``). A held cloud is replaced by the convex hull of its cubes.
 
     Attributes:
         points: Shape (n, 3), [m].
