@@ -164,7 +164,8 @@ class Mesh(_Form):
 class PointCloud(_Form):
     """Points that a camera saw; each cube of a grid that holds a point is an obstacle.
 
-    So is what the cubes enclose (``solids.py``). A held cloud is replaced by the convex hull of its cubes.
+    So is what the cubes enclose (``solids.py``). A held cloud is replaced by the convex hull of its
+    cubes.
 
     Attributes:
         points: Shape (n, 3), [m].
