@@ -80,7 +80,7 @@ def chain() -> tuple[Segment, ...]:
     """The arm from the base to the tool, read from the robot description."""
     joints = {
         joint.attrib["name"]: joint
-        for joint in ET.parse(so101_description.URDF_PATH).getroot().iter("joint")
+        for joint in ET.parse(so101_description.URDF_PATH).getroot().findall("joint")
     }
     segments = [
         _segment(link, joints[joint], number=str(i), box=link_box(link))
