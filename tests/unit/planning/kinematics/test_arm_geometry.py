@@ -33,7 +33,7 @@ def changed(tmp_path):
 
     def make(joints):
         robot = ET.parse(URDF_PATH)
-        for joint in robot.getroot().iter("joint"):
+        for joint in robot.getroot().findall("joint"):
             for tag, key, value in joints.get(joint.get("name"), []):
                 joint.find(tag).set(key, value)
         robot.write(tmp_path / "changed.urdf")

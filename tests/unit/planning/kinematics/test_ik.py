@@ -33,7 +33,7 @@ def tilted(tmp_path):
     """An arm whose wrist axis is not parallel to the elbow's: no closed form."""
     path = tmp_path / "tilted.urdf"
     robot = ET.parse(URDF_PATH)
-    for joint in robot.getroot().iter("joint"):
+    for joint in robot.getroot().findall("joint"):
         if joint.get("name") == "wrist_flex":
             joint.find("origin").set("rpy", "0.05 0 -1.5707963267948966")
     robot.write(path)
