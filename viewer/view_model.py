@@ -17,10 +17,12 @@ import numpy as np
 from so101_motion.arm.arm import START_TOLERANCE, Arm
 from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import InCollision
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
+from so101_motion.planning.goals import LeaveContactGoal
 from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 
@@ -76,6 +78,7 @@ class ViewModel(TargetEditor):
         self._plan_is_current = False
         self._planning: Future[Plan] | None = None
         self._motion: Motion | None = None
+        self._is_in_contact = self._backs_out = False
         self._sweeps = True
         self._playback = Playback()
         self._tracker = MotionTracker()
@@ -101,7 +104,13 @@ class ViewModel(TargetEditor):
         if self._can_plan():
             goal = self._target.goal
             self._planning = self._submit(lambda: self._arm.plan(goal))
-            self._sentence = texts.PLANNING
+            self._backs_out, self._sentence = False, texts.PLANNING
+
+    def plan_back_out(self) -> None:
+        """Plan slowly out of the contact in which the arm stands; it stays where it is."""
+        if self._may_plan():
+            self._planning = self._submit(lambda: self._arm.plan(LeaveContactGoal()))
+            self._backs_out, self._sentence = True, texts.PLANNING
 
     def show(self, plan: Plan) -> None:
         """Show a plan that was made elsewhere."""
@@ -258,6 +267,7 @@ class ViewModel(TargetEditor):
             kind=self.kind,
             direction=self.direction,
             R_base_target=self.R_base_target,
+            can_back_out=self._is_in_contact and self._may_plan(),
             can_undo=self._targets.can_undo,
             can_redo=self._targets.can_redo,
             holds=self._gripper.is_holding,
@@ -331,10 +341,13 @@ class ViewModel(TargetEditor):
             return False
         future, self._planning = self._planning, None
         error = future.exception()
+        self._is_in_contact = isinstance(error, InCollision) and error.where == "start"
         if error is not None:
             self._sentence = texts.ended(error)
-            return True
-        self.take_plan(future.result())
+        elif self._backs_out:
+            self.show(future.result())
+        else:
+            self.take_plan(future.result())
         return True
 
     def _collect_motion(self) -> bool:
@@ -363,12 +376,13 @@ class ViewModel(TargetEditor):
             return self._plan.plan.trajectory.sample(self._playback.t).q
         return self._target.q
 
+    def _may_plan(self) -> bool:
+        return self._planning is None and self._motion is None and self._state.mode is Mode.HOLDING
+
     def _can_plan(self) -> bool:
         return (
-            self._target.problem is None
-            and self._planning is None
-            and self._motion is None
-            and self._state.mode is Mode.HOLDING
+            self._may_plan()
+            and self._target.problem is None
             and _apart(self._target.q, self._state.q_ref) > START_TOLERANCE
         )
 

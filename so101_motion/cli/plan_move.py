@@ -72,6 +72,11 @@ def _goal_options(verb: F) -> F:
         help=f"A named pose: {', '.join(pose.name for pose in POSES)}, or one of your own.",
     )
     @click.option(
+        "--leave-contact",
+        is_flag=True,
+        help="The goal is to be free: leave the table or an obstacle slowly and straight.",
+    )
+    @click.option(
         "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles around the arm."
     )
     @pace_options
@@ -84,14 +89,20 @@ def _goal_options(verb: F) -> F:
         frame: str,
         joints: np.ndarray | None,
         pose: str | None,
+        leave_contact: bool,
         scene_file: Path | None,
         **kwargs: Any,
     ) -> Any:
-        if sum(given is not None for given in (xyz, joints, pose)) != 1:
-            raise click.UsageError("give one goal: --xyz, --joints or --pose")
+        from so101_motion.planning.goals import LeaveContactGoal
+
+        given = [each for each in (xyz, joints, pose, leave_contact or None) if each is not None]
+        if len(given) != 1:
+            raise click.UsageError("give one goal: --xyz, --joints, --pose or --leave-contact")
         if xyz is None and (approach is not None or line or frame != "tool"):
             raise click.UsageError("--approach, --line and --frame belong to --xyz")
-        goal = _goal(xyz, approach, line, frame, joints, pose)
+        goal: Goal = (
+            LeaveContactGoal() if leave_contact else _goal(xyz, approach, line, frame, joints, pose)
+        )
         return verb(*args, goal=goal, scene=_scene(scene_file), **kwargs)
 
     return with_goal  # type: ignore[return-value]  # its own options and those above

@@ -19,7 +19,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, JointReading, JointState
 from so101_motion.common.units import to_rad
-from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.goals import JointGoal, LeaveContactGoal, PoseGoal
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 from so101_motion.rig.cell_rigs import CellRigs
@@ -135,7 +135,9 @@ class FakeArm:
     def set_acceleration(self, acceleration: float) -> None:
         self.acceleration = acceleration
 
-    def plan(self, goal: PoseGoal | JointGoal) -> FakePlan:
+    def plan(self, goal: PoseGoal | JointGoal | LeaveContactGoal) -> FakePlan:
+        if isinstance(goal, LeaveContactGoal):
+            return straight(self.state.q_ref, self.state.q_ref + np.array([0.0, 0.0, 0.1, 0, 0]))
         if self.failure is not None:
             raise self.failure
         q = goal.q if isinstance(goal, JointGoal) else np.append(goal.T_base_tool.p, np.zeros(2))

@@ -65,6 +65,12 @@ class PlanPanel:
             self._sentence = gui.add_html("")
             self._target.add_target()
             self._plan.add_buttons()
+            self._back_out = gui.add_button(
+                "Back out slowly",
+                visible=False,
+                hint="Plans a slow straight motion out of the contact; Execute runs it.",
+            )
+            context.on_press(self._back_out, page.plan_back_out)
             self._plan.add_timeline()
             self._facts = gui.add_html(markup.facts(texts.NO_FACTS, lines=_LINES))
             self._comparison = Comparison(context)
@@ -94,6 +100,7 @@ class PlanPanel:
     def show(self, screen: Screen) -> None:
         """Show ``screen``; viser sends only what differs."""
         self._sentence.content = markup.sentence(screen.sentence)
+        self._back_out.visible = screen.can_back_out
         self._target.show(screen)
         self._own_poses.show()
         if screen.plan is not None and screen.plan is not self._shown:

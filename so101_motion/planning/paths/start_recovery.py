@@ -41,8 +41,9 @@ do, and the depth of an overlap is not known better. Chosen."""
 _RANDOM_DIRECTIONS = 60
 
 _MOTION = {
-    False: "small motion frees it; move the arm by hand (manual mode), send it the command"
-    " leave_contact, or correct the scene if that is not there",
+    False: "small motion frees it; let it back out slowly (so101 move --leave-contact, the button"
+    " Back out slowly, the command leave_contact), lead it out by hand, or correct the scene if"
+    " that is not there",
     True: "straight motion frees it; move the arm by hand (manual mode), or correct the scene if"
     " that is not there",
 }
