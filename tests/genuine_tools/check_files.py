@@ -47,5 +47,7 @@ def verdict(path):
 
 
 found = {path.name: verdict(path) for path in sorted(Path(sys.argv[1]).iterdir())}
-print(json.dumps(found, indent=1))
+text = json.dumps(found, indent=1)
+Path(sys.argv[2]).write_text(text + "\n", encoding="utf-8")
+print(text)
 sys.exit(any("WRONG" in each for each in found.values()))

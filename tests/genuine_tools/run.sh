@@ -5,7 +5,7 @@ set -eu
 cd "$(dirname "$0")/../.."
 OURS=$PWD/.venv/bin/python
 HERE=tests/genuine_tools
-FOLDER=.venv-tools
+FOLDER=${TOOLS_FOLDER:-.venv-tools}
 env_of() { # name, Python, packages
     name=$FOLDER/$1 python=$2
     shift 2
@@ -39,4 +39,4 @@ if command -v pcl_convert_pcd_ascii_binary >/dev/null; then
     done
 fi
 rm -f "$FILES"/*.mtl
-"$OURS" $HERE/check_files.py "$FILES" | tee benchmarks/results/mesh_files.json
+"$OURS" $HERE/check_files.py "$FILES" benchmarks/results/mesh_files.json

@@ -246,3 +246,14 @@ def test_a_speck_is_refused_until_its_scale_is_given(shape):
     with pytest.raises(ConfigError, match='is it in metres\\? add "scale": 1000'):
         scene_from({"obstacles": [entry]})
     assert scene_from({"obstacles": [entry | {"scale": 1000}]}).obstacles[0].name == "wall"
+
+
+def test_a_thing_over_10_m_in_all_directions_is_refused_until_its_scale_is_given():
+    corners = [[20_000.0 * (i == k) for i in range(3)] for k in (-1, 0, 1, 2)]
+    triangles = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    entry = {"name": "wall", "vertices_mm": corners, "triangles": triangles}
+    with pytest.raises(ConfigError, match=r'is it in millimetres\? add "scale": 0\.001'):
+        scene_from({"obstacles": [entry]})
+    assert scene_from({"obstacles": [entry | {"scale": 0.001}]})
+    corners[3] = [0.0, 0.0, 9_000.0]  # a large table
+    assert scene_from({"obstacles": [entry]})

@@ -100,6 +100,16 @@ def test_meshes_come_as_files_in_metres():
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), (0.1, 0.2, 0.3), atol=1e-6)
 
 
+@pytest.mark.parametrize(("scale", "says"), [(120.0, "in millimetres"), (0.001, "in metres")])
+def test_a_mesh_in_another_unit_is_refused_by_its_label(scale, says):
+    import trimesh
+
+    data = trimesh.creation.box(scale * np.array((0.1, 0.2, 0.3))).export(file_type="ply")
+    part = from_geometry(Geometry(mesh=Mesh(content_type="ply", mesh=data), label="part"))
+    with pytest.raises(ConfigError, match=f'"part"; is it {says}'):
+        read_shape(part)
+
+
 @pytest.mark.parametrize("kind", ["ascii", "binary"])
 def test_point_clouds_come_as_pcd(kind):
     points = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]], dtype="<f4")
