@@ -59,6 +59,12 @@ from so101_motion.common import interrupts
 )
 @click.option("--fault", "faults", multiple=True, help="Such as dead:3 or unplug@4+2; repeatable.")
 @click.option(
+    "--goal-torque/--no-goal-torque",
+    default=True,
+    show_default=True,
+    help="Whether a goal switches torque on. Firmware 3.10 does; one report says it does not.",
+)
+@click.option(
     "--hand",
     type=click.File(encoding="utf-8", errors="replace"),
     help="A script that moves limp joints by hand.",
@@ -75,6 +81,7 @@ def emulate(
     seed: int,
     like: Path | None,
     faults: tuple[str, ...],
+    goal_torque: bool,
     hand: TextIO | None,
 ) -> None:
     """Emulate the servos of an arm behind a virtual serial port, until Ctrl-C.
@@ -107,6 +114,7 @@ def emulate(
         spread=spread,
         seed=seed,
         figures={} if twin is None else twin.servos,
+        goal_enables_torque=goal_torque,
         pacing=pty_port.Pacing(realtime=realtime, latency=latency),
         wire=fault_names.WireFaults(loss=loss, corrupt=corrupt),
         faults=tuple(fault_names.parse_fault(text) for text in faults),

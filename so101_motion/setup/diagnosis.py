@@ -119,6 +119,12 @@ def _each(seen: Examination) -> list[str]:
                 f"{100 * lost[servo_id]:.1f} % of the questions to it got no answer: a loose cable"
             )
         found += [f"{seen.label(servo_id)}: {problem}" for problem in problems]
+    asked = sum(counter.asked for counter in seen.counters.values())
+    if late := lossy_share(sum(counter.late for counter in seen.counters.values()), asked):
+        found.append(
+            f"{100 * late:.1f} % of the answers came late, none of them is lost: set the adapter's"
+            " latency timer to 1 ms, and use neither a hub nor a virtual machine"
+        )
     if is_everyone:
         found.append(
             f"{100 * min(lost.values()):.1f} % of the questions got no answer, with every servo:"

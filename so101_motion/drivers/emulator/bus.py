@@ -87,6 +87,8 @@ class Bus:
         Returns:
             The replies in the order they leave the wire.
         """
+        if baud <= 0:  # a terminal at rate 0 is hung up: no servo hears it
+            return []
         if baud != self._baud:
             self._listener, self._baud = Listener(), baud
         if self.observers:

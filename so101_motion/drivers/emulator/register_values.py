@@ -185,7 +185,8 @@ _MEASUREMENTS: tuple[tuple[Register, _Measurement], ...] = (
         ),
     ),
     (reg.PRESENT_VELOCITY, lambda _memory, drive, _scatter: drive.speed),
-    # Recorded: negative where the drive pushes towards higher ticks, in 98 % of 163,041 samples.
+    # Negative where the drive pushes towards higher ticks: 98 % of 163,041 moving samples of public
+    # recordings, which are not in this repository, so no test holds this against them.
     (reg.PRESENT_LOAD, lambda _memory, drive, _scatter: -drive.demand),
     (reg.PRESENT_VOLTAGE, lambda _memory, drive, _scatter: drive.volts * 10.0),
     (reg.PRESENT_TEMPERATURE, lambda _memory, drive, _scatter: int(drive.motor.temperature)),

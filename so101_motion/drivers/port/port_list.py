@@ -130,6 +130,11 @@ def programs_using(name: str) -> list[str]:
 def open_error_text(name: str, error: Exception) -> str:
     """The reason and what to do, as text, for an error of opening a port."""
     number = error.errno if isinstance(error, OSError) else None
+    if remote := re.fullmatch(r"\w+://([^/?#]+).*", name):
+        return (
+            "a port must be a device of this computer; serve the other one as raw TCP and bridge it:"
+            f" socat pty,link=/tmp/so101,rawer tcp:{remote[1]},nodelay (docs/hardware.md)"
+        )
     if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):  # pyserial hides the number
         return _NO_PORT
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):

@@ -69,6 +69,10 @@ def test_nothing_is_wrong_with_a_healthy_arm():
             ["elbow_flex", "10.0 %", "no answer", "cable"],
         ),
         (
+            seen(counters={i: ReplyCounter(answers=900, late=100) for i in JOINTS}),
+            ["10.0 %", "came late", "latency timer"],
+        ),
+        (
             seen(counters={i: ReplyCounter(answers=900, lost=100 + i) for i in JOINTS}),
             ["10.1 %", "every servo", "too busy"],
         ),

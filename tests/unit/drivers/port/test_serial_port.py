@@ -103,6 +103,12 @@ def test_a_missing_port_is_reported_with_what_to_check(tmp_path):
         SerialPort(str(tmp_path / "ttyACM0"))
 
 
+@pytest.mark.parametrize("name", ["socket://pi:5760", "rfc2217://pi:5760?logging=debug"])
+def test_an_address_names_the_bridge(name):
+    with pytest.raises(PortUnavailable, match="socat pty,link=/tmp/so101,rawer tcp:pi:5760,"):
+        SerialPort(name)
+
+
 def test_something_that_is_no_port_is_reported(tmp_path):
     file = tmp_path / "file"
     file.write_text("")
