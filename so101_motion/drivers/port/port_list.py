@@ -132,7 +132,7 @@ def open_error_text(name: str, error: Exception) -> str:
     number = error.errno if isinstance(error, OSError) else None
     if remote := re.fullmatch(r"\w+://([^/?#]+).*", name):
         return (
-            "a port must be a device of this computer; serve the other one as raw TCP and bridge it:"
+            "a port must be a device of this computer; serve that one as raw TCP, bridge it:"
             f" socat pty,link=/tmp/so101,rawer tcp:{remote[1]},nodelay (docs/hardware.md)"
         )
     if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):  # pyserial hides the number
