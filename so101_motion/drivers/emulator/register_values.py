@@ -185,7 +185,7 @@ _MEASUREMENTS: tuple[tuple[Register, _Measurement], ...] = (
         ),
     ),
     (reg.PRESENT_VELOCITY, lambda _memory, drive, _scatter: drive.speed),
-    # Negative where the drive pushes towards higher ticks: 98 % of 163,041 moving samples of public
+    # Negative where the drive pushes towards higher ticks: 98 % of the 163,041 samples of public
     # recordings, which are not in this repository, so no test holds this against them.
     (reg.PRESENT_LOAD, lambda _memory, drive, _scatter: -drive.demand),
     (reg.PRESENT_VOLTAGE, lambda _memory, drive, _scatter: drive.volts * 10.0),
