@@ -89,6 +89,7 @@ class SO101Motion(SO101Device, Robot):
         Raises:
             DeviceAlreadyConnectedError: It is connected.
             ConnectionError: The arm cannot be reached; the message says why.
+            ConfigError: The pose to park in was saved with another arm's calibration.
         """
         config = self.config
         pace = Pace(
@@ -108,6 +109,9 @@ class SO101Motion(SO101Device, Robot):
         try:
             if calibrate and not self.is_calibrated:
                 self.calibrate()
+            if config.park is not None:
+                zeros = self._arm.session.rig.connection.encoder_zeros
+                self._park = SavedPoses(zeros=lambda: zeros).find(config.park).q
             for camera in self.cameras.values():
                 camera.connect()
         except BaseException:

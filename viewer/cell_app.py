@@ -67,7 +67,7 @@ class CellPage(SearchingPage[CellRigs]):
             JogPart(each, part.model.arms[name], title=name)
             for name, each in self._tab_for_each("Jog", rigs)
         ]
-        program = CellProgramPart(context, opened.cell, part.model.arms, part.nodes)
+        program = CellProgramPart(context, opened.cell, part.model.arms, part.nodes, opened.zeros)
         world = WorldPart(
             context,
             ArmsOfCell(rigs, self._source.file),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion.cli.completion_values import completed_files
+from so101_motion.cli.param_types import IN_FILE
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     STOPPED,
@@ -216,6 +217,25 @@ def write(file: str, port: str | None, yes: bool) -> None:
     if not yes:
         _agree(f"Store {stored.path} in the servos on {report.port.name}? {_GO_LIMP}")
     _write(stored, report)
+
+
+@calibration.command()
+@click.argument("file", type=IN_FILE)
+@click.option("--name", default="", help="Only this pose of poses, or arm of a cell's program.")
+def accept(file: Path, name: str) -> None:
+    """Use the angles in FILE as they are, with whatever calibration an arm has.
+
+    FILE has poses, a program or a guided path, and was made with another calibration. Its angles
+    stay; the encoder positions of the joints' zeros, which tell that calibration, are removed.
+    """
+    from so101_motion.files import user_storage
+
+    removed = user_storage.without_zeros(file, name)
+    if not removed:
+        raise click.UsageError(
+            f"{file} has no calibration{f' of {name}' if name else ''} to remove"
+        )
+    click.echo(f"{file}: {removed} calibration(s) removed; its angles are used as they are")
 
 
 # Also used by other verbs

@@ -174,10 +174,11 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
     from so101_motion.tasks.program.cell_program import read_cell_program
     from so101_motion.tasks.program.cell_run import rehearse_cell, start_cell_program
 
-    made = read_cell_program(program)
-    if rounds is not None:
-        made = replace(made, rounds=rounds)
+    read_cell_program(program)  # refuses a wrong file before the arms are opened
     with quietly(), open_arms(read_cell(file)) as opened:
+        made = read_cell_program(program, opened.zeros())
+        if rounds is not None:
+            made = replace(made, rounds=rounds)
         with busy_message("planning the program ..."):
             rehearsal = rehearse_cell(opened.cell, made)
         for step in rehearsal.first_round:

@@ -69,7 +69,7 @@ def record(
                 _run_keys(terminal, rig, recorder, seconds)
         finally:
             path = recorder.end()
-            files.write(path, file, replace=replace)
+            files.write(path, file, replace=replace, zeros=rig.connection.encoder_zeros)
         if not recorder.ended_by:
             rig.arm.set_manual(False)
     if recorder.ended_by:
@@ -144,8 +144,9 @@ def replay(
     from so101_motion.tasks.guided import files, plan_replay, start_replay
     from so101_motion.tasks.teleop.local_arms import jaw_of
 
-    path = files.read(file)
+    files.read(file)  # refuses a wrong file before the arm is opened
     with quietly(), source.open() as rig:
+        path = files.read(file, rig.connection.encoder_zeros)
         gripper = None if no_gripper else jaw_of(rig)
         for number in range(times):
             found = plan_replay(rig.arm, path, gripper=gripper, tolerance=to_rad(tolerance))

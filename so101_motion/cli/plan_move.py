@@ -37,7 +37,7 @@ from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
     from so101_motion.arm.motion_handle import Motion
-    from so101_motion.common.geometry import Array
+    from so101_motion.common.encoder_zeros import EncoderZeros
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.planning.goals import Goal
     from so101_motion.planning.request import Plan
@@ -115,14 +115,16 @@ def _goal(
     frame: str,
     joints: np.ndarray | None,
     pose: str | None,
-) -> Goal:
+) -> Goal | str:
+    """The goal; of a named pose its name, for its angles depend on the arm's zeros."""
     from so101_motion.common.geometry import SE3, frame_along
     from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PoseGoal
 
     if joints is not None:
         return JointGoal(q=to_rad(joints))
     if xyz is None:
-        return JointGoal(q=_pose_angles(str(pose)))
+        _pose(str(pose))  # refuses a name that is none before the arm is opened
+        return str(pose)
     target, metric = SE3.from_translation(to_m(xyz)), GoalMetric.POSITION_ONLY
     if approach is not None:
         if np.linalg.norm(approach) < 1e-6:
@@ -138,13 +140,14 @@ def _scene(file: Path | None) -> Scene | None:
     return None if file is None else read_scene(file)
 
 
-def _pose_angles(name: str) -> Array:
-    """The joint angles of a named pose, built in or the user's own."""
+def _pose(name: str, zeros: EncoderZeros | None = None) -> Goal:
+    """A named pose, built in or the user's own, of an arm with these zeros."""
     from so101_motion.common.errors import ConfigError, quoted
     from so101_motion.files.saved_poses import SavedPoses
+    from so101_motion.planning.goals import JointGoal
 
     try:
-        return SavedPoses().find(name).q
+        return JointGoal(q=SavedPoses(zeros=lambda: zeros).find(name).q)
     except ConfigError as error:
         raise click.BadParameter(
             f"{quoted(error.value)} {error.reason}", param_hint="'--pose'"
@@ -162,7 +165,7 @@ def _pose_angles(name: str) -> Array:
 @json_option
 def plan(
     source: AnySource,
-    goal: Goal,
+    goal: Goal | str,
     scene: Scene | None,
     q_from: np.ndarray | None,
     out: Path | None,
@@ -212,7 +215,9 @@ def plan(
 @_goal_options
 @yes_option
 @json_option
-def move(source: AnySource, goal: Goal, scene: Scene | None, yes: bool, as_json: bool) -> None:
+def move(
+    source: AnySource, goal: Goal | str, scene: Scene | None, yes: bool, as_json: bool
+) -> None:
     """Plan a motion, show it, and run it. Ctrl-C stops the arm.
 
     \b
@@ -249,7 +254,9 @@ def _check_file_name(out: Path | None, lerobot: bool) -> None:
         raise click.UsageError("--lerobot works only with --out; give both")
 
 
-def _planned(rig: RigLike, goal: Goal, scene: Scene | None) -> Plan:
+def _planned(rig: RigLike, goal: Goal | str, scene: Scene | None) -> Plan:
+    if isinstance(goal, str):
+        goal = _pose(goal, rig.connection.encoder_zeros)
     if scene is not None:
         rig.arm.scene = scene
     with busy_message("planning"):

@@ -54,10 +54,11 @@ def run(
     """  # noqa: D301
     from so101_motion.tasks.program import files, rehearse, start_program
 
-    made = files.read(files.find(program))
-    if rounds is not None:
-        made = made.with_rounds(rounds)
+    files.read(files.find(program))  # refuses a wrong file before the arm is opened
     with quietly(), closing(source.open()) as rig:
+        made = files.read(files.find(program), rig.connection.encoder_zeros)
+        if rounds is not None:
+            made = made.with_rounds(rounds)
         with busy_message("planning the program ..."):
             rehearsal = rehearse(rig.arm, rig.gripper, made)
         if not as_json:

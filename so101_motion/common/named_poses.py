@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.units import to_rad
 
@@ -17,10 +18,12 @@ class NamedPose:
     Attributes:
         name: What people call it.
         q: Joint angles, shape (5,), [rad].
+        zeros: The zeros of the arm that it was saved with; None if not known.
     """
 
     name: str
     q: Array
+    zeros: EncoderZeros | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", frozen_array(self.q, (5,)))

@@ -4,6 +4,8 @@ The user's own lie in ``poses.json`` in the user's data directory::
 
     {"schema": "so101/poses/1", "poses": [{"name": "over the mug", "q_deg": [10, -40, 35, 60, 0]}]}
 
+A pose has the zeros of the calibration it was saved with, if they are known (schema 2).
+
 Every change reads the file, changes it and writes it while others are kept out, so two programs
 that save a pose at the same time both keep theirs.
 """
@@ -11,9 +13,11 @@ that save a pose at the same time both keep theirs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from so101_motion.common.attributes import suggest
+from so101_motion.common.encoder_zeros import KEY, EncoderZeros, shift, zeros_from, zeros_to
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import POSES, NamedPose
@@ -30,10 +34,13 @@ class SavedPoses:
 
     Args:
         path: The file of the user's own poses; by default the one in the user's data directory.
+        zeros: Tells the zeros of the arm that is to stand so; by default they are not known.
     """
 
-    def __init__(self, path: Path | None = None) -> None:
-        self._path = path
+    def __init__(
+        self, path: Path | None = None, zeros: Callable[[], EncoderZeros | None] = lambda: None
+    ) -> None:
+        self._path, self._zeros = path, zeros
 
     def own(self) -> tuple[NamedPose, ...]:
         """The user's own poses, in the order in which they were saved.
@@ -44,21 +51,24 @@ class SavedPoses:
         path = self.file()
         if not path.exists():
             return ()
-        given = user_storage.read(path, schema=SCHEMA).get("poses")
+        given = user_storage.read(path, schema=SCHEMA, zeros=True).get("poses")
         if not isinstance(given, list) or len(given) > MOST:
             raise ConfigError("poses", str(path), f"must be a list of {MOST} poses at most")
         return tuple(_pose(number, each) for number, each in enumerate(given, 1))
 
     def find(self, name: str) -> NamedPose:
-        """The pose called ``name``, built in or the user's own.
+        """The pose called ``name``, built in or the user's own, converted to the arm's zeros.
 
         Raises:
-            ConfigError: There is none; the message names the nearest.
+            ConfigError: There is none; the message names the nearest. Or the zeros are another
+                arm's; see ``encoder_zeros.shift``.
         """
         known = {pose.name: pose for pose in (*POSES, *self.own())}
         if name not in known:
             raise ConfigError("pose", name, f"is not a pose; {suggest(name, known)}")
-        return known[name]
+        pose, now = known[name], self._zeros()
+        off = shift(pose.zeros, now, what=f"the pose {name}", file=self.file(), name=name)
+        return NamedPose(name=name, q=pose.q + off, zeros=now) if off.any() else pose
 
     def save(self, name: str, q: Array) -> NamedPose:
         """Save joint angles ``q``, shape (5,), [rad], as ``name``; replaces a pose of that name.
@@ -66,7 +76,7 @@ class SavedPoses:
         Raises:
             ConfigError: The name cannot be used, or the file cannot be written.
         """
-        pose = NamedPose(name=_free_name(name), q=q)
+        pose = NamedPose(name=_free_name(name), q=q, zeros=self._zeros())
 
         def add(poses: list[NamedPose]) -> list[NamedPose]:
             if not _has(poses, pose.name):
@@ -88,7 +98,7 @@ class SavedPoses:
             _refuse_missing(poses, name)
             if new != name and _has(poses, new):
                 raise ConfigError("pose name", new, "is taken; choose another")
-            return [NamedPose(name=new, q=pose.q) if pose.name == name else pose for pose in poses]
+            return [replace(pose, name=new) if pose.name == name else pose for pose in poses]
 
         self._change(change)
 
@@ -116,9 +126,13 @@ class SavedPoses:
             if len(poses) > MOST:
                 raise ConfigError("poses", len(poses), f"are more than {MOST}; delete some first")
             listed = [
-                {"name": pose.name, "q_deg": user_storage.joints_to_deg(pose.q)} for pose in poses
+                {"name": pose.name, "q_deg": user_storage.joints_to_deg(pose.q)}
+                | zeros_to(pose.zeros)
+                for pose in poses
             ]
-            user_storage.write(path, {"poses": listed}, schema=SCHEMA)
+            has_zeros = any(KEY in each for each in listed)
+            schema = user_storage.with_zeros(SCHEMA) if has_zeros else SCHEMA
+            user_storage.write(path, {"poses": listed}, schema=schema)
 
 
 def _pose(number: int, given: object) -> NamedPose:
@@ -127,6 +141,7 @@ def _pose(number: int, given: object) -> NamedPose:
     return NamedPose(
         name=user_storage.checked_name(given.get("name"), what="pose"),
         q=user_storage.joints_from_deg(given.get("q_deg"), key=f"q_deg of pose {number}"),
+        zeros=zeros_from(given),
     )
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from so101_motion.common.encoder_zeros import KEY
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_rad
@@ -24,6 +25,9 @@ from so101_motion.files.user_data_folder import user_data_folder
 
 LARGEST = 1_000_000
 """Largest file that is read [byte]; the longest program has a tenth of that. Chosen."""
+
+LARGEST_OF_ALL = 20_000_000
+"""The same for the largest kind, guided paths; the longest recording has a fifth of that."""
 
 LONGEST_NAME = 40
 """Most characters of a name that a user gives; chosen, it fits on a button."""
@@ -85,13 +89,21 @@ def refuse_reserved(name: str, *, what: str) -> None:
         raise ConfigError(what, name, "cannot be the name of a file on Windows; choose another")
 
 
-def read(path: Path, *, schema: str, largest: int = LARGEST) -> Mapping[str, object]:
+def with_zeros(schema: str) -> str:
+    """The schema of a file whose joint angles are kept with the zeros of their calibration."""
+    return f"{schema.rpartition('/')[0]}/2"
+
+
+def read(
+    path: Path, *, schema: str, largest: int = LARGEST, zeros: bool = False
+) -> Mapping[str, object]:
     """Read the JSON object in the file at ``path``.
 
     Args:
         path: The file.
         schema: What it must be, such as ``"so101/poses/1"``.
         largest: Largest file that is read [byte].
+        zeros: Whether it may be a file ``with_zeros`` too.
 
     Raises:
         ConfigError: It is not there, cannot be read, or is something else.
@@ -106,7 +118,7 @@ def read(path: Path, *, schema: str, largest: int = LARGEST) -> Mapping[str, obj
     except (ValueError, RecursionError) as error:
         raise ConfigError(what, str(path), f"is not JSON: {error}") from error
     written = content.get("schema") if isinstance(content, Mapping) else None
-    if written == schema:
+    if written == schema or (zeros and written == with_zeros(schema)):
         if content.repeated:
             raise ConfigError(what, str(path), f"has {', '.join(content.repeated)} twice")
         return dict(content)
@@ -132,6 +144,49 @@ def write(
     except OSError as error:
         reason = f"cannot be written: {error.strerror or error}"
         raise ConfigError(_kind(schema), str(path), reason) from error
+
+
+def without_zeros(path: Path, name: str = "") -> int:
+    """Remove the zeros from a file, so that its angles are used as they are.
+
+    Args:
+        path: A file of poses, of a program of one arm or several, or of a guided path.
+        name: The only pose of a file of poses, or arm of a program, to remove them from.
+
+    Returns:
+        From how many entries they were removed.
+
+    Raises:
+        ConfigError: It cannot be read or written, or is something else.
+    """
+    removed = 0
+
+    def bare(value: object, called: str) -> object:
+        nonlocal removed
+        if isinstance(value, list):
+            return [bare(each, "") for each in value]
+        if not isinstance(value, dict):
+            return value
+        if KEY in value and name in ("", called, value.get("name")):
+            removed += 1
+            value = {key: each for key, each in value.items() if key != KEY}
+        return {key: bare(each, key) for key, each in value.items()}
+
+    with locked(path):
+        try:
+            schema = str(json.loads(path.read_bytes()).get("schema"))
+        except (OSError, ValueError, AttributeError, RecursionError):
+            schema = ""
+        kinds = ("poses", "program", "cell-program", "guided-path")
+        kind = next((kind for kind in kinds if schema.startswith(f"so101/{kind}/")), "poses")
+        first = f"so101/{kind}/1"
+        content = read(path, schema=first, largest=LARGEST_OF_ALL, zeros=True)
+        kept = bare(content, "")
+        if removed and isinstance(kept, dict):
+            still = with_zeros(first) if f'"{KEY}"' in json.dumps(kept) else first
+            indent = None if kind == "guided-path" else 1
+            write(path, {**kept, "schema": still}, schema=still, indent=indent)
+    return removed
 
 
 @contextmanager

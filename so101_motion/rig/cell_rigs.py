@@ -12,6 +12,7 @@ from so101_motion.arm.cell import Cell
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
+from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.units import to_rad
@@ -45,6 +46,10 @@ class CellRigs:
             rig = self.rigs[arm.name]
             rig.arm.scene = file.scene_of(arm)
             self.cell.add(arm.name, rig, arm.T_cell_base)
+
+    def zeros(self) -> dict[str, EncoderZeros | None]:
+        """The zeros of each arm's calibration, by the arm's name; None if not known."""
+        return {name: rig.connection.encoder_zeros for name, rig in self.rigs.items()}
 
     @interrupts.held()
     def close(self) -> None:

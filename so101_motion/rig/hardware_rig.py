@@ -102,7 +102,11 @@ class HardwareRig(Rig):
                 or self.arm.state.fault
                 or "the port is not there; plug the adapter in again"
             )
-        return ArmConnection(to=f"arm on {self.settings.port}", problem=problem)
+        return ArmConnection(
+            to=f"arm on {self.settings.port}",
+            problem=problem,
+            encoder_zeros=self.servos.encoder_zeros,
+        )
 
     def warm_up(self) -> None:
         """Start the planning process in the background, so that the first plan comes quickly.

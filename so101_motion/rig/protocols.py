@@ -13,6 +13,7 @@ from typing import Protocol
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import Jaw
 from so101_motion.common.clock import Clock
+from so101_motion.common.encoder_zeros import EncoderZeros
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,12 +25,14 @@ class ArmConnection:
         problem: Why it cannot be reached; None while it can.
         lost_at: When it was lost, on the rig's clock [s]; None while it can be reached.
         is_simulated: Whether there is no arm but in this computer.
+        encoder_zeros: Where its joints' zeros are; None if not known, or if it is simulated.
     """
 
     to: str
     problem: str | None = None
     lost_at: float | None = None
     is_simulated: bool = False
+    encoder_zeros: EncoderZeros | None = None
 
     @property
     def is_up(self) -> bool:

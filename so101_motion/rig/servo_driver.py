@@ -23,10 +23,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from so101_motion.calib.record.identity import identity
+from so101_motion.calib.record.identity import encoder_zeros
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance, Wall
+from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.errors import BusError, NotHolding, PortUnavailable
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointReading
@@ -342,14 +343,11 @@ class ServoDriver:
         return {joint: setup.calibration for joint, setup in self.setups.items()}
 
     @property
-    def identity(self) -> str | None:
-        """The identity of the calibration in use, with configured zeros; None before it is known.
-
-        See ``calib/record/identity.py``.
-        """
+    def encoder_zeros(self) -> EncoderZeros | None:
+        """The zeros of the calibration in use, with configured ones; None before they are known."""
         if not self.setups:
             return None
-        return identity(self.calibration, {j: setup.zero for j, setup in self.setups.items()})
+        return encoder_zeros(self.calibration, {j: setup.zero for j, setup in self.setups.items()})
 
     def to_ticks(self, joint: str, q: float) -> int:
         """The servo position that ``joint`` has at angle ``q`` [rad]."""

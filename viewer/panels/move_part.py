@@ -84,7 +84,7 @@ class MovePart(Part):
         self._plan_panel = PlanPanel(
             context,
             self.page,
-            PoseList(SavedPoses(), self.page),
+            PoseList(SavedPoses(zeros=lambda: context.rig.connection.encoder_zeros), self.page),
             on_click=self._set_click,
         )
         context.bar.stop, context.bar.plan = self.stop_button, self._plan_panel.plan_button

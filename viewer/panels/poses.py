@@ -59,7 +59,7 @@ class PoseList:
     def use(self) -> None:
         """Make the selected pose the target."""
         chosen = self._chosen()
-        self._page.set_target_joints(next(pose.q for pose in self.poses if pose.name == chosen))
+        self._page.set_target_joints(self._book.find(chosen).q)
 
     def rename(self) -> None:
         """Rename the selected pose to the typed name."""

@@ -28,7 +28,7 @@ from so101_motion.tasks.program import (
     rehearse_cell,
     start_cell_program,
 )
-from so101_motion.tasks.program.cell_program import cell_folder, write_cell_program
+from so101_motion.tasks.program.cell_program import ZerosOfArms, cell_folder, write_cell_program
 from so101_motion.tasks.program.loops import (
     loops_around,
     with_loop,
@@ -67,6 +67,7 @@ class CellProgramModel:
         cell: Keeps the arms apart.
         arms: Target and picture of each arm, by its name in the cell.
         submit: Runs a slow call on another thread.
+        zeros: Tells the zeros of the arms' calibrations.
 
     Attributes:
         chosen: Index of the step that is edited; None without one.
@@ -80,7 +81,9 @@ class CellProgramModel:
         cell: Cell,
         arms: Mapping[str, ViewModel],
         submit: Callable[[Callable[[], Any]], Future[Any]],
+        zeros: Callable[[], ZerosOfArms] = dict,
     ) -> None:
+        self._zeros = zeros
         self._cell, self._arms, self._submit = cell, dict(arms), submit
         self._now = next(iter(cell.members.values())).clock.now
         self._edited = _Edited()
@@ -216,13 +219,13 @@ class CellProgramModel:
         """Save the program under its name; replaces one of that name."""
         program = self._program()
         with self.saved_files.changing(self.name) as file:
-            write_cell_program(program, file)
+            write_cell_program(program, file, self._zeros())
         self.name = file.stem
         self._sentence = words.saved(file)
 
     def load(self, name: str) -> None:
         """Load the program ``name``; nothing moves."""
-        program = read_cell_program(_file_of(name))
+        program = read_cell_program(_file_of(name), self._zeros())
         self._edit(program.steps, rounds=program.rounds, loops=program.loops)
         self.name, self.chosen = name, 0
         self._sentence = words.loaded_steps(name, len(program.steps))

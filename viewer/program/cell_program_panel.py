@@ -9,6 +9,7 @@ import viser
 
 from so101_motion.arm.cell import Cell
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.tasks.program.cell_program import ZerosOfArms
 from so101_motion.tasks.program.loops import loops_around
 
 from ..page import markup
@@ -42,6 +43,7 @@ class CellProgramPart(Part):
         cell: Keeps the arms apart.
         arms: Target and picture of each arm, by its name in the cell.
         nodes: The node in the scene that stands where the arm's base does, by the same names.
+        zeros: Tells the zeros of the arms' calibrations.
     """
 
     def __init__(
@@ -50,8 +52,9 @@ class CellProgramPart(Part):
         cell: Cell,
         arms: Mapping[str, ViewModel],
         nodes: Mapping[str, str],
+        zeros: Callable[[], ZerosOfArms],
     ) -> None:
-        self.model = CellProgramModel(cell, arms, context.in_background)
+        self.model = CellProgramModel(cell, arms, context.in_background, zeros)
         self._context = context.reporting(self.model.report)
         self._names, self._members = tuple(arms), cell.members
         self._arms = tuple(arms.values())

@@ -16,6 +16,7 @@ from typing import Any
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.clock import Clock
+from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
@@ -68,7 +69,9 @@ class ProgramModel:
         q_arm: Callable[[], Array],
         q_target: Callable[[], Array],
         set_target: Callable[[Array], None],
+        zeros: Callable[[], EncoderZeros | None] = lambda: None,
     ) -> None:
+        self._zeros = zeros
         self._arm, self._gripper, self._clock, self._submit = arm, gripper, clock, submit
         self._q_arm, self._q_target, self._aim_at = q_arm, q_target, set_target
         self._program = Program()
@@ -209,13 +212,13 @@ class ProgramModel:
         if not self._program.waypoints:
             raise ConfigError("program", None, "record a waypoint first")
         with self.saved_files.changing(self._name) as file:
-            files.write(self._program, file)
+            files.write(self._program, file, self._zeros())
         self._name = file.stem
         self._sentence = words.saved(file)
 
     def load(self, name: str) -> None:
         """Load the program ``name``; nothing moves."""
-        program = files.read(files.file_of(name))
+        program = files.read(files.file_of(name), self._zeros())
         self._edit(program)
         self._name, self._chosen = name, 0 if program.waypoints else None
         self._sentence = words.loaded(name, len(program))

@@ -47,6 +47,7 @@ class ProgramPart(Part):
             q_arm=lambda: page.q_arm,
             q_target=lambda: page.target.q,
             set_target=page.set_target_joints,
+            zeros=lambda: rig.connection.encoder_zeros,
         )
         self._context = context.reporting(self.model.report)
         self._page, self._target, self._front = page, page.target, context.front

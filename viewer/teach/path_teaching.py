@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.errors import ConfigError, Interrupted, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
@@ -138,6 +139,10 @@ class PathTeaching:
 
     # Files
 
+    @property
+    def _zeros(self) -> EncoderZeros | None:
+        return self._rig.connection.encoder_zeros
+
     def call(self, name: str) -> None:
         """Set the name for saving."""
         self.name = name
@@ -149,14 +154,14 @@ class PathTeaching:
         if not self.name.strip():
             raise ConfigError("name", None, "type a name first")
         with self.saved_files.changing(self.name.strip()) as file:
-            files.write(self.path, file, replace=True)
+            files.write(self.path, file, replace=True, zeros=self._zeros)
         self.name, self._saved = file.stem, (file, file.read_bytes())
         self.sentence = texts.saved(file.stem)
 
     def load(self, name: str) -> None:
         """Take a saved path; nothing moves. An unsaved one is kept under a name first."""
         file = _file_of(name)
-        path, content = files.read(file), file.read_bytes()
+        path, content = files.read(file, self._zeros), file.read_bytes()
         kept = self._keep_unsaved()
         self._take(path)
         self.name, self._saved = name, (file, content)
@@ -220,7 +225,7 @@ class PathTeaching:
         taken = set(self.saved_files.names)
         name = next(name for k in count(1) if (name := f"unsaved {k}") not in taken)
         with self.saved_files.changing(name) as file:
-            files.write(self.path, file)
+            files.write(self.path, file, zeros=self._zeros)
         self._saved = (file, file.read_bytes())
         return f' The path before is saved as "{name}".'
 

@@ -1,4 +1,4 @@
-"""The identity of a calibration: which encoder position is the zero of each joint.
+"""What a calibration says about angles: which encoder position is the zero of each joint.
 
 A servo subtracts its homing offset from its encoder, and a calibration says which of the resulting
 ticks is the joint's zero. Only their sum matters: two calibrations with the same sums give the same
@@ -7,28 +7,13 @@ angles, however they were recorded. Limits alone change no angle.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from so101_motion.calib.record.record import JOINTS, Calibration
 from so101_motion.calib.record.zero import MIDDLE, Zero, zero_ticks
+from so101_motion.common.encoder_zeros import EncoderZero
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EncoderZero:
-    """Where the zero of a joint is on its servo's encoder.
-
-    Attributes:
-        direction: 1 if the encoder counts up with the angle, else -1.
-        ticks: The encoder's position at angle zero, of the jaw where it is closed, 0 to below
-            4096 [tick]; to a tenth.
-    """
-
-    direction: int
-    ticks: float
 
 
 def encoder_zeros(calibration: Calibration, zeros: Mapping[str, Zero]) -> dict[str, EncoderZero]:
@@ -47,10 +32,3 @@ def encoder_zeros(calibration: Calibration, zeros: Mapping[str, Zero]) -> dict[s
             ticks=round((at_zero + entry.homing_offset) % TICKS_PER_TURN, 1) % TICKS_PER_TURN,
         )
     return found
-
-
-def identity(calibration: Calibration, zeros: Mapping[str, Zero]) -> str:
-    """Twelve hexadecimal digits that are the same for calibrations with the same zeros."""
-    known = encoder_zeros(calibration, zeros)
-    words = [f"{joint} {zero.direction} {zero.ticks:.1f}" for joint, zero in known.items()]
-    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:12]

@@ -12,7 +12,8 @@ A file looks like this::
     }
 
 Degrees have the model's zero; the jaw is in per cent of its travel, and left out for an arm without
-one. Files are written in one step, so that a crash leaves no half of one.
+one. ``"encoder_zeros"``, in schema 2, are the zeros of the calibration it was recorded with
+(``common/encoder_zeros.py``). Files are written in one step, so that a crash leaves no half of one.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from so101_motion.common.encoder_zeros import KEY, EncoderZeros, shift, zeros_from, zeros_to
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
@@ -36,9 +38,6 @@ from so101_motion.tasks.guided.path import GuidedPath
 SCHEMA = "so101/guided-path/1"
 
 _DECIMALS = 4  # of times in a file [s]
-
-LARGEST = 20_000_000
-"""Largest file that is read [byte]; the longest recording has a fifth of that."""
 
 KEPT = 20
 """How many deleted paths can be restored; chosen, a long one is a file of megabytes."""
@@ -54,11 +53,13 @@ class SavedPath:
         name: Its name: the file's name without its ending.
         path: The path.
         recorded_at: When it was recorded, as in the file.
+        zeros: The zeros of the arm that it was recorded with; None if not known.
     """
 
     name: str
     path: GuidedPath
     recorded_at: str
+    zeros: EncoderZeros | None = None
 
 
 def file_of(folder: Path, name: object) -> Path:
@@ -73,13 +74,16 @@ def file_of(folder: Path, name: object) -> Path:
     return folder / f"{name.removesuffix('.json')}.json"
 
 
-def write(path: GuidedPath, file: Path, *, replace: bool = False) -> None:
+def write(
+    path: GuidedPath, file: Path, *, replace: bool = False, zeros: EncoderZeros | None = None
+) -> None:
     """Save a path; makes its folder if need be.
 
     Args:
         path: The path.
         file: The file; ends with ``.json``.
         replace: Whether an existing file may be replaced.
+        zeros: The zeros of the arm that it was recorded with; None if not known.
 
     Raises:
         ConfigError: It cannot be written, or is there already.
@@ -96,7 +100,9 @@ def write(path: GuidedPath, file: Path, *, replace: bool = False) -> None:
     }
     if path.aperture is not None:
         content["aperture_percent"] = np.round(100.0 * path.aperture, 2).tolist()
-    user_storage.write(file, content, schema=SCHEMA, indent=None)
+    content |= zeros_to(zeros)
+    schema = user_storage.with_zeros(SCHEMA) if KEY in content else SCHEMA
+    user_storage.write(file, content, schema=schema, indent=None)
 
 
 def refuse_taken(file: Path, *, replace: bool = False) -> None:
@@ -111,13 +117,17 @@ def refuse_taken(file: Path, *, replace: bool = False) -> None:
         raise ConfigError("path", str(file), "is there already; choose another name or replace it")
 
 
-def read(file: Path) -> GuidedPath:
-    """Read the path in a file.
+def read(file: Path, zeros: EncoderZeros | None = None) -> GuidedPath:
+    """Read the path in a file, and convert it to the zeros of the arm that is to replay it.
 
     Raises:
-        ConfigError: It cannot be read, or something in it is not valid; the message names it.
+        ConfigError: It cannot be read, something in it is not valid, or the zeros are another
+            arm's; see ``encoder_zeros.shift``.
     """
-    return _read(file).path
+    saved = _read(file)
+    path, made_with = saved.path, saved.zeros
+    off = shift(made_with, zeros, what=f"the path {file.stem}", file=file)
+    return GuidedPath(t=path.t, q=path.q + off, aperture=path.aperture) if off.any() else path
 
 
 def listed(folder: Path) -> list[SavedPath]:
@@ -208,9 +218,14 @@ def _read(file: Path) -> SavedPath:
         names = ", ".join(sorted(each.stem for each in file.parent.glob("*.json")))
         hint = f"; there are: {names}" if names else ""
         raise ConfigError("path", str(file), f"there is no such path{hint}")
-    content = user_storage.read(file, schema=SCHEMA, largest=LARGEST)
+    content = user_storage.read(
+        file, schema=SCHEMA, largest=user_storage.LARGEST_OF_ALL, zeros=True
+    )
     return SavedPath(
-        name=file.stem, path=_understood(content), recorded_at=str(content.get("recorded_at", ""))
+        name=file.stem,
+        path=_understood(content),
+        recorded_at=str(content.get("recorded_at", "")),
+        zeros=zeros_from(content),
     )
 
 

@@ -15,16 +15,17 @@ begins when all are done. A file looks like this::
     }
 
 Waypoints and ``"loops"`` are as in a program for one arm (``files.py``), but arms stop at each
-waypoint.
+waypoint. ``"arms": {"left": {"encoder_zeros": ...}}``, in schema 2, has the zeros of each arm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from so101_motion.common.attributes import Attributes
+from so101_motion.common.encoder_zeros import EncoderZeros, shift, zeros_from, zeros_to
 from so101_motion.common.errors import ConfigError
 from so101_motion.files import user_storage
 from so101_motion.tasks.program.files import (
@@ -46,6 +47,9 @@ from so101_motion.tasks.program.loops import (
 from so101_motion.tasks.program.program import MOST, Waypoint, check_rounds
 
 SCHEMA = "so101/cell-program/1"
+
+ZerosOfArms = Mapping[str, EncoderZeros | None]
+"""The zeros of each arm's calibration, by the arm's name; None if not known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,34 +120,48 @@ def cell_folder() -> Path:
     return user_storage.folder() / "cell_programs"
 
 
-def read_cell_program(path: Path) -> CellProgram:
-    """Read the program in a file.
+def read_cell_program(path: Path, zeros: ZerosOfArms | None = None) -> CellProgram:
+    """Read the program in a file, and convert it to the zeros of the arms that are to run it.
 
     Raises:
-        ConfigError: It cannot be read, or something in it is not valid; the message names it.
+        ConfigError: It cannot be read, something in it is not valid, or the zeros are another
+            arm's; see ``encoder_zeros.shift``.
     """
-    content = user_storage.read(path, schema=SCHEMA)
-    Attributes(content, ("schema", "rounds", "loops", "steps"), kind="entry of a program")
+    content = user_storage.read(path, schema=SCHEMA, zeros=True)
+    Attributes(content, ("schema", "rounds", "loops", "steps", "arms"), kind="entry of a program")
     given = content.get("steps")
     if not isinstance(given, list):
         raise ConfigError("steps", given, "must be a list of steps")
+    made_with, off = content.get("arms", {}), {}
+    if not isinstance(made_with, Mapping):
+        raise ConfigError("arms", made_with, 'must be {"left": {"encoder_zeros": ...}, ...}')
+    for name, each in made_with.items():
+        known = zeros_from(each if isinstance(each, Mapping) else {})
+        what = f"the program {path.stem}, {name}"
+        off[name] = shift(known, (zeros or {}).get(name), what=what, file=path, name=name)
+    steps = (_step(number, each) for number, each in enumerate(given, 1))
     return CellProgram(
-        steps=tuple(_step(number, each) for number, each in enumerate(given, 1)),
+        steps=tuple(
+            {name: replace(each, q=each.q + off.get(name, 0.0)) for name, each in step.items()}
+            for step in steps
+        ),
         rounds=rounds_from(content.get("rounds", 1)),
         loops=loops_from(content.get("loops", [])),
     )
 
 
-def write_cell_program(program: CellProgram, path: Path) -> None:
-    """Save a program; makes its folder if need be.
+def write_cell_program(program: CellProgram, path: Path, zeros: ZerosOfArms | None = None) -> None:
+    """Save a program with the zeros of its arms, if known; makes its folder if need be.
 
     Raises:
         ConfigError: It cannot be written; an existing file is unchanged.
     """
     steps = [{name: waypoint_to(each) for name, each in step.items()} for step in program.steps]
     loops = {"loops": loops_to(program.loops)} if program.loops else {}
-    content = {"rounds": rounds_to(program.rounds), **loops, "steps": steps}
-    user_storage.write(path, content, schema=SCHEMA)
+    arms = {name: known for name, each in (zeros or {}).items() if (known := zeros_to(each))}
+    known = {"arms": arms} if arms else {}
+    content = {"rounds": rounds_to(program.rounds), **loops, **known, "steps": steps}
+    user_storage.write(path, content, schema=user_storage.with_zeros(SCHEMA) if arms else SCHEMA)
 
 
 def _step(number: int, content: object) -> dict[str, Waypoint]:

@@ -17,15 +17,18 @@ A file looks like this::
 before the program goes on; a loop may lie inside one other. ``"rounds": "endless"`` runs it until
 it is stopped; without ``aperture_percent`` the jaw stays as it is. The arm stops at each waypoint
 except those with ``"pass": true``. ``"speed_percent"`` slows down the step to a waypoint.
+``"encoder_zeros"``, in schema 2, are the zeros of the arm's calibration (``encoder_zeros.py``).
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from so101_motion.common.attributes import Attributes, suggest
+from so101_motion.common.encoder_zeros import KEY, EncoderZeros, shift, zeros_from, zeros_to
 from so101_motion.common.errors import ConfigError
 from so101_motion.files import user_storage
 from so101_motion.tasks.program.loops import Loop, checked_count
@@ -96,13 +99,18 @@ def _offer(name: str, known: tuple[str, ...]) -> str:
     return suggest(name, known) if known else "save one on the Program tab of so101 view"
 
 
-def read(path: Path) -> Program:
-    """Read the program in a file.
+def read(path: Path, zeros: EncoderZeros | None = None) -> Program:
+    """Read the program in a file, and convert it to the zeros of the arm that is to run it.
 
     Raises:
-        ConfigError: It cannot be read, or something in it is not valid; the message names it.
+        ConfigError: It cannot be read, something in it is not valid, or the zeros are another
+            arm's; see ``encoder_zeros.shift``.
     """
-    return program_from(user_storage.read(path, schema=SCHEMA))
+    content = user_storage.read(path, schema=SCHEMA, zeros=True)
+    program = program_from(content)
+    off = shift(zeros_from(content), zeros, what=f"the program {path.stem}", file=path)
+    moved = (replace(each, q=each.q + off) for each in program.waypoints)
+    return replace(program, waypoints=tuple(moved)) if off.any() else program
 
 
 def program_from(content: Mapping[str, object]) -> Program:
@@ -111,7 +119,7 @@ def program_from(content: Mapping[str, object]) -> Program:
     Raises:
         ConfigError: Something in it is not valid; the message names it.
     """
-    Attributes(content, ("schema", "rounds", "loops", "waypoints"), kind="entry of a program")
+    Attributes(content, ("schema", "rounds", "loops", "waypoints", KEY), kind="entry of a program")
     given = content.get("waypoints")
     if not isinstance(given, list):
         raise ConfigError("waypoints", given, "must be a list of waypoints")
@@ -124,13 +132,15 @@ def program_from(content: Mapping[str, object]) -> Program:
     )
 
 
-def write(program: Program, path: Path) -> None:
-    """Save a program; makes its folder if need be.
+def write(program: Program, path: Path, zeros: EncoderZeros | None = None) -> None:
+    """Save a program with the zeros of its arm, if known; makes its folder if need be.
 
     Raises:
         ConfigError: It cannot be written; an existing file is unchanged.
     """
-    user_storage.write(path, program_to(program), schema=SCHEMA)
+    known = zeros_to(zeros)
+    schema = user_storage.with_zeros(SCHEMA) if known else SCHEMA
+    user_storage.write(path, program_to(program) | known, schema=schema)
 
 
 def program_to(program: Program) -> dict[str, object]:

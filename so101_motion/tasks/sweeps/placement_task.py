@@ -143,7 +143,7 @@ def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> 
         written = json.loads(path.read_bytes()).get("schema")
     except (OSError, ValueError, AttributeError, RecursionError):
         written = None  # the reader below says what is wrong
-    if written == PROGRAM_SCHEMA:
+    if written in (PROGRAM_SCHEMA, user_storage.with_zeros(PROGRAM_SCHEMA)):
         return task_of(read_program(path), approach_tolerance=approach_tolerance)
     return task_from(user_storage.read(path, schema=SCHEMA))
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from so101_motion.calib.record import store
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, Attributes
+from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.planning.timing.limits import MotionLimits
@@ -125,7 +126,9 @@ class PathCommands:
         """Save a path when its recording ends; under another name if its own is taken by then."""
         path = await asyncio.wrap_future(recorder.future)
         try:
-            file = await asyncio.to_thread(_written, path, file, replace=replace)
+            file = await asyncio.to_thread(
+                _written, path, file, replace=replace, zeros=self._arm.rig.connection.encoder_zeros
+            )
         except So101Error as error:  # perhaps no caller waits for it
             self._arm.logger.error(
                 "the guided path was not saved: %s; end_path tries it again", error
@@ -180,7 +183,7 @@ class PathCommands:
         )
         limits, gripper = _limits(given, rig.arm.limits), jaw_of(rig)
         outline = given.flag("outline", False)
-        path = await asyncio.to_thread(files.read, file)
+        path = await asyncio.to_thread(files.read, file, rig.connection.encoder_zeros)
         planned: list[Replay] = []
 
         def plan() -> Replay:
@@ -239,12 +242,12 @@ def _facts(name: str, path: GuidedPath) -> dict[str, Any]:
     return {"name": name, "points": len(path), "duration_s": round(path.duration, 3)}
 
 
-def _written(path: GuidedPath, file: Path, *, replace: bool) -> Path:
+def _written(path: GuidedPath, file: Path, *, replace: bool, zeros: EncoderZeros | None) -> Path:
     """Write a path; under its name with a number if that has been taken meanwhile."""
     free = file
     for number in count(2):
         if replace or not free.exists():
             break
         free = file.with_name(f"{file.stem} {number}{file.suffix}")
-    files.write(path, free, replace=replace)
+    files.write(path, free, replace=replace, zeros=zeros)
     return free

@@ -95,7 +95,7 @@ def test_there_is_an_end_to_how_many_there_may_be(book: SavedPoses, tmp_path: Pa
     [
         ("[", "is not JSON"),
         ("[]", 'its "schema" must be'),
-        ('{"schema": "so101/poses/2"}', "this version cannot read"),
+        ('{"schema": "so101/poses/3"}', "this version cannot read"),
         ('{"schema": "so101/poses/1"}', "must be a list"),
         ('{"schema": "so101/poses/1", "poses": [], "poses": []}', "has poses twice"),
         ('{"schema": "so101/poses/1", "poses": [3]}', "pose 1"),

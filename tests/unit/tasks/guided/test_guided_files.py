@@ -84,7 +84,7 @@ def test_an_invalid_name_is_refused(tmp_path, name):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"schema": "so101/guided-path/2"}, "which this version cannot read"),
+        ({"schema": "so101/guided-path/3"}, "which this version cannot read"),
         ({"schema": "so101/scene/1"}, "is not a file of guided path"),
         ({"joints": ["shoulder_pan"]}, "in this order"),
         ({"time_s": [0.0, 0.5]}, "2 times, 3 configurations"),

@@ -1,0 +1,141 @@
+"""What a user keeps has the zeros of the arm's calibration and is converted to those of another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from so101_motion.cli.calibration import calibration
+from so101_motion.common.encoder_zeros import EncoderZero
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.files.saved_poses import SavedPoses
+from so101_motion.tasks.guided import GuidedPath
+from so101_motion.tasks.guided import files as paths
+from so101_motion.tasks.program import Program, Waypoint, files
+from so101_motion.tasks.program.cell_program import (
+    CellProgram,
+    read_cell_program,
+    write_cell_program,
+)
+
+Q = np.radians([10.0, -40.0, 35.0, 60.0, 0.0])
+OLD = {
+    joint: EncoderZero(direction=direction, ticks=ticks)
+    for joint, direction, ticks in zip(
+        ARM_JOINTS, (1, -1, 1, 1, 1), (4090.0, 2000.0, 2047.0, 2047.0, 2047.0), strict=True
+    )
+}
+ANEW = OLD | {
+    "shoulder_pan": EncoderZero(direction=1, ticks=50.0),  # 56 ticks on, past the turn
+    "shoulder_lift": EncoderZero(direction=-1, ticks=2056.0),
+}
+DIFFERENCE_DEG = 56 * 360.0 / 4096
+SAME_PLACE = np.degrees(Q) + DIFFERENCE_DEG * np.array([-1.0, 1.0, 0.0, 0.0, 0.0])
+OTHER_ARM = OLD | {"elbow_flex": EncoderZero(direction=1, ticks=2247.0)}
+TURNED = OLD | {"elbow_flex": EncoderZero(direction=-1, ticks=2047.0)}
+
+WAYPOINT = Waypoint(name="mug", q=Q)
+
+
+class Pose:
+    name = "mug"
+
+    def write(self, folder, zeros):
+        SavedPoses(folder / "poses.json", lambda: zeros).save("cup", Q)
+        SavedPoses(folder / "poses.json").rename("cup", "mug")
+        return folder / "poses.json"
+
+    def read(self, file, zeros):
+        return SavedPoses(file, lambda: zeros).find("mug").q
+
+
+class OneArm:
+    name = ""
+
+    def write(self, folder, zeros):
+        files.write(Program(waypoints=(WAYPOINT,)), folder / "wave.json", zeros)
+        return folder / "wave.json"
+
+    def read(self, file, zeros):
+        return files.read(file, zeros).waypoints[0].q
+
+
+class Arms:
+    name = "left"
+
+    def write(self, folder, zeros):
+        steps = ({"left": WAYPOINT, "right": WAYPOINT},)
+        write_cell_program(CellProgram(steps=steps), folder / "wave.json", {"left": zeros})
+        return folder / "wave.json"
+
+    def read(self, file, zeros):
+        step = read_cell_program(file, {"left": zeros, "right": zeros}).steps[0]
+        np.testing.assert_allclose(step["right"].q, Q, atol=1e-6)  # not known
+        return step["left"].q
+
+
+class Guided:
+    name = ""
+
+    def write(self, folder, zeros):
+        path = GuidedPath(t=np.array([0.0, 1.0]), q=np.array([Q, Q]), aperture=np.zeros(2))
+        paths.write(path, folder / "wave.json", zeros=zeros)
+        return folder / "wave.json"
+
+    def read(self, file, zeros):
+        return paths.read(file, zeros).q[1]
+
+
+@pytest.fixture(params=[Pose, OneArm, Arms, Guided])
+def kind(request):
+    return request.param()
+
+
+@pytest.mark.parametrize(
+    ("made_with", "now", "expected_deg"),
+    [
+        (OLD, OLD, np.degrees(Q)),
+        (OLD, ANEW, SAME_PLACE),
+        (OLD, None, np.degrees(Q)),
+        (None, ANEW, np.degrees(Q)),
+    ],
+)
+def test_arm_stands_where_it_did(kind, tmp_path: Path, made_with, now, expected_deg) -> None:
+    file = kind.write(tmp_path, made_with)
+    np.testing.assert_allclose(np.degrees(kind.read(file, now)), expected_deg, atol=2e-4)
+    assert ('/2"' in file.read_text()) == (made_with is not None)
+
+
+@pytest.mark.parametrize(
+    ("now", "differs"),
+    [(OTHER_ARM, r"elbow_flex -17\.6 deg"), (TURNED, "elbow_flex turns the other way")],
+)
+def test_another_arm_is_refused_until_the_user_accepts_it(
+    kind, tmp_path: Path, now, differs: str
+) -> None:
+    file = kind.write(tmp_path, OLD)
+    with pytest.raises(ConfigError, match=differs) as refused:
+        kind.read(file, now)
+    words = ["accept", str(file), *(["--name", kind.name] if kind.name else [])]
+    assert f'accept "{file}"' in str(refused.value)
+    assert kind.name in str(refused.value)
+    assert CliRunner().invoke(calibration, words).exit_code == 0
+    np.testing.assert_allclose(kind.read(file, now), Q, atol=1e-6)
+    assert CliRunner().invoke(calibration, words).exit_code == 2
+
+
+def test_a_conversion_is_told(tmp_path: Path, caplog) -> None:
+    OneArm().read(OneArm().write(tmp_path, OLD), ANEW)
+    assert "converted: shoulder_pan -4.9 deg, shoulder_lift +4.9 deg" in caplog.text
+
+
+@pytest.mark.parametrize("wrong", ["[]", '{"shoulder_pan": 3}', "7"])
+def test_zeros_that_are_none_are_refused(tmp_path: Path, wrong: str) -> None:
+    file = tmp_path / "wave.json"
+    file.write_text(f'{{"schema": "so101/program/2", "waypoints": [], "encoder_zeros": {wrong}}}')
+    with pytest.raises(ConfigError, match="encoder_zeros: shoulder_pan"):
+        files.read(file)
