@@ -100,7 +100,7 @@ def _goal_options(verb: F) -> F:
             raise click.UsageError("give one goal: --xyz, --joints, --pose or --leave-contact")
         if xyz is None and (approach is not None or line or frame != "tool"):
             raise click.UsageError("--approach, --line and --frame belong to --xyz")
-        goal: Goal = (
+        goal: Goal | str = (
             LeaveContactGoal() if leave_contact else _goal(xyz, approach, line, frame, joints, pose)
         )
         return verb(*args, goal=goal, scene=_scene(scene_file), **kwargs)
