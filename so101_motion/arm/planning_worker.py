@@ -171,14 +171,15 @@ class PlanningWorker:
                 answer.set_exception(WorkerError(_CLOSED))
             else:
                 self._waiting.append(_Asked(answer, request, owner))
-                self._requests.submit(self._serve)
+                if (taken := self._next()) is not None:
+                    self._requests.submit(self._serve, *taken)
         return answer
 
     def _begin_more(self) -> None:
         """Begin what waits for a child that can be copied."""
         with self._lock:
-            for _ in () if self._closed else self._waiting:
-                self._requests.submit(self._serve)
+            while not self._closed and (taken := self._next()) is not None:
+                self._requests.submit(self._serve, *taken)
 
     def _take_notice(self, answer: Future[Any]) -> None:
         """Wake the children if a request was cancelled: one of them may be working on it."""
@@ -190,9 +191,10 @@ class PlanningWorker:
 
     # The threads that talk to the children
 
-    def _serve(self) -> None:
-        """Serve what waits and may be served now, one after the other."""
-        while (taken := self._next()) is not None:
+    def _serve(self, asked: _Asked, slot: _ChildSlot) -> None:
+        """Serve a request, and then what waits for it."""
+        taken: tuple[_Asked, _ChildSlot] | None = asked, slot
+        while taken is not None:
             asked, slot = taken
             outcome: object = None
             try:
@@ -204,6 +206,7 @@ class PlanningWorker:
                 self._owners -= Counter((asked.owner,))
                 if not slot.is_copy:
                     self._idle.append(slot)
+                taken = self._next()
             if not asked.answer.set_running_or_notify_cancel():
                 pass
             elif isinstance(outcome, BaseException):
@@ -214,17 +217,17 @@ class PlanningWorker:
                 slot.close()
                 with self._lock:
                     self._slots.remove(slot)
+                    taken = taken or self._next()
 
     def _next(self) -> tuple[_Asked, _ChildSlot] | None:
-        """The first request that may be served now, and by which child."""
-        with self._lock:
-            self._waiting = [each for each in self._waiting if not each.answer.cancelled()]
-            for asked in self._waiting:
-                slot = self._free_for(asked)
-                if slot is not None:
-                    self._waiting.remove(asked)
-                    self._owners[asked.owner] += 1
-                    return asked, slot
+        """The first request that may be served now, and by which child; the lock is held."""
+        self._waiting = [each for each in self._waiting if not each.answer.cancelled()]
+        for asked in self._waiting:
+            slot = self._free_for(asked)
+            if slot is not None:
+                self._waiting.remove(asked)
+                self._owners[asked.owner] += 1
+                return asked, slot
         return None
 
     def _free_for(self, asked: _Asked) -> _ChildSlot | None:
