@@ -285,14 +285,13 @@ class Arm(PlannedArm):
         """
         self.start_stop().result()
 
-    def start_stop(self, *, by: str = STOP) -> Future[None]:
-        """Like ``stop``, but does not wait; motions that it ends raise ``Interrupted(by)``."""
-        return self._start_stop(by, next(NUMBERS) if by == STOP else None)
+    def start_stop(self, *, by: str = STOP, number: int | None = None) -> Future[None]:
+        """Like ``stop``, but does not wait; motions that it ends raise ``Interrupted(by)``.
 
-    def _start_stop(self, by: str, number: int | None) -> Future[None]:
-        """Stop; motions of requests that are older than ``number`` are refused from now on."""
+        A stop ends motions of older requests before they begin; ``number``: its own, if it has one.
+        """
         self.stops += 1
-        self._motions.stop(by, number or 0)
+        self._motions.stop(by, number or (next(NUMBERS) if by == STOP else 0))
         return self._executor.stop(Channel.ARM, by=by)
 
     def set_manual(self, enabled: bool, compliance: Compliance | None = None) -> None:
@@ -310,7 +309,7 @@ class Arm(PlannedArm):
             return
         compliance, asked = compliance or self.compliance, request_number()
         refuse_older(self._motions.stopped)
-        self._start_stop(STOP, asked).result()
+        self.start_stop(number=asked).result()
         wall = self._open_ended.wall(self._situation) if compliance.wall else None
         with self._motions.lock:  # a stop that comes later finds the request and ends it
             if self._motions.stopped > asked:

@@ -155,7 +155,8 @@ class PlanningWorker:
         for each in slots:
             each.kill()
         for asked in waiting:
-            _answer(asked.answer, WorkerError(_CLOSED))
+            if asked.answer.set_running_or_notify_cancel():
+                asked.answer.set_exception(WorkerError(_CLOSED))
         self._requests.shutdown(wait=True)
         for each in slots:
             each.close()
@@ -166,27 +167,68 @@ class PlanningWorker:
         """Queue a request; None only makes a child ready."""
         answer: Future[Any] = Future()
         with self._lock:
-            closed = self._closed
-            if not closed:
+            if self._closed:
+                answer.set_exception(WorkerError(_CLOSED))
+            else:
                 self._waiting.append(_Asked(answer, request, owner))
-                self._begin_next()
-        if closed:
-            answer.set_exception(WorkerError(_CLOSED))
+                if (taken := self._next()) is not None:
+                    self._requests.submit(self._serve, *taken)
         return answer
 
-    def _begin_next(self) -> None:
-        """Begin what waits and may be served now; the lock is held."""
-        still: list[_Asked] = []
+    def _begin_more(self) -> None:
+        """Begin what waits for a child that can be copied."""
+        with self._lock:
+            while not self._closed and (taken := self._next()) is not None:
+                self._requests.submit(self._serve, *taken)
+
+    def _take_notice(self, answer: Future[Any]) -> None:
+        """Wake the children if a request was cancelled: one of them may be working on it."""
+        if answer.cancelled():
+            with self._lock:
+                slots = tuple(self._slots)
+            for each in slots:
+                each.wake()
+
+    # The threads that talk to the children
+
+    def _serve(self, asked: _Asked, slot: _ChildSlot) -> None:
+        """Serve a request, and then what waits for it."""
+        taken: tuple[_Asked, _ChildSlot] | None = asked, slot
+        while taken is not None:
+            asked, slot = taken
+            outcome: object = None
+            try:
+                if not asked.answer.cancelled():
+                    outcome = slot.outcome(asked.answer, asked.request)
+            except Exception as error:  # the caller must get it
+                outcome = error
+            with self._lock:
+                self._owners -= Counter((asked.owner,))
+                if not slot.is_copy:
+                    self._idle.append(slot)
+                taken = self._next()
+            if not asked.answer.set_running_or_notify_cancel():
+                pass
+            elif isinstance(outcome, BaseException):
+                asked.answer.set_exception(outcome)
+            else:
+                asked.answer.set_result(outcome)
+            if slot.is_copy:  # a new one costs less than the memory of one that waits
+                slot.close()
+                with self._lock:
+                    self._slots.remove(slot)
+                    taken = taken or self._next()
+
+    def _next(self) -> tuple[_Asked, _ChildSlot] | None:
+        """The first request that may be served now, and by which child; the lock is held."""
+        self._waiting = [each for each in self._waiting if not each.answer.cancelled()]
         for asked in self._waiting:
-            if asked.answer.cancelled():
-                continue
             slot = self._free_for(asked)
-            if slot is None:
-                still.append(asked)
-                continue
-            self._owners[asked.owner] += 1
-            self._requests.submit(self._serve, asked, slot)
-        self._waiting = still
+            if slot is not None:
+                self._waiting.remove(asked)
+                self._owners[asked.owner] += 1
+                return asked, slot
+        return None
 
     def _free_for(self, asked: _Asked) -> _ChildSlot | None:
         first = self._slots[0]
@@ -200,44 +242,6 @@ class PlanningWorker:
         self._slots.append(_ChildSlot(self._hang_timeout, self._begin_more, first))
         return self._slots[-1]
 
-    def _begin_more(self) -> None:
-        """Begin what waits for a child that can be copied."""
-        with self._lock:
-            if not self._closed:
-                self._begin_next()
-
-    def _take_notice(self, answer: Future[Any]) -> None:
-        """Wake the children if a request was cancelled: one of them may be working on it."""
-        if answer.cancelled():
-            with self._lock:
-                slots = tuple(self._slots)
-            for each in slots:
-                each.wake()
-
-    # The threads that talk to the children
-
-    def _serve(self, asked: _Asked, slot: _ChildSlot) -> None:
-        outcome: object = None
-        try:
-            if not asked.answer.cancelled():
-                outcome = slot.outcome(asked.answer, asked.request)
-        except Exception as error:  # the caller must get it
-            outcome = error
-        if slot.is_copy:  # a new one costs less than the memory of one that waits
-            _answer(asked.answer, outcome)
-            slot.close()
-        with self._lock:
-            self._owners[asked.owner] -= 1
-            if not self._owners[asked.owner]:
-                del self._owners[asked.owner]
-            if slot.is_copy:
-                self._slots.remove(slot)
-            else:
-                self._idle.append(slot)
-        self._begin_more()
-        if not slot.is_copy:
-            _answer(asked.answer, outcome)
-
 
 class _Asked(NamedTuple):
     """A request that waits, or is being served."""
@@ -245,15 +249,6 @@ class _Asked(NamedTuple):
     answer: Future[Any]
     request: PlanRequest | TeamTask[Any] | None
     owner: object
-
-
-def _answer(answer: Future[Any], outcome: object) -> None:
-    if not answer.set_running_or_notify_cancel():
-        return
-    if isinstance(outcome, BaseException):
-        answer.set_exception(outcome)
-    else:
-        answer.set_result(outcome)
 
 
 class _ChildSlot:

@@ -336,31 +336,38 @@ class Executor:
                 return
             self._ready.set_result(None)
             while not self.requests.is_over(moving=self._control.is_moving):
-                self._clock.wait(self._turn(), self._wake)
+                now = self._clock.now()
+                until = self._not_before(now)
+                if until is None:
+                    try:
+                        self._control.k = self._beat.k
+                        for request in self.requests.take():
+                            try:
+                                result = request.run()
+                            except Exception as error:
+                                self._control.outcomes.conclude(request.future, error)
+                            else:
+                                if request.is_job:
+                                    self._control.outcomes.conclude(request.future, result=result)
+                        self._control.tick(now, self._beat.late, self._beat.missed)
+                    except Exception as error:  # whatever it is, the thread lives on and says so
+                        self._control.fail(error)
+                    until = self._end_turn(now)
+                self._clock.wait(until, self._wake)
             self._leave()
 
-    def _turn(self) -> float:
-        """Serve requests and the tick that is due; return when to run again [s]."""
-        now = self._clock.now()
+    def _not_before(self, now: float) -> float | None:
+        """When requests are served and the joints move next [s]; None if that is due."""
         if not self._control.is_moving:
             if now < self._awaits_until and self.requests.is_empty:
                 return self._awaits_until
             self._beat.restart(now)
         elif not self._beat.is_due(now):
             return self._beat.deadline
-        try:
-            self._control.k = self._beat.k
-            for request in self.requests.take():
-                try:
-                    result = request.run()
-                except Exception as error:
-                    self._control.outcomes.conclude(request.future, error)
-                else:
-                    if request.is_job:
-                        self._control.outcomes.conclude(request.future, result=result)
-            self._control.tick(now, self._beat.late, self._beat.missed)
-        except Exception as error:  # whatever it is, the thread lives on and says so
-            self._control.fail(error)
+        return None
+
+    def _end_turn(self, now: float) -> float:
+        """Tell what has come of it; return when to run again [s]."""
         self._beat.advance()
         self._control.outcomes.settle()
         self._notify_listeners()

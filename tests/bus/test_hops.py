@@ -12,8 +12,8 @@ from viam.components.arm import Pose
 from so101_motion.planning.goals import JointGoal
 from so101_motion.viam.models.calibration import So101Calibration
 
-MOST_FOR_A_MOVE = 37
-MOST_FOR_A_STOP = 12
+MOST_FOR_A_MOVE = 34
+MOST_FOR_A_STOP = 10
 MOST_FOR_A_CALIBRATION_STEP = 12  # from the calibrator on
 
 WALKS = (Path(__file__).parents[2] / "docs" / "architecture.md").read_text()
