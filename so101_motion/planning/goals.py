@@ -175,6 +175,7 @@ class LineGoal:
     orientation_tolerance: float = math.radians(5.0)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "metric", as_metric(self.metric))
         _refuse_far(self.T_base_tool, FARTHEST_LINE)
 
 
@@ -222,6 +223,9 @@ class ToolPathGoal:
     tolerance: float = 1e-4
     orientation_tolerance: float = math.radians(5.0)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "metric", as_metric(self.metric))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ApproachGoal:
@@ -249,6 +253,7 @@ class ApproachGoal:
     orientation_tolerance: float = math.radians(5.0)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "metric", as_metric(self.metric))
         object.__setattr__(self, "hover", frozen_array(self.hover, (3,)))
         _refuse_far(self.T_base_tool, FARTHEST_LINE)
 
