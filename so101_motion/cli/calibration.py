@@ -182,6 +182,7 @@ def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None
 def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None:
     """Restore the previous version of FILE; the present one is kept as a version.
 
+    The servos keep what they hold until "so101 calibration write FILE" stores it in them.
     "so101 calibration show FILE" lists the versions.
     """
     from so101_motion.calib.record import store
@@ -197,6 +198,10 @@ def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None
     click.echo(f"{stored.path} is restored:")
     _table(stored.calibration)
     _notes(stored)
+    click.echo(
+        f"the servos are as before; to store it in them: so101 calibration write {stored.path}",
+        err=True,
+    )
 
 
 @calibration.command()

@@ -301,7 +301,8 @@ def _other_calibration(
         stored.path,
         f"{stored.path} is not the calibration that the servos on {bus.port.name} hold:"
         f" {rows[0].sentence}{count}{whose}. Nothing was written to them. If the file is right,"
-        f" store it in the servos: so101 calibration write {stored.path} --port {bus.port.name}",
+        f" store it in the servos: so101 calibration write {stored.path} --port {bus.port.name}"
+        " (on a Viam machine: the arm's command write_calibration)",
     )
 
 

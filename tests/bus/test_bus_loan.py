@@ -8,6 +8,7 @@ from harness.emulated_rig import PATIENCE, hardware_bench, rad
 from serial.tools import list_ports
 
 from so101_motion.calib.access import BusAccess
+from so101_motion.calib.procedure.eeprom import write_calibration
 from so101_motion.calib.record import record, store
 from so101_motion.common.errors import MotionError, NoReply, PortUnavailable
 from so101_motion.common.modes import Mode
@@ -236,7 +237,8 @@ def test_a_new_calibration_is_in_force_at_once_and_the_arm_stays_where_it_is(ben
     bench.advance(1.0)
     before, was = bench.q_deg, rig.arm.state.q[0]
     loan = rig.lend_bus("calibration")
-    filed(bench, shoulder_pan=(1100, 3100))
+    stored = store.load(filed(bench, shoulder_pan=(1100, 3100)))
+    loan.call(lambda bus: write_calibration(bus, stored))
     loan.give_back(hold=True)
 
     assert rig.arm.state.mode is Mode.HOLDING
@@ -320,8 +322,10 @@ def test_servos_that_are_gone_when_the_bus_comes_back_are_a_fault_until_they_ret
 def test_a_component_added_meanwhile_waits_for_the_servos_but_not_for_the_rig(bench):
     sensor = bench.open(**NOBODY)
     loan = sensor.lend_bus("calibration")
-    arm = bench.open(calibration_file=filed(bench, shoulder_pan=(1100, 3100)))
+    file = filed(bench, shoulder_pan=(1100, 3100))
+    arm = bench.open(calibration_file=file)
     assert arm.arm.state.mode is Mode.CALIBRATING
+    loan.call(lambda bus: write_calibration(bus, store.load(file)))
     loan.give_back(hold=True)
 
     assert arm.servos.calibration["shoulder_pan"].range_min == 1100

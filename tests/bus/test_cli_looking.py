@@ -299,7 +299,7 @@ def test_a_port_is_measured_without_driving_the_arm(arm, planning_process):
     figures = told["figures"]
     assert set(figures) == {"start", "plan_joints", "plan_point", "loop", "bus"}
     assert figures["plan_point"]["n"] == 40
-    assert figures["bus"]["remark"].endswith("garbled of 1200 answers")
+    assert figures["bus"]["remark"].endswith("garbled of 1200")
     assert 0.0 < figures["loop"]["median_ms"] <= figures["loop"]["worst_ms"]
     assert memories(arm) == before
 
