@@ -160,7 +160,7 @@ class HardwareRig(Rig):
             MotionError: Something moves.
             BusError: A servo cannot be reached or set up.
         """
-        file = self.settings.file
+        file = self._asked.file or self.settings.file
         if file is None:
             raise CalibrationError(None, "no calibration file is configured", "configure one")
         stored, holds = store.load(file), self.servos.is_driving

@@ -208,7 +208,8 @@ class ServoCommands:
             turned = {s.map.servo_id for s in servos.setups.values() if s.map.direction < 0}
             seen = await on_bus(self._rig, lambda servos: examine(servos.bus, names, turned))
         except So101Error as error:
-            return {"success": False, "error": str(error), "findings": [str(error)]}
+            why = self._rig.not_ready or str(error)
+            return {"success": False, "error": why, "findings": [why]}
         trouble = explain(seen)
         findings = [*trouble, *servos.notes, *remarks(self._rig.arm.state.reading)]
         if servos.port_losses:
