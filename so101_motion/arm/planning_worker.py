@@ -27,7 +27,7 @@ import logging
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from so101_motion.arm.planning_process import CAN_COPY, HANG_TIMEOUT, ChildDied, PlanningProcess
@@ -103,9 +103,6 @@ class PlanningWorker:
     ) -> None:
         if workers < 1:
             raise ConfigError("workers", workers, "must be 1 or more")
-        self._requests = ThreadPoolExecutor(
-            _MOST_CHILDREN if copies else workers, thread_name_prefix="so101-planning"
-        )
         self._lock = threading.Lock()  # guards what follows
         self._slots = [_ChildSlot(hang_timeout, self._begin_more) for _ in range(workers)]
         self._idle = list(reversed(self._slots))
@@ -113,6 +110,7 @@ class PlanningWorker:
         self._waiting: list[_Asked] = []
         self._owners: Counter[object] = Counter()  # of the requests being served
         self._closed = False
+        self._threads = set[threading.Thread]()
 
     def start(self) -> Future[None]:
         """Start a child in the background; done when it is ready to plan without delay."""
@@ -152,12 +150,14 @@ class PlanningWorker:
             self._closed = True
             waiting, self._waiting = self._waiting, []
             slots = tuple(self._slots)
+            threads = self._threads - {threading.current_thread()}
         for each in slots:
             each.kill()
         for asked in waiting:
             if asked.answer.set_running_or_notify_cancel():
                 asked.answer.set_exception(WorkerError(_CLOSED))
-        self._requests.shutdown(wait=True)
+        for thread in threads:
+            thread.join()
         for each in slots:
             each.close()
 
@@ -172,14 +172,14 @@ class PlanningWorker:
             else:
                 self._waiting.append(_Asked(answer, request, owner))
                 if (taken := self._next()) is not None:
-                    self._requests.submit(self._serve, *taken)
+                    self._serve_in_thread(taken)
         return answer
 
     def _begin_more(self) -> None:
         """Begin what waits for a child that can be copied."""
         with self._lock:
             while not self._closed and (taken := self._next()) is not None:
-                self._requests.submit(self._serve, *taken)
+                self._serve_in_thread(taken)
 
     def _take_notice(self, answer: Future[Any]) -> None:
         """Wake the children if a request was cancelled: one of them may be working on it."""
@@ -190,6 +190,12 @@ class PlanningWorker:
                 each.wake()
 
     # The threads that talk to the children
+
+    def _serve_in_thread(self, taken: tuple[_Asked, _ChildSlot]) -> None:
+        """Serve a request, and then what waits; the lock is held."""
+        thread = threading.Thread(target=self._serve, args=taken, name="so101-planning")
+        self._threads.add(thread)
+        thread.start()
 
     def _serve(self, asked: _Asked, slot: _ChildSlot) -> None:
         """Serve a request, and then what waits for it."""
@@ -218,6 +224,10 @@ class PlanningWorker:
                 with self._lock:
                     self._slots.remove(slot)
                     taken = taken or self._next()
+            with self._lock:
+                taken = taken or self._next()  # it may have come since
+                if taken is None:
+                    self._threads.discard(threading.current_thread())
 
     def _next(self) -> tuple[_Asked, _ChildSlot] | None:
         """The first request that may be served now, and by which child; the lock is held."""
