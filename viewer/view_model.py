@@ -17,7 +17,6 @@ import numpy as np
 from so101_motion.arm.arm import START_TOLERANCE, Arm
 from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import InCollision
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
@@ -78,7 +77,8 @@ class ViewModel(TargetEditor):
         self._plan_is_current = False
         self._planning: Future[Plan] | None = None
         self._motion: Motion | None = None
-        self._is_in_contact = self._backs_out = False
+        self._backs_out = False
+        self._in_contact: tuple[object, bytes, bool] = (None, b"", False)  # where it was looked
         self._sweeps = True
         self._playback = Playback()
         self._tracker = MotionTracker()
@@ -267,7 +267,7 @@ class ViewModel(TargetEditor):
             kind=self.kind,
             direction=self.direction,
             R_base_target=self.R_base_target,
-            can_back_out=self._is_in_contact and self._may_plan(),
+            can_back_out=self._may_plan() and self._stands_in_contact(),
             can_undo=self._targets.can_undo,
             can_redo=self._targets.can_redo,
             holds=self._gripper.is_holding,
@@ -341,7 +341,6 @@ class ViewModel(TargetEditor):
             return False
         future, self._planning = self._planning, None
         error = future.exception()
-        self._is_in_contact = isinstance(error, InCollision) and error.where == "start"
         if error is not None:
             self._sentence = texts.ended(error)
         elif self._backs_out:
@@ -375,6 +374,13 @@ class ViewModel(TargetEditor):
         if self._plan is not None and self._plan_is_current:
             return self._plan.plan.trajectory.sample(self._playback.t).q
         return self._target.q
+
+    def _stands_in_contact(self) -> bool:
+        place = np.append(self._state.q_ref, self._state.q_jaw_ref)
+        if self._in_contact[:2] != (self._solver, place.tobytes()):
+            touches = self._solver.is_in_contact(self._state.q_ref, self._state.q_jaw_ref)
+            self._in_contact = self._solver, place.tobytes(), touches
+        return self._in_contact[2]
 
     def _may_plan(self) -> bool:
         return self._planning is None and self._motion is None and self._state.mode is Mode.HOLDING

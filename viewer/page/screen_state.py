@@ -93,7 +93,7 @@ class Screen:
         can_plan: Whether Plan may be pressed.
         can_execute: Whether Execute may be pressed.
         can_take_nearest: Whether the target cannot be had, so that one near it may be looked for.
-        can_back_out: Whether the arm is in contact where it stands, so that no plan was found.
+        can_back_out: Whether the arm is in contact where it stands and may leave it.
         can_undo: Whether there was a target before.
         can_redo: Whether one was undone.
         holds: Whether the gripper holds something.
