@@ -161,9 +161,11 @@ def view(
         return show_cell(source, page, camera=camera)
     leads = None
     if leader is not None:
+        from so101_motion.drivers.port.port_list import device_of
+
         if not isinstance(source, Source):
             raise click.UsageError("--leader works only with --port or --sim; leave it out")
-        if leader == source.port:
+        if source.port and device_of(leader) == device_of(source.port):
             raise click.UsageError("--leader and --port must be two arms")
         port = None if leader == "sim" else leader
         leads = Source(port=port, calibration_file=leader_calibration)

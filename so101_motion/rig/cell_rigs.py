@@ -13,9 +13,11 @@ from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common import interrupts
 from so101_motion.common.clock import Clock
 from so101_motion.common.encoder_zeros import EncoderZeros
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.units import to_rad
+from so101_motion.drivers.port.port_list import device_of
 from so101_motion.files.cell_file import CellFile
 from so101_motion.planning.collision.apart import first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
@@ -74,9 +76,10 @@ def open_cell(file: CellFile, *, clock: Clock | None = None) -> CellRigs:
         clock: The clock of all rigs; the real time by default.
 
     Raises:
-        ConfigError: A setting cannot be used.
+        ConfigError: A setting cannot be used, or two ports are names of one device.
         BusError: A port cannot be opened, or a servo does not answer; nothing stays open.
     """
+    _refuse_one_device_twice(file)
     q_start = _free_pose(file)
     with ExitStack() as opened:
         rigs: dict[str, Rig] = {}
@@ -88,6 +91,15 @@ def open_cell(file: CellFile, *, clock: Clock | None = None) -> CellRigs:
             rigs[arm.name] = opened.enter_context(rig)
         made = CellRigs(file, rigs, opened.pop_all())
     return made
+
+
+def _refuse_one_device_twice(file: CellFile) -> None:
+    devices: dict[str, str] = {}
+    for arm in file.arms:
+        other = devices.setdefault(device_of(arm.port), arm.name) if arm.port else arm.name
+        if other != arm.name:
+            reason = f'is the port of "{other}" under another name; `so101 ports` lists them'
+            raise ConfigError("port", arm.port, reason)
 
 
 def _free_pose(file: CellFile) -> Array | None:

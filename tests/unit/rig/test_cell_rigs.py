@@ -1,9 +1,11 @@
 """The arms of a cell file, opened: those without a port are simulated."""
 
 import numpy as np
+import pytest
 from harness.facing_arms import Facing
 
 from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.files.cell_file import CellArm, CellFile
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
@@ -38,3 +40,13 @@ def test_simulated_arms_stand_where_they_keep_apart():
     with open_cell(CellFile(arms=arms, scene=Scene()), clock=ManualClock()) as opened:
         q_left, q_right = (rig.arm.state.q for rig in opened.rigs.values())
         assert Facing(1).are_apart(q_left, q_right)
+
+
+def test_one_port_under_two_names_is_refused_before_it_is_opened(tmp_path):
+    (tmp_path / "by-id").symlink_to(tmp_path / "tty")
+    arms = tuple(
+        CellArm(name=name, port=str(tmp_path / port), T_cell_base=SE3.identity())
+        for name, port in (("left", "tty"), ("right", "by-id"))
+    )
+    with pytest.raises(ConfigError, match="under another name"):
+        open_cell(CellFile(arms=arms, scene=Scene()), clock=ManualClock())
