@@ -161,13 +161,18 @@ class Source(_SourceWithCaps):
 
 
 def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
-    """The calibration file that fits the arm on a port, with a note about it."""
+    """The calibration file that fits the arm on a port, with a note about it.
+
+    Raises:
+        PortUnavailable: Its servos talk at another rate than the arm is driven at.
+    """
     from so101_motion.cli.port_choice import look_at
     from so101_motion.drivers.bus.defaults import BAUDRATE
 
     report = look_at(port)
     if report.baudrate != BAUDRATE:
-        say(f"its servos talk at {report.baudrate} baud; so101 setup --repair sets {BAUDRATE}")
+        reason = f"its servos talk at {report.baudrate} baud; so101 setup --repair sets {BAUDRATE}"
+        raise PortUnavailable(port, reason)
     if report.calibration is not None:
         say(f"calibration: {report.calibration}")
     elif report.joints:  # without any, opening the arm fails and says why
