@@ -250,9 +250,10 @@ def _bus_quality(seen: Findings) -> Iterator[Check]:
         f" garbled; all servos in {1e3 * heard.median:.1f} ms, 99 % within"
         f" {1e3 * heard.p99:.1f} ms"
     )
-    if heard.lateness > _LATE or heard.late > LOSSY * heard.asked:
+    is_late = heard.lateness > _LATE or heard.late > LOSSY * heard.asked
+    if heard.lateness > _LATE:
         text = f"answers come {1e3 * heard.lateness:.0f} ms late; {text}"
-    if spoiled <= BROKEN and (heard.median > 0.8 * _PERIOD or text.startswith("answers")):
+    if spoiled <= BROKEN and (heard.median > 0.8 * _PERIOD or is_late):
         if heard.median > _SLOWEST:
             yield fail("bus", f"{text}: too slow to move", _sooner(seen))
             return

@@ -170,6 +170,13 @@ def test_a_bus_is_judged_by_what_gets_lost_and_how_long_a_reading_takes(arm, bus
     assert of(check_up(seen_on(arm, bus_quality=bus_quality)), "bus").verdict == verdict
 
 
+def test_answers_that_are_late_now_and_then_are_not_told_as_late_by_0_ms(arm):
+    found = of(check_up(seen_on(arm, bus_quality=replace(QUIET, late=56))), "bus")
+    assert found.verdict == "warn"
+    assert "56 late" in found.sentence
+    assert "ms late" not in found.sentence
+
+
 def test_an_adapter_that_holds_bytes_back_is_blamed_for_it(arm):
     slow = replace(QUIET, lateness=0.016, median=0.017)
     checks = check_up(seen_on(arm, bus_quality=slow, latency_timer=0.016))
