@@ -42,7 +42,7 @@ _RANDOM_DIRECTIONS = 60
 
 _MOTION = {
     False: "small motion frees it; let it back out slowly (so101 move --leave-contact, the button"
-    " Back out slowly, the command leave_contact), lead it out by hand, or correct the scene if"
+    " Back out slowly, the command leave_contact), by hand (manual mode), or correct the scene if"
     " that is not there",
     True: "straight motion frees it; move the arm by hand (manual mode), or correct the scene if"
     " that is not there",
