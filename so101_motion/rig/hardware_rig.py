@@ -140,7 +140,6 @@ class HardwareRig(Rig):
         """Ask for the arm's servos, if this share only looks at them; they are held where they are.
 
         Raises:
-            OtherCalibration: They hold another calibration than the file; nothing is driven.
             BusError: They cannot be reached or set up; likewise.
         """
         with _hardware_lock:

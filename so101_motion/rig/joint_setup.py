@@ -4,9 +4,9 @@ For each servo the calibration file counts first, then the servo's own registers
 Without a file the registers are read again at each start. For the zero see ``zero``: only a file
 can have more than the middle of the travel, and only the configuration overrides a file.
 
-A file is used only if the servos hold the same: else it may be that of another arm. Servos that are
-to be driven are then refused (``OtherCalibration``), and nothing is written; where they are only
-looked at, their own calibration is used.
+If the servos hold another calibration than the file, that may be of another arm: the difference is
+told. Servos that are to be driven get the file's; where they are only looked at, nothing is
+written, and their own calibration is used.
 """
 
 from __future__ import annotations
@@ -106,12 +106,11 @@ def find_joints(
             are configured [rad].
 
     Raises:
-        OtherCalibration: Joints are required or expected, and the file is not what they hold.
         BusError: The port went away, or an interrupted calibration could not be ended.
     """
     present = _find(bus, ids, {*required, *expected}, timeout)
     drives = bool(required or expected)
-    interrupted = _end_interrupted(bus, file, drives)
+    interrupted = _end_interrupted(bus, file)
     held = {joint: _held(bus, ids[joint]) for joint in present}
     if file is None and finds_file:
         file = _saved_for(held)
@@ -121,8 +120,11 @@ def find_joints(
     other = _other_calibration(bus, stored, filed, ids, held)
     if other is not None:
         if drives:
-            raise other
-        stored, filed, notes = None, {}, (*notes, f"{other}. Meanwhile angles are the servos' own")
+            notes = (*notes, str(other))
+        else:
+            write = f"so101 calibration write {file} --port {bus.port.name}"
+            notes = (*notes, f"{other}. Angles are the servos' own until {write}")
+            stored, filed = None, {}
     setups = {}
     doubtful: dict[str, list[str]] = {}  # of which joints each note is true
     for joint in JOINTS:
@@ -186,15 +188,8 @@ def _find(bus: Bus, ids: Mapping[str, int], wanted: Collection[str], timeout: fl
     return present
 
 
-def _end_interrupted(bus: Bus, path: Path | None, drives: bool) -> tuple[str, ...]:
+def _end_interrupted(bus: Bus, path: Path | None) -> tuple[str, ...]:
     """End a calibration that a crash interrupted, before its data is used to drive the servos."""
-    if path is not None and not drives:
-        if not journal.path_for(path).exists():
-            return ()
-        return (
-            f"a calibration to {path} was interrupted; it is completed or undone when the arm is"
-            " next calibrated, or opened to be moved",
-        )
     try:
         note = None if path is None else journal.recover(bus, path)
     except CalibrationError as error:
@@ -267,8 +262,13 @@ def _saved_for(held: Mapping[str, _Held]) -> Path | None:
 
 
 def _offset(found: JointCalibration, held: _Held | None) -> int:
-    """The homing offset of a servo that agrees with a file: its own, a tick beside the file's."""
-    return held["homing_offset"] if isinstance(held, Mapping) else found.homing_offset
+    """The homing offset that a servo gets: the file's, unless its own is just a tick beside it."""
+    if (
+        isinstance(held, Mapping)
+        and abs(held["homing_offset"] - found.homing_offset) <= compare.TOLERANCE
+    ):
+        return held["homing_offset"]
+    return found.homing_offset
 
 
 def _other_calibration(
@@ -300,9 +300,7 @@ def _other_calibration(
     return OtherCalibration(
         stored.path,
         f"{stored.path} is not the calibration that the servos on {bus.port.name} hold:"
-        f" {rows[0].sentence}{count}{whose}. Nothing was written to them. If the file is right,"
-        f" store it in the servos: so101 calibration write {stored.path} --port {bus.port.name}"
-        " (on a Viam machine: the arm's command write_calibration)",
+        f" {rows[0].sentence}{count}{whose}",
     )
 
 

@@ -377,7 +377,7 @@ async def test_what_a_crash_left_is_seen_to_when_the_servos_answer(data, plannin
         gripper.memory.keep(emu.MAX_POSITION, 4095)
 
         sensor = new_sensor(bench)
-        assert "was interrupted" in (await sensor.get_readings())["notes"][0]
+        assert "could not be restored" in (await sensor.get_readings())["notes"][0]
         bench.world.connect("gripper")
         await bench.pass_time(1.5)
         notes = (await sensor.get_readings())["notes"]

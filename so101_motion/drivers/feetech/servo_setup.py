@@ -1,13 +1,10 @@
 """Set up a servo: write those registers that differ from the values the driver needs.
 
-Nothing is stored in a servo: what is written holds until it loses its power. EEPROM registers of a
-locked servo: settings with which it would not move well (``servo_settings.py``) are set right, and
-it gets the limits of a calibration file. RAM: the speed and acceleration caps and the torque limit.
-A servo that restarts forgets it all and comes up limp, with no cap at all, so this runs again
-whenever one was silent.
-
-A servo with a setting that forbids to move it is refused, and so is one that holds another homing
-offset than expected.
+EEPROM: settings with which it would not move well (``servo_settings.py``) are set right until
+power-off, and it gets its homing offset and limits where a calibration is given. A servo with a
+setting that forbids to move it is refused. RAM: the speed and acceleration caps and the torque
+limit. A servo that restarts forgets its RAM and comes up limp, with no cap at all, so this runs
+again whenever one was silent.
 
 A servo that is driven stays driven, and its joint stays where it is, whatever is changed:
 
@@ -100,18 +97,12 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
 
     Raises:
         BusError: It cannot be reached or does not take a value.
-        ServoFault: It has another homing offset, or its settings forbid to move it.
+        ServoFault: Its settings forbid to move it.
     """
     servo_id = joint.servo_id
+    shift = 0
     if joint.homing_offset is not None:
-        offset = agreed(lambda: bus.read(servo_id, reg.HOMING_OFFSET))
-        if offset != joint.homing_offset:
-            raise ServoFault(
-                f"{bus.label(servo_id)} holds the homing offset {offset} and no longer"
-                f" {joint.homing_offset}: it was calibrated by another program or replaced, so its"
-                " angles are not known; load the calibration again",
-                servo_id=servo_id,
-            )
+        shift = agreed(lambda: bus.read(servo_id, reg.HOMING_OFFSET)) - joint.homing_offset
     changed = _adapt(bus, joint)
     full = agreed(lambda: bus.read(servo_id, reg.MAX_TORQUE))
     p_gain = agreed(lambda: bus.read(servo_id, reg.P_GAIN))
@@ -121,9 +112,16 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
     if torque and goal is not None and limit < full:
         bus.write(servo_id, reg.GOAL_POSITION, goal)
     here = read_position(bus, servo_id) if goal is None else goal
+    here = (here + shift) % TICKS_PER_TURN if shift else here
     crawls = torque and is_outside(joint, Ticks(here))
     changed += _fill(bus, servo_id, CRAWL, anew=changed) if crawls else ()
-    changed += bus.overlay(servo_id, _limits(joint))
+    if torque and shift:
+        bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+    changed += bus.store(servo_id, _calibration(joint))
+    if torque and shift:
+        if not crawls:
+            bus.write(servo_id, reg.GOAL_POSITION, here)
+        bus.write(servo_id, reg.TORQUE_ENABLE, 1)  # without a goal it holds what it finds
     ram = {reg.TORQUE_LIMIT: full, **ram, **(CRAWL if crawls else {})}
     changed += _fill(bus, servo_id, ram, anew=changed)
     return ServoCondition(
@@ -247,7 +245,11 @@ def _fill(
     return tuple(register.name for register in differing)
 
 
-def _limits(joint: JointMap) -> dict[Register, int]:
+def _calibration(joint: JointMap) -> dict[Register, int]:
     if joint.homing_offset is None:
         return {}
-    return {reg.MIN_POSITION: joint.lower_ticks, reg.MAX_POSITION: joint.upper_ticks}
+    return {
+        reg.HOMING_OFFSET: joint.homing_offset,
+        reg.MIN_POSITION: joint.lower_ticks,
+        reg.MAX_POSITION: joint.upper_ticks,
+    }

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from harness.servo_stand import ELBOW, JAW, MAPS, heavy
 
-from so101_motion.common.errors import NoReply, ServoFault
+from so101_motion.common.errors import NoReply
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.stale_replies import OVERDUE
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
@@ -75,30 +75,19 @@ def test_a_servo_that_does_not_acknowledge_is_taught_to(make_stand):
     assert stand.memory(2, reg.STATUS_LEVEL) == 1
 
 
-def filed_elbow(offset):
-    filed = JointMap.from_calibration(
-        servo_id=ELBOW, homing_offset=offset, range_min=1000, range_max=3300
-    )
-    return MAPS | {"elbow_flex": filed}
-
-
-def test_limits_of_a_file_are_in_force_until_the_servo_restarts(make_stand):
+def test_the_calibration_is_the_truth_and_is_kept_in_the_servo(make_stand):
     stand = make_stand()
-    servo = stand.port.world.servo(ELBOW)
-    stored = servo.memory.flash
-    stand.connect(filed_elbow(stand.memory(ELBOW, reg.HOMING_OFFSET)))
+    maps = MAPS | {
+        "elbow_flex": JointMap.from_calibration(
+            servo_id=ELBOW, homing_offset=-100, range_min=1000, range_max=3300
+        )
+    }
+    arm = stand.connect(maps)
+    stand.port.world.servo(ELBOW).boot()
+    assert stand.memory(ELBOW, reg.HOMING_OFFSET) == -100
     assert stand.memory(ELBOW, reg.MIN_POSITION) == 1000
     assert stand.memory(ELBOW, reg.MAX_POSITION) == 3300
-    assert servo.memory.flash == stored
-
-
-def test_a_servo_with_another_homing_offset_is_refused(make_stand):
-    stand = make_stand()
-    offset = stand.memory(ELBOW, reg.HOMING_OFFSET)
-    with pytest.raises(ServoFault, match=f"homing offset {offset} and no longer -100"):
-        stand.connect(filed_elbow(-100))
-    assert stand.memory(ELBOW, reg.HOMING_OFFSET) == offset
-    assert stand.memory(ELBOW, reg.TORQUE_ENABLE) == 0
+    assert arm.read().q[2] == pytest.approx((2148 - 2150) * RAD_PER_TICK)
 
 
 def test_without_a_calibration_the_servos_own_is_left_alone(make_stand):
