@@ -1,5 +1,6 @@
 """An arm of a running machine, with a joint outside its range: what is told, and what moves it."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -29,8 +30,16 @@ def test_the_next_motion_of_a_machines_arm_brings_a_joint_in_as_the_alarm_says(t
     file = calibration_with_the_roll_outside(tmp_path / "calibration.json")
     with running_machine(emulated=True) as machine:
         machine.remove(ARM, "arm")
-        machine.add(ARM, HARDWARE_ARM, "arm", {"port": machine.port, "calibration_file": file})
+        attributes = {"port": machine.port, "calibration_file": file}
+        arm = machine.add(ARM, HARDWARE_ARM, "arm", attributes)
+        assert machine.do(arm, "write_calibration")["success"]
+        assert machine.do(arm, "set_torque", enable=True)["success"]
         with MachineRig.connect(machine.address, arm="arm") as rig:
+            for _ in range(100):  # the arm is opened after the file was stored
+                rig.refresh()
+                if rig.state.reading.out_of_range:
+                    break
+                time.sleep(0.1)
             ((joint, limit),) = rig.state.reading.out_of_range.items()
             assert joint == "wrist_roll"
             assert limit - rig.state.q[4] == pytest.approx(to_rad(OUTSIDE * 360 / 4096), abs=0.02)

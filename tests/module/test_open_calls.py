@@ -20,6 +20,9 @@ from viam.proto.common import PoseInFrame
 from viam.proto.service.worldstatestore import StreamTransformChangesRequest
 
 CALLS = 1000
+FLOODS = 100
+"""Fewer fill all that is buffered too, and more only wake each other in this test's own process."""
+
 AT_ONCE = 1.0
 """[s], on a busy machine; a move of 200 deg at 10 deg/s takes twenty seconds."""
 
@@ -101,7 +104,8 @@ KINDS = {
 async def test_a_stop_passes_a_thousand_open_calls_of_each_kind(machine):
     await machine.arm.move_to_joint_positions(joints(-100.0))
     for kind, call in KINDS.items():
-        calls = [asyncio.ensure_future(call(machine)) for _ in range(CALLS)]
+        count = FLOODS if kind == "points that nobody reads" else CALLS
+        calls = [asyncio.ensure_future(call(machine)) for _ in range(count)]
         await asyncio.sleep(0.5)
         move = asyncio.ensure_future(machine.arm.move_to_joint_positions(joints(100.0)))
 
