@@ -5,12 +5,14 @@ from so101_motion.drivers.emulator import registers as emu
 
 
 def hold_calibration(world, entries):
-    """Store the offsets and limits of a calibration in the servos, for good."""
+    """Store the offsets and limits of a calibration in the servos, for good; they restart."""
     for joint, entry in entries.items():
-        memory = world.servo(joint).memory
+        servo = world.servo(joint)
+        memory = servo.memory
         memory.keep(emu.OFFSET, emu.encode_offset(entry.homing_offset))
         memory.keep(emu.MIN_POSITION, entry.range_min)
         memory.keep(emu.MAX_POSITION, entry.range_max)
+        servo.boot()
 
 
 def forget_limits(world):
