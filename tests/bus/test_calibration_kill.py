@@ -73,8 +73,9 @@ class Workshop:
                 shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
 
     def look(self):
-        """What a new process finds: what the servos hold, and what the file says."""
-        settings = ServoSettings(port=self.port, timeout=0.0, calibration_file=self.file)
+        """What a new process that moves the arm finds: in the servos, and in the file."""
+        ids = {"servo_ids": (1, 2, 3, 4, 5), "gripper_id": 6}
+        settings = ServoSettings(port=self.port, timeout=0.0, calibration_file=self.file, **ids)
         with open_hardware(settings, reply_timeout=PATIENCE) as rig, rig.lend_bus("a look") as loan:
             servos = loan.call(
                 lambda bus: {joint: read_held(bus, SERVO_IDS[joint]) for joint in JOINTS}

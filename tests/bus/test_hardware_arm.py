@@ -1,6 +1,5 @@
 import asyncio
 import json
-import logging
 from datetime import timedelta
 
 import numpy as np
@@ -341,12 +340,11 @@ async def test_the_calibration_is_reported_with_its_source(bench, client):
     assert "gripper" not in answer["zero"]
 
 
-async def test_a_joint_whose_numbers_in_the_file_are_impossible_costs_no_other(bench, caplog):
+async def test_a_joint_whose_numbers_in_the_file_are_impossible_costs_no_other(bench):
     file = bench.port.parent / "arm.json"
-    entry = {"drive_mode": 0, "homing_offset": 0, "range_max": 3400}
-    pan, elbow = {**entry, "id": 1, "range_min": 800}, {**entry, "id": 3, "range_min": 4000}
+    entry = {"drive_mode": 0, "homing_offset": 0, "range_max": 3430}
+    pan, elbow = {**entry, "id": 1, "range_min": 780}, {**entry, "id": 3, "range_min": 4000}
     file.write_text(json.dumps({"shoulder_pan": pan, "elbow_flex": elbow}))
-    caplog.set_level(logging.INFO)
     arm = bench.new_arm(calibration_file=str(file))
     await bench.pass_time(1.0)
     async with arm_client(arm) as client:
@@ -357,7 +355,8 @@ async def test_a_joint_whose_numbers_in_the_file_are_impossible_costs_no_other(b
         answer = await ask(client, bench, command="diagnose")
         assert answer["success"] is True
         assert "elbow_flex is not taken from the calibration" in answer["findings"][0]
-    assert "stored min_position 737 -> 800, max_position 3452 -> 3400" in caplog.text
+    memory = bench.world.servo("shoulder_pan").memory
+    assert (memory.raw(emu.MIN_POSITION), memory.raw(emu.MAX_POSITION)) == (780, 3430)
 
 
 async def test_reloading_needs_a_file(bench, client):
@@ -370,14 +369,16 @@ async def test_reloading_needs_a_file(bench, client):
 async def test_reloading_reads_the_very_file_that_was_configured(bench, monkeypatch):
     monkeypatch.setenv("VIAM_MODULE_DATA", str(bench.port.parent))
     file = bench.port.parent / "arm.json"
-    store.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=1000)})
+    store.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=737, range_max=3452)})
     arm = bench.new_arm(calibration_file="arm.json")
     async with arm_client(arm) as client:
-        store.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=1100)})
+        store.save(
+            file, {"shoulder_pan": record.JointCalibration(id=1, range_min=780, range_max=3452)}
+        )
         answer = await ask(client, bench, command="reload_calibration")
         assert (answer["success"], answer["calibration_file"]) == (True, str(file))
         calibration = (await ask(client, bench, command="get_calibration"))["calibration"]
-        assert calibration["shoulder_pan"]["range_min"] == 1100
+        assert calibration["shoulder_pan"]["range_min"] == 780
         file.write_text("{")
         answer = await ask(client, bench, command="reload_calibration")
         assert (answer["success"], "not JSON" in answer["error"]) == (False, True)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from harness.emulated_rig import hardware_bench, rad
+from harness.held_calibration import forget_limits
 
 from so101_motion.calib.record import record, store
 from so101_motion.common.errors import FollowingError, Interrupted, MotionError
@@ -24,7 +25,7 @@ def bench(tmp_path, planning_process):
 
 
 def filed(bench, **ends):
-    """A calibration in which the joints named have other ends [tick]."""
+    """A calibration in which the joints named have other ends [tick]; the servos have none yet."""
     wide = {"wrist_roll": (200, 3900), "gripper": (1950, 3300)}
     entries = {
         joint: record.JointCalibration(
@@ -35,6 +36,7 @@ def filed(bench, **ends):
     }
     path = bench.port.parent / "calibration.json"
     store.save(path, entries)
+    forget_limits(bench.world)
     return path
 
 

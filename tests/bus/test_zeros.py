@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from harness.emulated_rig import MIDDLES_DEG, ModelBench, arm_client, hardware_bench, rad
+from harness.held_calibration import hold_calibration
 
 from so101_motion.calib.record import store, zero
 from so101_motion.calib.record.record import JOINTS, JointCalibration
@@ -38,7 +39,7 @@ def swept(joint, *, half_missing_deg=0.0):
     )
 
 
-def saved(file, *, with_zeros, **missing):
+def saved(file, *, with_zeros, servos=None, **missing):
     calibration, zeros = {}, {}
     for joint in MOUNTED:
         name, entry = joint.name, swept(joint, half_missing_deg=missing.get(joint.name, 0.0))
@@ -49,6 +50,8 @@ def saved(file, *, with_zeros, **missing):
             upright = joint.zero_ticks + zero.ROLL_UPRIGHT * TICKS_PER_RAD - entry.homing_offset
             zeros[name] = zero.by_pose(entry, round(upright) % 4096, angle=zero.ROLL_UPRIGHT)
     store.save(file, calibration, zeros=zeros if with_zeros else {})
+    if servos:
+        hold_calibration(servos.world, calibration)
     return file
 
 
@@ -64,7 +67,7 @@ def error_deg(rig, bench):
 
 
 def test_an_arm_swept_from_stop_to_stop_knows_its_angles_within_half_a_degree(bench, tmp_path):
-    rig = bench.open(calibration_file=saved(tmp_path / "arm.json", with_zeros=True))
+    rig = bench.open(calibration_file=saved(tmp_path / "arm.json", with_zeros=True, servos=bench))
 
     assert np.abs(error_deg(rig, bench)).max() < 0.5
     assert [rig.servos.setups[joint].zero.by for joint in ARM] == ["stops"] * 4 + ["pose"]
@@ -81,21 +84,21 @@ def test_servos_as_they_are_sold_are_told_of_in_one_sentence(bench):
 
 
 def test_a_sweep_that_stops_a_degree_short_is_half_a_degree_off(bench, tmp_path):
-    path = saved(tmp_path / "arm.json", with_zeros=True, elbow_flex=1.0)
+    path = saved(tmp_path / "arm.json", with_zeros=True, servos=bench, elbow_flex=1.0)
     rig = bench.open(calibration_file=path)
 
     assert error_deg(rig, bench)[2] == pytest.approx(0.5, abs=0.2)
 
 
 def test_the_same_calibration_of_another_program_has_its_zero_in_the_middle(bench, tmp_path):
-    rig = bench.open(calibration_file=saved(tmp_path / "arm.json", with_zeros=False))
+    rig = bench.open(calibration_file=saved(tmp_path / "arm.json", with_zeros=False, servos=bench))
 
     assert error_deg(rig, bench) == pytest.approx([-d for d in MIDDLES_DEG], abs=0.5)
 
 
 def test_what_is_configured_outranks_the_file(bench, tmp_path):
     rig = bench.open(
-        calibration_file=saved(tmp_path / "arm.json", with_zeros=True),
+        calibration_file=saved(tmp_path / "arm.json", with_zeros=True, servos=bench),
         zero_offsets={"elbow_flex": 0.0},
     )
 
@@ -121,7 +124,7 @@ def test_a_calibration_that_viam_server_deleted_is_in_force_again_and_that_is_sa
     bench, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path / "module"))
-    path = saved(tmp_path / "module" / "arm.json", with_zeros=True)
+    path = saved(tmp_path / "module" / "arm.json", with_zeros=True, servos=bench)
     for file in path.parent.iterdir():
         file.unlink()
     rig = bench.open(calibration_file=path)
@@ -135,7 +138,7 @@ def test_a_file_that_lies_where_the_published_module_put_it_is_pointed_out(
 ):
     (tmp_path / "program").mkdir()
     monkeypatch.chdir(tmp_path / "program")
-    lost = saved(tmp_path / "program" / "so101_calibration.json", with_zeros=False)
+    lost = saved(tmp_path / "program" / "so101_calibration.json", with_zeros=False, servos=bench)
     rig = bench.open(calibration_file=tmp_path / "data" / "so101_calibration.json")
 
     assert any(f"A file of that name is {lost}" in note for note in rig.servos.notes)
@@ -146,7 +149,7 @@ async def test_the_arm_s_configuration_says_where_zero_is(tmp_path, planning_pro
     offsets = dict(zip(ARM, MIDDLES_DEG, strict=True))
     bench = ModelBench(tmp_path, joints=MOUNTED, q_start=STANDS)
     try:
-        path = saved(tmp_path / "arm.json", with_zeros=False)
+        path = saved(tmp_path / "arm.json", with_zeros=False, servos=bench)
         arm = bench.new_arm(calibration_file=str(path), joint_zero_offsets_deg=offsets)
         await bench.pass_time(1.0)
         async with arm_client(arm) as client:
