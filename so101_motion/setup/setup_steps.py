@@ -17,6 +17,7 @@ from so101_motion.calib.motors.setup_view import SetupView, Verification
 from so101_motion.calib.procedure import view as calibration_view
 from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.procedure.view import CalibrationView
+from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.setup.calibrator import Calibrator
 from so101_motion.setup.checkup import Check, check_up, fail, ok, warn
 from so101_motion.setup.findings import Findings
@@ -173,6 +174,9 @@ def _complete(known: SetupState) -> Check:
     about_chain = check_up(Findings(servos=servos))
     found = worst("chain", (check for check in about_chain if check.name != "calibration"))
     assert found is not None  # servos that were examined always give a check
+    jaw = servos.motors[GRIPPER_JOINT]
+    if found.verdict != "fail" and jaw.status == "not_responding":  # no more than a warning there
+        return fail("chain", jaw.error, jaw.fix)
     return found
 
 
