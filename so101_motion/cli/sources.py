@@ -107,7 +107,8 @@ class Source(_SourceWithCaps):
         if self.port is None:
             with interrupts.held():
                 return self._capped(open_simulated(q_start=self.q_start))
-        asked = ServoSettings(port=self.port, calibration_file=self.known_calibration())
+        file = self.known_calibration()
+        asked = ServoSettings(port=self.port, calibration_file=file, asks_first=True)
         asked = asked.with_arm(SERVO_IDS)
         try:
             with interrupts.held():

@@ -5,8 +5,8 @@ Without a file the registers are read again at each start. For the zero see ``ze
 can have more than the middle of the travel, and only the configuration overrides a file.
 
 If the servos hold another calibration than the file, that may be of another arm: the difference is
-told. Servos that are to be driven get the file's; where they are only looked at, nothing is
-written, and their own calibration is used.
+told. Servos that are to be driven get the file's, unless somebody can be asked first; where they
+are only looked at, nothing is written, and their own calibration is used.
 """
 
 from __future__ import annotations
@@ -86,6 +86,7 @@ def find_joints(
     file: Path | None,
     may_file_be_missing: bool = False,
     finds_file: bool = False,
+    asks_first: bool = False,
     jaw_closed: float,
     zero_offsets: Mapping[str, float],
 ) -> JointSetups:
@@ -100,12 +101,14 @@ def find_joints(
         file: The calibration file; None to ask the servos.
         may_file_be_missing: Whether the file need not exist yet, because a calibration will save
             it.
+        asks_first: Whether to refuse servos that hold another calibration than the file.
         finds_file: Whether to use, without ``file``, the saved one that agrees with the servos.
         jaw_closed: The model's angle of the closed jaw [rad].
         zero_offsets: The model's angles in the middle of the travel, of the joints for which they
             are configured [rad].
 
     Raises:
+        OtherCalibration: The servos hold another one, and somebody is to be asked first.
         BusError: The port went away, or an interrupted calibration could not be ended.
     """
     present = _find(bus, ids, {*required, *expected}, timeout)
@@ -119,11 +122,12 @@ def find_joints(
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
     other = _other_calibration(bus, stored, filed, ids, held)
     if other is not None:
+        if drives and asks_first:
+            raise other
         if drives:
             notes = (*notes, str(other))
         else:
-            write = f"so101 calibration write {file} --port {bus.port.name}"
-            notes = (*notes, f"{other}. Angles are the servos' own until {write}")
+            notes = (*notes, f"{other}. Meanwhile angles are the servos' own")
             stored, filed = None, {}
     setups = {}
     doubtful: dict[str, list[str]] = {}  # of which joints each note is true
@@ -300,7 +304,8 @@ def _other_calibration(
     return OtherCalibration(
         stored.path,
         f"{stored.path} is not the calibration that the servos on {bus.port.name} hold:"
-        f" {rows[0].sentence}{count}{whose}",
+        f" {rows[0].sentence}{count}{whose}; if the file is right: so101 calibration write"
+        f" {stored.path} --port {bus.port.name}",
     )
 
 

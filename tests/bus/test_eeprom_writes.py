@@ -59,6 +59,7 @@ GOAL = ("--joints", "0,-40,45,60,0")
     [
         (("status",), 30, 0, False),
         (("plan", *GOAL), 30, 0, False),
+        (("move", *GOAL, "--yes"), 30, 4, False),
         (("move", *GOAL, "--yes"), 0, 0, False),
         (("move", *GOAL, "--yes"), 1, 0, False),  # the published module is a tick off
     ],
