@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from harness.emulated_rig import ModelBench
+from harness.held_calibration import hold_calibration
 from viam.components.arm import JointPositions
 
 from so101_motion.calib.record import record, store
@@ -17,7 +18,7 @@ from so101_motion.viam.models.hardware_arm import HardwareArm
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
 HOME = (0.0, -0.8, 0.8, 1.0, 0.0, 0.3)
-A = {"shoulder_pan": (1000, 3000), "gripper": (1950, 3300)}
+A = {"shoulder_pan": (950, 3000), "gripper": (1950, 3300)}
 B = {"shoulder_pan": (900, 3000), "gripper": (1900, 3300)}
 
 
@@ -43,6 +44,7 @@ def data(tmp_path, monkeypatch):
 @pytest.fixture
 async def bench(data, planning_process):
     bench = ModelBench(data, q_start=HOME)
+    hold_calibration(bench.world, store.load(data / "a.json").calibration)
     yield bench
     await bench.end()
 
@@ -216,7 +218,7 @@ async def test_another_file_waits_for_the_end_of_a_motion(bench, caplog):
     with pytest.raises(GRPCError, match="is moving, so nothing else on the port") as caught:
         await bench.in_time(again.get_joint_positions(), 0.01)
     assert caught.value.status is Status.UNAVAILABLE
-    assert lowest(again, "shoulder_pan") == 1000
+    assert lowest(again, "shoulder_pan") == 950
     assert "new settings are not in force yet" in caplog.text
     await bench.in_time(opening)
     await bench.in_time(again.get_joint_positions())
@@ -325,7 +327,7 @@ async def test_the_arms_file_counts_and_the_log_names_both(bench, data, caplog, 
     arm, sensor = (one, two) if arm_first else (two, one)
     await bench.pass_time(0.5)
 
-    assert lowest(arm, "shoulder_pan") == 1000
+    assert lowest(arm, "shoulder_pan") == 950
     assert (await calibration(arm))["calibration_file"] == str(data / "a.json")
     assert (await sensor.get_status())["calibration_file"] == str(data / "a.json")
     (warning,) = [text for text in caplog.messages if "b.json" in text]
