@@ -136,7 +136,7 @@ def _servos(seen: Findings) -> Iterator[Check]:
         return
     for check in wrong:
         name = f"servo {check.servo_id}"
-        if check.status == "not_responding" and check.joint == GRIPPER_JOINT and _has_arm(seen):
+        if check.status == "not_responding" and check.joint == GRIPPER_JOINT and _has_no_jaw(seen):
             yield warn(name, f"{check.error}: the arm moves without its jaw", check.fix)
         elif check.status == "wrong_voltage" and check.facts and not check.facts.has_harmful_supply:
             yield warn(name, check.error, check.fix)
@@ -170,8 +170,10 @@ def _settings(joint: str, facts: ServoFacts, stored: Stored | None) -> Iterator[
         yield warn(name, f"{who} {facts.model_note}", "nothing needs to be done")
 
 
-def _has_arm(seen: Findings) -> bool:
-    return all(joint in seen.facts for joint in ARM_JOINTS)
+def _has_no_jaw(seen: Findings) -> bool:
+    """Whether the arm is one without a jaw: its calibration names none."""
+    known = seen.stored is not None and GRIPPER_JOINT in seen.stored.calibration
+    return not known and all(joint in seen.facts for joint in ARM_JOINTS)
 
 
 def _order(seen: Findings) -> Iterator[Check]:
