@@ -113,7 +113,7 @@ def find_joints(
     """
     present = _find(bus, ids, {*required, *expected}, timeout)
     drives = bool(required or expected)
-    interrupted = _end_interrupted(bus, file)
+    interrupted = _end_interrupted(bus, file, drives or may_file_be_missing)
     held = {joint: _held(bus, ids[joint]) for joint in present}
     if file is None and finds_file:
         file = _saved_for(held)
@@ -192,8 +192,15 @@ def _find(bus: Bus, ids: Mapping[str, int], wanted: Collection[str], timeout: fl
     return present
 
 
-def _end_interrupted(bus: Bus, path: Path | None) -> tuple[str, ...]:
+def _end_interrupted(bus: Bus, path: Path | None, may_write: bool) -> tuple[str, ...]:
     """End a calibration that a crash interrupted, before its data is used to drive the servos."""
+    if path is not None and not may_write:
+        if not journal.path_for(path).exists():
+            return ()
+        return (
+            f"a calibration to {path} was interrupted; it is completed or undone when the arm is"
+            " next calibrated, or opened to be moved",
+        )
     try:
         note = None if path is None else journal.recover(bus, path)
     except CalibrationError as error:
