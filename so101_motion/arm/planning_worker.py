@@ -172,14 +172,14 @@ class PlanningWorker:
             else:
                 self._waiting.append(_Asked(answer, request, owner))
                 if (taken := self._next()) is not None:
-                    self._serve_in_thread(taken)
+                    self._thread_for(taken).start()
         return answer
 
     def _begin_more(self) -> None:
         """Begin what waits for a child that can be copied."""
         with self._lock:
             while not self._closed and (taken := self._next()) is not None:
-                self._serve_in_thread(taken)
+                self._thread_for(taken).start()
 
     def _take_notice(self, answer: Future[Any]) -> None:
         """Wake the children if a request was cancelled: one of them may be working on it."""
@@ -191,11 +191,11 @@ class PlanningWorker:
 
     # The threads that talk to the children
 
-    def _serve_in_thread(self, taken: tuple[_Asked, _ChildSlot]) -> None:
-        """Serve a request, and then what waits; the lock is held."""
+    def _thread_for(self, taken: tuple[_Asked, _ChildSlot]) -> threading.Thread:
+        """A thread that serves a request, and then what waits; the lock is held."""
         thread = threading.Thread(target=self._serve, args=taken, name="so101-planning")
         self._threads.add(thread)
-        thread.start()
+        return thread
 
     def _serve(self, asked: _Asked, slot: _ChildSlot) -> None:
         """Serve a request, and then what waits for it."""

@@ -228,8 +228,10 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
             sensor=sensor,
             key_of=page.key_of(f"setup of {machine.address if machine else port or 'a kit'}"),
         )
-        keep_open(stack.enter_context(served), page)
-    click.echo("the next so101 setup --web continues here", err=True)
+        try:
+            keep_open(stack.enter_context(served), page)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("the next so101 setup --web continues here") from None
 
 
 def _conclude(port: str, view: SetupView, checked: Verification | None, as_json: bool) -> None:

@@ -205,7 +205,7 @@ def test_a_setup_in_the_browser_prints_its_link_and_ends_with_ctrl_c(make_kit):
         person.sees("http://127.0.0.1:")
         person.interrupts()
         person.sees("so101 setup --web continues here")
-        assert person.code() == 0
+        assert person.code() == 130
 
 
 # Guiding
