@@ -138,7 +138,7 @@ async def test_killing_the_program_leaves_the_follower_at_rest(scene):
     assert abs(where) < 45.0
     again.send_signal(signal.SIGINT)
     await until(lambda: lines.has("ended: both arms hold"))
-    assert await asyncio.wait_for(again.wait(), 60.0) == 0
+    assert await asyncio.wait_for(again.wait(), 60.0) == 130
 
 
 async def test_killing_the_leader_makes_the_follower_hold_and_say_why(scene):
@@ -153,7 +153,7 @@ async def test_killing_the_leader_makes_the_follower_hold_and_say_why(scene):
     process.send_signal(signal.SIGTERM)
     await until(lambda: lines.has("ended: the leader is in a fault"))
     out = json.loads(await process.stdout.read())
-    assert await asyncio.wait_for(process.wait(), 60.0) == 0
+    assert await asyncio.wait_for(process.wait(), 60.0) == 130
     await lines.end()
     assert out["ended_as"] == "waiting"
     assert out["recorded_rows"] > 50
