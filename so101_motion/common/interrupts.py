@@ -70,6 +70,13 @@ def listen(on_hung: Callable[[str], None]) -> None:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _this.on_signal)
     signal.signal(signal.SIGALRM, _this.on_timer)
+    sys.unraisablehook = _unraisable
+
+
+def _unraisable(lost: sys.UnraisableHookArgs) -> None:
+    """Print what was raised where nothing can catch it, but no interrupt: that is raised again."""
+    if not (_this.first and isinstance(lost.exc_value, KeyboardInterrupt)):
+        sys.__unraisablehook__(lost)
 
 
 def first() -> str:
