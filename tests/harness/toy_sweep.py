@@ -19,6 +19,8 @@ import numpy as np
 from so101_motion.common.errors import ConfigError
 from so101_motion.tasks.sweeps import run_sweep
 
+SHARDS = 100  # of the sweep that is killed at random; two deaths leave half of them
+
 
 @dataclass(frozen=True, kw_only=True)
 class ToySweep:
@@ -79,21 +81,25 @@ def at_each_step(base):
 
 
 def at_random_instants(base, deaths):
-    """Kill one sweep ``deaths`` times, at random instants of its processor time.
+    """Kill one sweep ``deaths`` times, at random instants after a new shard was written.
 
-    The timer's signal ends a process that does not handle it as suddenly as -9 does, and does not
-    depend on how busy the computer is.
+    The timer counts processor time, so that it does not matter how busy the computer is. Its signal
+    ends a process that does not handle it as suddenly as -9 does.
     """
-    random, sweep = np.random.default_rng(0), ToySweep(shards=40)
+    random, sweep = np.random.default_rng(0), ToySweep(shards=SHARDS)
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    while deaths:
+    for _ in range(deaths):
+        seconds = random.uniform(0.0005, 0.006)
+
+        def start_timer(_, seconds=seconds):
+            if not any(signal.getitimer(signal.ITIMER_PROF)):
+                signal.setitimer(signal.ITIMER_PROF, seconds)
+
         child = os.fork()
         if child == 0:
-            signal.setitimer(signal.ITIMER_PROF, random.uniform(0.002, 0.03))
-            run_sweep(sweep, base)
+            run_sweep(sweep, base, on_progress=start_timer)
             os._exit(0)
-        random.uniform()
-        deaths -= os.WIFSIGNALED(os.waitpid(child, 0)[1])
+        assert os.WIFSIGNALED(os.waitpid(child, 0)[1]), "the sweep ended before it was killed"
     last = run_sweep(sweep, base)
     print(last.sha256, sweep.shards - last.computed)  # noqa: T201
 
