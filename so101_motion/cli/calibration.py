@@ -141,9 +141,16 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run:
     shell_complete=completed_files,
     help="Where to save it; by default in your data directory, same name.",
 )
+@click.option(
+    "--joint-zero",
+    type=click.Choice(["middle", "homing"]),
+    help="Where zero is: the middle of the travel, or the pose of the published module's homing.",
+)
 @dry_run_option
 @json_option
-def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None:
+def import_(
+    source: str, file: str | None, joint_zero: str | None, dry_run: bool, as_json: bool
+) -> None:
     """Import a calibration of LeRobot (old or new) or of the published module.
 
     If there is such a file already, its content is kept as a version. "so101 calibration write"
@@ -153,9 +160,18 @@ def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None
     so101 calibration import ~/.cache/huggingface/lerobot/calibration/robots/so_follower/me.json
     """  # noqa: D301
     from so101_motion.calib.record import store
+    from so101_motion.calib.record.zero import by_convention
+    from so101_motion.common.state import GRIPPER_JOINT
     from so101_motion.setup.port_selection import own_folder
 
     read = store.read(store.resolve(source))
+    if joint_zero is not None:
+        chosen = {
+            joint: by_convention(entry, joint_zero)
+            for joint, entry in read.calibration.items()
+            if joint != GRIPPER_JOINT
+        }
+        read = replace(read, zeros={**chosen, **read.zeros}, zero_note="")
     path = own_folder() / read.path.name if file is None else store.resolve(file)
     if dry_run:
         _print_dry_run(replace(read, path=path), as_json)
@@ -163,12 +179,12 @@ def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None
     stored = store.save(path, read.calibration, zeros=read.zeros)
     if as_json:
         explained = facts(stored)
-        print_json("calibration", {**explained, "notes": [*read.notes, *stored.notes]})
+        print_json("calibration", {**explained, "notes": [*_told(read), *stored.notes]})
         return
     click.echo(f"saved to {stored.path}")
     _table(stored.calibration)
     _notes(read)
-    _notes(stored)
+    _notes(replace(stored, zero_note=""))
     click.echo(f"next: so101 calibration show {stored.path}", err=True)
 
 
@@ -295,8 +311,12 @@ def facts(stored: Stored) -> dict[str, Any]:
             joint: {"by": zero.by, "middle_deg": round(to_deg(zero.angle), 3)}
             for joint, zero in stored.zeros.items()
         },
-        "notes": list(stored.notes),
+        "notes": _told(stored),
     }
+
+
+def _told(stored: Stored) -> list[str]:
+    return [*stored.notes, stored.zero_note] if stored.zero_note else list(stored.notes)
 
 
 # Output and reading
@@ -386,7 +406,7 @@ def _print_dry_run(wanted: Stored, as_json: bool) -> None:
 def _notes(stored: Stored) -> None:
     from so101_motion.cli.terminal import echo
 
-    for note in stored.notes:
+    for note in _told(stored):
         echo(f"note: {note}", err=True)
 
 

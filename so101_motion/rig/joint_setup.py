@@ -89,6 +89,7 @@ def find_joints(
     asks_first: bool = False,
     jaw_closed: float,
     zero_offsets: Mapping[str, float],
+    joint_zero: str | None = None,
 ) -> JointSetups:
     """Find the servos and their calibration.
 
@@ -106,6 +107,7 @@ def find_joints(
         jaw_closed: The model's angle of the closed jaw [rad].
         zero_offsets: The model's angles in the middle of the travel, of the joints for which they
             are configured [rad].
+        joint_zero: As in ``ServoSettings``.
 
     Raises:
         OtherCalibration: The servos hold another one, and somebody is to be asked first.
@@ -129,6 +131,8 @@ def find_joints(
         else:
             notes = (*notes, f"{other}. Meanwhile angles are the servos' own")
             stored, filed = None, {}
+    if stored and stored.zero_note and joint_zero is None:
+        notes = (*notes, stored.zero_note)
     setups = {}
     doubtful: dict[str, list[str]] = {}  # of which joints each note is true
     for joint in JOINTS:
@@ -139,7 +143,7 @@ def find_joints(
             found, source, note = _from_servo(joint, ids[joint], held.get(joint))
         is_own = stored is not None and found is stored.calibration.get(joint)
         known = stored.zeros.get(joint) if stored and is_own else None
-        zero = in_force(known, zero_offsets.get(joint))
+        zero = in_force(known, zero_offsets.get(joint), found, joint_zero)
         offset = _offset(found, held.get(joint)) if source == "file" else None
         mapped = joint_map(joint, found, offset=offset, jaw_closed=jaw_closed, zero=zero)
         setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)

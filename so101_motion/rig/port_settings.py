@@ -28,6 +28,9 @@ class ServoSettings:
         calibration_file: None to ask the servos.
         zero_offsets: The model's angles in the middle of the joints' travels, of the arm joints for
             which they are configured [rad]; None when nothing is configured.
+        joint_zero: The zero of joints of which the calibration and ``zero_offsets`` say nothing:
+            ``"middle"`` of the travel or the pose of ``"homing"``; None for the first, and to be
+            told where they differ.
         rate: Setpoints a second [1/s]; None from components that do not care.
         fallback_file: Where a calibration of this arm is saved unless a component names a file.
         releases_at_end: Whether the joints are released, instead of held, when the process ends in
@@ -49,6 +52,7 @@ class ServoSettings:
     gripper_id: int | None = None
     calibration_file: Path | None = None
     zero_offsets: Mapping[str, float] | None = None
+    joint_zero: str | None = None
     rate: float | None = None
     fallback_file: Path | None = None
     releases_at_end: bool | None = None
@@ -183,6 +187,7 @@ _ATTRIBUTES = {
     "servo_ids": "servo_ids",
     "gripper_id": "servo_id",
     "zero_offsets": "joint_zero_offsets_deg",
+    "joint_zero": "joint_zero",
     "rate": "control_rate_hz",
     "releases_at_end": "at_end",
     "compensates": "compensates",

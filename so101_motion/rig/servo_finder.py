@@ -196,4 +196,5 @@ def joints_on(
         asks_first=settings.asks_first,
         jaw_closed=JAW_CLOSED,
         zero_offsets=settings.zero_offsets or {},
+        joint_zero=settings.joint_zero,
     )

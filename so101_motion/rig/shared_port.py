@@ -290,6 +290,7 @@ class SharedPort:
             or wanted.baudrate != now.baudrate
             or wanted.file != now.file
             or wanted.zero_offsets != now.zero_offsets
+            or wanted.joint_zero != now.joint_zero
             or any(joint not in in_use for joint in wanted.required())
             or any(ids.get(joint) != servo_id for joint, servo_id in in_use.items())
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from so101_motion.calib.record.zero import CONVENTIONS
 from so101_motion.common.attributes import (
     ACCELERATION_RANGE_DEG,
     HEAVIEST,
@@ -155,6 +156,11 @@ ARM = (
         "joint_zero_offsets_deg", "the model's angles in the middle of the joints' travels",
         kind="own", form="deg, by joint or five", otherwise="as the calibration says", ours=True,
         link="hardware.md#where-zero-is",
+    ),
+    Attribute(
+        "joint_zero", "where zero is if neither that nor the calibration says more: the middle of"
+        " the travel, or the pose of `set_homing`", kind="choice", options=CONVENTIONS,
+        ours=True, link="hardware.md#where-zero-is",
     ),
     replace(_SPEED, default=50.0, zero_is_none=True),
     replace(_ACCELERATION, zero_is_none=True),

@@ -222,6 +222,7 @@ class HardwareArmConfig(ArmConfig):
     connection: PortConfig
     servo_ids: tuple[int, ...]  # base to wrist
     zero_offsets: Mapping[str, float] | None  # the model's angle mid-travel, by joint [rad]
+    joint_zero: str | None  # "middle" or "homing", for joints whose zero is not known better
     compliance: Compliance  # how it yields to a hand in manual mode
     releases_at_end: bool  # whether its joints go limp when the process ends normally
 
@@ -236,6 +237,7 @@ class HardwareArmConfig(ArmConfig):
             "connection": PortConfig.of(given, attributes),
             "servo_ids": _servo_ids(given, attributes),
             "zero_offsets": {joint: to_rad(angle) for joint, angle in zeros_deg.items()} or None,
+            "joint_zero": given.value("joint_zero") if given.given("joint_zero") else None,
             "compliance": compliance(
                 manual, Compliance() if given.value("collision_guard") else Compliance(wall=0.0)
             ),

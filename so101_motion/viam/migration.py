@@ -11,7 +11,8 @@ own, that of the newer one names its arm. Both are understood.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -28,6 +29,9 @@ FAMILY = "devrel:so101:"
 """The beginning of the model names of both modules."""
 
 _MEANINGLESS = "this model has no such attribute: left out, and ignored if it stays"
+
+_VERSION = re.compile(r"(\d+)\.(\d+)\.(\d+)(?:-rc\.?(\d+))?")
+_LAST_MIDDLE = (0, 9, 0, 2)  # the last version whose zero is the middle of the travel: 0.9.0-rc2
 
 PUBLISHED = "devrel:so101-arm"
 """The published module's id in the registry."""
@@ -135,7 +139,9 @@ def migrate(content: object) -> Migration:
         ConfigError: It is not a configuration, or has no model of the family.
     """
     whole = _whole(content)
-    parts = tuple(_part(kind, entry) for kind, entry in _entries(whole))
+    old_modules = tuple(_old_modules(whole))
+    zero = _zero_there(old_modules)
+    parts = tuple(_part(kind, entry, zero) for kind, entry in _entries(whole))
     if not parts:
         hint = "its fragments may have some: take the configuration with fragments resolved"
         raise ConfigError(
@@ -144,9 +150,7 @@ def migrate(content: object) -> Migration:
             f"it has no model of {FAMILY}*"
             + (f"; {hint}" if whole.get("fragments") else ", so there is nothing to migrate"),
         )
-    return Migration(
-        parts=parts, old_modules=tuple(_old_modules(whole)), notes=_notes(whole, parts)
-    )
+    return Migration(parts=parts, old_modules=old_modules, notes=_notes(whole, parts))
 
 
 def _whole(content: object) -> Mapping[str, Any]:
@@ -182,6 +186,17 @@ def _old_modules(whole: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
             yield {
                 key: entry[key] for key in ("type", "name", "module_id", "version") if key in entry
             }
+
+
+def _zero_there(modules: Iterable[Mapping[str, Any]]) -> str | None:
+    """The ``joint_zero`` of the published module's version; None if it is not in use."""
+    for module in modules:
+        version = _VERSION.fullmatch(str(module.get("version", "")).removeprefix("v"))
+        if version is None:  # such as "latest", or none given
+            return "homing"
+        *numbers, rc = version.groups()
+        return "homing" if (*map(int, numbers), int(rc or 99)) > _LAST_MIDDLE else "middle"
+    return None
 
 
 def _notes(whole: Mapping[str, Any], parts: tuple[MigratedResource, ...]) -> tuple[str, ...]:
@@ -228,32 +243,38 @@ def _about_files(parts: tuple[MigratedResource, ...]) -> Iterator[str]:
 # One resource
 
 
-def _part(kind: str, entry: Mapping[str, Any]) -> MigratedResource:
+def _part(kind: str, entry: Mapping[str, Any], zero: str | None) -> MigratedResource:
     model = _model(entry)
     given = entry.get("attributes") or {}
     if not isinstance(given, Mapping):
         given = {}
     known = MODELS.get(model.removeprefix(FAMILY))
-    kept, problem = {}, ""
+    kept, added, problem = {}, dict[str, str](), ""
     notes: tuple[str, ...] = ()
     if known is None:
         hint = suggest(model.removeprefix(FAMILY), MODELS)
         problem = f'"{model}" is not a model of this module; {hint}'
     else:
         kept = {key: value for key, value in given.items() if key in known.names}
+        if zero and "joint_zero" in known.names and "joint_zero" not in given:
+            added["joint_zero"] = zero
+            notes = (
+                f'"joint_zero": "{zero}" is added: so your version of the published module counts'
+                " joint angles, and those that you have kept go on meaning the same",
+            )
         try:
-            notes = getattr(known.read(kept), "notes", ())
+            notes += getattr(known.read(kept), "notes", ())
         except ConfigError as error:
             problem = str(error)
     return MigratedResource(
         kind=kind,
         name=str(entry.get("name", "")),
         model=model,
-        rows=(*_given(given, known, problem), *_new(given, known)) if known else (),
+        rows=(*_given(given, known, problem), *_new({**given, **added}, known)) if known else (),
         problem=problem,
         differences=(*known.differences(given), *notes) if known else (),
         calibration=_calibration(given) if known else "",
-        config=_config(kind, entry, model, kept),
+        config=_config(kind, entry, model, {**kept, **added}),
     )
 
 
@@ -315,4 +336,5 @@ def _calibration(given: Mapping[str, Any]) -> str:
     except CalibrationError as error:
         return f"{name} cannot be used: {error}"
     how = "can be used in part" if found.refused else "is good"
-    return "; ".join((f"{found.path} {how}: {len(found.calibration)} joints", *found.notes))
+    told = (*found.notes, found.zero_note) if found.zero_note else found.notes
+    return "; ".join((f"{found.path} {how}: {len(found.calibration)} joints", *told))

@@ -1,5 +1,6 @@
 """Where zero is on a running arm, against the emulated servos' truth."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -104,6 +105,30 @@ def test_what_is_configured_outranks_the_file(bench, tmp_path):
 
     expected = [0.0, 0.0, -MIDDLES_DEG[2], 0.0, 0.0]
     assert error_deg(rig, bench) == pytest.approx(expected, abs=0.5)
+
+
+@pytest.mark.parametrize("has_norm_mode", [True, False])
+def test_where_the_published_module_s_zeros_differ_is_told_until_one_is_chosen(
+    bench, tmp_path, has_norm_mode
+):
+    path = saved(tmp_path / "arm.json", with_zeros=False, servos=bench)
+    content = json.loads(path.read_text())
+    content["elbow_flex"]["range_max"] -= 160
+    if not has_norm_mode:  # LeRobot's
+        content = {
+            joint: {name: value for name, value in entry.items() if name != "norm_mode"}
+            for joint, entry in content.items()
+        }
+    path.write_text(json.dumps(content))
+    told = bench.open(calibration_file=path).servos.notes
+    chosen = bench.open(calibration_file=path, joint_zero="homing").servos
+
+    assert any("would add elbow_flex -7." in note for note in told) == has_norm_mode
+    assert not any("joint_zero" in note for note in chosen.notes)
+    elbow = chosen.setups["elbow_flex"]
+    assert elbow.zero.by == "homing"
+    assert elbow.map.zero_ticks == 2047
+    assert elbow.map.lower + elbow.map.upper == pytest.approx(2 * elbow.zero.angle, abs=0.01)
 
 
 def test_configured_zeros_serve_without_a_file(bench):

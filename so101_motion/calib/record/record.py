@@ -165,11 +165,13 @@ class UsablePart:
         calibration: Its joints, without the refused ones.
         refused: The joints whose numbers cannot be used, and why not.
         notes: What the user should know about both.
+        has_norm_mode: Whether it has that field, which LeRobot does not write.
     """
 
     calibration: dict[str, JointCalibration]
     refused: Mapping[str, str]
     notes: tuple[str, ...]
+    has_norm_mode: bool
 
 
 def usable(content: object) -> UsablePart:
@@ -204,7 +206,12 @@ def usable(content: object) -> UsablePart:
         for joint, error in refusals.items()
     )
     reasons = {joint: error.reason for joint, error in refusals.items()}
-    return UsablePart(calibration=found, refused=reasons, notes=tuple(notes))
+    has_norm_mode = any(
+        isinstance(entry, Mapping) and "norm_mode" in entry for entry in _entries(content).values()
+    )
+    return UsablePart(
+        calibration=found, refused=reasons, notes=tuple(notes), has_norm_mode=has_norm_mode
+    )
 
 
 def _entries(content: object) -> dict[str, object]:

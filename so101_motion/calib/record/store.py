@@ -32,7 +32,7 @@ from so101_motion.calib.record import lerobot, record, zero_file
 from so101_motion.calib.record import versions as history
 from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
 from so101_motion.calib.record.versions import Version, versions, zero_path
-from so101_motion.calib.record.zero import Zero
+from so101_motion.calib.record.zero import Zero, about_homing
 from so101_motion.common.errors import CalibrationError, quoted
 from so101_motion.files import atomic, json_file
 
@@ -52,6 +52,7 @@ class Stored:
         notes: What the user should know about it.
         refused: The joints that are missing here, because their numbers in the file cannot be
             used; and why not.
+        zero_note: What to tell unless ``joint_zero`` is chosen; see ``zero.about_homing``.
     """
 
     path: Path
@@ -59,6 +60,7 @@ class Stored:
     zeros: Mapping[str, Zero]
     notes: tuple[str, ...]
     refused: Mapping[str, str] = field(default_factory=dict)
+    zero_note: str = ""
 
 
 def resolve(path: str) -> Path:
@@ -100,7 +102,7 @@ def read(path: Path) -> Stored:
 
 
 def _understood(path: Path, data: bytes) -> Stored:
-    content = json_file.parse(data, str(path))
+    content, zero_note = json_file.parse(data, str(path)), ""
     try:
         if lerobot.is_of_lists(content):
             calibration, zeros, notes = lerobot.from_lists(content)
@@ -110,11 +112,20 @@ def _understood(path: Path, data: bytes) -> Stored:
             calibration, refused = found.calibration, found.refused
             zeros, notes = zero_file.read(zero_path(path), calibration)
             notes = tuple(f"{note} (in {path})" for note in found.notes) + notes
+            if found.has_norm_mode:
+                zero_note = about_homing(calibration, zeros)
     except CalibrationError as error:
         raise CalibrationError(
             error.joint, f"{error.reason} (in {path})", error.next_step
         ) from error
-    return Stored(path=path, calibration=calibration, zeros=zeros, notes=notes, refused=refused)
+    return Stored(
+        path=path,
+        calibration=calibration,
+        zeros=zeros,
+        notes=notes,
+        refused=refused,
+        zero_note=zero_note,
+    )
 
 
 def load(path: Path) -> Stored:

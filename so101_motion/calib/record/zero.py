@@ -10,6 +10,8 @@ the middle of the recorded travel, and its source:
 * ``stops``: the joint was moved from stop to stop, and the model has the angles of its stops;
 * ``pose``: the servo's position in a known pose is known (wrist_roll, whose stops are two nubs that
   give way);
+* ``homing``: the pose at ``set_homing`` is zero, tick ``HOMING_TICK``, as for the published module
+  since its versions after 0.9.0-rc2. Its files do not say which was meant, so ``joint_zero`` does;
 * ``configured``: ``joint_zero_offsets_deg`` sets it. That overrides the others.
 
 The middle is the reference because errors of a recording are small there: when a joint stops short
@@ -19,11 +21,12 @@ jaw's zero is where it is closed (``joint_setup.joint_map``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
-from so101_motion.calib.record.record import JointCalibration
+from so101_motion.calib.record.record import Calibration, JointCalibration
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
-from so101_motion.common.units import to_rad
+from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TICKS_PER_RAD
 
 STOPS = {
@@ -59,7 +62,7 @@ class Zero:
     """The angle at the middle of a joint's recorded travel, and how it is known.
 
     Attributes:
-        by: ``"middle"``, ``"stops"``, ``"pose"`` or ``"configured"``.
+        by: ``"middle"``, ``"stops"``, ``"pose"``, ``"homing"`` or ``"configured"``.
         angle: The model's angle at the middle of the recorded travel [rad].
     """
 
@@ -68,7 +71,16 @@ class Zero:
 
 
 MIDDLE = Zero(by="middle", angle=0.0)
-"""The zero of the published module and LeRobot, used for files without zeros."""
+"""The zero of LeRobot and of the published module up to 0.9.0-rc2; used where nothing is known."""
+
+CONVENTIONS = ("middle", "homing")
+"""What ``joint_zero`` may be: the zero of joints of which nothing better is known."""
+
+HOMING_TICK = 2047
+"""The position that a servo reports in the pose of the published module's ``set_homing`` [tick]."""
+
+_TOLD = to_rad(1.0)
+"""A difference between the conventions from which it is told [rad]. Chosen."""
 
 
 def expected_travel(joint: str) -> float:
@@ -107,16 +119,44 @@ def by_pose(entry: JointCalibration, ticks: float, *, angle: float) -> Zero:
     return Zero(by="pose", angle=angle + beyond)
 
 
-def in_force(stored: Zero | None, configured: float | None) -> Zero:
-    """The zero to use: the configured one, else the stored one, else the middle.
+def by_convention(entry: JointCalibration, convention: str | None) -> Zero:
+    """The zero of a joint of which nothing is known, by one of ``CONVENTIONS``; None: the first."""
+    if convention != "homing":
+        return MIDDLE
+    return replace(by_pose(entry, HOMING_TICK, angle=0.0), by="homing")
+
+
+def about_homing(calibration: Calibration, zeros: Mapping[str, Zero]) -> str:
+    """Say where the published module's old and new zero differ; empty if they do not."""
+    differing = [
+        f"{joint} {to_deg(beyond):+.1f} deg"
+        for joint in ARM_JOINTS
+        if joint in calibration and joint not in zeros
+        and abs(beyond := by_convention(calibration[joint], "homing").angle) >= _TOLD
+    ]  # fmt: skip
+    if not differing:
+        return ""
+    return (
+        "the published module's versions after 0.9.0-rc2 count angles from the pose of set_homing,"
+        " earlier ones from the middle of the travel, and its files do not tell which; the middle"
+        f' is used ("joint_zero": "homing" would add {", ".join(differing)})'
+    )
+
+
+def in_force(
+    stored: Zero | None, configured: float | None, entry: JointCalibration, convention: str | None
+) -> Zero:
+    """The zero to use: the configured one, else the stored one, else that of the convention.
 
     Args:
         stored: The zero of the calibration; None if it has none.
         configured: The model's angle at the middle, as configured [rad]; None if it is not.
+        entry: The joint's calibration.
+        convention: One of ``CONVENTIONS``; None for the first.
     """
     if configured is not None:
         return Zero(by="configured", angle=configured)
-    return stored or MIDDLE
+    return stored or by_convention(entry, convention)
 
 
 def zero_ticks(entry: JointCalibration, zero: Zero) -> float:

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
-from so101_motion.calib.record.zero import Zero
+from so101_motion.calib.record.zero import CONVENTIONS, Zero
 from so101_motion.common.errors import CalibrationError, quoted
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files import json_file
@@ -22,7 +22,7 @@ from so101_motion.files import json_file
 _SAME = ("drive_mode", "homing_offset", "range_min", "range_max")
 """An entry belongs to the record that has the same values of these."""
 
-_SOURCES = ("stops", "pose")
+_SOURCES = ("stops", "pose", *CONVENTIONS)
 
 
 def read(path: Path, calibration: Calibration) -> tuple[dict[str, Zero], tuple[str, ...]]:

@@ -63,7 +63,7 @@ def explain(
 def explain_stored(stored: Stored) -> tuple[ZeroReport, ...]:
     """Explain the zeros of a calibration file; empty if it has no joint of the arm."""
     zeros = {
-        joint: in_force(stored.zeros.get(joint), None)
+        joint: in_force(stored.zeros.get(joint), None, stored.calibration[joint], None)
         for joint in ARM_JOINTS
         if joint in stored.calibration
     }
@@ -119,6 +119,7 @@ def _source(joint: str, zero: Zero, entry: JointCalibration) -> str:
         return f"by its stops (recorded {abs(more_deg):.1f} deg {word} than between them)"
     return {
         "pose": "by the pose it was held in",
+        "homing": "by the pose of set_homing",
         "configured": "as joint_zero_offsets_deg says",
     }[zero.by]
 

@@ -97,7 +97,7 @@ def _maps(stored: Stored) -> Iterator[JointMap]:
         entry = stored.calibration.get(joint)
         if entry is None:
             raise ConfigError("calibration", str(stored.path), f"lacks {joint}")
-        zero = in_force(stored.zeros.get(joint), None)
+        zero = in_force(stored.zeros.get(joint), None, entry, None)
         offset = entry.homing_offset
         yield joint_map(joint, entry, offset=offset, jaw_closed=JAW_CLOSED, zero=zero)
 

@@ -81,7 +81,11 @@ class HardwareArm(ArmResource):
     def build(cls, name: str, wanted: HardwareArmConfig, dependencies: Dependencies) -> HardwareArm:
         """Make the component; nothing moves."""
         settings, scene = ArmSettings.of(wanted, dependencies), scene_of(wanted)
-        asked = replace(wanted.connection.servo_settings(), releases_at_end=wanted.releases_at_end)
+        asked = replace(
+            wanted.connection.servo_settings(),
+            releases_at_end=wanted.releases_at_end,
+            joint_zero=wanted.joint_zero,
+        )
         rig = open_without_waiting(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
         try:
             ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)

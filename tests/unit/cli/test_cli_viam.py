@@ -38,7 +38,10 @@ def test_a_configuration_is_compared_and_printed_anew(file):
     assert result.exit_code == 0, result.output
     pasted = json.loads(result.stdout)
     assert pasted["components"][0]["name"] == "my-arm"
-    assert pasted["components"][0]["attributes"] == {"port": "/dev/ttyUSB0"}
+    assert pasted["components"][0]["attributes"] == {
+        "port": "/dev/ttyUSB0",
+        "joint_zero": "homing",
+    }
     for words in ("kept", "unsupported", "differs: a stop", "to go back"):
         assert words in result.stderr
     for secret in ("TOPSECRET", "HIDDEN"):

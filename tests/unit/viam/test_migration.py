@@ -75,6 +75,7 @@ def test_what_is_known_stays_and_what_is_not_is_named():
     assert not arm.problem
     assert arm.config["attributes"] == {
         "port": "/dev/a", "timeout": 5_000_000_000, "mesh_decimation_ratios": [0.5],
+        "joint_zero": "middle",
     }  # fmt: skip
     assert arm.config["frame"] == {"parent": "world"}
     assert arm.config["name"] == "it"
@@ -88,6 +89,21 @@ def test_what_another_model_has_is_left_out_without_a_suggestion():
         assert rows[name].outcome is Outcome.UNSUPPORTED
         assert "ignored if it stays" in rows[name].here
     assert arm.config["attributes"] == {"port": "/dev/a"}
+
+
+@pytest.mark.parametrize(
+    ("version", "zero"),
+    [("0.8.0", "middle"), ("0.9.0-rc2", "middle"), ("0.9.0-rc3", "homing"), ("0.9.0", "homing"),
+     ("v1.0.0", "homing"), ("latest", "homing"), (None, "homing")],
+)  # fmt: skip
+def test_the_zero_of_joints_is_that_of_the_version_in_use(version, zero):
+    arm = part("devrel:so101:arm", {"port": "/dev/a"})
+    content = machine(arm)
+    content["modules"][0]["version"] = version
+    (found,) = migrate(content).parts
+    assert found.config["attributes"]["joint_zero"] == zero
+    assert any(f'"joint_zero": "{zero}" is added' in line for line in found.differences)
+    assert "joint_zero" not in migrate(arm).parts[0].config["attributes"]
 
 
 def test_nothing_secret_is_reported():

@@ -90,15 +90,34 @@ def test_a_pose_is_where_it_was(lower, upper, ticks, angle, drive_mode):
 def test_without_anything_known_zero_is_the_published_module_s():
     entry = JointCalibration(id=3, range_min=800, range_max=3000)
 
-    assert zero.in_force(None, None) is MIDDLE
+    assert zero.in_force(None, None, entry, None) is MIDDLE
     assert mapped("elbow_flex", entry, MIDDLE).to_rad(Ticks(1900)) == 0.0
 
 
 def test_the_configuration_outranks_the_file():
-    known = Zero(by="stops", angle=0.1)
+    known, entry = Zero(by="stops", angle=0.1), JointCalibration(id=3)
 
-    assert zero.in_force(known, None) is known
-    assert zero.in_force(known, 0.0) == Zero(by="configured", angle=0.0)
+    assert zero.in_force(known, None, entry, "homing") is known
+    assert zero.in_force(known, 0.0, entry, "homing") == Zero(by="configured", angle=0.0)
+
+
+@pytest.mark.parametrize("drive_mode", [0, 1])
+def test_the_published_module_s_newer_zero_is_the_homing_tick(drive_mode):
+    entry = JointCalibration(id=3, range_min=866, range_max=3073, drive_mode=drive_mode)
+    newer = zero.in_force(None, None, entry, "homing")
+    map_ = mapped("elbow_flex", entry, newer)
+    sign = -1 if drive_mode else 1
+    ends = sorted(math.degrees(map_.to_rad(Ticks(tick))) for tick in (866, 3073))
+
+    assert map_.to_rad(Ticks(2047)) == pytest.approx(0.0)
+    assert ends == pytest.approx(sorted((sign * -103.8, sign * 90.2)), abs=0.05)
+    told = zero.about_homing({"elbow_flex": entry}, {})
+    assert f'"joint_zero": "homing" would add elbow_flex {-6.8 * sign:+.1f} deg' in told.replace(
+        "(", ""
+    )
+    assert not zero.about_homing({"elbow_flex": entry}, {"elbow_flex": MIDDLE})
+    even = JointCalibration(id=3, range_min=947, range_max=3147)
+    assert not zero.about_homing({"elbow_flex": even}, {})
 
 
 def test_the_emulated_arm_has_the_stops_that_calibration_knows():
