@@ -273,7 +273,7 @@ def _part(kind: str, entry: Mapping[str, Any], zero: str | None) -> MigratedReso
         rows=(*_given(given, known, problem), *_new({**given, **added}, known)) if known else (),
         problem=problem,
         differences=(*known.differences(given), *notes) if known else (),
-        calibration=_calibration(given) if known else "",
+        calibration=_calibration({**given, **added}) if known else "",
         config=_config(kind, entry, model, {**kept, **added}),
     )
 
@@ -336,5 +336,6 @@ def _calibration(given: Mapping[str, Any]) -> str:
     except CalibrationError as error:
         return f"{name} cannot be used: {error}"
     how = "can be used in part" if found.refused else "is good"
-    told = (*found.notes, found.zero_note) if found.zero_note else found.notes
+    doubt = found.zero_note if "joint_zero" not in given else ""
+    told = (*found.notes, doubt) if doubt else found.notes
     return "; ".join((f"{found.path} {how}: {len(found.calibration)} joints", *told))

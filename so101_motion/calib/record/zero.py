@@ -1,12 +1,12 @@
 """A joint's zero: the model's angle at the middle of its recorded travel.
 
-A calibration record has the ticks between which a joint travels, but nothing about the model. The
-published module and LeRobot take the middle of the travel as zero. But the arm's stops are not
-symmetric about the model's zero, so that is up to six degrees off, at the elbow, and with all
-joints together some 40 mm at the jaws. Here every convention is one number, the model's angle at
-the middle of the recorded travel, and its source:
+A calibration record has the ticks between which a joint travels, but nothing about the model.
+LeRobot, and the published module up to 0.9.0-rc2, take the middle of the travel as zero. But the
+arm's stops are not symmetric about the model's zero, so that is up to six degrees off, at the
+elbow, and with all joints together some 40 mm at the jaws. Here every convention is one number, the
+model's angle at the middle of the recorded travel, and its source:
 
-* ``middle``: nothing more is known, so the middle is zero, as for the published module and LeRobot;
+* ``middle``: nothing more is known, so the middle is zero, as for those;
 * ``stops``: the joint was moved from stop to stop, and the model has the angles of its stops;
 * ``pose``: the servo's position in a known pose is known (wrist_roll, whose stops are two nubs that
   give way);

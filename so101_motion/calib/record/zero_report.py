@@ -31,8 +31,8 @@ class ZeroReport:
         joint: The joint; empty for all of them together.
         by: As in ``Zero``; for all of them, the sources in use.
         angle_deg: The model's angle at the middle of the recorded travel [deg]; 0 for all.
-        jaws_mm: How far at most the jaws are from where the published module, which takes that
-            middle as zero, would report them [mm].
+        jaws_mm: How far at most the jaws are from where LeRobot, which takes that middle as zero,
+            would report them [mm].
         sentence: All of it in one sentence.
     """
 
@@ -91,7 +91,7 @@ def _of_joint(joint: str, zero: Zero, entry: JointCalibration, jaws: _Jaws) -> Z
     _, most = jaws.moved_mm({joint: zero.angle})
     angle_deg = to_deg(zero.angle)
     if zero.by == "middle":
-        sentence = "zero is the middle of its travel, as for the published module and LeRobot"
+        sentence = "zero is the middle of its travel, as for LeRobot"
         if joint in SWEPT:
             off = _STOPS_MIDDLE[joint]
             sentence += (
@@ -101,7 +101,7 @@ def _of_joint(joint: str, zero: Zero, entry: JointCalibration, jaws: _Jaws) -> Z
     else:
         sentence = (
             f"the middle of its travel is at {angle_deg:+.1f} deg, {_source(joint, zero, entry)};"
-            f" the published module takes it for 0, up to {most:.0f} mm away at the jaws"
+            f" LeRobot takes it for 0, up to {most:.0f} mm away at the jaws"
         )
     return ZeroReport(
         joint=joint,
@@ -136,7 +136,7 @@ def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> ZeroReport:
     else:
         sentence = (
             f"all together: the jaws are {mean:.0f} mm on average and at most {most:.0f} mm from"
-            " where the published module would report them with this calibration"
+            " where LeRobot would report them with this calibration"
         )
     sources = ", ".join(sorted({zero.by for zero in zeros.values()}))
     return ZeroReport(joint="", by=sources, angle_deg=0.0, jaws_mm=most, sentence=sentence)

@@ -153,9 +153,7 @@ def test_the_published_zero_is_40_mm_off_at_the_jaws_and_that_is_said(model):
     *joints, together = explain(zeros, calibrated(zeros), model)
 
     assert [one.joint for one in joints] == list(ARM_JOINTS)
-    assert (
-        "elbow_flex: zero is the middle of its travel, as for the published" in joints[2].sentence
-    )
+    assert "elbow_flex: zero is the middle of its travel, as for LeRobot" in joints[2].sentence
     assert "-5.8 deg" in joints[2].sentence
     assert "about 39 mm" in together.sentence
     assert (together.by, together.jaws_mm) == ("middle", 0.0)

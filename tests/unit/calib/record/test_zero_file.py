@@ -81,7 +81,10 @@ ENTRY = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 314
         ({"joints": []}, 'no "joints"'),
         ({"joints": {"elbow_flex": 5}}, "elbow_flex: its zeros must be a list"),
         ({"joints": {"elbow_flex": [5]}}, "elbow_flex: its zeros must be a list"),
-        ({"joints": {"elbow_flex": [ENTRY]}}, 'elbow_flex: "by" is stops or pose, not None'),
+        (
+            {"joints": {"elbow_flex": [ENTRY]}},
+            'elbow_flex: "by" is stops or pose or middle or homing, not None',
+        ),
         ({"joints": {"elbow_flex": [{**ENTRY, "by": "luck"}]}}, "not 'luck'"),
         ({"joints": {"elbow_flex": [{**ENTRY, "by": "stops"}]}}, '"middle_deg" must be'),
         (
