@@ -94,7 +94,8 @@ class ParentService(UnimplementedRobotServiceBase):
         """Of the one arm, seen from the world; for everything else as viam-server says it."""
         request = await stream.recv_message()
         if (request.component_name, request.destination_frame) != ("arm", "world"):
-            raise GRPCError(Status.UNKNOWN, f"frame {request.component_name} not found")
+            said = f'frame with name "{request.component_name}" not in frame system'
+            raise GRPCError(Status.UNKNOWN, said)
         pose = PoseInFrame(reference_frame="world", pose=Pose(x=391.4, z=326.5, o_x=1.0))
         await stream.send_message(GetPoseResponse(pose=pose))
 

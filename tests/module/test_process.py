@@ -165,8 +165,9 @@ async def test_where_a_component_is_is_asked_on_the_modules_socket(process):
     request = GetPoseRequest(component_name="arm", destination_frame="world")
     answer = await machine.GetPose(request)
     assert (answer.pose.reference_frame, answer.pose.pose.x) == ("world", 391.4)
-    with pytest.raises(GRPCError, match="frame moon not found"):
+    with pytest.raises(GRPCError, match='"moon" not in frame system; give each a frame') as caught:
         await machine.GetPose(GetPoseRequest(component_name="moon"))
+    assert caught.value.status is Status.NOT_FOUND
 
 
 @shared

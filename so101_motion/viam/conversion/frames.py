@@ -29,6 +29,8 @@ T = TypeVar("T")
 WORLD = "world"
 """The root of all frames."""
 
+GIVE_FRAME = """give each a frame in the machine's configuration ("frame": {"parent": "world"})"""
+
 CONNECTED_WITHIN = 5.0
 """How long a lost connection to the machine is waited for [s]; chosen: the SDK tries once a second
 to connect again."""
@@ -262,10 +264,8 @@ class Frames:
         return self._parents
 
     def _unknown(self, frame: str, why: str) -> ConfigError:
+        where = f"its pose seen from {self.arm} is not known ({why}); {GIVE_FRAME}"
+        if frame == WORLD:
+            return ConfigError("reference_frame", frame, f"{where}, or name {self.arm}_origin")
         names = (*self._known, *self._brought, WORLD)
-        return ConfigError(
-            "reference_frame",
-            frame,
-            f"its pose seen from {self.arm} is not known ({why}); give both a frame in the"
-            f" machine's configuration. {suggest(frame, names)}",
-        )
+        return ConfigError("reference_frame", frame, f"{where}. {suggest(frame, names)}")

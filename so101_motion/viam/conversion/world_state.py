@@ -144,7 +144,7 @@ def taken_in(scene: Scene) -> set[str]:
 
 
 class UniqueNames:
-    """Makes names unique; viam-server allows missing and repeated labels."""
+    """Makes names unique; labels may be missing, and repeated except through viam-server."""
 
     def __init__(self, taken: Iterable[str]) -> None:
         self._taken = set(taken)

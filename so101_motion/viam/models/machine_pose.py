@@ -14,7 +14,7 @@ from viam.proto.robot import GetPoseRequest, GetPoseResponse
 from viam.robot.service import RobotService
 
 from so101_motion.viam.conversion.convert import grpc_statuses
-from so101_motion.viam.conversion.frames import asked, machine_here
+from so101_motion.viam.conversion.frames import GIVE_FRAME, asked, machine_here
 
 
 async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPoseResponse]) -> None:
@@ -29,9 +29,16 @@ async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPos
         )
     transforms = list(request.supplemental_transforms)
     with grpc_statuses():
-        pose = await asked(
-            lambda: machine.get_pose(request.component_name, request.destination_frame, transforms)
-        )
+        try:
+            pose = await asked(
+                lambda: machine.get_pose(
+                    request.component_name, request.destination_frame, transforms
+                )
+            )
+        except GRPCError as error:  # viam-server's have the status UNKNOWN
+            if "not in frame system" not in (error.message or ""):
+                raise
+            raise GRPCError(Status.NOT_FOUND, f"{error.message}; {GIVE_FRAME}") from error
     await stream.send_message(GetPoseResponse(pose=pose))
 
 

@@ -195,6 +195,21 @@ async def test_an_unknown_frame_is_named_with_what_the_machine_says(machine):
         await Frames("arm", TOOL).T_base("moon")
 
 
+async def test_an_arm_without_a_frame_in_the_machine_is_told_what_to_name_instead_of_the_world():
+    class Frameless(MachineWithFrames):
+        async def transform_pose(self, query, destination):
+            raise GRPCError(Status.UNKNOWN, f'frame with name "{destination}" not in frame system')
+
+    set_machine(Frameless)
+    try:
+        with pytest.raises(ConfigError) as caught:
+            await Frames("arm", TOOL).T_base("world")
+    finally:
+        set_machine(lambda: None)
+    assert '"frame": {"parent": "world"}), or name arm_origin' in str(caught.value)
+    assert "did you mean" not in str(caught.value)
+
+
 async def test_frames_that_hang_from_each_other_are_refused():
     frames = Frames("arm", TOOL, [transform("a", "b"), transform("b", "a")])
     with pytest.raises(ConfigError, match="is attached to itself"):
