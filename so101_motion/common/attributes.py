@@ -8,11 +8,12 @@ empty string and a null count as not given, as they did for the published module
 from __future__ import annotations
 
 import difflib
+import inspect
 import math
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar, Self
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_m, to_rad
@@ -87,7 +88,7 @@ class Attribute:
 
 
 class Attributes:
-    """Named values; each is checked when it is read.
+    """Named values; each is checked when it is read: ``ConfigError`` for what cannot be used.
 
     Args:
         values: What was given.
@@ -142,9 +143,6 @@ class Attributes:
         """The value of an attribute, checked as its row says, in SI units.
 
         None or empty if it was not given and has no default.
-
-        Raises:
-            ConfigError: It cannot be used.
         """
         row = self._table[key]
         if row.kind == "flag":
@@ -176,48 +174,30 @@ class Attributes:
     def number(
         self, key: str, default: float, *, lower: float, upper: float, unit: str = ""
     ) -> float:
-        """A finite number within bounds.
-
-        Raises:
-            ConfigError: It is no number, or outside.
-        """
-        if not self.given(key):
-            return default
-        return checked_number(key, self._values[key], lower=lower, upper=upper, unit=unit)
+        """A finite number within bounds."""
+        return (
+            self.required(key, lower=lower, upper=upper, unit=unit) if self.given(key) else default
+        )
 
     def required(
         self, key: str, *, lower: float = -math.inf, upper: float = math.inf, unit: str = ""
     ) -> float:
-        """A finite number within bounds that must be given.
-
-        Raises:
-            ConfigError: It is missing, no number, or outside.
-        """
+        """A finite number within bounds that must be given."""
         return checked_number(key, self._values.get(key), lower=lower, upper=upper, unit=unit)
 
     def numbers(self, key: str, *, count: int, lower: float, upper: float) -> tuple[float, ...]:
-        """A list of at most ``count`` finite numbers (0: any) within bounds; empty when not given.
-
-        Raises:
-            ConfigError: It is no list, too long, or an entry is wrong.
-        """
-        if not self.given(key):
-            return ()
-        value = self._values[key]
-        if not isinstance(value, (list, tuple)) or len(value) > count > 0:
-            most = f" of at most {count} numbers" if count else " of numbers"
-            raise ConfigError(key, value, f"must be a list{most}")
+        """Finite numbers within bounds, at most ``count`` (0: any number of them); or none."""
+        most = f" of at most {count} numbers" if count else " of numbers"
+        value = self._checked(
+            key, (), lambda v: _is_list(v) and not len(v) > count > 0, f"must be a list{most}"
+        )
         return tuple(
             checked_number(f"{key}[{i}]", entry, lower=lower, upper=upper)
             for i, entry in enumerate(value)
         )
 
     def triple(self, key: str, most: float) -> tuple[float, float, float]:
-        """Three numbers from ``-most`` to ``most``; zeros when not given.
-
-        Raises:
-            ConfigError: It is no list of three numbers, or one is outside.
-        """
+        """Three numbers from ``-most`` to ``most``; zeros when not given."""
         if not self.given(key):
             return (0.0, 0.0, 0.0)
         numbers = self.numbers(key, count=3, lower=-most, upper=most)
@@ -226,11 +206,7 @@ class Attributes:
         return numbers
 
     def angles(self, key: str, joints: Sequence[str]) -> dict[str, float]:
-        """Joint angles in degrees, from an object by joint or a list of all, base to wrist.
-
-        Raises:
-            ConfigError: A joint is not known, some are missing in a list, or an angle is wrong.
-        """
+        """Joint angles in degrees, from an object by joint or a list of all, base to wrist."""
         value = self._values.get(key)
         if isinstance(value, Mapping):
             named = Attributes(value, joints, kind=f"joint of {key}")
@@ -246,63 +222,118 @@ class Attributes:
         return dict(zip(joints, listed, strict=False))
 
     def objects(self, key: str) -> tuple[Mapping[str, object], ...]:
-        """A list of objects; empty when not given.
-
-        Raises:
-            ConfigError: It is something else.
-        """
-        value = self._values[key] if self.given(key) else ()
-        if not isinstance(value, (list, tuple)) or not all(isinstance(e, Mapping) for e in value):
-            raise ConfigError(key, value, 'must be a list of objects, [{"name": "mug", ...}]')
-        return tuple(value)
+        """A list of objects; empty when not given."""
+        wanted = 'must be a list of objects, [{"name": "mug", ...}]'
+        return tuple(self._checked(key, (), lambda v: _is_list(v, Mapping), wanted))
 
     def flag(self, key: str, default: bool) -> bool:
-        """A boolean; a number or a string such as "true" is refused.
-
-        Raises:
-            ConfigError: It is something else.
-        """
-        if not self.given(key):
-            return default
-        value = self._values[key]
-        if not isinstance(value, bool):
-            raise ConfigError(key, value, "must be true or false")
-        return value
+        """A boolean; a number or a string such as "true" is refused."""
+        found: bool = self._checked(
+            key, default, lambda v: isinstance(v, bool), "must be true or false"
+        )
+        return found
 
     def text(self, key: str, default: str) -> str:
-        """A string.
-
-        Raises:
-            ConfigError: It is something else.
-        """
-        if not self.given(key):
-            return default
-        value = self._values[key]
-        if not isinstance(value, str):
-            raise ConfigError(key, value, "must be a string")
-        return value
+        """A string."""
+        found: str = self._checked(key, default, lambda v: isinstance(v, str), "must be a string")
+        return found
 
     def names(self, key: str) -> tuple[str, ...]:
-        """A list of any names; empty when not given.
-
-        Raises:
-            ConfigError: It is something else.
-        """
-        value = self._values[key] if self.given(key) else ()
-        if not isinstance(value, (list, tuple)) or not all(isinstance(e, str) for e in value):
-            raise ConfigError(key, value, "must be a list of names")
-        return tuple(value)
+        """A list of any names; empty when not given."""
+        return tuple(self._checked(key, (), lambda v: _is_list(v, str), "must be a list of names"))
 
     def choice(self, key: str, options: tuple[str, ...]) -> str:
-        """One of ``options``; the first when not given.
-
-        Raises:
-            ConfigError: It is none of them.
-        """
+        """One of ``options``; the first when not given."""
         value = self.text(key, options[0])
         if value not in options:
             raise ConfigError(key, value, suggest(value, options))
         return value
+
+    def _checked(self, key: str, default: Any, is_right: Callable[[Any], bool], reason: str) -> Any:
+        if not self.given(key):
+            return default
+        if not is_right(self._values[key]):
+            raise ConfigError(key, self._values[key], reason)
+        return self._values[key]
+
+
+def _is_list(value: object, of: type = object) -> bool:
+    return isinstance(value, (list, tuple)) and all(isinstance(entry, of) for entry in value)
+
+
+class Config:
+    """The base of settings that are read from attributes: dataclasses whose fields say from which.
+
+    Attributes:
+        CHECKED: Attributes that are only checked, and have no field.
+    """
+
+    __slots__ = ()
+    CHECKED: ClassVar[tuple[Attribute, ...]] = ()
+
+    @classmethod
+    def rows(cls) -> tuple[Attribute, ...]:
+        """Its attributes: those of its own fields, then those of its bases, then those checked."""
+        order = [name for base in cls.__mro__ for name in inspect.get_annotations(base)]
+        sources = sorted(_sources(cls), key=lambda each: order.index(each[0]))
+        return tuple(row for _, source in sources for row in source["rows"]) + cls.CHECKED
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[str, object]) -> Self:
+        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
+        given = Attributes(attributes, cls.rows())
+        for row in cls.CHECKED:
+            given.value(row.name)
+        return cls.read(given)
+
+    @classmethod
+    def read(cls, given: Attributes) -> Self:
+        """Read the fields; raises ``ConfigError`` for what cannot be used."""
+        return cls(**{
+            name: source["by"](given, next((row.name for row in source["rows"]), ""))
+            for name, source in _sources(cls)
+        })  # fmt: skip
+
+
+def _sources(config: type[Config]) -> list[tuple[str, Mapping[str, Any]]]:
+    return [(each.name, each.metadata) for each in fields(config)]  # type: ignore[arg-type]
+
+
+Reader = Callable[[Attributes, str], Any]
+"""Reads a field from the given attributes and the name of its first one."""
+
+
+def derived(by: Reader, *rows: Attribute) -> Any:
+    """A field of a ``Config`` that ``by`` reads; ``rows`` are its attributes."""
+    return field(metadata={"rows": rows, "by": by})
+
+
+def attribute(name: str, use: str, *, by: Reader = Attributes.value, **row: Any) -> Any:
+    """A field of a ``Config`` with an attribute; ``by`` reads it if its row does not say how."""
+    return derived(by, Attribute(name, use, **row))
+
+
+def changed(config: type[Config], name: str, **changes: Any) -> Any:
+    """The field ``name`` of a base with a changed attribute."""
+    source = dict(_sources(config))[name]
+    return derived(source["by"], replace(source["rows"][0], **changes))
+
+
+def part(config: type[Config], *, only_with: str = "", **changes: Mapping[str, Any]) -> Any:
+    """A field with settings of their own, which are read from the same attributes.
+
+    Args:
+        config: Their class.
+        only_with: The attribute without which there are none (None).
+        changes: What differs in the attributes of its fields, by field.
+    """
+    rows = tuple(
+        replace(source["rows"][0], **changes.get(name, {})) for name, source in _sources(config)
+    )
+    return derived(
+        lambda given, _: config.read(given) if not only_with or given.given(only_with) else None,
+        *rows,
+    )
 
 
 def checked_number(

@@ -15,7 +15,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,8 +27,7 @@ from so101_motion.calib.motors.setup_view import AS_NEW
 from so101_motion.calib.record import file_search
 from so101_motion.calib.record.file_search import FoundFile
 from so101_motion.calib.record.record import SERVO_IDS
-from so101_motion.common.attributes import Attributes
-from so101_motion.common.errors import BusError, ConfigError
+from so101_motion.common.errors import BusError
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_mm
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus, Port
@@ -64,27 +63,6 @@ class Discovery:
 
     reports: tuple[PortReport, ...]
     notes: tuple[str, ...]
-
-
-def ports_asked_for(attributes: Mapping[str, object]) -> tuple[str, ...]:
-    """Read the further ports to look at from the settings of ``devrel:so101:discovery``.
-
-    The published module has no settings; ``ports`` lists what no search finds: a Raspberry Pi's own
-    port, one behind a network, a link of the user's.
-
-    Raises:
-        ConfigError: A name is unknown or a value cannot be used.
-    """
-    given = Attributes(attributes, ("ports",))
-    if not given.given("ports"):
-        return ()
-    value = attributes["ports"]
-    if not isinstance(value, (list, tuple)):
-        raise ConfigError("ports", value, 'must be a list of serial ports, e.g. ["/dev/ttyAMA0"]')
-    for name in value:
-        if not isinstance(name, str) or not name:
-            raise ConfigError("ports", value, f"must hold names of serial ports, not {name!r}")
-    return tuple(value)
 
 
 def discover(

@@ -1,320 +1,69 @@
-"""Check the attributes of a component or service, and convert them into settings in SI units.
+"""The attributes of every model but teleoperation, read into settings in SI units.
 
-The published module's attributes, of all its versions, are accepted, so a machine's configuration
-works as it is; ``attribute_table`` lists them. A duration may be a number or text, and a gripper
-may have a port of its own or name the arm it belongs to.
+Each field has its attribute beside it, so the tables of the documentation, ``migration`` and the
+readers have one source; a test compares the tables of ``docs/`` with it. The published module's
+attributes, of all its versions, are accepted, so a machine's configuration works as it is. The rows
+of teleoperation are in ``tasks/teleop/config.py``, because the command line uses them too.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import ClassVar
 
 from so101_motion.calib.record import store
+from so101_motion.calib.record.zero import CONVENTIONS
 from so101_motion.common.attributes import (
+    ACCELERATION_RANGE_DEG,
+    HEAVIEST,
     SERVO_VOLTAGES,
+    SPEED_RANGE_DEG,
     Attribute,
     Attributes,
+    Config,
     LoadConfig,
+    attribute,
+    changed,
     checked_number,
+    derived,
+    part,
 )
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_mm, to_rad
-from so101_motion.drivers.bus.defaults import SERVO_IDS, TIMEOUT
+from so101_motion.drivers.bus.defaults import BAUDRATE, GRIPPER_ID, SERVO_IDS, TIMEOUT
+from so101_motion.files.scene_file import obstacles_from
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import PoseGoal
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.viam import attribute_table as table
+from so101_motion.viam.conversion.world_state import MOST_THINGS
 
+CALIBRATION_FILE = "so101_calibration.json"
+"""Where a calibration is saved by default; the published module's default."""
+
+_RATES = (50.0, 200.0)  # setpoints a second; 200 leave the bus a third of its time; chosen
 _NANOSECONDS = 1e5  # a bare number from here up is in nanoseconds, as the published module has it
 _SECONDS = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "h": 3600.0}
 _PART = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(ns|us|µs|ms|s|m|h)")
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PortConfig:
-    """The settings of the serial port."""
-
-    port: str  # the serial port, however spelled
-    baudrate: int  # [bit/s]
-    timeout: float  # how long to keep asking silent servos at the start [s]
-    calibration_file: str | None  # as given; None to read the servos' registers
-    rate: float | None = None  # setpoints a second; None for the usual 100
-
-    @classmethod
-    def of(cls, given: Attributes, attributes: Mapping[str, object]) -> PortConfig:
-        """Read the attributes that arm, gripper and sensor share.
-
-        Raises:
-            ConfigError: A value cannot be used, or there is no port.
-        """
-        port, timeout = given.value("port"), attributes.get("timeout")
-        if port is None:
-            given_port = attributes.get("port")
-            raise ConfigError(
-                "port", given_port, "is missing; name the serial port, e.g. /dev/ttyACM0"
-            )
-        is_none = timeout in (None, "", 0) and timeout is not False
-        return cls(
-            port=port,
-            baudrate=given.value("baudrate"),
-            timeout=TIMEOUT if is_none else duration("timeout", timeout),
-            calibration_file=given.value("calibration_file"),
-            rate=given.value("control_rate_hz"),
-        )
-
-    def servo_settings(self) -> ServoSettings:
-        """The settings of the port for ``rig``."""
-        file = self.calibration_file
-        return ServoSettings(
-            port=self.port,
-            baudrate=self.baudrate,
-            timeout=self.timeout,
-            calibration_file=store.resolve(file) if file else None,
-            rate=self.rate,
-        )
+MANUAL_RANGES = {
+    "pos_deadband_deg": 45.0,
+    "loop_hz": 200.0,
+    "p_gain": 255.0,
+    "torque_limit": 1000.0,
+    "wall_torque_limit": 1000.0,
+}
+"""Keys of ``manual_mode`` and their largest values; the last is ours, the others are the published
+module's. Ours follows the hand at the rate of the control loop, so ``loop_hz`` has no effect."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensesConfig:
-    """The resources of the machine that report the arm's surroundings."""
-
-    store: str | None  # a world-state store
-    camera: str | None
-    vision: str | None  # a vision service that looks through the camera
-
-    @classmethod
-    def of(cls, given: Attributes) -> SensesConfig:
-        """Read the attributes that arms and motion services share."""
-        names = {key: _short(given.value(key)) for key in ("camera", "vision")}
-        if names["vision"] and not names["camera"]:
-            raise ConfigError("vision", names["vision"], 'needs a camera; name it in "camera"')
-        return cls(store=_short(given.value("world_state_store")), **names)
-
-    @property
-    def resources(self) -> list[str]:
-        """The full names of those that are configured; the machine may lack them."""
-        named = {
-            "rdk:service:world_state_store": self.store,
-            "rdk:component:camera": self.camera,
-            "rdk:service:vision": self.vision,
-        }
-        return [f"{api}/{name}" for api, name in named.items() if name]
-
-
-def _short(name: str | None) -> str | None:
-    return name and name.rpartition("/")[2]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionConfig:
-    """Settings of ``devrel:so101:motion``."""
-
-    arm: str | None  # None for the only one
-    senses: SensesConfig
-
-    @classmethod
-    def from_attributes(cls, attributes: Mapping[str, object]) -> MotionConfig:
-        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
-        given = Attributes(attributes, table.MOTION)
-        return cls(arm=_short(given.value("arm")), senses=SensesConfig.of(given))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArmConfig:
-    """The settings of every arm, real or simulated."""
-
-    speed: float  # cap of each joint [rad/s]
-    acceleration: float  # cap of each joint [rad/s^2]
-    max_speed: float  # no request may ask for more [rad/s]
-    max_acceleration: float  # no request may ask for more [rad/s^2]
-    motion: str | None  # the service that plans MoveToPosition; None for our planner
-    visualize_ee_frame: bool
-    guarded: bool  # whether what is not planned keeps clear of the arm and its surroundings
-    use_urdf: bool
-    floor_z: float  # [m]
-    obstacles: tuple[Mapping[str, object], ...]  # as in a scene file
-    load: LoadConfig
-    position_tolerance: float | None  # [m]; None for the planner's
-    approach_tolerance: float | None  # [rad]; None for the planner's
-    ignored: tuple[str, ...]  # components of the machine that are not planned around
-    senses: SensesConfig
-    unused: tuple[str, ...]  # given, understood, and without effect here
-    notes: tuple[str, ...]  # what is used instead of a given number
-
-    TABLE: ClassVar[tuple[Attribute, ...]]
-
-    @classmethod
-    def from_attributes(cls, attributes: Mapping[str, object]) -> Self:
-        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
-        given = Attributes(attributes, cls.TABLE)
-        for each in cls.TABLE:
-            if each.idle:
-                given.value(each.name)  # only checked
-        speed, max_speed = _cap(given, attributes, "speed_degs_per_sec")
-        acceleration, max_acceleration = _cap(
-            given, attributes, "acceleration_degs_per_sec_per_sec"
-        )
-        settings = {
-            "speed": speed,
-            "acceleration": acceleration,
-            "max_speed": max_speed,
-            "max_acceleration": max_acceleration,
-            "load": _load(given),
-            "floor_z": given.value("floor_z_mm"),
-            "position_tolerance": given.value("position_tolerance_mm"),
-            "approach_tolerance": given.value("orientation_tolerance_deg"),
-            "guarded": given.value("collision_guard"),
-            "ignored": given.value("ignore_components"),
-            "senses": SensesConfig.of(given),
-            "unused": given.idle,
-            "notes": given.notes,
-        }
-        for key in ("motion", "visualize_ee_frame", "use_urdf", "obstacles"):
-            settings[key] = given.value(key)
-        return cls(**settings | cls._own(given, attributes))
-
-    @classmethod
-    def _own(cls, given: Attributes, attributes: Mapping[str, object]) -> dict[str, Any]:
-        """The settings of only this kind of arm."""
-        raise NotImplementedError
-
-
-def _cap(given: Attributes, attributes: Mapping[str, object], key: str) -> tuple[float, float]:
-    """The arm's own cap and the most a request may ask for; refuses a cap above that."""
-    cap, most = given.value(key), given.value(f"max_{key}")
-    if attributes.get(key) and cap > most:
-        reason = f"is above max_{key}, {to_deg(most):g}; lower it, or raise that"
-        raise ConfigError(key, attributes[key], reason)
-    return min(cap, most), most
-
-
-def _load(given: Attributes) -> LoadConfig:
-    com, voltage = given.value("payload_com_mm"), given.value("servo_voltage")
-    if len(com) not in (0, 3):
-        com_mm = [to_mm(each) for each in com]
-        raise ConfigError("payload_com_mm", com_mm, "must be three numbers, x, y, z [mm]")
-    if voltage not in SERVO_VOLTAGES:
-        known = " or ".join(f"{each:g}" for each in SERVO_VOLTAGES)
-        raise ConfigError("servo_voltage", voltage, f"must be {known}: the rating of the servos")
-    return LoadConfig(mass=given.value("payload_kg"), com=com or None, servo_voltage=voltage)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedArmConfig(ArmConfig):
-    """Settings of ``devrel:so101:simulated``."""
-
-    simulate_time: bool  # whether simulated motions take time; if not, they end at once
-
-    TABLE = table.SIMULATED_ARM
-
-    @classmethod
-    def _own(cls, given: Attributes, attributes: Mapping[str, object]) -> dict[str, Any]:
-        return {"simulate_time": given.value("simulate_time")}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HardwareArmConfig(ArmConfig):
-    """Settings of ``devrel:so101:arm``."""
-
-    connection: PortConfig
-    servo_ids: tuple[int, ...]  # base to wrist
-    zero_offsets: Mapping[str, float] | None  # the model's angle mid-travel, by joint [rad]
-    joint_zero: str | None  # "middle" or "homing", for joints whose zero is not known better
-    compliance: Compliance  # how it yields to a hand in manual mode
-    releases_at_end: bool  # whether its joints go limp when the process ends normally
-
-    TABLE = table.ARM
-
-    @classmethod
-    def _own(cls, given: Attributes, attributes: Mapping[str, object]) -> dict[str, Any]:
-        manual = _manual_mode(attributes.get("manual_mode"))
-        zeros_deg = given.angles("joint_zero_offsets_deg", ARM_JOINTS)
-        idle = ("manual_mode.loop_hz",) if manual.given("loop_hz") else ()
-        return {
-            "connection": PortConfig.of(given, attributes),
-            "servo_ids": _servo_ids(given, attributes),
-            "zero_offsets": {joint: to_rad(angle) for joint, angle in zeros_deg.items()} or None,
-            "joint_zero": given.value("joint_zero") if given.given("joint_zero") else None,
-            "compliance": compliance(
-                manual, Compliance() if given.value("collision_guard") else Compliance(wall=0.0)
-            ),
-            "releases_at_end": given.value("at_end") == "release",
-            "unused": (*given.idle, *idle),
-        }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedGripperConfig:
-    """Settings of ``devrel:so101:simulated-gripper``."""
-
-    gripper_type: str  # "follower" or "leader"
-    mesh_detail: str  # "low" or "high"
-
-    @classmethod
-    def from_attributes(cls, attributes: Mapping[str, object]) -> SimulatedGripperConfig:
-        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
-        given = Attributes(attributes, table.SIMULATED_GRIPPER)
-        return cls(gripper_type=given.value("gripper_type"), mesh_detail=given.value("mesh_detail"))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HardwareGripperConfig(SimulatedGripperConfig):
-    """Settings of ``devrel:so101:gripper``."""
-
-    connection: PortConfig | None  # None for the arm's
-    arm: str | None  # its name; None for a gripper with a port of its own
-    servo_id: int
-
-    @classmethod
-    def from_attributes(cls, attributes: Mapping[str, object]) -> HardwareGripperConfig:
-        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
-        given = Attributes(attributes, table.GRIPPER)
-        arm = given.value("arm")
-        if given.value("articulated_jaw"):
-            reason = "is not supported: a planner that may move the jaw drops what it holds; leave"
-            raise ConfigError("articulated_jaw", True, f"{reason} it out, and use open and grab")
-        if arm is None and not given.given("port"):
-            raise ConfigError(
-                "port", None, 'is missing; name the serial port, or the arm: "arm": "<its name>"'
-            )
-        return cls(
-            connection=PortConfig.of(given, attributes) if given.given("port") else None,
-            arm=arm,
-            servo_id=given.value("servo_id"),
-            gripper_type=given.value("gripper_type"),
-            mesh_detail=given.value("mesh_detail"),
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationConfig:
-    """Settings of ``devrel:so101:calibration``."""
-
-    connection: PortConfig  # a calibration is saved in its file
-    joints: tuple[str, ...]  # those to calibrate, base to jaw
-    unused: tuple[str, ...]  # given, understood, and without effect here
-
-    @classmethod
-    def from_attributes(cls, attributes: Mapping[str, object]) -> CalibrationConfig:
-        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
-        given = Attributes(attributes, table.CALIBRATION)
-        return cls(
-            connection=PortConfig.of(given, attributes),
-            joints=_calibrated(given, attributes),
-            unused=given.idle,
-        )
-
-
-def arm_served(attributes: Mapping[str, object]) -> str | None:
-    """The arm that a service names; None for the only one.
-
-    Raises:
-        ConfigError: There are other attributes, or it is not a name.
-    """
-    return _short(Attributes(attributes, table.FOR_AN_ARM).value("arm"))
+# How values are read that need more than their row
 
 
 def duration(key: str, value: object) -> float:
@@ -363,25 +112,54 @@ def compliance(given: Attributes, otherwise: Compliance | None = None) -> Compli
     )
 
 
-def _manual_mode(value: object) -> Attributes:
+def _manual_mode(given: Attributes) -> Attributes:
+    value = given.raw("manual_mode")
     if value is not None and not isinstance(value, Mapping):
         raise ConfigError("manual_mode", value, "must be an object")
     return Attributes(value or {}, MANUAL_RANGES, kind="key of manual_mode")
 
 
-MANUAL_RANGES = {
-    "pos_deadband_deg": 45.0,
-    "loop_hz": 200.0,
-    "p_gain": 255.0,
-    "torque_limit": 1000.0,
-    "wall_torque_limit": 1000.0,
-}
-"""Keys of ``manual_mode`` and their largest values; the last is ours, the others are the published
-module's. Ours follows the hand at the rate of the control loop, so ``loop_hz`` has no effect."""
+def _compliance(given: Attributes, key: str) -> Compliance:
+    base = Compliance() if given.value("collision_guard") else Compliance(wall=0.0)
+    return compliance(_manual_mode(given), base)
 
 
-def _servo_ids(given: Attributes, attributes: Mapping[str, object]) -> tuple[int, ...]:
-    value = attributes.get("servo_ids")
+def _port(given: Attributes, key: str) -> str:
+    port: str | None = given.value("port")
+    if port is None:
+        reason = "is missing; name the serial port, e.g. /dev/ttyACM0"
+        raise ConfigError("port", given.raw("port"), reason)
+    return port
+
+
+def _timeout(given: Attributes, key: str) -> float:
+    value = given.raw("timeout")
+    is_none = value in (None, "", 0) and value is not False
+    return TIMEOUT if is_none else duration("timeout", value)
+
+
+def _short(given: Attributes, key: str) -> str | None:
+    """The last part of a resource's name; None if it is not given."""
+    name: str | None = given.value(key)
+    return name and name.rpartition("/")[2]
+
+
+def _capped(given: Attributes, key: str) -> float:
+    """The arm's own cap; refuses one above what a request may ask for."""
+    cap, most = float(given.value(key)), float(given.value(f"max_{key}"))
+    if given.raw(key) and cap > most:
+        reason = f"is above max_{key}, {to_deg(most):g}; lower it, or raise that"
+        raise ConfigError(key, given.raw(key), reason)
+    return min(cap, most)
+
+
+def _zero_offsets(given: Attributes, key: str) -> Mapping[str, float] | None:
+    zeros_deg = given.angles("joint_zero_offsets_deg", ARM_JOINTS)
+    return {joint: to_rad(angle) for joint, angle in zeros_deg.items()} or None
+
+
+def _servo_ids(given: Attributes, key: str) -> tuple[int, ...]:
+    value = given.raw("servo_ids")
     if value in (None, "", []):
         return SERVO_IDS
     ids = tuple(round(i) for i in given.numbers("servo_ids", count=253, lower=1.0, upper=5.0))
@@ -395,11 +173,387 @@ def _servo_ids(given: Attributes, attributes: Mapping[str, object]) -> tuple[int
     return ids
 
 
-def _calibrated(given: Attributes, attributes: Mapping[str, object]) -> tuple[str, ...]:
+def _calibrated(given: Attributes, key: str) -> tuple[str, ...]:
     """The joints whose servos are listed; all if none is."""
     joints = (*ARM_JOINTS, GRIPPER_JOINT)
-    value = attributes.get("servo_ids")
+    value = given.raw("servo_ids")
     ids = [round(i) for i in given.numbers("servo_ids", count=253, lower=1.0, upper=6.0)]
     if ids and (len(set(ids)) != len(ids) or ids != value):
         raise ConfigError("servo_ids", value, "must list different whole numbers from 1 to 6")
     return tuple(joints[i - 1] for i in sorted(ids)) or joints
+
+
+def _articulated(given: Attributes, key: str) -> bool:
+    if given.value("articulated_jaw"):
+        reason = "is not supported: a planner that may move the jaw drops what it holds; leave"
+        raise ConfigError("articulated_jaw", True, f"{reason} it out, and use open and grab")
+    return False
+
+
+def _ports(given: Attributes, key: str) -> tuple[str, ...]:
+    value = given.raw(key) if given.given(key) else ()
+    if not isinstance(value, (list, tuple)):
+        raise ConfigError(key, value, 'must be a list of serial ports, e.g. ["/dev/ttyAMA0"]')
+    for name in value:
+        if not isinstance(name, str) or not name:
+            raise ConfigError(key, value, f"must hold names of serial ports, not {name!r}")
+    return tuple(value)
+
+
+def _gripper_arm(given: Attributes, key: str) -> str | None:
+    arm: str | None = given.value("arm")
+    if arm is None and not given.given("port"):
+        raise ConfigError(
+            "port", None, 'is missing; name the serial port, or the arm: "arm": "<its name>"'
+        )
+    return arm
+
+
+def _load(given: Attributes, key: str) -> LoadConfig:
+    com, voltage = given.value("payload_com_mm"), given.value("servo_voltage")
+    if len(com) not in (0, 3):
+        com_mm = [to_mm(each) for each in com]
+        raise ConfigError("payload_com_mm", com_mm, "must be three numbers, x, y, z [mm]")
+    if voltage not in SERVO_VOLTAGES:
+        known = " or ".join(f"{each:g}" for each in SERVO_VOLTAGES)
+        raise ConfigError("servo_voltage", voltage, f"must be {known}: the rating of the servos")
+    return LoadConfig(mass=given.value("payload_kg"), com=com or None, servo_voltage=voltage)
+
+
+# The settings
+
+
+@lru_cache(maxsize=8)
+def _scene(floor_z: float | None, obstacles: str) -> Scene:
+    """Cached: ``validate_config`` builds it in a thread, and the event loop uses it again."""
+    return Scene(floor_z=floor_z, obstacles=obstacles_from(json.loads(obstacles)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PortConfig(Config):
+    """The settings of the serial port, which arm, gripper and sensor share."""
+
+    port: str = attribute(
+        "port", "serial port, however spelled; arm, gripper and sensor on it share one connection",
+        kind="text", form="path", otherwise="required", by=_port,
+    )  # fmt: skip
+    calibration_file: str | None = attribute(  # as given; None to read the servos' registers
+        "calibration_file",
+        "relative ones lie in `$VIAM_MODULE_DATA`, or where the program was started if that is not"
+        " set; without a file, what the servos have stored counts",
+        kind="text", form="path",
+    )  # fmt: skip
+    baudrate: int = attribute(
+        "baudrate", "the same for all on a port", kind="whole", unit="bit/s",
+        range=(38_400, 1_000_000), default=BAUDRATE, zero_is_none=True,
+    )  # fmt: skip
+    timeout: float = attribute(  # [s]
+        "timeout",
+        "checked; the module asks silent servos until they answer, without keeping anybody waiting;"
+        " a number from 100000 up is nanoseconds, as the published module had it",
+        kind="own", form='`"5s"`, `"500ms"`, seconds', otherwise="1s",
+        link="hardware.md#what-it-does-and-does-not-do", by=_timeout,
+    )  # fmt: skip
+    rate: float | None = attribute(
+        "control_rate_hz", "setpoints a second; the same for all on a port", unit="Hz",
+        range=_RATES, otherwise="100", ours=True,
+    )  # fmt: skip
+
+    def servo_settings(self) -> ServoSettings:
+        """The settings of the port for ``rig``."""
+        file = self.calibration_file
+        return ServoSettings(
+            port=self.port,
+            baudrate=self.baudrate,
+            timeout=self.timeout,
+            calibration_file=store.resolve(file) if file else None,
+            rate=self.rate,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensesConfig(Config):
+    """The resources of the machine that report the arm's surroundings."""
+
+    store: str | None = attribute(
+        "world_state_store", "a world-state store; what is in it is planned around", kind="text",
+        form="name", ours=True, link="planning.md#what-the-machine-has-around-the-arm", by=_short,
+    )  # fmt: skip
+    camera: str | None = attribute(
+        "camera", "a camera with depth; what it sees is planned around", kind="text", form="name",
+        ours=True, link="planning.md#what-a-camera-sees", by=_short,
+    )  # fmt: skip
+    vision: str | None = attribute(
+        "vision", "a vision service; the objects it finds in that camera's picture count instead",
+        kind="text", form="name", ours=True, link="planning.md#what-a-camera-sees", by=_short,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        """Refuse a vision service without a camera."""
+        if self.vision and not self.camera:
+            raise ConfigError("vision", self.vision, 'needs a camera; name it in "camera"')
+
+    @property
+    def resources(self) -> list[str]:
+        """The full names of those that are configured; the machine may lack them."""
+        named = {
+            "rdk:service:world_state_store": self.store,
+            "rdk:component:camera": self.camera,
+            "rdk:service:vision": self.vision,
+        }
+        return [f"{api}/{name}" for api, name in named.items() if name]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForAnArmConfig(Config):
+    """Settings of a service for an arm."""
+
+    arm: str | None = attribute(
+        "arm", "which arm it serves", kind="text", form="name", otherwise="the only one", by=_short
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionConfig(ForAnArmConfig):
+    """Settings of ``devrel:so101:motion``."""
+
+    senses: SensesConfig = part(SensesConfig)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmConfig(Config):
+    """The settings of every arm, real or simulated."""
+
+    speed: float = attribute(
+        "speed_degs_per_sec", "cap of every joint", unit="deg/s", range=SPEED_RANGE_DEG,
+        default=50.0, zero_is_none=True, by=_capped,
+    )  # fmt: skip
+    acceleration: float = attribute(
+        "acceleration_degs_per_sec_per_sec", "cap of every joint", unit="deg/s^2",
+        range=ACCELERATION_RANGE_DEG, default=100.0, zero_is_none=True, by=_capped,
+    )  # fmt: skip
+    max_speed: float = attribute(
+        "max_speed_degs_per_sec",
+        "what no request exceeds: `MoveOptions`, `set_speed` and teleoperation included",
+        unit="deg/s", range=SPEED_RANGE_DEG, default=SPEED_RANGE_DEG[1], ours=True,
+    )  # fmt: skip
+    max_acceleration: float = attribute(
+        "max_acceleration_degs_per_sec_per_sec",
+        "what no request exceeds; braking may be harder",
+        unit="deg/s^2", range=ACCELERATION_RANGE_DEG, default=ACCELERATION_RANGE_DEG[1], ours=True,
+    )  # fmt: skip
+    motion: str | None = attribute(
+        "motion",
+        "a motion service that is given `MoveToPosition` instead; `builtin` is viam-server's own",
+        kind="text", form="name", otherwise="planned here",
+    )  # fmt: skip
+    floor_z: float = attribute(
+        "floor_z_mm", "height of the table that must not be touched", unit="mm",
+        range=(-2000.0, 500.0), default=-2.4, ours=True,
+    )  # fmt: skip
+    obstacles: tuple[Mapping[str, object], ...] = attribute(
+        "obstacles", "what always stands around, as in a scene file", kind="objects",
+        form="list", ours=True, link="planning.md",
+    )  # fmt: skip
+    ignored: tuple[str, ...] = attribute(
+        "ignore_components", "components of the machine that are not planned around;"
+        ' `["*"]` is all of them', kind="names", form="list of names", ours=True,
+        link="planning.md#what-the-machine-has-around-the-arm",
+    )  # fmt: skip
+    senses: SensesConfig = part(SensesConfig)
+    load: LoadConfig = derived(
+        _load,
+        Attribute(
+            "payload_kg", "what the gripper always carries", unit="kg", range=(0.0, HEAVIEST),
+            default=0.0, ours=True,
+        ),
+        Attribute(
+            "payload_com_mm", "the centre of mass of that, in the tool frame", kind="numbers",
+            unit="mm", range=(-1000.0, 1000.0), count=3, form="mm, three numbers",
+            otherwise="the jaw's tip", ours=True,
+        ),
+        Attribute(
+            "servo_voltage", "what the servos are rated for", unit="V", range=(0.0, 100.0),
+            default=7.4, form="V: 7.4, 12", ours=True,
+        ),
+    )  # fmt: skip
+    position_tolerance: float | None = attribute(  # None for the planner's
+        "position_tolerance_mm", "largest error that counts as arrived", unit="mm",
+        range=(0.0, 1000.0), zero_is_none=True, otherwise="0.1",
+    )  # fmt: skip
+    approach_tolerance: float | None = attribute(
+        "orientation_tolerance_deg", "the same for the tool's direction, when it counts",
+        unit="deg", range=(0.0, 180.0), zero_is_none=True, otherwise="1",
+    )  # fmt: skip
+    use_urdf: bool = attribute(
+        "use_urdf", "serve the kinematics as URDF instead of SVA", kind="flag", default=False
+    )
+    visualize_ee_frame: bool = attribute(
+        "visualize_ee_frame", "draw the tool frame", kind="flag", default=False
+    )
+    guarded: bool = attribute(
+        "collision_guard", "whether moves that do not wait, and streamed points, keep clear of the"
+        " arm itself and what is around", kind="flag", default=True, ours=True,
+    )  # fmt: skip
+    unused: tuple[str, ...] = derived(lambda given, _: given.idle)  # given, and without effect here
+    notes: tuple[str, ...] = derived(lambda given, _: given.notes)  # what replaces a given number
+
+    @property
+    def scene(self) -> Scene:
+        """What always stands around; raises ``ConfigError`` for an obstacle that is not valid."""
+        if len(self.obstacles) > MOST_THINGS:
+            given = f"{len(self.obstacles)} obstacles"
+            raise ConfigError("obstacles", given, f"are more than the {MOST_THINGS} that are read")
+        return _scene(self.floor_z, json.dumps(self.obstacles))
+
+    def goal(self, T_base_goal: SE3) -> PoseGoal:
+        """A goal with this arm's tolerances."""
+        goal = PoseGoal(T_base_tool=T_base_goal)
+        return replace(
+            goal,
+            position_tolerance=self.position_tolerance or goal.position_tolerance,
+            approach_tolerance=self.approach_tolerance or goal.approach_tolerance,
+        )
+
+    CHECKED: ClassVar[tuple[Attribute, ...]] = (
+        Attribute(
+            "mesh_decimation_ratios", "checked, without effect", kind="numbers", range=(0.0, 1.0),
+            form="list", idle="the meshes here are light as they are",
+        ),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedArmConfig(ArmConfig):
+    """Settings of ``devrel:so101:simulated``."""
+
+    speed: float = changed(
+        ArmConfig, "speed",
+        use="cap of every joint; another positive number becomes the nearest of these",
+        default=90.0, takes_nearest=True,
+    )  # fmt: skip
+    acceleration: float = changed(ArmConfig, "acceleration", ours=True)
+    simulate_time: bool = attribute(
+        "simulate_time", "false: time moves only by `advance_time`", kind="flag", default=True
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HardwareArmConfig(ArmConfig):
+    """Settings of ``devrel:so101:arm``."""
+
+    connection: PortConfig = part(PortConfig)
+    servo_ids: tuple[int, ...] = attribute(
+        "servo_ids", "base to wrist", kind="own", form="five different, 1 to 5",
+        otherwise="[1, 2, 3, 4, 5]", by=_servo_ids,
+    )  # fmt: skip
+    zero_offsets: Mapping[str, float] | None = attribute(
+        "joint_zero_offsets_deg", "the model's angles in the middle of the joints' travels",
+        kind="own", form="deg, by joint or five", otherwise="as the calibration says", ours=True,
+        link="hardware.md#where-zero-is", by=_zero_offsets,
+    )  # fmt: skip
+    joint_zero: str | None = attribute(  # None if it is not given
+        "joint_zero", "where zero is if neither that nor the calibration says more: the middle of"
+        " the travel, or the pose of `set_homing`", kind="choice", options=CONVENTIONS,
+        ours=True, link="hardware.md#where-zero-is",
+        by=lambda given, key: given.value(key) if given.given(key) else None,
+    )  # fmt: skip
+    releases_at_end: bool = attribute(
+        "at_end", "when the module ends: holding, or limp, the arm then sinks under its weight",
+        kind="choice", options=("hold", "release"), ours=True,
+        link="hardware.md#when-the-program-ends",
+        by=lambda given, key: given.value(key) == "release",
+    )  # fmt: skip
+    compliance: Compliance = attribute(
+        "manual_mode",
+        "how it yields to a hand: `pos_deadband_deg` (0.5), `p_gain` (8), `torque_limit` (30,"
+        " thousandths of full drive), `wall_torque_limit` (300) with which it holds a hand off"
+        " contact; `loop_hz` has no effect",
+        kind="own", form="object", link="teleoperation.md#hand-guiding", by=_compliance,
+    )  # fmt: skip
+    unused: tuple[str, ...] = derived(
+        lambda given, _: (
+            *given.idle,
+            *(("manual_mode.loop_hz",) if _manual_mode(given).given("loop_hz") else ()),
+        )
+    )
+
+    CHECKED = (
+        *ArmConfig.CHECKED,
+        Attribute(
+            "waypoint_lookahead_deg", "checked, without effect", unit="deg", range=(0.1, 45.0),
+            idle="waypoints are on a planned path here, which is followed at every instant",
+        ),
+        Attribute(
+            "disable_servo_gains", "checked, without effect", kind="flag",
+            idle="the servos' gains are never changed; the driver reads them and reckons with them",
+        ),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedGripperConfig(Config):
+    """Settings of ``devrel:so101:simulated-gripper``."""
+
+    gripper_type: str = attribute(
+        "gripper_type", "moving jaw, or handle and trigger", kind="choice",
+        options=("follower", "leader"),
+    )  # fmt: skip
+    mesh_detail: str = attribute(
+        "mesh_detail", "how it looks in the 3D view", kind="choice", options=("low", "high")
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HardwareGripperConfig(SimulatedGripperConfig):
+    """Settings of ``devrel:so101:gripper``."""
+
+    connection: PortConfig | None = part(  # None for the arm's
+        PortConfig, only_with="port",
+        port={"use": "a port of its own", "otherwise": "this or `arm` is required"},
+    )  # fmt: skip
+    arm: str | None = attribute(
+        "arm", "the arm it belongs to", kind="text", form="name",
+        otherwise="this or `port` is required", by=_gripper_arm,
+    )  # fmt: skip
+    servo_id: int = attribute(
+        "servo_id", "of the jaw", kind="whole", range=(1, 6), default=GRIPPER_ID, zero_is_none=True
+    )
+    articulated_jaw: bool = attribute(
+        "articulated_jaw", "true is refused: no planner moves the jaw here", kind="flag",
+        default=False, link="migrating.md#what-is-refused-by-name", by=_articulated,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationConfig(Config):
+    """Settings of ``devrel:so101:calibration``."""
+
+    connection: PortConfig = part(  # a calibration is saved in its file
+        PortConfig,
+        port={"use": "the arm's; shared with the arm and the gripper on it"},
+        calibration_file={
+            "use": "where a calibration is saved; relative ones lie in `$VIAM_MODULE_DATA`",
+            "otherwise": f"the arm's, or `{CALIBRATION_FILE}`",
+        },
+        timeout={
+            "use": "checked, without effect", "otherwise": "none", "link": "",
+            "idle": "a calibration waits for servos as long as it takes",
+        },
+    )  # fmt: skip
+    joints: tuple[str, ...] = attribute(  # base to jaw
+        "servo_ids", "only these joints are calibrated; what is known of the others stays",
+        kind="own", form="different, 1 to 6", otherwise="all", by=_calibrated,
+    )  # fmt: skip
+    unused: tuple[str, ...] = derived(lambda given, _: given.idle)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiscoveryConfig(Config):
+    """Settings of ``devrel:so101:discovery``; the published module has none."""
+
+    ports: tuple[str, ...] = attribute(
+        "ports",
+        "further ports to look at, which no search finds: a Raspberry Pi's own port, a link",
+        kind="own", form="list of paths", otherwise="only what is found", ours=True, by=_ports,
+    )  # fmt: skip

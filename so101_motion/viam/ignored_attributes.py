@@ -8,35 +8,31 @@ misspelt attribute of the model is refused: it may be a cap.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 
 from so101_motion.common.attributes import Attribute, ignorable
-from so101_motion.viam import attribute_table as table
-from so101_motion.viam.component_config import MANUAL_RANGES
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KnownAttributes:
-    """The attributes of a configuration that its model knows.
-
-    Attributes:
-        values: Those.
-        ignored: The names of the others.
-    """
-
-    values: Mapping[str, object]
-    ignored: tuple[str, ...]
+from so101_motion.viam.component_config import (
+    MANUAL_RANGES,
+    CalibrationConfig,
+    DiscoveryConfig,
+    HardwareArmConfig,
+    HardwareGripperConfig,
+    MotionConfig,
+    SimulatedArmConfig,
+)
 
 
 def without_ignored(
     attributes: Mapping[str, object], rows: tuple[Attribute, ...]
-) -> KnownAttributes:
+) -> tuple[Mapping[str, object], tuple[str, ...]]:
     """Leave out what has no meaning.
 
     Args:
         attributes: As configured.
         rows: Those of the model.
+
+    Returns:
+        What the model knows, and the names of the rest.
 
     Raises:
         ConfigError: One looks misspelt; the message suggests the nearest.
@@ -51,16 +47,16 @@ def without_ignored(
         left_out = ignorable(manual, MANUAL_RANGES, kind="key of manual_mode")
         known["manual_mode"] = {k: value for k, value in manual.items() if k not in left_out}
         ignored += tuple(f"manual_mode.{key}" for key in left_out)
-    return KnownAttributes(values=known, ignored=ignored)
+    return known, ignored
 
 
 @cache
 def names_of_the_family() -> frozenset[str]:
     """The names of all attributes that some model of this module has."""
-    from so101_motion.tasks.teleop.config import ATTRIBUTES  # needed only here, by few machines
+    from so101_motion.tasks.teleop.config import TeleopConfig  # needed only here, by few machines
 
-    tables = (
-        table.ARM, table.GRIPPER, table.SIMULATED_ARM, table.SIMULATED_GRIPPER, table.CALIBRATION,
-        table.DISCOVERY, table.MOTION, ATTRIBUTES,
+    configs = (
+        HardwareArmConfig, HardwareGripperConfig, SimulatedArmConfig, CalibrationConfig,
+        DiscoveryConfig, MotionConfig, TeleopConfig,
     )  # fmt: skip
-    return frozenset(row.name for rows in tables for row in rows)
+    return frozenset(row.name for each in configs for row in each.rows())

@@ -263,7 +263,7 @@ def _part(kind: str, entry: Mapping[str, Any], zero: str | None) -> MigratedReso
                 " joint angles, and those that you have kept go on meaning the same",
             )
         try:
-            notes += getattr(known.read(kept), "notes", ())
+            notes += getattr(known.config.from_attributes(kept), "notes", ())
         except ConfigError as error:
             problem = str(error)
     return MigratedResource(
@@ -296,7 +296,7 @@ def _config(
 
 
 def _given(given: Mapping[str, Any], known: Model, problem: str) -> Iterator[MigratedAttribute]:
-    rows = {each.name: each for each in known.attributes}
+    rows = {each.name: each for each in known.config.rows()}
     for key, value in given.items():
         if key not in rows:
             meant = misspelt(key, rows, names_of_the_family())
@@ -316,7 +316,7 @@ def _given(given: Mapping[str, Any], known: Model, problem: str) -> Iterator[Mig
 
 
 def _new(given: Mapping[str, Any], known: Model) -> Iterator[MigratedAttribute]:
-    for each in known.attributes:
+    for each in known.config.rows():
         if each.ours and each.name not in given:
             here = f"{each.without}: {each.use}".replace("`", "")
             yield MigratedAttribute(attribute=each.name, there="", here=here, outcome=Outcome.NEW)

@@ -1,6 +1,6 @@
 """Every model of this module, and how it differs from that of the published module.
 
-The attributes are in ``attribute_table``; this file has the meaning of their values and a line for
+The attributes are in ``component_config``; this file has the meaning of their values and a line for
 each difference in behaviour, with its reason. ``migration`` uses it.
 """
 
@@ -10,19 +10,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from so101_motion.common.attributes import Attribute
+from so101_motion.common.attributes import Config
 from so101_motion.common.errors import ConfigError
-from so101_motion.setup.discovery import ports_asked_for
-from so101_motion.tasks.teleop import config as teleop
-from so101_motion.viam import attribute_table as table
+from so101_motion.tasks.teleop.config import TeleopConfig
 from so101_motion.viam.component_config import (
     CalibrationConfig,
+    DiscoveryConfig,
+    ForAnArmConfig,
     HardwareArmConfig,
     HardwareGripperConfig,
     MotionConfig,
     SimulatedArmConfig,
     SimulatedGripperConfig,
-    arm_served,
     duration,
 )
 
@@ -32,19 +31,17 @@ class Model:
     """A model: its attributes, and the differences from the published module.
 
     Attributes:
-        read: Checks attributes; raises ``ConfigError``.
-        attributes: The attributes it takes.
+        config: The attributes it takes.
         differences: The differences in behaviour for given attributes, a line each.
     """
 
-    read: Callable[[Mapping[str, Any]], object]
-    attributes: tuple[Attribute, ...]
+    config: type[Config]
     differences: Callable[[Mapping[str, Any]], tuple[str, ...]] = lambda _: ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all attributes it takes."""
-        return tuple(each.name for each in self.attributes)
+        return tuple(each.name for each in self.config.rows())
 
 
 def _seconds(value: Any) -> str:
@@ -105,44 +102,35 @@ def _gripper_differences(given: Mapping[str, Any]) -> tuple[str, ...]:
 
 MODELS: Mapping[str, Model] = {
     "arm": Model(
-        read=HardwareArmConfig.from_attributes,
-        attributes=table.ARM,
+        config=HardwareArmConfig,
         differences=_arm_differences,
     ),
     "gripper": Model(
-        read=HardwareGripperConfig.from_attributes,
-        attributes=table.GRIPPER,
+        config=HardwareGripperConfig,
         differences=_gripper_differences,
     ),
     "simulated": Model(
-        read=SimulatedArmConfig.from_attributes,
-        attributes=table.SIMULATED_ARM,
+        config=SimulatedArmConfig,
         differences=lambda _: (
             "it plans and moves like the real arm, with limited acceleration; in the published"
             " module it turned at constant speed",
             "a speed outside 3 to 180 deg/s, as the real arm has them, becomes the nearest",
         ),
     ),
-    "simulated-gripper": Model(
-        read=SimulatedGripperConfig.from_attributes, attributes=table.SIMULATED_GRIPPER
-    ),
+    "simulated-gripper": Model(config=SimulatedGripperConfig),
     "calibration": Model(
-        read=CalibrationConfig.from_attributes,
-        attributes=table.CALIBRATION,
+        config=CalibrationConfig,
         differences=lambda _: (
             "saving keeps the file's other joints and its older versions, and writes the file that"
             " the next start reads",
             "a joint may cross the end of its servo's counter while it is recorded",
         ),
     ),
-    "motion": Model(
-        read=MotionConfig.from_attributes, attributes=table.MOTION, differences=_only_here
-    ),
-    "world-state": Model(read=arm_served, attributes=table.FOR_AN_ARM, differences=_only_here),
-    "discovery": Model(read=ports_asked_for, attributes=table.DISCOVERY),
+    "motion": Model(config=MotionConfig, differences=_only_here),
+    "world-state": Model(config=ForAnArmConfig, differences=_only_here),
+    "discovery": Model(config=DiscoveryConfig),
     "teleop": Model(
-        read=teleop.TeleopConfig.from_attributes,
-        attributes=teleop.ATTRIBUTES,
+        config=TeleopConfig,
         differences=lambda _: (
             "the follower moves slowly to the leader's position before it follows; in the published"
             " module it jumped",
@@ -153,6 +141,6 @@ MODELS: Mapping[str, Model] = {
 }
 """The models by their name without ``devrel:so101:``."""
 
-_ALL = [each for model in MODELS.values() for each in model.attributes]
+_ALL = [each for model in MODELS.values() for each in model.config.rows()]
 OURS = {each.name for each in _ALL if each.ours} - {each.name for each in _ALL if not each.ours}
 """The attributes that no model of the published module has."""

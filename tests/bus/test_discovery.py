@@ -367,25 +367,3 @@ def test_a_file_that_viam_server_has_deleted_is_still_found(table):
     store.load(file)
     file.unlink()
     assert table.only().calibration == file
-
-
-# The attribute
-
-
-def test_ports_are_read_from_the_settings():
-    assert discovery.ports_asked_for({}) == ()
-    assert discovery.ports_asked_for({"ports": ["/dev/ttyAMA0"]}) == ("/dev/ttyAMA0",)
-
-
-@pytest.mark.parametrize(
-    ("attributes", "words"),
-    [
-        ({"ports": "/dev/ttyAMA0"}, "must be a list"),
-        ({"ports": [3.0]}, "must hold names"),
-        ({"ports": [""]}, "must hold names"),
-        ({"port": "/dev/ttyAMA0"}, 'did you mean "ports"'),
-    ],
-)
-def test_wrong_settings_are_reported(attributes, words):
-    with pytest.raises(discovery.ConfigError, match=words):
-        discovery.ports_asked_for(attributes)

@@ -12,7 +12,10 @@ from so101_motion.common.attributes import (
     SPEED_RANGE_DEG,
     Attribute,
     Attributes,
+    Config,
+    attribute,
     checked_number,
+    derived,
 )
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
@@ -29,128 +32,24 @@ default. Arms of this process run at the rate of their bus."""
 FACTOR_RANGE = (0.1, 3.0)
 """Range of the scale of the leader's motion, in either direction; chosen."""
 
-ATTRIBUTES = (
-    Attribute("leader_arm", "the arm that leads", kind="text", form="name", otherwise="required"),
-    Attribute(
-        "follower_arm", "the arm that follows, another one", kind="text", form="name",
-        otherwise="required",
-    ),
-    Attribute(
-        "leader_gripper", "the leader's gripper; the jaw follows only if both grippers are named",
-        kind="text", form="name",
-    ),
-    Attribute("follower_gripper", "the follower's gripper", kind="text", form="name"),
-    Attribute(
-        "rate_hz", "how often an arm of another module is read; ours run at the rate of their bus",
-        unit="Hz", range=(0.0, 1000.0), default=RATE, zero_is_none=True,
-    ),
-    Attribute(
-        "manage_leader_torque",
-        "whether the leader is released when it starts, and held again when it ends",
-        kind="flag", default=True,
-    ),
-    Attribute(
-        "auto_start", "whether it starts by itself with the module", kind="flag", default=False
-    ),
-    Attribute(
-        "scale", "factor of the leader's motion; a negative one reverses the joint",
-        kind="own", form="0.1 to 3, a number or five", otherwise="1", ours=True,
-    ),
-    Attribute(
-        "offsets_deg", "added to the follower's angles", kind="own",
-        form="deg, -180 to 180, by joint or five", otherwise="0", ours=True,
-    ),
-    Attribute(
-        "mirror", "for arms that face each other: pan and roll turn the other way", kind="flag",
-        default=False, ours=True,
-    ),
-    Attribute(
-        "speed_degs_per_sec", "cap while mirroring", unit="deg/s", range=SPEED_RANGE_DEG,
-        default=SPEED_RANGE_DEG[1], ours=True,
-    ),
-    Attribute(
-        "acceleration_degs_per_sec_per_sec", "cap while mirroring; with the guard 380 at most",
-        unit="deg/s^2", range=ACCELERATION_RANGE_DEG, default=ACCELERATION_RANGE_DEG[1], ours=True,
-    ),
-    Attribute(
-        "approach_speed_degs_per_sec", "cap while coming closer", unit="deg/s",
-        range=(1.0, 90.0), default=30.0, ours=True,
-    ),
-    Attribute(
-        "collision_guard", "whether the follower keeps clear of itself and what is around",
-        kind="flag", default=True, ours=True,
-    ),
-    Attribute(
-        "max_consecutive_errors", "checked, without effect", range=(0.0, 1e9), default=0.0,
-        otherwise="none", idle="the follower holds at once when the leader is lost",
-    ),
-)  # fmt: skip
-"""The attributes of ``devrel:so101:teleop``. By default the follower may use the largest caps there
-are, because a hand is fast; the arm's own caps are for planned motions."""
+
+def _required(given: Attributes, key: str) -> str:
+    name: str | None = given.value(key)
+    if name is None:
+        raise ConfigError(key, None, "is missing; give the name of an arm of this machine")
+    return name
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TeleopConfig:
-    """Settings of ``devrel:so101:teleop``."""
-
-    leader_arm: str
-    follower_arm: str
-    grippers: tuple[str, str] | None  # the leader's and the follower's; None to leave both alone
-    rate: float  # how often an arm of another module is read [1/s]
-    lets_go: bool  # whether the leader is released while it leads
-    auto_start: bool
-    mirror: Mirror  # maps the leader's angles to the follower's
-    pace: Pace  # the follower's caps
-    guarded: bool  # whether the follower keeps clear of itself and its surroundings
-    asks_for_guard: bool  # whether that was given, and is not just the default
-    dependencies: tuple[str, ...]  # the names it needs, in the published module's order
-
-    @classmethod
-    def from_attributes(cls, attributes: Mapping[str, object]) -> TeleopConfig:
-        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
-        given = Attributes(attributes, ATTRIBUTES)
-        leader, follower = (_required(given, f"{side}_arm") for side in ("leader", "follower"))
-        if leader == follower:
-            raise ConfigError("follower_arm", follower, "is the leader already; give another arm")
-        grippers = (given.value("leader_gripper"), given.value("follower_gripper"))
-        given.value("max_consecutive_errors")  # only checked
-        return cls(
-            leader_arm=leader,
-            follower_arm=follower,
-            grippers=grippers if all(grippers) else None,
-            rate=given.value("rate_hz"),
-            lets_go=given.value("manage_leader_torque"),
-            auto_start=given.value("auto_start"),
-            mirror=read_mirror(attributes),
-            pace=read_pace(attributes),
-            guarded=given.value("collision_guard"),
-            asks_for_guard=given.given("collision_guard"),
-            dependencies=tuple(name for name in (leader, follower, *grippers) if name),
-        )
-
-
-def read_mirror(attributes: Mapping[str, object]) -> Mirror:
-    """Read ``scale``, ``offsets_deg`` and ``mirror``.
-
-    Raises:
-        ConfigError: One of them cannot be used.
-    """
-    given = Attributes(attributes, ATTRIBUTES)
+def _mirror(given: Attributes, key: str) -> Mirror:
     offsets_deg = given.angles("offsets_deg", ARM_JOINTS)
     mirror = Mirror(
-        factors=_factors(attributes.get("scale")),
+        factors=_factors(given.raw("scale")),
         offsets=to_rad(np.array([offsets_deg.get(joint, 0.0) for joint in ARM_JOINTS])),
     )
     return mirror.facing() if given.value("mirror") else mirror
 
 
-def read_pace(attributes: Mapping[str, object]) -> Pace:
-    """Read the speeds and the acceleration.
-
-    Raises:
-        ConfigError: One of them cannot be used.
-    """
-    given = Attributes(attributes, ATTRIBUTES)
+def _pace(given: Attributes, key: str) -> Pace:
     speed, approach = (given.value(f"{each}speed_degs_per_sec") for each in ("", "approach_"))
     acceleration = given.value("acceleration_degs_per_sec_per_sec")
     gentle = min(acceleration, to_rad(100.0))
@@ -160,13 +59,6 @@ def read_pace(attributes: Mapping[str, object]) -> Pace:
             velocity=min(approach, speed), acceleration=gentle, jerk=gentle / 0.03
         ),
     )
-
-
-def _required(given: Attributes, key: str) -> str:
-    name: str | None = given.value(key)
-    if name is None:
-        raise ConfigError(key, None, "is missing; give the name of an arm of this machine")
-    return name
 
 
 def _factors(value: object) -> Array:
@@ -182,3 +74,121 @@ def _factors(value: object) -> Array:
             "scale", value, f"must be {lower:g} to {upper:g}, or minus that to turn the other way"
         )
     return np.array(factors)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TeleopConfig(Config):
+    """Settings of ``devrel:so101:teleop``.
+
+    By default the follower may use the largest caps there are, because a hand is fast; the arm's
+    own caps are for planned motions.
+    """
+
+    leader_arm: str = attribute(
+        "leader_arm", "the arm that leads", kind="text", form="name", otherwise="required",
+        by=_required,
+    )  # fmt: skip
+    follower_arm: str = attribute(
+        "follower_arm", "the arm that follows, another one", kind="text", form="name",
+        otherwise="required", by=_required,
+    )  # fmt: skip
+    leader_gripper: str | None = attribute(
+        "leader_gripper", "the leader's gripper; the jaw follows only if both grippers are named",
+        kind="text", form="name",
+    )  # fmt: skip
+    follower_gripper: str | None = attribute(
+        "follower_gripper", "the follower's gripper", kind="text", form="name"
+    )
+    rate: float = attribute(
+        "rate_hz", "how often an arm of another module is read; ours run at the rate of their bus",
+        unit="Hz", range=(0.0, 1000.0), default=RATE, zero_is_none=True,
+    )  # fmt: skip
+    lets_go: bool = attribute(
+        "manage_leader_torque",
+        "whether the leader is released when it starts, and held again when it ends",
+        kind="flag", default=True,
+    )  # fmt: skip
+    auto_start: bool = attribute(
+        "auto_start", "whether it starts by itself with the module", kind="flag", default=False
+    )
+    mirror: Mirror = derived(  # maps the leader's angles to the follower's
+        _mirror,
+        Attribute(
+            "scale", "factor of the leader's motion; a negative one reverses the joint",
+            kind="own", form="0.1 to 3, a number or five", otherwise="1", ours=True,
+        ),
+        Attribute(
+            "offsets_deg", "added to the follower's angles", kind="own",
+            form="deg, -180 to 180, by joint or five", otherwise="0", ours=True,
+        ),
+        Attribute(
+            "mirror", "for arms that face each other: pan and roll turn the other way",
+            kind="flag", default=False, ours=True,
+        ),
+    )  # fmt: skip
+    pace: Pace = derived(  # the follower's caps
+        _pace,
+        Attribute(
+            "speed_degs_per_sec", "cap while mirroring", unit="deg/s", range=SPEED_RANGE_DEG,
+            default=SPEED_RANGE_DEG[1], ours=True,
+        ),
+        Attribute(
+            "acceleration_degs_per_sec_per_sec", "cap while mirroring; with the guard 380 at most",
+            unit="deg/s^2", range=ACCELERATION_RANGE_DEG, default=ACCELERATION_RANGE_DEG[1],
+            ours=True,
+        ),
+        Attribute(
+            "approach_speed_degs_per_sec", "cap while coming closer", unit="deg/s",
+            range=(1.0, 90.0), default=30.0, ours=True,
+        ),
+    )  # fmt: skip
+    guarded: bool = attribute(
+        "collision_guard", "whether the follower keeps clear of itself and what is around",
+        kind="flag", default=True, ours=True,
+    )  # fmt: skip
+    asks_for_guard: bool = derived(lambda given, _: given.given("collision_guard"))
+
+    CHECKED = (
+        Attribute(
+            "max_consecutive_errors", "checked, without effect", range=(0.0, 1e9), default=0.0,
+            otherwise="none", idle="the follower holds at once when the leader is lost",
+        ),
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        """Refuse an arm that follows itself."""
+        if self.leader_arm == self.follower_arm:
+            raise ConfigError(
+                "follower_arm", self.follower_arm, "is the leader already; give another arm"
+            )
+
+    @property
+    def grippers(self) -> tuple[str, str] | None:
+        """The leader's gripper and the follower's; None to leave both alone."""
+        if self.leader_gripper and self.follower_gripper:
+            return self.leader_gripper, self.follower_gripper
+        return None
+
+    @property
+    def dependencies(self) -> tuple[str, ...]:
+        """The names it needs, in the published module's order."""
+        grippers = (self.leader_gripper, self.follower_gripper)
+        return tuple(name for name in (self.leader_arm, self.follower_arm, *grippers) if name)
+
+
+def read_mirror(attributes: Mapping[str, object]) -> Mirror:
+    """Read ``scale``, ``offsets_deg`` and ``mirror``.
+
+    Raises:
+        ConfigError: One of them cannot be used.
+    """
+    return _mirror(Attributes(attributes, TeleopConfig.rows()), "")
+
+
+def read_pace(attributes: Mapping[str, object]) -> Pace:
+    """Read the speeds and the acceleration.
+
+    Raises:
+        ConfigError: One of them cannot be used.
+    """
+    return _pace(Attributes(attributes, TeleopConfig.rows()), "")

@@ -41,9 +41,8 @@ from so101_motion.viam.conversion.planner_options import (
     cloud_in,
     to_goal_cloud,
 )
-from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
-from so101_motion.viam.models.configured import Configured
-from so101_motion.viam.models.dependencies import motion_name, sources
+from so101_motion.viam.models.configured import Configured, Dependencies
+from so101_motion.viam.models.dependencies import motion_name, motion_service, sources
 from so101_motion.viam.models.gripper_resource import GripperResource
 from so101_motion.viam.requests import await_motion
 from so101_motion.viam.requests.commands import (
@@ -75,7 +74,8 @@ class ArmResource(Configured, Arm):
     Args:
         name: The component's name.
         rig: The rig of the arm; closed with the component.
-        settings: The component's own settings.
+        config: Its configuration.
+        dependencies: The clients of the resources that the configuration names.
     """
 
     NEEDS_SERVOS: ClassVar[frozenset[str]] = frozenset()
@@ -87,22 +87,23 @@ class ArmResource(Configured, Arm):
     cell: ClassVar = MachineCell(here)
     """Lets these arms know each other's motions, so that they keep apart."""
 
-    def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
+    def __init__(self, name: str, rig: Rig, config: ArmConfig, dependencies: Dependencies) -> None:
         super().__init__(name)
+        self._planning_service = motion_service(config.motion, dependencies)
         self.rig = rig
         self.short_name = name.rpartition(":")[2]
         self.here[self.short_name] = self
         self._arm = rig.arm
-        self.settings, arm = settings, rig.arm
-        self._retarget = arm.start_retarget if settings.guarded else arm.start_unguarded_retarget
-        self._start_stream = arm.start_stream if settings.guarded else arm.start_unguarded_stream
+        self.config, arm = config, rig.arm
+        self._retarget = arm.start_retarget if config.guarded else arm.start_unguarded_retarget
+        self._start_stream = arm.start_stream if config.guarded else arm.start_unguarded_stream
         self._ignored = OptionWarnings(self.logger)
         machine = MachineBodies(
-            self.short_name, settings.ignored, self.here, GripperResource.here, self.cell
+            self.short_name, config.ignored, self.here, GripperResource.here, self.cell
         )
-        senses = sources(settings.senses, settings.dependencies, self.logger)
+        senses = sources(config.senses, dependencies, self.logger)
         around = self.surroundings = Surroundings(machine, senses, self.logger)
-        self.guarded_scene = GuardedScene(arm, around, self.logger, is_used=settings.guarded)
+        self.guarded_scene = GuardedScene(arm, around, self.logger, is_used=config.guarded)
         self._manual = ManualMode(arm, self.logger, self.guarded_scene)
         self.paths = PathCommands(self)
         self._ended_by = ""  # why no other motion may begin
@@ -118,7 +119,7 @@ class ArmResource(Configured, Arm):
     @classmethod
     def needed(cls, wanted: ArmConfig) -> Sequence[str]:
         """The motion service that plans for this arm, if one is named."""
-        scene_of(wanted)  # refuses obstacles that are not valid
+        _ = wanted.scene  # refuses obstacles that are not valid
         return [motion_name(wanted.motion)] if wanted.motion else []
 
     @classmethod
@@ -159,12 +160,12 @@ class ArmResource(Configured, Arm):
         await self.ready()
         extra = extra or {}
         with grpc_statuses():
-            if self.settings.motion is not None:
-                await self._move_by_service(self.settings.motion, pose, extra, **kwargs)
+            if self._planning_service is not None:
+                await self._move_by_service(self._planning_service, pose, extra, **kwargs)
                 return
             self._ignored.warn(extra)
             options = PlannerOptions.of(extra)
-            goal = options.goal(self.settings.goal(convert.from_pose(pose)))
+            goal = options.goal(self.config.goal(convert.from_pose(pose)))
             await self.arrived(self._start_move(goal, options.search(self._arm.scene)))
 
     def _start_move(self, goal: Goal, search: Search) -> Motion:
@@ -327,7 +328,7 @@ class ArmResource(Configured, Arm):
     @property
     def ignored(self) -> tuple[str, ...]:
         """Components of the machine that are not planned around."""
-        return self.settings.ignored
+        return self.config.ignored
 
     async def ready(self) -> None:
         """Read the other arms' positions, for a request that moves this arm."""
@@ -374,18 +375,18 @@ class ArmResource(Configured, Arm):
     async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
         """The five-joint chain, as SVA or, if configured, as URDF."""
         name = self.short_name
-        if self.settings.use_urdf:
+        if self.config.use_urdf:
             return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_URDF, kinematics.arm_urdf(name)
         return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, kinematics.arm_sva(name)
 
     async def get_3d_models(self, **kwargs: Any) -> Mapping[str, Mesh]:
         """The 3D models of the parts, keyed as in the labels of the geometries."""
-        return meshes.arm_models(with_tool=self.settings.visualize_ee_frame)
+        return meshes.arm_models(with_tool=self.config.visualize_ee_frame)
 
     async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
         """The parts as boxes where they are now, labelled ``<name>:<part>``."""
         await self.found()
-        marker = self._arm.T_base("tool") if self.settings.visualize_ee_frame else None
+        marker = self._arm.T_base("tool") if self.config.visualize_ee_frame else None
         links = self._arm.T_base_links()
         return meshes.arm_geometries(self.short_name, links, marker)
 

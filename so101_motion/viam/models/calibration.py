@@ -14,8 +14,7 @@ from viam.resource.types import Model
 from so101_motion.calib.record import store
 from so101_motion.rig.hardware_rig import open_without_waiting
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.viam import attribute_table as table
-from so101_motion.viam.component_config import CalibrationConfig
+from so101_motion.viam.component_config import CALIBRATION_FILE, CalibrationConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured, Dependencies
@@ -39,8 +38,7 @@ class So101Calibration(Configured, Sensor):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:calibration")
-    READ = staticmethod(CalibrationConfig.from_attributes)
-    ATTRIBUTES = table.CALIBRATION
+    CONFIG = CalibrationConfig
 
     def __init__(self, name: str, calibrator: Calibrator, first_try: Future[None]) -> None:
         from so101_motion.viam.requests.calibration_commands import CalibrationCommands
@@ -100,5 +98,5 @@ def _port_settings(wanted: CalibrationConfig) -> ServoSettings:
         wanted.connection.servo_settings(),
         timeout=None,
         rate=None,
-        fallback_file=store.resolve(file or table.CALIBRATION_FILE),
+        fallback_file=store.resolve(file or CALIBRATION_FILE),
     )

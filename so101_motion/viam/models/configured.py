@@ -10,11 +10,11 @@ from viam.proto.common import ResourceName
 from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
-from so101_motion.common.attributes import Attribute
+from so101_motion.common.attributes import Config
 from so101_motion.common.errors import LONGEST_QUOTE, clipped
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
-from so101_motion.viam.ignored_attributes import KnownAttributes, without_ignored
+from so101_motion.viam.ignored_attributes import without_ignored
 
 Dependencies = Mapping[ResourceName, ResourceBase]
 
@@ -22,10 +22,7 @@ Dependencies = Mapping[ResourceName, ResourceBase]
 class Configured:
     """A component or service that is built from its attributes; every model inherits it first."""
 
-    READ: ClassVar[staticmethod[[Mapping[str, Any]], Any]]
-    """Turns attributes into settings; raises ``ConfigError`` for what cannot be used."""
-
-    ATTRIBUTES: ClassVar[tuple[Attribute, ...]]
+    CONFIG: ClassVar[type[Config]]
     """The attributes that it knows; others are left out, see ``ignored_attributes``."""
 
     MODEL: ClassVar[Model]
@@ -33,29 +30,29 @@ class Configured:
     @classmethod
     def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
         """Check the attributes; return the required and the optional dependencies."""
-        wanted = cls.READ(cls._known(config).values)
+        wanted = cls.CONFIG.from_attributes(cls._known(config)[0])
         return cls.needed(wanted), cls.used(wanted)
 
     @classmethod
     def new(cls, config: ComponentConfig, dependencies: Dependencies) -> Self:
         """Build the resource from its configuration; nothing moves."""
         with grpc_statuses():
-            known = cls._known(config)
-            wanted = cls.READ(known.values)
+            known, ignored = cls._known(config)
+            wanted = cls.CONFIG.from_attributes(known)
             made = cls.build(config.name, wanted, dependencies)
         logger = made.logger  # type: ignore[attr-defined]  # the SDK's
         for key in getattr(wanted, "unused", ()):
             logger.info("%s has no effect here", key)
         for note in getattr(wanted, "notes", ()):
             logger.warning("%s", note)
-        if known.ignored:
-            names = ", ".join(clipped(key, LONGEST_QUOTE) for key in sorted(known.ignored))
+        if ignored:
+            names = ", ".join(clipped(key, LONGEST_QUOTE) for key in sorted(ignored))
             logger.warning("ignored, because %s has no such attribute: %s", cls.MODEL, names)
         return made
 
     @classmethod
-    def _known(cls, config: ComponentConfig) -> KnownAttributes:
-        return without_ignored(convert.from_struct(config.attributes), cls.ATTRIBUTES)
+    def _known(cls, config: ComponentConfig) -> tuple[Mapping[str, object], tuple[str, ...]]:
+        return without_ignored(convert.from_struct(config.attributes), cls.CONFIG.rows())
 
     @classmethod
     def needed(cls, wanted: Any) -> Sequence[str]:

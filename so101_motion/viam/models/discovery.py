@@ -13,9 +13,9 @@ from viam.resource.types import Model
 from viam.services.discovery import Discovery as DiscoveryService
 from viam.utils import dict_to_struct
 
-from so101_motion.setup.discovery import Discovery, discover, ports_asked_for
+from so101_motion.setup.discovery import Discovery, discover
 from so101_motion.setup.port_report import PortReport, Suggestion
-from so101_motion.viam import attribute_table as table
+from so101_motion.viam.component_config import DiscoveryConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
@@ -34,8 +34,7 @@ class So101Discovery(Configured, DiscoveryService):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:discovery")
-    READ = staticmethod(ports_asked_for)
-    ATTRIBUTES = table.DISCOVERY
+    CONFIG = DiscoveryConfig
 
     def __init__(self, name: str, ports: Sequence[str]) -> None:
         super().__init__(name)
@@ -44,10 +43,10 @@ class So101Discovery(Configured, DiscoveryService):
 
     @classmethod
     def build(
-        cls, name: str, wanted: tuple[str, ...], dependencies: Dependencies
+        cls, name: str, wanted: DiscoveryConfig, dependencies: Dependencies
     ) -> So101Discovery:
         """Make the service; searches no port yet."""
-        return cls(name, wanted)
+        return cls(name, wanted.ports)
 
     async def discover_resources(self, **kwargs: Any) -> list[ComponentConfig]:
         """Suggest configurations for the servos that are plugged in, in under 2 s.

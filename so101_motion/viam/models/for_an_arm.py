@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
-from so101_motion.common.attributes import Attribute, suggest
+from so101_motion.common.attributes import Config, suggest
 from so101_motion.common.errors import ConfigError
-from so101_motion.viam import attribute_table as table
-from so101_motion.viam.component_config import arm_served
+from so101_motion.viam.component_config import ForAnArmConfig
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.configured import Configured, Dependencies
 
@@ -25,8 +24,7 @@ class ServiceForAnArm(Configured):
         arm: Name of the arm; None for the only one.
     """
 
-    READ: ClassVar[staticmethod[[Mapping[str, Any]], Any]] = staticmethod(arm_served)
-    ATTRIBUTES: ClassVar[tuple[Attribute, ...]] = table.FOR_AN_ARM
+    CONFIG: ClassVar[type[Config]] = ForAnArmConfig
 
     def __init__(self, name: str, arm: str | None) -> None:
         super().__init__(name)  # type: ignore[call-arg]  # the constructor of the service
@@ -35,7 +33,7 @@ class ServiceForAnArm(Configured):
     @classmethod
     def build(cls, name: str, wanted: Any, dependencies: Dependencies) -> Self:
         """Make the service for the named arm, which need not exist yet."""
-        return cls(name, wanted)
+        return cls(name, wanted.arm)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         """The name of the arm, or why there is none."""

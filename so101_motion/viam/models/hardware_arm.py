@@ -16,12 +16,10 @@ from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.control.limit_recovery import remarks
 from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
-from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import HardwareArmConfig
 from so101_motion.viam.conversion import convert, served_joints
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import AT_START, ArmResource
-from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.identify_commands import IdentifyCommands
 from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
@@ -46,13 +44,12 @@ class HardwareArm(ArmResource):
     Args:
         name: The component's name.
         rig: The arm's part of the rig of its port.
-        settings: The component's own settings.
-        servo_ids: The ids of its servos, base to wrist.
+        config: Its configuration.
+        dependencies: The clients of the resources that the configuration names.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:arm")
-    READ = staticmethod(HardwareArmConfig.from_attributes)
-    ATTRIBUTES = table.ARM
+    CONFIG = HardwareArmConfig
     NEEDS_SERVOS = frozenset(
         {
             "enter_manual_mode", "exit_manual_mode", "get_calibration", "get_planning_setup",
@@ -66,11 +63,11 @@ class HardwareArm(ArmResource):
     rig: HardwareRig
 
     def __init__(
-        self, name: str, rig: HardwareRig, settings: ArmSettings, servo_ids: tuple[int, ...]
+        self, name: str, rig: HardwareRig, config: HardwareArmConfig, dependencies: Dependencies
     ) -> None:
-        super().__init__(name, rig, settings)
+        super().__init__(name, rig, config, dependencies)
         self._remarked: set[str] = set()
-        self._servo_ids = servo_ids
+        self._servo_ids = servo_ids = config.servo_ids
         self._commands |= {
             **ServoCommands(rig, servo_ids, self._manual).commands,
             **JawServoCommands(rig, self.logger).commands,
@@ -80,7 +77,7 @@ class HardwareArm(ArmResource):
     @classmethod
     def build(cls, name: str, wanted: HardwareArmConfig, dependencies: Dependencies) -> HardwareArm:
         """Make the component; nothing moves."""
-        settings, scene = ArmSettings.of(wanted, dependencies), scene_of(wanted)
+        scene = wanted.scene
         asked = replace(
             wanted.connection.servo_settings(),
             releases_at_end=wanted.releases_at_end,
@@ -96,7 +93,7 @@ class HardwareArm(ArmResource):
             rig.arm.set_load(wanted.load)
             rig.arm.scene = scene
             rig.warm_up()
-            return cls(name, rig, settings, wanted.servo_ids)
+            return cls(name, rig, wanted, dependencies)
         except BaseException:
             rig.close()
             raise

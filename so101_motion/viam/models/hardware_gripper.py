@@ -19,7 +19,6 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.rig.shared_port import HARDWARE_JAW_LIMITS
-from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import HardwareGripperConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
@@ -50,8 +49,7 @@ class HardwareGripper(GripperResource):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:gripper")
-    READ = staticmethod(HardwareGripperConfig.from_attributes)
-    ATTRIBUTES = table.GRIPPER
+    CONFIG = HardwareGripperConfig
     NEEDS_NO_SERVO = frozenset(
         {
             "controller_status", "calibrate_positions", "set_motion_params", "get_motion_params",

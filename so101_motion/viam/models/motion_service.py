@@ -39,7 +39,6 @@ from so101_motion.planning.goals import Goal, GoalMetric, LineGoal, PathGoal, Po
 from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan, Search
-from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import MotionConfig, SensesConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
@@ -75,8 +74,7 @@ class So101Motion(ServiceForAnArm, MotionService):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:motion")
-    READ = staticmethod(MotionConfig.from_attributes)
-    ATTRIBUTES = table.MOTION
+    CONFIG = MotionConfig
 
     def __init__(
         self, name: str, arm: str | None, senses: SensesConfig, dependencies: Dependencies
@@ -279,7 +277,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         T_tool_component = await frames.T_tool(wanted.component)
         T_base_goal = await frames.T_base(wanted.destination.reference_frame)
         T_base_goal = T_base_goal @ convert.from_pose(wanted.destination.pose)
-        goal = options.goal(resource.settings.goal(T_base_goal))
+        goal = options.goal(resource.config.goal(T_base_goal))
         search = options.search(scene)
         if wanted.component != name:
             goal = replace(goal, frame=_COMPONENT)

@@ -15,11 +15,10 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.rig.rig import TICK, Rig
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import SimulatedArmConfig
 from so101_motion.viam.models.arm_resource import ArmResource
-from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
+from so101_motion.viam.models.dependencies import motion_service
 from so101_motion.viam.requests.commands import Taking, in_deg
 
 LONGEST_STEP = 3600.0
@@ -32,19 +31,21 @@ class SimulatedArm(ArmResource):
     Args:
         name: The component's name.
         rig: The rig of a simulated arm.
-        settings: The component's own settings.
+        config: Its configuration.
+        dependencies: The clients of the resources that the configuration names.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated")
-    READ = staticmethod(SimulatedArmConfig.from_attributes)
-    ATTRIBUTES = table.SIMULATED_ARM
+    CONFIG = SimulatedArmConfig
 
     left_at: ClassVar[dict[str, Array]] = {}
     """The last joint angles of closed arms, by name, shape (5,), [rad]. A new configuration closes
     and rebuilds an arm; it starts again where it was, as a real arm does."""
 
-    def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
-        super().__init__(name, rig, settings)
+    def __init__(
+        self, name: str, rig: Rig, config: SimulatedArmConfig, dependencies: Dependencies
+    ) -> None:
+        super().__init__(name, rig, config, dependencies)
         # One thread for all requests: it takes turns with the arm's, and a new one would begin on
         # another processor, which makes each turn three times as long.
         self._time = ThreadPoolExecutor(1, thread_name_prefix="so101-time")
@@ -58,18 +59,18 @@ class SimulatedArm(ArmResource):
         cls, name: str, wanted: SimulatedArmConfig, dependencies: Dependencies
     ) -> SimulatedArm:
         """Make the component; it starts where the last one of this name was."""
-        settings = ArmSettings.of(wanted, dependencies)
+        motion_service(wanted.motion, dependencies)  # refuses one that the machine does not have
         rig = open_simulated(
             speed=wanted.speed,
             acceleration=wanted.acceleration,
-            scene=scene_of(wanted),
+            scene=wanted.scene,
             q_start=cls.left_at.pop(name, None),
             clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
         )
         ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)
         rig.arm.set_ceiling(ceiling)
         rig.arm.set_load(wanted.load)
-        return cls(name, rig, settings)
+        return cls(name, rig, wanted, dependencies)
 
     async def close(self) -> None:
         """Stop and release everything; the next arm of this name starts at these angles."""

@@ -14,7 +14,6 @@ from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError
 from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated_gripper
-from so101_motion.viam import attribute_table as table
 from so101_motion.viam.component_config import SimulatedGripperConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
@@ -34,8 +33,7 @@ class SimulatedGripper(GripperResource):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
-    READ = staticmethod(SimulatedGripperConfig.from_attributes)
-    ATTRIBUTES = table.SIMULATED_GRIPPER
+    CONFIG = SimulatedGripperConfig
 
     left_at: ClassVar[dict[str, float]] = {}
     """The last jaw angles of closed components, by name [rad]; as for the simulated arm."""

@@ -33,7 +33,6 @@ from so101_motion.tasks.teleop import (
     Teleop,
     pilot,
 )
-from so101_motion.tasks.teleop.config import ATTRIBUTES as TELEOP_ATTRIBUTES
 from so101_motion.tasks.teleop.config import TeleopConfig
 from so101_motion.tasks.teleop.gate import Phase
 from so101_motion.tasks.teleop.local_arms import middles_of, side_of
@@ -73,8 +72,7 @@ class So101Teleop(Configured, Generic):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:teleop")
-    READ = staticmethod(TeleopConfig.from_attributes)
-    ATTRIBUTES = TELEOP_ATTRIBUTES
+    CONFIG = TeleopConfig
 
     def __init__(
         self,

@@ -8,6 +8,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
 from so101_motion.viam.component_config import (
     CalibrationConfig,
+    DiscoveryConfig,
     HardwareArmConfig,
     HardwareGripperConfig,
     SimulatedArmConfig,
@@ -271,3 +272,22 @@ def test_the_control_rate_is_read_and_bounded():
     assert HardwareArmConfig.from_attributes(wanted).connection.rate == 200.0
     with pytest.raises(ConfigError, match=r"control_rate_hz.*50 to 200"):
         HardwareArmConfig.from_attributes({**wanted, "control_rate_hz": 1000})
+
+
+def test_further_ports_are_a_list_of_names():
+    assert DiscoveryConfig.from_attributes({}).ports == ()
+    assert DiscoveryConfig.from_attributes({"ports": ["/dev/ttyAMA0"]}).ports == ("/dev/ttyAMA0",)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "words"),
+    [
+        ({"ports": "/dev/ttyAMA0"}, "must be a list"),
+        ({"ports": [3.0]}, "must hold names"),
+        ({"ports": [""]}, "must hold names"),
+        ({"port": "/dev/ttyAMA0"}, 'did you mean "ports"'),
+    ],
+)
+def test_wrong_ports_are_refused(attributes, words):
+    with pytest.raises(ConfigError, match=words):
+        DiscoveryConfig.from_attributes(attributes)

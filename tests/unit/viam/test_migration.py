@@ -45,7 +45,7 @@ def fates(found):
 @pytest.mark.parametrize("model", MODELS)
 def test_the_table_knows_the_attributes_that_the_models_take(model):
     with pytest.raises(ConfigError) as caught:
-        MODELS[model].read({"no such attribute": 1})
+        MODELS[model].config.from_attributes({"no such attribute": 1})
     listed = str(caught.value).partition("known: ")[2]
     assert set(filter(None, listed.split(", "))) == set(MODELS[model].names)
 
