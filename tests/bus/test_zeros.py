@@ -11,6 +11,7 @@ from harness.held_calibration import hold_calibration
 
 from so101_motion.calib.record import store, zero
 from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.common.encoder_zeros import shift
 from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.emulator.joint_figures import SO101
 
@@ -120,10 +121,14 @@ def test_where_the_published_module_s_zeros_differ_is_told_until_one_is_chosen(
             for joint, entry in content.items()
         }
     path.write_text(json.dumps(content))
-    told = bench.open(calibration_file=path).servos.notes
+    before = bench.open(calibration_file=path)
+    told, zeros = before.servos.notes, before.servos.encoder_zeros
+    bench.shut(before)
     chosen = bench.open(calibration_file=path, joint_zero="homing").servos
+    kept = shift(zeros, chosen.encoder_zeros, what="the pose", file=path)
 
     assert any("would add elbow_flex -7." in note for note in told) == has_norm_mode
+    assert math.degrees(kept[2]) == pytest.approx(-7.0, abs=0.2)  # a kept pose is converted
     assert not any("joint_zero" in note for note in chosen.notes)
     elbow = chosen.setups["elbow_flex"]
     assert elbow.zero.by == "homing"
