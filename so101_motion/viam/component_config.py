@@ -8,11 +8,9 @@ of teleoperation are in ``tasks/teleop/config.py``, because the command line use
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 from typing import ClassVar
 
 from so101_motion.calib.record import store
@@ -34,15 +32,10 @@ from so101_motion.common.attributes import (
 )
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.drivers.bus.defaults import BAUDRATE, GRIPPER_ID, SERVO_IDS, TIMEOUT
-from so101_motion.files.scene_file import obstacles_from
-from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.goals import PoseGoal
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.viam.conversion.world_state import MOST_THINGS
 
 CALIBRATION_FILE = "so101_calibration.json"
 """Where a calibration is saved by default; the published module's default."""
@@ -223,12 +216,6 @@ def _load(given: Attributes, key: str) -> LoadConfig:
 # The settings
 
 
-@lru_cache(maxsize=8)
-def _scene(floor_z: float | None, obstacles: str) -> Scene:
-    """Cached: ``validate_config`` builds it in a thread, and the event loop uses it again."""
-    return Scene(floor_z=floor_z, obstacles=obstacles_from(json.loads(obstacles)))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortConfig(Config):
     """The settings of the serial port, which arm, gripper and sensor share."""
@@ -397,23 +384,6 @@ class ArmConfig(Config):
     )  # fmt: skip
     unused: tuple[str, ...] = derived(lambda given, _: given.idle)  # given, and without effect here
     notes: tuple[str, ...] = derived(lambda given, _: given.notes)  # what replaces a given number
-
-    @property
-    def scene(self) -> Scene:
-        """What always stands around; raises ``ConfigError`` for an obstacle that is not valid."""
-        if len(self.obstacles) > MOST_THINGS:
-            given = f"{len(self.obstacles)} obstacles"
-            raise ConfigError("obstacles", given, f"are more than the {MOST_THINGS} that are read")
-        return _scene(self.floor_z, json.dumps(self.obstacles))
-
-    def goal(self, T_base_goal: SE3) -> PoseGoal:
-        """A goal with this arm's tolerances."""
-        goal = PoseGoal(T_base_tool=T_base_goal)
-        return replace(
-            goal,
-            position_tolerance=self.position_tolerance or goal.position_tolerance,
-            approach_tolerance=self.approach_tolerance or goal.approach_tolerance,
-        )
 
     CHECKED: ClassVar[tuple[Attribute, ...]] = (
         Attribute(

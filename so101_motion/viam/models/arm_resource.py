@@ -10,11 +10,12 @@ belongs to one thread.
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import aclosing, suppress
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,12 +25,13 @@ from viam.services.motion import Motion as MotionService
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes, checked_number
-from so101_motion.common.errors import SUPERSEDED, Interrupted, MotionError, So101Error
+from so101_motion.common.errors import SUPERSEDED, ConfigError, Interrupted, MotionError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
+from so101_motion.files.scene_file import obstacles_from
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.goals import Goal, JointGoal, LeaveContactGoal, PathGoal
+from so101_motion.planning.goals import Goal, JointGoal, LeaveContactGoal, PathGoal, PoseGoal
 from so101_motion.planning.request import Plan, Search
 from so101_motion.rig.rig import Rig
 from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, compliance
@@ -41,6 +43,7 @@ from so101_motion.viam.conversion.planner_options import (
     cloud_in,
     to_goal_cloud,
 )
+from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.models.dependencies import motion_name, motion_service, sources
 from so101_motion.viam.models.gripper_resource import GripperResource
@@ -66,6 +69,20 @@ from so101_motion.viam.surroundings.surroundings import Surroundings
 AT_START = to_rad(0.5)
 """Largest distance from the arm to a first waypoint that counts as the start [rad]; chosen. Motion
 services send the present joints as the first waypoint, and an arm rests up to this far off."""
+
+
+def scene_of(wanted: ArmConfig) -> Scene:
+    """What always stands around an arm; raises ``ConfigError`` for an invalid obstacle."""
+    if len(wanted.obstacles) > MOST_THINGS:
+        given = f"{len(wanted.obstacles)} obstacles"
+        raise ConfigError("obstacles", given, f"are more than the {MOST_THINGS} that are read")
+    return _scene(wanted.floor_z, json.dumps(wanted.obstacles))
+
+
+@lru_cache(maxsize=8)
+def _scene(floor_z: float | None, obstacles: str) -> Scene:
+    """Cached: ``validate_config`` builds it in a thread, and the event loop uses it again."""
+    return Scene(floor_z=floor_z, obstacles=obstacles_from(json.loads(obstacles)))
 
 
 class ArmResource(Configured, Arm):
@@ -119,13 +136,22 @@ class ArmResource(Configured, Arm):
     @classmethod
     def needed(cls, wanted: ArmConfig) -> Sequence[str]:
         """The motion service that plans for this arm, if one is named."""
-        _ = wanted.scene  # refuses obstacles that are not valid
+        scene_of(wanted)  # refuses obstacles that are not valid
         return [motion_name(wanted.motion)] if wanted.motion else []
 
     @classmethod
     def used(cls, wanted: ArmConfig) -> Sequence[str]:
         """The resources that report the surroundings."""
         return wanted.senses.resources
+
+    def goal(self, T_base_goal: SE3) -> PoseGoal:
+        """A goal with this arm's tolerances."""
+        goal = PoseGoal(T_base_tool=T_base_goal)
+        return replace(
+            goal,
+            position_tolerance=self.config.position_tolerance or goal.position_tolerance,
+            approach_tolerance=self.config.approach_tolerance or goal.approach_tolerance,
+        )
 
     # Position
 
@@ -165,7 +191,7 @@ class ArmResource(Configured, Arm):
                 return
             self._ignored.warn(extra)
             options = PlannerOptions.of(extra)
-            goal = options.goal(self.config.goal(convert.from_pose(pose)))
+            goal = options.goal(self.goal(convert.from_pose(pose)))
             await self.arrived(self._start_move(goal, options.search(self._arm.scene)))
 
     def _start_move(self, goal: Goal, search: Search) -> Motion:

@@ -19,7 +19,7 @@ from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
 from so101_motion.viam.component_config import HardwareArmConfig
 from so101_motion.viam.conversion import convert, served_joints
 from so101_motion.viam.conversion.convert import grpc_statuses
-from so101_motion.viam.models.arm_resource import AT_START, ArmResource
+from so101_motion.viam.models.arm_resource import AT_START, ArmResource, scene_of
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.identify_commands import IdentifyCommands
 from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
@@ -77,7 +77,7 @@ class HardwareArm(ArmResource):
     @classmethod
     def build(cls, name: str, wanted: HardwareArmConfig, dependencies: Dependencies) -> HardwareArm:
         """Make the component; nothing moves."""
-        scene = wanted.scene
+        scene = scene_of(wanted)
         asked = replace(
             wanted.connection.servo_settings(),
             releases_at_end=wanted.releases_at_end,

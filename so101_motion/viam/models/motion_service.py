@@ -277,7 +277,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         T_tool_component = await frames.T_tool(wanted.component)
         T_base_goal = await frames.T_base(wanted.destination.reference_frame)
         T_base_goal = T_base_goal @ convert.from_pose(wanted.destination.pose)
-        goal = options.goal(resource.config.goal(T_base_goal))
+        goal = options.goal(resource.goal(T_base_goal))
         search = options.search(scene)
         if wanted.component != name:
             goal = replace(goal, frame=_COMPONENT)

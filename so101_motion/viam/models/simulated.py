@@ -16,7 +16,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.rig.rig import TICK, Rig
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.viam.component_config import SimulatedArmConfig
-from so101_motion.viam.models.arm_resource import ArmResource
+from so101_motion.viam.models.arm_resource import ArmResource, scene_of
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.models.dependencies import motion_service
 from so101_motion.viam.requests.commands import Taking, in_deg
@@ -63,7 +63,7 @@ class SimulatedArm(ArmResource):
         rig = open_simulated(
             speed=wanted.speed,
             acceleration=wanted.acceleration,
-            scene=wanted.scene,
+            scene=scene_of(wanted),
             q_start=cls.left_at.pop(name, None),
             clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
         )

@@ -190,4 +190,4 @@ def _goal(value: object, arm: ArmResource) -> Goal:
         raise ConfigError("pose", wanted, 'must be an object such as {"x": 200, "z": 150}')
     pose = Attributes(wanted, _POSE, kind="key of a pose")
     numbers = {key: pose.number(key, float(key == "o_z"), lower=-1e6, upper=1e6) for key in _POSE}
-    return arm.config.goal(convert.from_pose(Pose(**numbers)))
+    return arm.goal(convert.from_pose(Pose(**numbers)))
