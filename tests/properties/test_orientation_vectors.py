@@ -1,6 +1,7 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -70,6 +71,21 @@ def test_known_vectors_are_read_as_viam_server_does():
 
     assert np.allclose(to_rotation(down), rot_y(math.pi))
     assert np.allclose(to_rotation(ahead), rot_y(math.pi / 2))
+
+
+@pytest.mark.parametrize(
+    "o", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.01, 0, -0.9), (0.6, -0.48, 0.64)]
+)
+@given(theta=angles)
+def test_theta_turns_about_the_vector_like_a_right_handed_screw(o, theta):
+    unturned = to_rotation(OrientationVector(o=o, theta=0.0))
+    R = to_rotation(OrientationVector(o=o, theta=theta))
+    back = from_rotation(R)
+
+    assert np.allclose(R, unturned @ rot_z(theta))
+    assert np.allclose(R @ unturned.T @ unturned[:, 2], unturned[:, 2])  # the vector stays
+    assert math.isclose(math.sin(back.theta - theta), 0.0, abs_tol=1e-6)
+    assert math.cos(back.theta - theta) > 0.0
 
 
 @given(angles, angles, angles, st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array))
