@@ -262,6 +262,8 @@ def replay(
                     f"the time stamps give {planned.fps:.3g} frames a second, info.json"
                     f" {declared_fps:g}; the arm follows the time stamps"
                 )
+            for doubt in planned.doubts:
+                aside(doubt)
             for joint, count in planned.beyond.items():
                 aside(
                     f"{joint} is beyond this arm's range in {count} frames; it waits at its limit"

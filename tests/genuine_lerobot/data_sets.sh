@@ -1,5 +1,5 @@
 #!/bin/sh
-# Writes 60 data sets with four genuine releases of LeRobot and checks them: make test-data-sets.
+# Writes 64 data sets with four genuine releases of LeRobot and checks them: make test-data-sets.
 # One environment has LeRobot's newest of them with PyTorch, some gigabytes; the others lie beside it.
 set -eu
 cd -- "$(dirname -- "$0")/../.."

@@ -19,6 +19,8 @@ sys.path.insert(0, str(TESTS.parent))  # where the plugin lies
 if importlib.util.find_spec("lerobot") is None:
     sys.path.insert(0, str(TESTS / "recorded_types"))
 
+from lerobot.cameras import Camera, CameraConfig  # noqa: E402
+
 from lerobot_robot_so101_motion import (  # noqa: E402
     BiSO101Motion,
     BiSO101MotionConfig,
@@ -109,6 +111,29 @@ class LeRobotBench(HardwareBench):
         robot.send_action(action(*(degrees or READY)))
         self.advance(0.6)
         return robot
+
+
+@CameraConfig.register_subclass("grey")
+@dataclasses.dataclass
+class GreyConfig(CameraConfig):
+    """A camera whose pictures are grey."""
+
+
+class Grey(Camera):
+    """The camera of ``GreyConfig``, which LeRobot finds by its name."""
+
+    def __init__(self, config):
+        super().__init__(config)
+        self.is_connected = False
+
+    def connect(self, warmup=True):
+        self.is_connected = True
+
+    def disconnect(self):
+        self.is_connected = False
+
+    def read_latest(self, max_age_ms=500):
+        return np.full((self.height, self.width, 3), 127, dtype=np.uint8)
 
 
 def action(*values):

@@ -10,6 +10,7 @@ from harness.lerobot_bench import (
     READY,
     BiSO101Motion,
     BiSO101MotionConfig,
+    GreyConfig,
     LeRobotBench,
     SO101MotionArmConfig,
     action,
@@ -102,6 +103,30 @@ def test_a_cell_of_other_arms_is_refused(tmp_path):
     sides = (SO101MotionArmConfig(port=str(tmp_path / side)) for side in ("left", "right"))
     config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path, cell=cell)
     with pytest.raises(ConfigError, match='"left" and "right"'):
+        BiSO101Motion(config)
+
+
+def test_cameras_of_neither_arm_have_no_prefix_and_are_read_and_closed(tmp_path):
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+    bench = TwoArms(tmp_path)
+    grey = GreyConfig(fps=30, width=8, height=6)
+    sides = [
+        SO101MotionArmConfig(port=str(each.port), cameras={"wrist": grey})
+        for each in (bench, bench.other)
+    ]
+    config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path, cameras={"top": grey})
+    robot = BiSO101Motion(config, open_rig=bench.open_rig, waiter=bench.wait)
+    pictures = {"top", "left_wrist", "right_wrist"}
+    assert set(robot.cameras) == pictures
+    assert pictures <= set(robot.observation_features)
+    robot.connect(calibrate=False)
+    assert {robot.get_observation()[name].shape for name in pictures} == {(6, 8, 3)}
+    robot.disconnect()
+    assert not any(camera.is_connected for camera in robot.cameras.values())
+    bench.close()
+    sides[0].cameras["top"] = grey
+    with pytest.raises(ValueError, match="camera top is among those of the left arm"):
         BiSO101Motion(config)
 
 

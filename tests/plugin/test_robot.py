@@ -3,12 +3,10 @@
 import math
 import os
 import signal
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from harness.lerobot_bench import READY, action
-from lerobot.cameras import Camera, CameraConfig
+from harness.lerobot_bench import READY, GreyConfig, action
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from lerobot_robot_so101_motion.config import SO101MotionConfig
@@ -228,27 +226,6 @@ def test_sigterm_ends_the_program_in_order_while_an_arm_is_connected(bench):
         os.kill(os.getpid(), signal.SIGTERM)
     robot.disconnect()
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-
-
-@CameraConfig.register_subclass("grey")
-@dataclass
-class GreyConfig(CameraConfig):
-    pass
-
-
-class Grey(Camera):
-    def __init__(self, config):
-        super().__init__(config)
-        self.is_connected = False
-
-    def connect(self, warmup=True):
-        self.is_connected = True
-
-    def disconnect(self):
-        self.is_connected = False
-
-    def read_latest(self, max_age_ms=500):
-        return np.full((self.height, self.width, 3), 127, dtype=np.uint8)
 
 
 def test_cameras_are_opened_read_and_closed_with_the_arm(bench):

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.calib.record.store import Stored
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, quoted
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.datasets.contact_check import ContactCheck
-from so101_motion.tasks.datasets.data_set import ACTION, DataSet, Episode
+from so101_motion.tasks.datasets.data_set import ACTION, STATE, DataSet, Episode
 from so101_motion.tasks.datasets.joint_checks import Differences, JointCheck, Thresholds, Tracking
-from so101_motion.tasks.datasets.metadata import UNITS
-from so101_motion.tasks.datasets.moments import KINDS, Moment, Moments
+from so101_motion.tasks.datasets.metadata import EPISODES_3, UNITS
+from so101_motion.tasks.datasets.moments import KINDS, TIME, Moment, Moments
 from so101_motion.tasks.datasets.parquet import Reader
 from so101_motion.tasks.datasets.units import (
     CERTAIN,
@@ -117,7 +118,7 @@ def check_data_set(
     Raises:
         ConfigError: A file is broken, or there are no such units.
     """
-    verdict, guess = meaning(data_set, units, calibration)
+    verdict, guess, doubts = meaning(data_set, units, calibration)
     meant, is_known = units_of(verdict.kind, calibration), verdict.certainty != UNKNOWN
     moments, fps = Moments(), data_set.metadata.fps
     anywhere = np.full(5, np.inf)
@@ -144,13 +145,14 @@ def check_data_set(
         if is_known and state is not None:
             contact.check(episode, "state", state)
     contact.finish()
+    _add_missing_episodes(data_set, lengths, moments)
     return CheckReport(
         data_set=data_set,
         units=meant,
         why_units=verdict.why,
         certainty=verdict.certainty,
         fits=guess.fits(),
-        notes=_notes(data_set, verdict, guess, calibration, lengths),
+        notes=(*doubts, *_notes(data_set, verdict, guess.fits(), calibration, lengths)),
         lengths=lengths,
         moments=moments.worst(),
         counts=dict(moments.counts),
@@ -159,10 +161,31 @@ def check_data_set(
     )
 
 
+def _add_missing_episodes(data_set: DataSet, lengths: Mapping[int, int], moments: Moments) -> None:
+    """Add a moment for each gap in the episodes' numbers, at the end of the episode before it."""
+    there = sorted(lengths)
+    most = max([*data_set.announced(), (data_set.metadata.episodes or 0) - 1], default=-1)
+    for before, after in pairwise((-1, *there, max(most, *there, -1) + 1)):
+        if after - before < 2 or not there:
+            continue
+        at = max(before, there[0])
+        frame = 0 if before < 0 else lengths[at] - 1
+        named = (
+            f"episode {before + 1} is"
+            if after - before == 2
+            else (f"episodes {before + 1} to {after - 1} are")
+        )
+        moments.add(Moment(
+            kind=TIME, episode=at, frame=frame, t=frame / data_set.metadata.fps, first=frame,
+            last=frame, of="", what="", value=after - before - 1.0, limit=1.0, unit="episodes",
+            sentence=f"{named} missing",
+        ))  # fmt: skip
+
+
 def meaning(
     data_set: DataSet, units: str, calibration: Stored | None
-) -> tuple[Verdict, UnitsGuess]:
-    """Find the units of a data set, and what its numbers say of all possible ones.
+) -> tuple[Verdict, UnitsGuess, tuple[str, ...]]:
+    """Find the units of a data set, how its numbers fit all of them, and what makes them doubtful.
 
     Args:
         data_set: The data set; all of it is read.
@@ -174,19 +197,25 @@ def meaning(
     """
     if units:
         units_of(units, calibration)
-    guess = UnitsGuess(calibration)
+    by_column = {name: UnitsGuess(calibration) for name in data_set.columns}
     for episode in data_set.episodes():
-        guess.add(episode.action if episode.state is None else episode.state)
-    if units:
-        return Verdict(kind=units, certainty=CERTAIN, why="as asked for"), guess
-    if data_set.declared:
-        why = f"declared in {UNITS}"
-        return Verdict(kind=data_set.declared, certainty=CERTAIN, why=why), guess
-    if guess.too_small:
-        reason = f"{guess.too_small}; convert them first, or give the units if it is none of these"
-        raise ConfigError("units", None, reason)
+        by_column[ACTION].add(episode.action)
+        if episode.state is not None:
+            by_column[STATE].add(episode.state)
+    guess = by_column.get(STATE, by_column[ACTION])
+    doubts = tuple(f"{name}: {doubt}" for name, it in by_column.items() for doubt in it.doubts())
     metadata = data_set.metadata
-    return guess.best(metadata.robot, metadata.version, metadata.features[ACTION].names), guess
+    if units:
+        verdict = Verdict(kind=units, certainty=CERTAIN, why="as asked for")
+    elif data_set.declared:
+        why = f"declared in {UNITS}"
+        verdict = Verdict(kind=data_set.declared, certainty=CERTAIN, why=why)
+    elif any(each.too_small for each in by_column.values()):
+        reason = f"{doubts[0]}; convert them first, or give the units if it is none of these"
+        raise ConfigError("units", None, reason)
+    else:
+        verdict = guess.best(metadata.robot, metadata.version, metadata.features[ACTION].names)
+    return verdict, guess, doubts
 
 
 def angles(data_set: DataSet, units: Units, episode: Episode) -> tuple[Array, Array | None]:
@@ -207,11 +236,11 @@ def angles(data_set: DataSet, units: Units, episode: Episode) -> tuple[Array, Ar
 def _notes(
     data_set: DataSet,
     units: Verdict,
-    guess: UnitsGuess,
+    fits: Sequence[Fit],
     calibration: Stored | None,
     lengths: Mapping[int, int],
 ) -> tuple[str, ...]:
-    metadata, fits, notes = data_set.metadata, guess.fits(), list(guess.doubts())
+    metadata, notes = data_set.metadata, list[str]()
     episodes, frames = len(lengths), sum(lengths.values())
     if data_set.declared not in ("", units.kind):
         notes.append(
@@ -259,12 +288,26 @@ def _notes(
 
 def _not_loaded(data_set: DataSet) -> list[str]:
     """Why LeRobot itself does not load the data set, as notes."""
-    metadata = data_set.metadata
+    metadata, notes = data_set.metadata, list[str]()
+    if pointers := metadata.lfs_pointers():
+        notes.append(
+            f"{len(pointers)} files are Git LFS pointers, {pointers[0].relative_to(metadata.root)}"
+            " for one: their data was not downloaded; run git lfs pull"
+        )
+    filmed = {part for path in metadata.root.glob("videos/**/*.mp4") for part in path.parts}
+    notes += [
+        f"there are no videos of {quoted(name)}"
+        for name, feature in metadata.features.items()
+        if feature.dtype == "video" and name not in filmed
+    ]
     if not metadata.is_v3:
         return [
+            *notes,
             f"LeRobot since 0.4 loads version {metadata.version} only after its own conversion to"
-            " version 3.0"
+            " version 3.0",
         ]
+    if not any((metadata.root / EPISODES_3).glob("*/*.parquet")):
+        notes.append(f"LeRobot itself cannot load it: {EPISODES_3} is missing")
     first: dict[str, str] = {}
     for path in metadata.data_files():
         with Reader(path) as file:
@@ -272,7 +315,8 @@ def _not_loaded(data_set: DataSet) -> list[str]:
             for name, kind in file.types.items():
                 if first.get(name, kind) != kind:
                     return [
+                        *notes,
                         f'LeRobot itself cannot load it: column "{name}" is {first[name]} in one'
-                        f" data file and {kind} in {path.relative_to(metadata.root)}"
+                        f" data file and {kind} in {path.relative_to(metadata.root)}",
                     ]
-    return []
+    return notes

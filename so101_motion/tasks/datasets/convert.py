@@ -34,6 +34,7 @@ from so101_motion.tasks.datasets.metadata import (
     read_lines,
     read_object,
     refusal,
+    why_broken,
 )
 from so101_motion.tasks.datasets.parquet import Reader, Table, with_lists, with_vectors
 from so101_motion.tasks.datasets.statistics import Statistics, of_episode, together
@@ -79,6 +80,8 @@ def convert_data_set(
     """
     data_set.refuse_other_units(source.kind)
     root = data_set.metadata.root.resolve()
+    for pointer in data_set.metadata.lfs_pointers():
+        raise refusal(pointer, why_broken(pointer))
     _refuse_place(root, path)
     try:
         with _whole_or_not_at_all(path) as folder:
@@ -149,6 +152,8 @@ class _Run:
                 file.rewrite(new, self._changed(file))
             written.add(new)
         self._end_episode()
+        if lost := sorted(set(self._set.announced()) - set(self.lengths)):
+            raise refusal(self._root, f"its metadata names episode {lost[0]}, which has no frames")
         written |= set(self._write_statistics())
         content = {"schema": "so101/data-set-units/1", "units": self._declaration()}
         written.add(self._write_text(UNITS, json.dumps(content, indent=2)))
@@ -263,8 +268,6 @@ class _Run:
         """Rows of ``meta/episodes`` with new statistics, a column each: ``stats/action/min``."""
         numbers = [int(number) for number in self._numbers(table)]
         for name, found in self._statistics.items():
-            if not all(number in found for number in numbers):
-                raise refusal(self._root, "its metadata names episodes that it does not hold")
             for key in _ALL:
                 if f"stats/{name}/{key}" in table.column_names:
                     rows = [found[number][key] for number in numbers]

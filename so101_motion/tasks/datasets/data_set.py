@@ -137,7 +137,7 @@ class DataSet:
         Raises:
             ConfigError: A file is broken, or an episode is in pieces or too long.
         """
-        lengths = _lengths(self.metadata)
+        lengths = self.announced()
         seen: set[int] = set()
         pieces: list[Array] = []
         current: int | None = None
@@ -177,6 +177,29 @@ class DataSet:
             numbers.append(found.index)
         there = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
         raise refusal(self.metadata.root, f"has no episode {number}; there are {there}")
+
+    def announced(self) -> dict[int, int]:
+        """How many frames each episode has by the metadata; empty if it does not say.
+
+        Raises:
+            ConfigError: A file of the metadata is broken.
+        """
+        root = self.metadata.root
+        if self.metadata.is_v3:
+            found: dict[int, int] = {}
+            for path in sorted((root / EPISODES_3).glob("*/*.parquet")):
+                with Reader(path) as file:
+                    for batch in file.batches(("episode_index", "length"), {}):
+                        numbers = np.column_stack([batch["episode_index"], batch["length"]])
+                        known = numbers[np.isfinite(numbers).all(axis=1)].astype(int)
+                        found |= dict(known.tolist())
+            return found
+        rows = read_lines(root / EPISODES_2) if (root / EPISODES_2).exists() else []
+        return {
+            row["episode_index"]: row["length"]
+            for row in rows
+            if isinstance(row.get("episode_index"), int) and isinstance(row.get("length"), int)
+        }
 
     def _rows(self) -> Iterator[Array]:
         """Rows of time, frame, episode, action and state, shape (m, 3 + 6 or 12)."""
@@ -257,23 +280,3 @@ def _taken(values: NDArray[np.float64], places: tuple[int | None, ...]) -> Array
     with np.errstate(invalid="ignore"):
         taken[~(np.abs(taken) <= LARGEST_NUMBER)] = np.nan
     return taken
-
-
-def _lengths(metadata: Metadata) -> dict[int, int]:
-    """How many frames each episode has by the metadata; empty if it does not say."""
-    if metadata.is_v3:
-        found: dict[int, int] = {}
-        for path in sorted((metadata.root / EPISODES_3).glob("*/*.parquet")):
-            with Reader(path) as file:
-                for batch in file.batches(("episode_index", "length"), {}):
-                    for number, length in zip(batch["episode_index"], batch["length"], strict=True):
-                        if np.isfinite(number) and np.isfinite(length):
-                            found[int(number)] = int(length)
-        return found
-    path = metadata.root / EPISODES_2
-    rows = read_lines(path) if path.exists() else []
-    return {
-        row["episode_index"]: row["length"]
-        for row in rows
-        if isinstance(row.get("episode_index"), int) and isinstance(row.get("length"), int)
-    }

@@ -199,6 +199,8 @@ class JointCheck:
             if count[k] != 1.0:
                 was, now = episode.frame[k : k + 2]
                 return f"frame_index goes from {was:.0f} to {now:.0f}"
+            if not np.isfinite(step[k]):
+                return "a time stamp is not a number"
             return f"{1e3 * step[k]:.0f} ms to the next frame; it should be {1e3 * period:.0f}"
 
         size = np.where(np.isfinite(step), np.abs(step), LARGEST_NUMBER)

@@ -48,6 +48,8 @@ MOST_FEATURES, MOST_NAMES = 1000, 1000
 MOST_FILES = 100_000
 """Most data files; version 2.1 has one for each episode. Chosen."""
 
+_LARGEST_POINTER = 1024  # [byte], by the specification of Git LFS
+
 VERSIONS = ("v2.0", "v2.1", "v3.0")
 """The known versions; a later v3 is read like v3.0."""
 
@@ -107,21 +109,41 @@ class Metadata:
         """
         found = sorted(islice((self.root / "data").glob("*/*.parquet"), MOST_FILES + 1))
         if not found:
-            raise refusal(self.root, "holds no data files (data/*/*.parquet)")
+            reason = "holds no data files (data/*/*.parquet)"
+            if self.episodes == 0:
+                reason += ": its recording ended before an episode was saved"
+            raise refusal(self.root, reason)
         if len(found) > MOST_FILES:
             raise refusal(self.root, f"holds more than {MOST_FILES} data files")
         return tuple(found)
 
+    def lfs_pointers(self) -> tuple[Path, ...]:
+        """The files whose data Git LFS has not downloaded; hidden folders are left out."""
+        small = (
+            path
+            for path in sorted(self.root.glob("[!.]*/**/*"))
+            if path.is_file() and path.stat().st_size < _LARGEST_POINTER
+        )
+        return tuple(path for path in small if is_lfs_pointer(path))
+
+
+def is_lfs_pointer(path: Path) -> bool:
+    """Whether a file only names the data that Git LFS would download."""
+    with path.open("rb") as file:
+        return file.read(40).startswith(b"version https://git-lfs")
+
 
 def why_broken(path: Path) -> str:
     """The reason for which a file that cannot be parsed is broken; empty if it is not known."""
-    with path.open("rb") as file:
-        begin = file.read(40)
-        file.seek(-min(4, file.seek(0, os.SEEK_END)), os.SEEK_END)
-        end = file.read()
-    if begin.startswith(b"version https://git-lfs"):
+    if is_lfs_pointer(path):
         return "is a Git LFS pointer: the data was not downloaded; run git lfs pull"
-    if begin.startswith(b"PAR1") and end != b"PAR1":
+    with path.open("rb") as file:
+        begin, size = file.read(4), file.seek(0, os.SEEK_END)
+        file.seek(-min(4, size), os.SEEK_END)
+        end = file.read()
+    if not size:
+        return "is empty: it was not written, or not downloaded"
+    if begin == b"PAR1" and (size < 12 or end != b"PAR1"):
         return (
             "has no footer: the recording was ended before LeRobot finished the file (finalize),"
             " or the file was cut off; its frames cannot be read"

@@ -35,7 +35,7 @@ from so101_motion.tasks.datasets.check import angles
 from so101_motion.tasks.datasets.data_set import DataSet
 from so101_motion.tasks.datasets.joint_checks import Differences, tracking
 from so101_motion.tasks.datasets.metadata import refusal
-from so101_motion.tasks.datasets.units import Units
+from so101_motion.tasks.datasets.units import Units, UnitsGuess
 from so101_motion.tasks.teleop.local_arms import jaw_of
 
 _REST = 0.5  # [s] that the last frame is held, so that the arm gets there
@@ -58,6 +58,7 @@ class EpisodeReplay:
         fps: Frames a second by the time stamps.
         beyond: In how many frames each joint was recorded beyond this arm's range, so that it stays
             at its limit; only joints that were.
+        doubts: Why the numbers are hardly in the units that were given, as text.
     """
 
     t: Array
@@ -66,6 +67,7 @@ class EpisodeReplay:
     approach: Plan
     fps: float
     beyond: Mapping[str, int]
+    doubts: tuple[str, ...]
 
     @property
     def duration(self) -> float:
@@ -142,6 +144,8 @@ def plan_episode(
     recorded, t = recorded[begin:], t[begin:]
     if not len(recorded):
         raise ConfigError("start", start, f"episode {number} is {np.ptp(episode.t):.1f} s long")
+    guess = UnitsGuess()
+    guess.add(episode.state if of == "state" and episode.state is not None else episode.action)
     missing = np.flatnonzero(np.isnan(recorded).any(axis=1))
     if len(missing):
         frame = len(episode) - len(recorded) + int(missing[0])
@@ -162,6 +166,7 @@ def plan_episode(
         approach=approach,
         fps=1.0 / float(np.median(steps)) if len(steps) else data_set.metadata.fps,
         beyond={joint: n for joint, n in zip(ARM_JOINTS, over, strict=True) if n},
+        doubts=guess.doubts(),
     )
 
 

@@ -268,7 +268,7 @@ class UnitsGuess:
         self._worst = dict.fromkeys(KINDS, 0.0)
         self._frames = self._clipped = 0
         self._largest = 0.0
-        self._positions: list[Array] = [np.zeros(0)] * 5
+        self._positions: list[Array] = [np.zeros(0)] * 6
         self._jaw = np.array([np.inf, -np.inf])
 
     def add(self, x: Array) -> None:
@@ -276,15 +276,16 @@ class UnitsGuess:
         jaw = x[np.isfinite(x[:, 5]), 5]
         if len(jaw):
             self._jaw = np.array([min(self._jaw[0], jaw.min()), max(self._jaw[1], jaw.max())])
+        for i, known in enumerate(self._positions):
+            if len(known) < _MOST:
+                values = x[np.isfinite(x[:, i]), i]
+                self._positions[i] = np.unique(np.concatenate([known, values]))[:_MOST]
         x = x[np.isfinite(x[:, :5]).all(axis=1), :5]
         if not len(x):
             return
         self._frames += len(x)
         self._largest = max(self._largest, float(np.abs(x).max()))
         self._clipped += int((np.abs(np.abs(x) - 100.0) < 1e-4).any(axis=1).sum())
-        for i, known in enumerate(self._positions):
-            if len(known) < _MOST:
-                self._positions[i] = np.unique(np.concatenate([known, x[:, i]]))[:_MOST]
         for kind, units in self._kinds.items():
             q = x * units.factor[:5] + units.offset[:5]
             lower, upper = (np.array([STOPS[joint][end] for joint in ARM_JOINTS]) for end in (0, 1))
@@ -320,13 +321,18 @@ class UnitsGuess:
                 f"the jaw goes from {lowest:.0f} to {highest:.0f}, so it is hardly in per cent of"
                 " its travel"
             )
-        elif lowest >= -1.0 and highest <= 1.8 and highest - lowest > 0.5:
+        elif lowest >= -1.0 and highest <= 1.8 and self._jaw_is_too_fine(highest - lowest):
             unit = "0 to 1" if lowest >= -0.05 and highest <= 1.05 else "radians"
             found.append(
                 f"the jaw is never beyond {max(highest, -lowest):.2f}, so it is hardly in per cent"
                 f" of its travel; perhaps in {unit}"
             )
         return tuple(found)
+
+    def _jaw_is_too_fine(self, spread: float) -> bool:
+        """Whether a jaw that moved this little was at more places than servo counts in per cent."""
+        counts = spread / 100.0 * TICKS_PER_TURN
+        return spread > 0.5 or (spread > 0.0 and len(self._positions[5]) > counts + 2.0)
 
     def best(self, robot: str, version: str, names: tuple[str, ...]) -> Verdict:
         """The likeliest kind, how certain it is, and why.
@@ -337,7 +343,7 @@ class UnitsGuess:
             names: The names of the joints' column.
         """
         has_new_names = any(name.endswith(".pos") for name in names)
-        if any(name.startswith("main_") for name in names):
+        if any("main_" in name for name in names):
             why = "only LeRobot before June 2025 named joints main_shoulder_pan and so on"
             return Verdict(kind=OLD, certainty=CERTAIN, why=why)
         if kind := self._by_counts():
@@ -376,7 +382,7 @@ class UnitsGuess:
         ``degrees``, of 1/4096 in ``old``, and of some travel in ``range``.
         """
         joints = []
-        for values in self._positions:
+        for values in self._positions[:5]:
             values = values[(np.abs(values) > 1.0) & (np.abs(np.abs(values) - 100.0) > 1e-3)]
             if len(values) >= _FEWEST:
                 joints.append(values)

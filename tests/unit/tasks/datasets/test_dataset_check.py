@@ -292,3 +292,56 @@ def test_without_pyarrow_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ConfigError, match=r"pip install 'so101-motion\[dataset\]'"):
         open_data_set(root)
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+@pytest.mark.parametrize("there", [(0, 2), (1, 2), (0, 1)])
+def test_an_episode_that_the_metadata_names_and_the_data_lack_is_found(tmp_path, version, there):
+    root = write_data_set(tmp_path / "set", [swing()] * 3, version=version)
+    (lost,) = {0, 1, 2} - set(there)
+    if version == "v2.1":
+        (root / f"data/chunk-000/episode_00000{lost}.parquet").unlink()
+    else:
+        path = root / "data/chunk-000/file-000.parquet"
+        table = pq.read_table(path)
+        pq.write_table(table.filter(pa.array(table["episode_index"].to_numpy() != lost)), path)
+    (moment,) = check_data_set(open_data_set(root), units="model").moments
+    assert (moment.kind, moment.sentence) == ("time", f"episode {lost} is missing")
+    assert moment.episode in there
+
+
+@pytest.mark.parametrize("column", ["action", "observation.state"])
+def test_one_column_in_radians_is_noticed(tmp_path, column):
+    action, state = swing(), late(swing())
+    (action if column == "action" else state)[:, :5] *= np.pi / 180.0
+    root = write_data_set(tmp_path / "set", [(action, state)])
+    with pytest.raises(ConfigError, match=f"{column}: no arm joint .* radians"):
+        check_data_set(open_data_set(root))
+    (note,) = [
+        note
+        for note in check_data_set(open_data_set(root), units="degrees").notes
+        if "radians" in note
+    ]
+    assert note.startswith(column)
+
+
+def test_a_jaw_from_0_to_1_is_noticed_though_it_hardly_moves(tmp_path):
+    action = swing()
+    action[:, 5] /= 100.0
+    assert np.ptp(action[:, 5]) < 0.5
+    report = checked(tmp_path / "set", [(action, late(swing()))])
+    assert any(note.startswith("action: the jaw") for note in report.notes)
+    closed = swing()
+    closed[:, 5] = np.round(3 + 3 * np.sin(np.arange(90))) * 100.0 / 1460
+    assert not any("jaw" in note for note in checked(tmp_path / "closed", [closed]).notes)
+
+
+def test_videos_that_git_lfs_did_not_download_or_nobody_has_are_noticed(tmp_path):
+    root = write_data_set(tmp_path / "set", [swing()], with_camera=True)
+    (video,) = root.glob("videos/**/*.mp4")
+    video.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 40960\n")
+    notes = check_data_set(open_data_set(root), units="model").notes
+    assert any("1 files are Git LFS pointers, videos/" in note for note in notes)
+    video.unlink()
+    notes = check_data_set(open_data_set(root), units="model").notes
+    assert any("no videos of" in note and "front" in note for note in notes)

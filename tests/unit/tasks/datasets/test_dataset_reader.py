@@ -110,7 +110,7 @@ def test_metadata_that_makes_no_sense_is_refused_in_a_sentence(root, change, say
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (b"", "not JSON"),
+        (b"", "is empty"),
         (b"[" * 100_000, "nested"),
         (b"{" + b" " * 5_000_000 + b"}", "larger than"),
         (b"\xff\xfe\x00", "not JSON"),
