@@ -130,9 +130,8 @@ def reach(
 
 
 @sweep.command()
-@click.option("--count", type=click.IntRange(1, 10**9), help="Number of random problems.")
 @click.option(
-    "--problems", "problems_file", type=IN_FILE, help="A file of problems, instead of random ones."
+    "--count", type=click.IntRange(1, 10**9), required=True, help="Number of random problems."
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")
 @click.option(
@@ -152,8 +151,7 @@ def reach(
 @_run_options
 def plans(
     run: Callable[..., None],
-    count: int | None,
-    problems_file: Path | None,
+    count: int,
     seed: int,
     scene_files: tuple[Path, ...],
     scatter_mm: float,
@@ -165,27 +163,20 @@ def plans(
     """Make a data set of motions: planned, timed and verified.
 
     Each motion goes from one random configuration to another, both free of contact and within the
-    servos' torque, or is a problem of --problems. Names and units are LeRobot's: degrees from the
-    middle of a joint's travel.
+    servos' torque. Names and units are LeRobot's: degrees from the middle of a joint's travel.
 
     \b
     so101 sweep plans --count 1000 --out motions
     so101 sweep plans --count 100000 --scene examples/table.json --scatter-mm 50 --out at-tables
-    so101 sweep plans --problems problems.json --out mine
     """  # noqa: D301
     from so101_motion.files.scene_file import read_scene
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import PlansSweep, plans_summary, scene_text
-    from so101_motion.tasks.sweeps.motion_problems import read_problems
 
-    if (count is None) == (problems_file is None):
-        raise click.UsageError("give --count or --problems, one of the two")
     scenes = [read_scene(each) for each in scene_files] or [Scene()]
-    problems = () if problems_file is None else read_problems(problems_file)
     work = PlansSweep(
-        count=count or len(problems),
+        count=count,
         seed=seed,
-        problems=problems,
         scenes=tuple(scene_text(each) for each in scenes),
         scatter=to_m(scatter_mm),
         velocity=to_rad(speed),
@@ -194,109 +185,6 @@ def plans(
         payload=1e-3 * payload_g,
     )
     run(work, lambda folder: {name: round(v, 3) for name, v in plans_summary(folder).items()})
-
-
-@sweep.command()
-@click.argument("plans_folder", metavar="MOTIONS", type=click.Path(path_type=Path, exists=True))
-@click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="An .mcap file."
-)
-@click.option(
-    "--first", type=click.IntRange(0), default=0, show_default=True,
-    help="Number of the first problem.",
-)  # fmt: skip
-@click.option("--count", type=click.IntRange(1), help="Number of problems.  [default: all]")
-def export(plans_folder: Path, out: Path, first: int, count: int | None) -> None:
-    """Write MOTIONS, a folder that so101 sweep plans made, as MCAP.
-
-    It has ROS 2 messages, one motion after the other, for Foxglove, Rerun and PlotJuggler.
-
-    \b
-    so101 sweep export motions --count 100 --out motions.mcap
-    """  # noqa: D301
-    from so101_motion.tasks.sweeps import write_mcap
-
-    if out.suffix.lower() != ".mcap":
-        raise click.UsageError(f"{out.name} must end with .mcap")
-    motions, seconds = write_mcap(plans_folder, out, first=first, count=count)
-    aside(f"{out}: {motions} motions, {seconds:.0f} s")
-
-
-@sweep.command()
-@click.argument("checked", metavar="MOTIONS|PROGRAM")
-@click.option("--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles now.")
-@click.option(
-    "--calibration", "calibration_file", type=IN_FILE,
-    help="Calibration of the arm that will run it.",
-)  # fmt: skip
-@click.option(
-    "--taught-with", "taught_file", type=IN_FILE,
-    help="Calibration that the arm had when a program was taught on it.",
-)  # fmt: skip
-@_run_options
-def check(
-    run: Callable[..., None],
-    checked: str,
-    scene_file: Path | None,
-    calibration_file: Path | None,
-    taught_file: Path | None,
-) -> None:
-    """Check motions or a program against a changed scene, or another calibration.
-
-    MOTIONS is a folder that so101 sweep plans made; printed are the motions that fail, and why.
-    PROGRAM is the name of a program, or its file; checked are each waypoint and the path to each
-    stop.
-
-    \b
-    so101 sweep check motions --scene examples/table.json --out checked
-    so101 sweep check motions --calibration arm.json --out on-my-arm
-    so101 sweep check pick.json --scene examples/table.json --out checked
-    so101 sweep check pick.json --taught-with old.json --calibration new.json --out checked
-    """  # noqa: D301
-    from so101_motion.cli.sweeps.check import check_motions, check_program
-
-    if scene_file is None and calibration_file is None:
-        raise click.UsageError("give what has changed: --scene or --calibration")
-    if Path(checked).is_dir():
-        check_motions(run, Path(checked), scene_file, calibration_file, taught_file)
-    else:
-        check_program(run, checked, scene_file, calibration_file, taught_file)
-
-
-@sweep.command()
-@click.argument("atlas_folder", metavar="ATLAS", type=click.Path(path_type=Path, exists=True))
-@click.option(
-    "--axis", type=click.Choice(["x", "y", "z"]), default="z", show_default=True,
-    help="The axis that the slice is perpendicular to.",
-)  # fmt: skip
-@click.option(
-    "--at-mm", type=Finite(-1000.0, 1000.0), default=50.0, show_default=True,
-    help="Position of the slice on this axis.",
-)  # fmt: skip
-@click.option(
-    "--colour-by", type=click.Choice(["torque", "clearance", "manipulability", "ways"]),
-    default="torque", show_default=True, help="The figure that the colours show.",
-)  # fmt: skip
-@click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="An .svg file."
-)
-def picture(atlas_folder: Path, axis: str, at_mm: float, colour_by: str, out: Path) -> None:
-    """Draw a slice of ATLAS, a folder that so101 sweep reach made.
-
-    \b
-    so101 sweep picture atlas --at-mm 20 --out table.svg
-    so101 view --atlas atlas           (all of it, in the browser)
-    """  # noqa: D301
-    from so101_motion.tasks.sweeps import Atlas
-    from so101_motion.tasks.sweeps.atlas_view import FIGURES, Shown
-    from so101_motion.tasks.sweeps.atlas_view import picture as drawn
-
-    figure = next(name for name in FIGURES if name.lower().startswith(colour_by))
-    shown = Shown(figure=figure, axis=axis, at=to_m(at_mm))
-    try:
-        out.write_text(drawn(Atlas.read(atlas_folder), shown), encoding="utf-8")
-    except OSError as error:
-        raise click.FileError(str(out), error.strerror or str(error)) from error
 
 
 sweep.add_command(place)

@@ -1,4 +1,4 @@
-"""Choose and colour the points of an atlas for display, and draw a slice as SVG."""
+"""Choose and colour the points of an atlas for display."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_mm
 from so101_motion.tasks.sweeps.atlas import Atlas, Reach
@@ -119,39 +118,6 @@ def in_words(reach: Reach, p: Array) -> str:
     )
 
 
-def picture(atlas: Atlas, shown: Shown) -> str:
-    """Draw a slice as SVG, one square a point.
-
-    Raises:
-        ConfigError: ``shown`` is not a slice.
-    """
-    if shown.axis is None:
-        raise ConfigError("axis", None, f"must be one of {', '.join(AXES)}")
-    of, steps = FIGURES[shown.figure], _steps(atlas)
-    rows = _chosen(atlas, shown, steps)
-    across, up = (axis for axis in range(3) if AXES[axis] != shown.axis)
-    edge = max(2.0, 600.0 / max(atlas.grid.counts[across], atlas.grid.counts[up]))
-    colours = shades(shown.figure, atlas.rows[of.name][rows].astype(float)).tolist()
-    height = atlas.grid.counts[up] * edge
-    parts = [
-        f'<rect x="{i * edge:.1f}" y="{height - (j + 1) * edge:.1f}" width="{edge:.1f}"'
-        f' height="{edge:.1f}" fill="#{r:02x}{g:02x}{b:02x}"/>'
-        for (i, j), (r, g, b) in zip(steps[rows][:, [across, up]].tolist(), colours, strict=True)
-    ]
-    low, high = (f"{value * of.scale:g}" for value in (of.low, of.high))
-    words = (
-        f"{shown.figure}, {low} (violet) to {high} {of.unit} (yellow), at {shown.axis} ="
-        f" {1e3 * _nearest(atlas, shown):.0f} mm; {AXES[across]} to the right, {AXES[up]} up"
-    )
-    size = f'width="{max(600.0, atlas.grid.counts[across] * edge):.0f}" height="{height + 30:.0f}"'
-    inner = "\n".join(parts)
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif" font-size="13">\n'
-        f'<rect width="100%" height="100%" fill="white"/>\n{inner}\n'
-        f'<text x="8" y="{height + 20:.0f}">{words}</text>\n</svg>\n'
-    )
-
-
 def _steps(atlas: Atlas) -> NDArray[np.int64]:
     """The grid indices of an atlas's points, shape (n, 3)."""
     nx, ny, _ = atlas.grid.counts
@@ -168,7 +134,3 @@ def _chosen(atlas: Atlas, shown: Shown, steps: NDArray[np.int64]) -> NDArray[np.
         at = round(shown.at / atlas.grid.spacing) - atlas.grid.first[axis]
         good &= steps[:, axis] == at
     return np.flatnonzero(good)
-
-
-def _nearest(atlas: Atlas, shown: Shown) -> float:
-    return round(shown.at / atlas.grid.spacing) * atlas.grid.spacing

@@ -1,4 +1,4 @@
-"""Sweep that plans many motions as a data set; the problems are random or given.
+"""Sweep that plans many random motions as a data set.
 
 A random problem is two configurations that are free of contact and that the servos can hold. The
 result depends only on the seed and the problem's number. So a search ends after an amount of work,
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ from so101_motion.common.attributes import SERVO_VOLTAGES
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
-from so101_motion.common.units import to_deg
+from so101_motion.common.units import to_deg, to_mm
 from so101_motion.files.scene_file import scene_from
 from so101_motion.files.trajectory_export import LeRobot
 from so101_motion.planning.collision.collision import CollisionModel
@@ -36,10 +36,12 @@ from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
 from so101_motion.tasks.sweeps.folder import SweepFolder
-from so101_motion.tasks.sweeps.motion_problems import MOST_GIVEN, Problem, scene_of_shard
 from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.reach import STEPS
 from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
+
+_SCATTER = 1
+"""Keeps the random numbers of scenes different from those of problems."""
 
 PROBLEMS = 100
 """How many problems a shard has. Chosen: a second or two of work, some hundred kilobytes."""
@@ -64,7 +66,6 @@ class PlansSweep:
     Attributes:
         count: Number of problems.
         seed: Seed of the random numbers.
-        problems: The problems; none for random ones.
         scenes: What is around the arm, each the JSON text of a scene; shards take them in turn.
         scatter: How far each obstacle is moved at most, differently in each shard [m].
         velocity: Velocity cap of the joints [rad/s].
@@ -77,7 +78,6 @@ class PlansSweep:
 
     count: int
     seed: int = 0
-    problems: tuple[Problem, ...] = ()
     scenes: tuple[str, ...] = ('{"obstacles": []}',)
     scatter: float = 0.0
     velocity: float = 3.0
@@ -90,12 +90,8 @@ class PlansSweep:
     def __post_init__(self) -> None:
         if not self.scenes:
             raise ConfigError("scenes", self.scenes, "must have at least one scene")
-        if self.problems and self.count != len(self.problems):
-            raise ConfigError(
-                "count", self.count, f"must be {len(self.problems)}, the number of given problems"
-            )
-        bounds = (("count", 1, MOST_GIVEN if self.problems else 10**9), ("fps", 1, 100))
-        for key, least, most in (*bounds, ("seed", 0, 2**63), ("scatter", 0, 1)):
+        bounds = (("count", 1, 10**9), ("fps", 1, 100), ("seed", 0, 2**63), ("scatter", 0, 1))
+        for key, least, most in bounds:
             value = getattr(self, key)
             if not least <= value <= most:
                 raise ConfigError(key, value, f"must be {least} to {most}")
@@ -122,6 +118,30 @@ class PlansSweep:
     def open(self) -> Callable[[int], Columns]:
         """Load the arm."""
         return _Source(self).shard
+
+
+def scene_of_shard(
+    scenes: Sequence[Mapping[str, Any]], scatter: float, seed: int, shard: int
+) -> Mapping[str, Any]:
+    """The scene of a shard, as JSON values.
+
+    Args:
+        scenes: Shards take them in turn.
+        scatter: How far each obstacle is moved at most along x and y, differently in each shard
+            [m].
+        seed: The sweep's seed.
+        shard: The shard's number.
+    """
+    scene = scenes[shard % len(scenes)]
+    if scatter == 0.0:
+        return scene
+    random = np.random.default_rng((seed, shard, _SCATTER))
+    obstacles = []
+    for each in scene.get("obstacles", ()):
+        x, y, z = each.get("position_mm", (0.0, 0.0, 0.0))
+        dx, dy = to_mm(random.uniform(-scatter, scatter, 2)).tolist()
+        obstacles.append({**each, "position_mm": [x + dx, y + dy, z]})
+    return {**scene, "obstacles": obstacles}
 
 
 class _Source:
@@ -161,11 +181,8 @@ class _Source:
         problems = range(first, min(first + PROBLEMS, sweep.count))
         made = []
         for problem in problems:
-            if sweep.problems:
-                start, goal = map(np.array, sweep.problems[problem])
-            else:
-                random = np.random.default_rng((sweep.seed, problem))
-                start, goal = (self._drawn(random, collision, loaded) for _ in range(2))
+            random = np.random.default_rng((sweep.seed, problem))
+            start, goal = (self._drawn(random, collision, loaded) for _ in range(2))
             made.append(self._planned(planner, collision, scene, problem, start, goal))
         return {
             "problem": np.arange(problems.start, problems.stop, dtype=np.int64),
@@ -275,34 +292,23 @@ class Episode(NamedTuple):
     room: float
 
 
-def episodes(folder: Path | str, *, first: int = 0, count: int | None = None) -> Iterator[Episode]:
+def episodes(folder: Path | str) -> Iterator[Episode]:
     """Read the motions in the folder of a sweep of plans, one by one, complete or not.
-
-    Args:
-        folder: The folder.
-        first: The number of the first problem.
-        count: How many problems; None for all.
 
     Raises:
         ConfigError: The folder has no such sweep.
     """
-    end = 10**9 if count is None else first + count
-    for shard in _shards(folder, first // PROBLEMS, -(-end // PROBLEMS)):
-        yield from (each for each in episodes_of(shard) if first <= each.problem < end)
-
-
-def episodes_of(shard: Mapping[str, NDArray[Any]]) -> Iterator[Episode]:
-    """The motions of one shard."""
-    ends = np.cumsum(shard["frames"])
-    for k in np.flatnonzero(shard["frames"]):
-        rows = slice(ends[k] - shard["frames"][k], ends[k])
-        yield Episode(
-            problem=int(shard["problem"][k]),
-            action=shard["action"][rows],
-            velocity=shard["velocity"][rows],
-            timestamp=shard["timestamp"][rows],
-            room=float(shard["room"][k]),
-        )
+    for shard in _shards(folder):
+        ends = np.cumsum(shard["frames"])
+        for k in np.flatnonzero(shard["frames"]):
+            rows = slice(ends[k] - shard["frames"][k], ends[k])
+            yield Episode(
+                problem=int(shard["problem"][k]),
+                action=shard["action"][rows],
+                velocity=shard["velocity"][rows],
+                timestamp=shard["timestamp"][rows],
+                room=float(shard["room"][k]),
+            )
 
 
 def plans_summary(folder: Path | str) -> dict[str, float]:
@@ -335,14 +341,12 @@ def plans_summary(folder: Path | str) -> dict[str, float]:
     return figures
 
 
-def _shards(
-    folder: Path | str, first: int = 0, end: int = 10**9
-) -> Iterator[dict[str, NDArray[Any]]]:
+def _shards(folder: Path | str) -> Iterator[dict[str, NDArray[Any]]]:
     place = SweepFolder(Path(folder))
     manifest: dict[str, Any] = place.manifest()
     if manifest.get("kind") != "plans":
         raise ConfigError("plans", str(folder), f"is a sweep of {manifest.get('kind')}")
-    for number in range(first, min(int(manifest["shards"]), end)):
+    for number in range(int(manifest["shards"])):
         shard = place.read(number)
         if shard is not None:
             yield shard

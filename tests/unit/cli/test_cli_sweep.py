@@ -6,10 +6,6 @@ import pytest
 from click.testing import CliRunner
 
 from so101_motion.cli.verbs import main
-from so101_motion.tasks.sweeps import (
-    PlansSweep,
-    run_sweep,
-)
 
 
 def sweep(*arguments):
@@ -64,21 +60,6 @@ def test_an_invalid_region_is_refused(tmp_path, given):
     wrong = sweep("place", str(tmp_path / "task.json"), "--x-mm", given, "--out", str(tmp_path))
     assert wrong.exit_code == 2
     assert "--x-mm" in wrong.output
-
-
-def test_motions_are_exported_as_mcap(tmp_path):
-    run_sweep(PlansSweep(count=2), tmp_path / "motions")
-    done = sweep("export", str(tmp_path / "motions"), "--out", str(tmp_path / "two.mcap"))
-    assert done.exit_code == 0, done.output
-    assert "2 motions" in done.stderr
-    assert (tmp_path / "two.mcap").read_bytes().startswith(b"\x89MCAP")
-    wrong = sweep("export", str(tmp_path / "motions"), "--out", str(tmp_path / "two.csv"))
-    assert (wrong.exit_code, "must end with .mcap" in wrong.output) == (2, True)
-
-
-def test_a_check_needs_something_to_check_against(tmp_path):
-    nothing = sweep("check", str(tmp_path), "--out", str(tmp_path / "out"))
-    assert (nothing.exit_code, "give what has changed" in nothing.output) == (2, True)
 
 
 def test_an_arm_that_is_not_in_the_cell_is_refused_with_those_that_are(tmp_path):

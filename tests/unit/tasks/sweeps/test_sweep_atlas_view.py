@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from so101_motion.common.errors import ConfigError
 from so101_motion.tasks.sweeps import Atlas, ReachSweep, run_sweep
 from so101_motion.tasks.sweeps.atlas_view import (
     FIGURES,
     Shown,
     in_words,
-    picture,
     shades,
     voxels,
 )
@@ -50,10 +48,3 @@ def test_one_answer_has_words(atlas):
     p = voxels(atlas, Shown()).p[0]
     reach = atlas.at(*p.tolist())
     assert f"{reach.ways} ways" in in_words(reach, p)
-
-
-def test_the_picture_has_a_square_for_each_point_of_the_slice(atlas):
-    shown = Shown(figure="Clearance", axis="z", at=0.1)
-    assert picture(atlas, shown).count("<rect") == 1 + voxels(atlas, shown).total
-    with pytest.raises(ConfigError, match="axis"):
-        picture(atlas, Shown())
