@@ -158,5 +158,4 @@ class ArmOnPort:
         calibration.set_up_motors(self._port, self._file, self._open_rig)
 
     def _learn_units(self) -> None:
-        setups = self.session.rig.servos.setups
-        self._units = JointUnits(setups, use_degrees=self._use_degrees)
+        self._units = JointUnits(self.session.rig, use_degrees=self._use_degrees)

@@ -119,11 +119,10 @@ def test_a_base_is_found(said):
 
 
 @pytest.mark.slow
-def test_motions_are_made_and_checked(said):
-    made, first, checked = said("motion_data.py").splitlines()
+def test_motions_are_made(said):
+    made, first = said("motion_data.py").splitlines()
     assert "setpoints" in first
     assert made.startswith("{")
-    assert checked.startswith("{")
 
 
 def test_the_sample_machine_has_every_model_once():
