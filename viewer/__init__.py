@@ -5,20 +5,16 @@ page can do, the command line can do. May import everything but so101_motion.cli
 """
 
 from .app import Preview, serve, serve_source
-from .cell_app import CellPage, serve_cell
 from .panels.film import film_of_plan, write_recording
 from .setup_app import SetupApp, serve_setup
-from .source import CellSource, Source
+from .source import Source
 
 __all__ = [
-    "CellPage",
-    "CellSource",
     "Preview",
     "SetupApp",
     "Source",
     "film_of_plan",
     "serve",
-    "serve_cell",
     "serve_setup",
     "serve_source",
     "write_recording",

@@ -10,10 +10,9 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING
 
 from so101_motion.common.errors import So101Error
-from so101_motion.files.cell_file import CellFile
 from so101_motion.rig.cell_rigs import CellRigs
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
@@ -29,20 +28,21 @@ LOOK_AGAIN = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """Describes how to open an arm.
+    """Describes how to open an arm, or several that share a space.
 
     Attributes:
-        title: Which arm it is, in words that can stand alone: ``"Arm on /dev/ttyACM0"``.
-        open: Makes the rig; raises ``So101Error`` while that is not possible.
-        lasts: Whether the rig stays open when the page is closed; else the page closes it.
-        scene_file: The file its surroundings are from, where the page saves them again.
+        title: Which they are, in words that can stand alone: ``"Arm on /dev/ttyACM0"``.
+        open: Opens them; raises ``So101Error`` while that is not possible.
+        lasts: Whether they stay open when the page is closed; else the page closes them.
+        scene_file: The file that the surroundings, or several arms, are from; the page saves them
+            there again. Among the user's own files if not given.
         camera: A camera's device or address, or a machine's name of it; or None.
-        atlas: What the arm reaches, to be shown, or None.
-        open_leader: Opens the arm that this one may follow; None if there is none.
+        atlas: What a single arm reaches, to be shown, or None.
+        open_leader: Opens the arm that a single one may follow; None if there is none.
     """
 
     title: str
-    open: Callable[[], RigLike]
+    open: Callable[[], RigLike | CellRigs]
     lasts: bool = False
     scene_file: Path | None = None
     camera: str | None = None
@@ -55,38 +55,7 @@ class Source:
         return cls(title=title, open=lambda: rig, lasts=True)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CellSource:
-    """Describes how to open several arms that share a space.
-
-    Attributes:
-        title: Which arms they are, in words that can stand alone.
-        file: Where they stand and what surrounds them.
-        path: Where Save writes them; the user's own ``cell.json`` if not given.
-        camera: The device or address of a camera that is shown, if there is one.
-        open: Opens them; raises ``So101Error`` while that is not possible.
-        lasts: Whether they stay open when the page is closed; else the page closes them.
-    """
-
-    title: str
-    file: CellFile
-    open: Callable[[], CellRigs]
-    path: Path | None = None
-    camera: str | None = None
-    lasts: bool = False
-
-
-class Closable(Protocol):
-    """What a source opens."""
-
-    def close(self) -> None:
-        """Let go of everything. May be called twice."""
-
-
-T = TypeVar("T", bound=Closable)
-
-
-class SourceOpener(Generic[T]):
+class SourceOpener:
     """Opens a source on a thread of its own, again and again until it succeeds.
 
     Args:
@@ -97,9 +66,9 @@ class SourceOpener(Generic[T]):
 
     def __init__(
         self,
-        open: Callable[[], T],
+        open: Callable[[], RigLike | CellRigs],
         *,
-        found: Callable[[T], None],
+        found: Callable[[RigLike | CellRigs], None],
         failed: Callable[[Exception], None],
     ) -> None:
         self._open, self._found, self._failed = open, found, failed

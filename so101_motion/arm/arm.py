@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import nullcontext, suppress
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar, Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.arm.motion_queue import MotionQueue, Opening
+from so101_motion.arm.motion_queue import MotionQueue, Opening, wait_here
 from so101_motion.arm.open_ended_motions import OpenEndedMotions
 from so101_motion.arm.planned_arm import ArmParts, PlannedArm
 from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older, request_number
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from so101_motion.arm.cell_member import CellMember
     from so101_motion.planning.collision.scene import Scene
 
-T = TypeVar("T")
 
 PLANS = 3
 """How often a motion is planned at most while other arms keep getting in its way; chosen."""
@@ -105,18 +104,9 @@ class Arm(PlannedArm):
             Interrupted: The motion whose step called this was interrupted.
         """
         request, planning = self._start_plan(goal, limits, search, q_start, q_jaw)
-        plan = self.wait_for(planning)
+        plan = wait_here(planning)
         self.newest = (request, plan)
         return plan
-
-    def wait_for(self, awaited: Future[T]) -> T:
-        """The result of ``awaited``; the motion that the calling thread carries out waits for it.
-
-        Raises:
-            Interrupted: That motion was interrupted; ``awaited`` is cancelled then.
-        """
-        motion = self._motions.here
-        return awaited.result() if motion is None else motion.wait_for(awaited)
 
     def start_move(
         self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None

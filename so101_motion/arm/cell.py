@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 
 from so101_motion.arm.cell_member import LEAD, CellMember, RigWithExecutor, Stand
 from so101_motion.arm.handover import HandoverRun
+from so101_motion.arm.motion_queue import wait_here
 from so101_motion.arm.team_motion import TeamPlanning, TeamSeries, TeamStep, end_together
 from so101_motion.common.errors import ConfigError, MotionError
 from so101_motion.common.geometry import SE3
@@ -41,6 +42,7 @@ from so101_motion.planning.goals import Goal, JointGoal
 if TYPE_CHECKING:
     from so101_motion.arm.motion_handle import Motion
     from so101_motion.arm.planning_worker import PlanningWorker
+    from so101_motion.common.clock import Clock
     from so101_motion.planning.cell.grasps import Grasp
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.planning.request import Plan
@@ -59,6 +61,11 @@ class Cell:
     def members(self) -> Mapping[str, CellMember]:
         """The arms, by name."""
         return self._members
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of one of its arms; all show the same time."""
+        return next(iter(self._members.values())).clock
 
     def add(
         self,
@@ -94,19 +101,28 @@ class Cell:
         rig.executor.ask(lambda control: control.keep_off(None)).result()
 
     def plan_together(
-        self, goals: Mapping[str, Goal], *, scenes: Mapping[str, Scene] | None = None
+        self,
+        goals: Mapping[str, Goal],
+        *,
+        scenes: Mapping[str, Scene] | None = None,
+        limits: Mapping[str, MotionLimits] | None = None,
+        stands: Mapping[str, Stand] | None = None,
     ) -> dict[str, Plan]:
         """Plan one motion that several arms begin and end together; moves nothing.
 
         Args:
             goals: The goal of each arm that moves, by name. The other arms stay where they are.
             scenes: What is around arms, by their names; their own scenes if not given.
+            limits: Caps of arms, by their names; their own if not given.
+            stands: Where arms will start, by their names; where they are if not given.
 
         Raises:
             ConfigError: There is no such arm.
             PlanningError: There is no such motion; the error says why.
+            Interrupted: The motion whose step called this was interrupted.
         """
-        return self.start_plan(goals, scenes=scenes).result()
+        planning = self.start_plan(goals, scenes=scenes, limits=limits, stands=stands)
+        return wait_here(planning)
 
     def start_plan(
         self,
@@ -116,14 +132,7 @@ class Cell:
         limits: Mapping[str, MotionLimits] | None = None,
         stands: Mapping[str, Stand] | None = None,
     ) -> Future[dict[str, Plan]]:
-        """Like ``plan_together``, but returns at once; cancelling the future ends the planning.
-
-        Args:
-            goals: As there.
-            scenes: As there.
-            limits: Caps of arms, by their names; their own if not given.
-            stands: Where arms will start, by their names; where they are if not given.
-        """
+        """Like ``plan_together``, but returns at once; cancelling the future ends the planning."""
         self._refuse_unknown(goals)
         team = self._team(goals, scenes or {}, limits or {}, stands or {})
         return self._worker.plan_for_team(TeamRequest(team=team))
@@ -250,11 +259,8 @@ class Cell:
         Raises:
             InCollision: They would meet, because of what they hold or how wide their jaws are.
         """
-        arms = list(self._members.values())
-        courses = {
-            name: member.along(plans[name].trajectory, 0.0)
-            for name, member in self._members.items()
-        }
+        arms = list(self._members.values()) if plans else []  # none: nobody is to move
+        courses = {each.name: each.along(plans[each.name].trajectory, 0.0) for each in arms}
         for k, member in enumerate(arms):
             others = [each.seen_from(member, courses[each.name]) for each in arms[k + 1 :]]
             met = crossing(member.attached_to(member), courses[member.name], others)
@@ -319,7 +325,7 @@ class Cell:
                     f"{', '.join(gone)} left the cell while the common motion was planned; ask for"
                     " it again"
                 )
-            begin = next(iter(members.values())).clock.now() + LEAD
+            begin = self.clock.now() + LEAD
             for name, plan in plans.items():
                 members[name].expect(plan.trajectory, begin)
 

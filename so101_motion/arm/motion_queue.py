@@ -15,13 +15,15 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from dataclasses import dataclass
-from typing import Any, Generic
+from typing import Any, Generic, TypeVar
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.stop_order import STOP, forget_request, is_older, refuse_older
 from so101_motion.common.errors import SUPERSEDED, MotionError
 from so101_motion.control.motion_source import S
 from so101_motion.control.request_queue import running_future
+
+T = TypeVar("T")
 
 Run = Callable[[Motion], Future[None] | None]
 """Carries a motion out. It returns None at the end of the motion, or earlier a future that
@@ -39,6 +41,19 @@ class Opening(Generic[S]):
 
     motion: Motion
     opened: Future[S]
+
+
+_here = threading.local()  # has the motion that a thread carries out
+
+
+def wait_here(awaited: Future[T]) -> T:
+    """The result of ``awaited``; the motion that the calling thread carries out waits for it.
+
+    Raises:
+        Interrupted: That motion was interrupted; ``awaited`` is cancelled then.
+    """
+    motion: Motion | None = getattr(_here, "motion", None)
+    return awaited.result() if motion is None else motion.wait_for(awaited)
 
 
 class MotionQueue:
@@ -61,14 +76,7 @@ class MotionQueue:
         self._come_to_rest = come_to_rest
         self.lock = threading.Lock()
         self.stopped = 0
-        self._here = threading.local()
         self._threads = ThreadPoolExecutor(max_workers=4, thread_name_prefix="so101-arm")
-
-    @property
-    def here(self) -> Motion | None:
-        """The motion that the calling thread carries out, None for any other thread."""
-        motion: Motion | None = getattr(self._here, "motion", None)
-        return motion
 
     def start(self, run: Run) -> Motion:
         """Let ``run`` move the arm once it rests; returns at once.
@@ -177,7 +185,7 @@ class MotionQueue:
         forget_request()
         try:
             self._rest_for(motion)
-            self._here.motion = motion
+            _here.motion = motion
             ending = run(motion)
         except BaseException as error:  # those who wait for the motion must get it
             motion.future.set_exception(error)
@@ -187,7 +195,7 @@ class MotionQueue:
             else:
                 ending.add_done_callback(motion.take_outcome)
         finally:
-            self._here.motion = None
+            _here.motion = None
 
     def _rest_for(self, motion: Motion) -> None:
         """Bring the arm to rest for a motion, unless a newer one has been asked for since.

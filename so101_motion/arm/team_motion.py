@@ -12,7 +12,7 @@ from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from so101_motion.common.errors import Interrupted, MotionError
 
@@ -37,20 +37,23 @@ class TeamPlanning:
         made: Callable[[Mapping[str, Plan]], None],
     ) -> None:
         self._plan, self._made, self._lock = plan, made, threading.Lock()
-        self._parts: dict[str, Future[Plan]] = {name: Future() for name in names}
+        self._parts: dict[str, Future[Any]] = {name: Future() for name in names}
         self._moving = set(self._parts)
         self._planning: Future[dict[str, Plan]] | None = None
         for name, part in self._parts.items():
             part.add_done_callback(partial(self._given_up, name))
 
-    def part(self, name: str) -> Future[Plan]:
-        """Note that an arm rests; returns its plan. Cancelling that gives up the plans of all."""
+    def part(self, name: str) -> Future[Any]:
+        """Note that an arm rests; returns its plan, None to stay there.
+
+        Cancelling that gives up the plans of all.
+        """
         with self._lock:
             is_first = name in self._moving
             self._moving.discard(name)
             is_last = is_first and not self._moving
         if not is_first:
-            late: Future[Plan] = Future()
+            late: Future[Any] = Future()
             late.set_exception(
                 MotionError("another arm got in the way of the common motion; ask for it again")
             )
@@ -79,9 +82,9 @@ class TeamPlanning:
             return
         for name, part in self._parts.items():
             with suppress(InvalidStateError):  # one that was given up
-                part.set_result(plans[name])
+                part.set_result(plans.get(name))
 
-    def _given_up(self, name: str, part: Future[Plan]) -> None:
+    def _given_up(self, name: str, part: Future[Any]) -> None:
         if part.cancelled():
             self._end(Interrupted(f"what ended the motion of {name}"))
             if self._planning is not None:
@@ -150,7 +153,8 @@ class TeamSeries:
 
 
 def _wait_for_part(planning: TeamPlanning, name: str, made: list[Plan], motion: Motion) -> None:
-    made.append(motion.wait_for(planning.part(name)))
+    plan = motion.wait_for(planning.part(name))
+    made += [] if plan is None else [plan]
 
 
 def end_together(motions: Mapping[str, Motion]) -> None:

@@ -171,23 +171,22 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
     so101 cell run cell.json wave.json
     """  # noqa: D301
     from so101_motion.files.cell_file import read_cell
-    from so101_motion.tasks.program.cell_program import read_cell_program
-    from so101_motion.tasks.program.cell_run import rehearse_cell, start_cell_program
+    from so101_motion.tasks.program import files, rehearse, start_program
 
-    read_cell_program(program)  # refuses a wrong file before the arms are opened
+    files.read(program)  # refuses a wrong file before the arms are opened
     with quietly(), open_arms(read_cell(file)) as opened:
-        made = read_cell_program(program, opened.zeros())
+        made = files.read(program, opened.zeros())
         if rounds is not None:
             made = replace(made, rounds=rounds)
         with busy_message("planning the program ..."):
-            rehearsal = rehearse_cell(opened.cell, made)
-        for step in rehearsal.first_round:
-            times = f", {step.times} times" if step.times > 1 else ""
-            click.echo(f"  {made.called(step.step_index)}  {step.duration:.2f} s{times}", err=True)
-            _say_what_is_done_for_others(step.plans)
+            rehearsal = rehearse(opened.cell, made)
+        for visit, leg, often in rehearsal.first_round:
+            times = f", {often} times" if often > 1 else ""
+            click.echo(f"  {made.called(visit.indices[-1])}  {leg.at[-1]:.2f} s{times}", err=True)
+            _say_what_is_done_for_others(leg.plans)
         if not yes:
             have_agreed("Move the arms?")
-        running = start_cell_program(opened.cell, rehearsal)
+        running = start_program(opened.cell, rehearsal)
         with stops_on_ctrl_c(opened.cell):
             while not wait((running.future,), 0.1).done:
                 pass

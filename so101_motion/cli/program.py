@@ -52,21 +52,21 @@ def run(
     so101 run "stack cubes" --port /dev/ttyACM0
     so101 run --sim wave.json --rounds 3 --yes
     """  # noqa: D301
-    from so101_motion.tasks.program import files, rehearse, start_program
+    from so101_motion.tasks.program import ARM, Solo, files, rehearse, start_program
 
     files.read(files.find(program))  # refuses a wrong file before the arm is opened
     with quietly(), closing(source.open()) as rig:
-        made = files.read(files.find(program), rig.connection.encoder_zeros)
+        made = files.read(files.find(program), {ARM: rig.connection.encoder_zeros})
         if rounds is not None:
             made = made.with_rounds(rounds)
         with busy_message("planning the program ..."):
-            rehearsal = rehearse(rig.arm, rig.gripper, made)
+            rehearsal = rehearse(arms := Solo.of(rig), made)
         if not as_json:
             click.echo(_planned(rehearsal), err=True)
         if not yes:
             have_agreed(f"Move the {source.what}?")
         with stops_on_ctrl_c(rig.arm):
-            await_end(start_program(rig.arm, rig.gripper, rig.clock, rehearsal))
+            await_end(start_program(arms, rehearsal))
         if as_json:
             facts = {"waypoints": [each.name for each in made.waypoints], "rounds": made.rounds}
             loops = files.loops_to(made.loops)

@@ -223,10 +223,10 @@ def show_cell(source: CellSource, page: Page, *, camera: str | None = None) -> N
     """
     viewer = import_preview()
     _check_camera(camera, has_machine=False)
-    arms = viewer.CellSource(
-        title=source.title, file=source.file, open=source.open, path=source.path, camera=camera
+    arms = viewer.Source(
+        title=source.title, open=source.open, scene_file=source.path, camera=camera
     )
-    with in_lines(), viewer.serve_cell(arms, **page.server(source.title)) as served:
+    with in_lines(), viewer.serve_source(arms, **page.server(source.title)) as served:
         click.echo(f"so101: {', '.join(each.name for each in source.file.arms)}", err=True)
         keep_open(served, page)
 

@@ -51,7 +51,8 @@ class SavedPoses:
         path = self.file()
         if not path.exists():
             return ()
-        given = user_storage.read(path, schema=SCHEMA, zeros=True).get("poses")
+        also = (user_storage.with_zeros(SCHEMA),)
+        given = user_storage.read(path, schema=SCHEMA, also=also).get("poses")
         if not isinstance(given, list) or len(given) > MOST:
             raise ConfigError("poses", str(path), f"must be a list of {MOST} poses at most")
         return tuple(_pose(number, each) for number, each in enumerate(given, 1))

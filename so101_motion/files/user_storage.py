@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -31,6 +31,13 @@ LARGEST_OF_ALL = 20_000_000
 
 LONGEST_NAME = 40
 """Most characters of a name that a user gives; chosen, it fits on a button."""
+
+_KINDS = tuple(
+    f"so101/{kind}/{number}"
+    for kind in ("poses", "program", "cell-program", "guided-path")
+    for number in (1, 2, 3)
+)
+"""The schemas of files that may have zeros."""
 
 _WIDEST_DEG = 360.0
 """Larger joint angles in a file are refused [deg]."""
@@ -95,15 +102,15 @@ def with_zeros(schema: str) -> str:
 
 
 def read(
-    path: Path, *, schema: str, largest: int = LARGEST, zeros: bool = False
+    path: Path, *, schema: str, also: Collection[str] = (), largest: int = LARGEST
 ) -> Mapping[str, object]:
     """Read the JSON object in the file at ``path``.
 
     Args:
         path: The file.
         schema: What it must be, such as ``"so101/poses/1"``.
+        also: What else it may be, such as that of before.
         largest: Largest file that is read [byte].
-        zeros: Whether it may be a file ``with_zeros`` too.
 
     Raises:
         ConfigError: It is not there, cannot be read, or is something else.
@@ -118,7 +125,7 @@ def read(
     except (ValueError, RecursionError) as error:
         raise ConfigError(what, str(path), f"is not JSON: {error}") from error
     written = content.get("schema") if isinstance(content, Mapping) else None
-    if written == schema or (zeros and written == with_zeros(schema)):
+    if written == schema or written in also:
         if content.repeated:
             raise ConfigError(what, str(path), f"has {', '.join(content.repeated)} twice")
         return dict(content)
@@ -173,19 +180,11 @@ def without_zeros(path: Path, name: str = "") -> int:
         return {key: bare(each, key) for key, each in value.items()}
 
     with locked(path):
-        try:
-            schema = str(json.loads(path.read_bytes()).get("schema"))
-        except (OSError, ValueError, AttributeError, RecursionError):
-            schema = ""
-        kinds = ("poses", "program", "cell-program", "guided-path")
-        kind = next((kind for kind in kinds if schema.startswith(f"so101/{kind}/")), "poses")
-        first = f"so101/{kind}/1"
-        content = read(path, schema=first, largest=LARGEST_OF_ALL, zeros=True)
-        kept = bare(content, "")
+        content = read(path, schema=_KINDS[0], also=_KINDS, largest=LARGEST_OF_ALL)
+        kept, schema = bare(content, ""), str(content["schema"])
         if removed and isinstance(kept, dict):
-            still = with_zeros(first) if f'"{KEY}"' in json.dumps(kept) else first
-            indent = None if kind == "guided-path" else 1
-            write(path, {**kept, "schema": still}, schema=still, indent=indent)
+            indent = None if "guided-path" in schema else 1
+            write(path, kept, schema=schema, indent=indent)
     return removed
 
 

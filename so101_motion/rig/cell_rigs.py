@@ -38,12 +38,14 @@ class CellRigs:
     """The arms of a cell, opened. Use it in a ``with`` block or call ``close``.
 
     Attributes:
+        file: Where they stand.
         rigs: The rig of each arm by its name, in the order of the file.
         cell: Keeps them off each other.
     """
 
     def __init__(self, file: CellFile, rigs: Mapping[str, Rig], closing: ExitStack) -> None:
-        self.rigs, self.cell, self._closing = dict(rigs), Cell(), closing
+        self.file, self.rigs = file, dict(rigs)
+        self.cell, self._closing = Cell(), closing
         for arm in file.arms:
             rig = self.rigs[arm.name]
             rig.arm.scene = file.scene_of(arm)

@@ -12,7 +12,7 @@ from conftest import Visit
 from harness.browser_user import Guest
 from harness.web_camera import web_camera
 from playwright.sync_api import Download, Locator
-from so101_viewer import CellPage, CellSource, serve_cell
+from so101_viewer import Preview, Source, serve_source
 
 from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
@@ -40,14 +40,14 @@ def arms() -> Iterator[CellRigs]:
 
 
 @pytest.fixture(scope="module")
-def page(arms: CellRigs) -> Iterator[CellPage]:
-    source = CellSource(title="Two arms", file=FILE, open=lambda: arms, lasts=True)
-    with serve_cell(source, port=0) as served:
+def page(arms: CellRigs) -> Iterator[Preview]:
+    source = Source(title="Two arms", open=lambda: arms, lasts=True)
+    with serve_source(source, port=0) as served:
         yield served
 
 
 @pytest.fixture(scope="module")
-def guest(visit: Visit, page: CellPage) -> Guest:
+def guest(visit: Visit, page: Preview) -> Guest:
     guest = visit()
     guest.page.goto(page.url)
     guest.until(lambda: guest.button("Plan").count() == 1)
@@ -340,14 +340,13 @@ def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_th
 
 def test_the_pictures_of_a_camera_are_shown_over_the_scene(visit: Visit, arms: CellRigs) -> None:
     with web_camera() as camera:
-        source = CellSource(
+        source = Source(
             title="Two arms",
-            file=FILE,
             open=lambda: arms,
             lasts=True,
             camera=f"{camera}/picture",
         )
-        with serve_cell(source, port=0) as served:
+        with serve_source(source, port=0) as served:
             window = visit()
             window.page.goto(served.url)
             picture = window.page.get_by_alt_text("The camera's picture")

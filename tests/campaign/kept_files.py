@@ -118,7 +118,7 @@ def _number(q):
 
 def _write_program(folder, n):
     waypoints = tuple(Waypoint(name=f"w{i}", q=_q(n)) for i in range(40))
-    program_files.write(Program(waypoints=waypoints, rounds=1), folder / "program.json")
+    program_files.write(Program.of_waypoints(waypoints, rounds=1), folder / "program.json")
 
 
 def _read_program(folder):

@@ -9,6 +9,7 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from so101_motion.arm.cell_member import Stand
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
@@ -18,8 +19,8 @@ from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import Plan, PlanRequest
 from so101_motion.planning.timing import verify
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.tasks.program import Program, Waypoint
-from so101_motion.tasks.program.rehearsal import PASSING, ProgramLeg, plan_leg
+from so101_motion.tasks.program import ARM, Program, Waypoint
+from so101_motion.tasks.program.rehearsal import PASSING, Leg, plan_leg
 
 MODEL = RobotModel.load()
 CAPS = [
@@ -50,15 +51,15 @@ class Arm:
     def __init__(self, limits: MotionLimits, scene: Scene) -> None:
         self.limits, self.scene = limits, scene
 
-    def plan(self, goal, *, q_start, q_jaw, limits=None) -> Plan:
+    def plan_together(self, goals, *, limits, stands) -> dict[str, Plan]:
         request = PlanRequest(
-            q_start=q_start,
-            goal=goal,
-            limits=limits or self.limits,
-            q_jaw=q_jaw,
+            q_start=stands[ARM].q,
+            goal=goals[ARM],
+            limits=limits[ARM],
+            q_jaw=stands[ARM].q_jaw,
             scene=self.scene,
         )
-        return self.PLANNER.plan(request)
+        return {ARM: self.PLANNER.plan(request)}
 
 
 @st.composite
@@ -74,9 +75,10 @@ def ways(draw) -> np.ndarray:
     return np.array([*0.4 * rng.uniform(MODEL.lower, MODEL.upper, (2, 5))] * m)[:m]
 
 
-def leg(arm: Arm, way: np.ndarray) -> ProgramLeg:
+def leg(arm: Arm, way: np.ndarray) -> Leg:
     places = [Waypoint(name=f"{k}", q=q, passes=True) for k, q in enumerate(way[1:])]
-    return plan_leg(arm, Program(waypoints=tuple(places)), range(len(places)), way[0], 0.0)
+    stands, caps = {ARM: Stand(way[0], 0.0)}, {ARM: arm.limits}
+    return plan_leg(arm, Program.of_waypoints(places), range(len(places)), stands, caps)
 
 
 @settings(max_examples=25)

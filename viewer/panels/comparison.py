@@ -6,7 +6,7 @@ import viser
 
 from ..page import texts
 from ..page.front_tab import Drawn
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.screen_state import PlanView
 from ..page.shared_fields import ButtonRow
 from ..scene.robot_view import segments
@@ -18,7 +18,7 @@ _COLOR = (134, 142, 150)
 class Comparison:
     """The buttons, the figures and the grey path of a plan that is kept."""
 
-    def __init__(self, context: ArmContext) -> None:
+    def __init__(self, context: PageContext) -> None:
         self._scene, self._front = context.server.scene, context.front
         self._newest: PlanView | None = None
         self._kept: PlanView | None = None

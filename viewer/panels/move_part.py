@@ -1,30 +1,34 @@
-"""Connect the arm's view model with the scene, the arm panel and the Move tab."""
+"""Connect the model of the arms with the scene, their panels and the Move tab."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
 
-import viser
-
-from so101_motion.common.geometry import Array
+from so101_motion.arm.cell import Cell
+from so101_motion.common.geometry import SE3, Array
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
+from so101_motion.rig.protocols import RigLike
 from so101_motion.tasks.sweeps.atlas import Atlas
 
+from ..cell_model import CellModel
 from ..page.front_tab import Drawn
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.part import Part
-from ..page.screen_state import Sentence, Tone
+from ..page.screen_state import Screen, Sentence, Tone
 from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
-from ..scene.camera_and_lights import Views, set_up_view
+from ..scene.camera_and_lights import Sight, Views, set_up_view
 from ..scene.click import hit
 from ..scene.measuring import Measuring
 from ..scene.reach_view import ReachView
 from ..scene.stage import Stage
 from ..view_model import ViewModel
 from .arm_panel import ArmPanel, docked_left
+from .common_plan_panel import CommonPlanPanel
 from .plan_panel import MEASURES, SELECTS, PlanPanel
 from .poses import PoseList
 
@@ -33,113 +37,156 @@ _WORDS_EVERY = 3
 
 
 class MovePart(Part):
-    """The part of the page that shows and moves the arm.
+    """The part of the page that shows and moves the arms.
 
     Args:
+        rigs: The arms, by name; the name of a single one is empty.
+        cell: Keeps several arms apart; None for a single one.
+        bases: Where their bases stand, by name.
         stops: What Stop calls, each in a thread of its own.
-        atlas: Is shaded while the target is dragged; without one the reach is computed.
+        plan: A plan of a single arm that is shown from the start.
+        atlas: Is shaded while the target of a single arm is dragged; without one the reach is
+            computed.
 
     Attributes:
+        pages: Target and picture of each arm, by name.
+        model: What is shown of all of them.
+        nodes: The node in the scene that stands where an arm's base does, by the arm's name.
         stop_button: What the bar's Stop presses.
+        panel: The panel on the left.
     """
 
     def __init__(
         self,
-        context: ArmContext,
+        context: PageContext,
+        rigs: Mapping[str, RigLike],
+        cell: Cell | None,
+        bases: Mapping[str, SE3],
         *,
         title: str,
         stops: tuple[Callable[[], None], ...],
         plan: Plan | None = None,
         atlas: Atlas | None = None,
     ) -> None:
-        self._arm = arm = context.rig.arm
-        model = RobotModel.load()
-        self.page = ViewModel(
-            arm=arm,
-            gripper=context.rig.gripper,
-            load_solver=TargetSolver.load,
-            submit=context.in_background,
-            now=context.rig.clock.now,
-            welcome=f"{title}. Drag the arrows, then press Plan.",
-        )
+        now = next(iter(rigs.values())).clock.now
+        of_each = "" if cell is None else " of each arm"
+        welcome = f"{title}. Drag the arrows{of_each}, then press Plan."
+        self.pages = {
+            name: ViewModel(
+                arm=rig.arm,
+                gripper=rig.gripper,
+                load_solver=TargetSolver.load,
+                submit=context.in_background,
+                now=now,
+                welcome=welcome,
+            )
+            for name, rig in rigs.items()
+        }
+        self._context, self._first = context, next(iter(self.pages.values()))
+        self._arm = next(iter(rigs.values())).arm
+        self.model: ViewModel | CellModel = self._first
+        if cell is not None:
+            submit = context.in_background
+            self.model = CellModel(cell, self.pages, submit=submit, now=now, welcome=welcome)
         if plan is not None:
-            self.page.show(plan)
-        set_up_view(context.server)
-        views = Views(context.server)
+            self._first.show(plan)
+        self._set_up_scene(bases, atlas, is_one=cell is None)
+        self.stop_button = add_stop(context.gui, *stops)
+        self.panel = docked_left(context.gui)
+        self._joints = {name: ArmPanel(context.gui, self.panel, name or "Arm") for name in rigs}
+        self._show_words: Callable[[Any], None]
+        if isinstance(self.model, ViewModel):
+            (rig,) = rigs.values()
+            poses = PoseList(SavedPoses(zeros=lambda: rig.connection.encoder_zeros), self.model)
+            one = PlanPanel(context, self.model, poses, on_click=self._set_click)
+            context.bar.plan, self._show_words = one.plan_button, one.show
+        else:
+            common = CommonPlanPanel(context, self.model, self.pages)
+            context.bar.plan, self._show_words = common.plan_button, common.show
+        context.bar.stop = self.stop_button
+        self._pictures = 0
+        self._drawn = Drawn.PLAN
+
+    def _set_up_scene(self, bases: Mapping[str, SE3], atlas: Atlas | None, *, is_one: bool) -> None:
+        context, sight = self._context, Sight.of_arms(tuple(bases.values()))
+        set_up_view(context.server, sight)
+        views, robot = Views(context.server, sight, follows=is_one), RobotModel.load()
         context.bar.views = views.buttons
         context.leave_open(*(button for _, button in views.buttons))
-        self._reach = ReachView(context.server.scene, model, atlas)
-        self._stage = Stage(
-            context,
-            model=model,
-            views=views,
-            on_drag=self._dragged,
-            on_turn=self.page.set_turn,
-            on_release=self._reach.hide,
-            on_click=self._clicked,
-        )
-        self.stop_button = add_stop(context.gui, *stops)
-        self._panel = docked_left(context.gui)
-        self._arm_panel = ArmPanel(context.gui, self._panel)
-        self._plan_panel = PlanPanel(
-            context,
-            self.page,
-            PoseList(SavedPoses(zeros=lambda: context.rig.connection.encoder_zeros), self.page),
-            on_click=self._set_click,
-        )
-        context.bar.stop, context.bar.plan = self.stop_button, self._plan_panel.plan_button
         self._measuring, self._measures = Measuring(context.server.scene), False
-        self._pictures = 0
-        self._front, self._drawn = context.front, Drawn.PLAN
+        self._reach = ReachView(context.server.scene, robot, atlas) if is_one else None
+        self.nodes = {name: "" if is_one else f"/arms/{k}" for k, name in enumerate(self.pages)}
+        self._stages = {}
+        for name, page in self.pages.items():
+            if not is_one:
+                T, node = bases[name], self.nodes[name]
+                context.server.scene.add_frame(
+                    node, show_axes=False, position=T.p, wxyz=T.quaternion_wxyz()
+                )
+                context.server.scene.add_label(f"{node}/name", name, position=(-0.08, 0.0, 0.0))
+            self._stages[name] = Stage(
+                context,
+                model=robot,
+                views=views if is_one else None,
+                on_drag=partial(self._dragged, name),
+                on_turn=page.set_turn,
+                on_release=lambda: None if self._reach is None else self._reach.hide(),
+                on_click=self._clicked,
+                root=self.nodes[name],
+            )
 
     def _set_click(self, does: str) -> None:
         self._measures = does == MEASURES
         self._measuring.clear()
-        self._stage.set_clickable(does != SELECTS)
+        for stage in self._stages.values():
+            stage.set_clickable(does != SELECTS)
 
     def _clicked(self, p_from: Array, along: Array) -> None:
         met = hit(self._arm.scene, p_from, along)
         if met is not None and self._measures:
-            self.page.tell(Sentence(text=self._measuring.take(met)))
+            self._first.tell(Sentence(text=self._measuring.take(met)))
         elif met is not None:
-            self.page.set_target_above(met)
+            self._first.set_target_above(met)
 
-    def _dragged(self, p_base: Array) -> None:
-        self._stage.dragged_to(p_base)
-        self.page.set_target_point(p_base)
-        self._reach.show(self.page.target.frame, float(p_base[2]))
-
-    @property
-    def arm_panel(self) -> viser.PanelHandle:
-        """The panel with the joints."""
-        return self._panel
+    def _dragged(self, name: str, p_base: Array) -> None:
+        page = self.pages[name]
+        self._stages[name].dragged_to(p_base)
+        page.set_target_point(p_base)
+        if self._reach is not None:
+            self._reach.show(page.target.frame, float(p_base[2]))
 
     def set_visible(self, visible: bool) -> None:
-        """Show or hide the arm and its target."""
-        self._stage.set_visible(visible)
+        """Show or hide the arms and their targets."""
+        for stage in self._stages.values():
+            stage.set_visible(visible)
 
     def set_handles(self, shown: bool) -> None:
-        """Show the target's arrows, or hide them until the target changes."""
-        self._stage.set_handles(shown)
+        """Show the targets' arrows, or hide each until its target changes."""
+        for stage in self._stages.values():
+            stage.set_handles(shown)
 
-    def fade(self, faded: bool) -> None:
-        """Show the arm in grey, or in its own colours."""
-        self._stage.fade(faded)
+    def fade(self, name: str, faded: bool) -> None:
+        """Show an arm in grey, or in its own colours."""
+        self._stages[name].fade(faded)
 
-    def mark(self, joints: Mapping[str, Tone]) -> None:
-        """Colour the links that these joints move, each in the tone of its alarm."""
-        self._stage.mark(joints)
+    def mark(self, name: str, joints: Mapping[str, Tone]) -> None:
+        """Colour the links that these joints of an arm move, each in the tone of its alarm."""
+        self._stages[name].mark(joints)
 
     def refresh(self) -> bool:
-        """Take in the state of the arm, the plan being made and the running motion."""
-        is_other = self._front.drawn is not self._drawn
-        return self.page.refresh() or is_other
+        """Take in the states of the arms, the plan being made and the running motions."""
+        is_other = self._context.front.drawn is not self._drawn
+        return self.model.refresh() or is_other
 
     def show(self) -> None:
-        """Draw the arm; update its figures now and then."""
-        screen, self._drawn = self.page.screen(), self._front.drawn
+        """Draw the arms; update their figures now and then."""
+        screen, self._drawn = self.model.screen(), self._context.front.drawn
+        arms = {"": screen} if isinstance(screen, Screen) else screen.arms
         self._pictures += 1
-        self._stage.show(screen)
-        if not screen.state.arm_moving or self._pictures % _WORDS_EVERY == 0:
-            self._arm_panel.show(screen.state, screen.range)
-            self._plan_panel.show(screen)
+        for name, each in arms.items():
+            self._stages[name].show(each)
+        moves = any(each.state.arm_moving for each in arms.values())
+        if not moves or self._pictures % _WORDS_EVERY == 0:
+            for name, each in arms.items():
+                self._joints[name].show(each.state, each.range)
+            self._show_words(screen)

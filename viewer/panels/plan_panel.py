@@ -9,7 +9,7 @@ import viser
 from so101_motion.common.geometry import Array
 
 from ..page import markup, texts
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.screen_state import PlanView, Screen
 from ..page.tracking import Tracking
 from ..view_model import ViewModel
@@ -53,7 +53,7 @@ class PlanPanel:
 
     def __init__(
         self,
-        context: ArmContext,
+        context: PageContext,
         page: ViewModel,
         poses: PoseList,
         *,

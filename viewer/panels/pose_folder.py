@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.shared_fields import SharedField, UndoButtons
 from .poses import COMMANDS, SOURCES, PoseList
 
@@ -12,7 +12,7 @@ _NONE = "none saved yet"
 class PoseFolder:
     """Widgets for the poses of a ``PoseList``."""
 
-    def __init__(self, context: ArmContext, poses: PoseList) -> None:
+    def __init__(self, context: PageContext, poses: PoseList) -> None:
         self._poses = poses
         gui = context.gui
         with gui.add_folder("My poses", expand_by_default=False):

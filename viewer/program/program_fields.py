@@ -1,4 +1,4 @@
-"""Widgets that the Program tabs of one arm and of several arms have in common."""
+"""Groups of widgets of the Program tab."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Protocol, TypeVar
 
+from so101_motion.common.units import to_deg
 from so101_motion.tasks.program.loops import MOST_TIMES, Loop
 from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST, SLOWEST, Waypoint
+from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
 from ..page.bar import board, uuid_of
@@ -15,25 +17,13 @@ from ..page.markup import Timeline
 from ..page.page_context import PageContext
 from ..page.saved_files import SavedFiles
 from ..page.shared_fields import SharedField, UndoButtons, grey, put
+from .arm_in_step import ArmInStep
 
 _RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
 _NONE = "none"
 _PART_WAY = "part way"
 _JAW = {"keep": None, "close": 0.0, "open": 1.0, _PART_WAY: 0.5}
 """What the gripper does at a waypoint, as an aperture."""
-
-
-class WaypointEditor(Protocol):
-    """Changes the selected waypoint."""
-
-    def set_speed(self, share: float) -> None:
-        """Set how fast it is gone to, as a share of the arm's speed."""
-
-    def set_pause(self, seconds: float) -> None:
-        """Set the pause there [s]."""
-
-    def set_aperture(self, aperture: float | None) -> None:
-        """Set the jaw's aperture there, 0 to 1; None to leave it."""
 
 
 class LoopEditor(Protocol):
@@ -133,14 +123,13 @@ class RowList:
 
 
 class WaypointFields:
-    """Adds fields of the selected waypoint where its methods are called."""
+    """The fields of what an arm does in the selected step."""
 
-    def __init__(self, context: PageContext, editor: WaypointEditor) -> None:
-        self._context, self._editor = context, editor
-
-    def add_speed(self) -> None:
-        """How fast it is gone to."""
-        slider = self._context.gui.add_slider(
+    def __init__(self, context: PageContext, editor: ArmInStep) -> None:
+        gui = context.gui
+        name = gui.add_text("Name", "")
+        self._name = SharedField(name, editor.rename, context, shown=str)
+        speed = gui.add_slider(
             "Speed (%)",
             round(100.0 * SLOWEST),
             100,
@@ -149,15 +138,14 @@ class WaypointFields:
             hint="On the way to it, as a share of the speed on the Move tab",
         )
         self._speed = SharedField(
-            slider,
-            lambda percent: self._editor.set_speed(percent / 100.0),
-            self._context,
-            shown=round,
+            speed, lambda percent: editor.set_speed(percent / 100.0), context, shown=round
         )
-
-    def add_stay(self) -> None:
-        """What is done there."""
-        gui, editor, context = self._context.gui, self._editor, self._context
+        passes = gui.add_checkbox(
+            "Pass through",
+            False,
+            hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
+        )
+        self._pass = SharedField(passes, editor.set_passes, context, shown=bool)
         pause = gui.add_number("Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1)
         self._pause = SharedField(
             pause, editor.set_pause, context, shown=lambda seconds: round(seconds, 1)
@@ -171,14 +159,22 @@ class WaypointFields:
             opening, lambda percent: editor.set_aperture(percent / 100.0), context, shown=round
         )
 
-    def show(self, waypoint: Waypoint | None) -> None:
-        """Show a waypoint; without one the fields are grey."""
+    def show(self, waypoint: Waypoint | None, *, is_alone: bool) -> None:
+        """Show a waypoint; without one the fields are grey.
+
+        Args:
+            waypoint: What the arm does.
+            is_alone: Whether it moves alone, so that it may pass.
+        """
         if waypoint is None:
-            for field in (self._speed, self._pause, self._jaw, self._opening):
+            fields = (self._name, self._speed, self._pass, self._pause, self._jaw, self._opening)
+            for field in fields:
                 field.offer(None)
             return
         aperture = waypoint.aperture
+        self._name.offer(waypoint.name)
         self._speed.offer(100.0 * waypoint.speed)
+        self._pass.offer(waypoint.passes if is_alone else None)
         self._pause.offer(None if waypoint.passes else waypoint.pause)
         self._jaw.offer(next((name for name, each in _JAW.items() if each == aperture), _PART_WAY))
         self._opening.offer(100.0 * aperture if aperture is not None else None)

@@ -1,45 +1,50 @@
 """State and commands of the Program tab, without viser.
 
-A program is edited, planned as a whole and run. The plan is dropped when the waypoints, the arm's
-position, the gripper, the speed limits or the surroundings change. Nothing here waits: slow calls
-are futures that ``refresh`` collects. One thread owns a ``ProgramModel``.
+A program is edited, planned as a whole and run. A step says where each arm goes; they go at the
+same time. The plan is dropped when the steps, an arm's position, a gripper, the speed limits or the
+surroundings change. Nothing here waits: slow calls are futures that ``refresh`` collects. One
+thread owns a ``ProgramModel``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from itertools import count
+from pathlib import Path
 from string import ascii_uppercase
-from typing import Any
+from typing import Any, Protocol
 
 from so101_motion.arm.arm import Arm
-from so101_motion.common.clock import Clock
-from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
-from so101_motion.rig.protocols import GripperLike
 from so101_motion.tasks.program import (
+    ARM,
+    Arms,
     Loop,
     Program,
     ProgramRun,
+    Solo,
     Waypoint,
     files,
     rehearse,
     start_program,
 )
+from so101_motion.tasks.program.files import ZerosOfArms
+from so101_motion.tasks.program.program import Step
 from so101_motion.tasks.program.rehearsal import stands_at
 
+from ..page import texts
 from ..page.guiding import Guiding
 from ..page.history import History
 from ..page.playback import Playback
 from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence
-from ..page.target_ik import Surroundings, TargetSolver
+from ..page.target_ik import Surroundings, Target, TargetSolver
 from . import program_texts as words
-from .program_screen import ProgramScreen
+from .arm_in_step import ArmInStep
 from .rehearsal_time import RehearsalTime
 
 ALL, REST, STEP = "all", "from here", "this one"
@@ -49,124 +54,141 @@ SAME_JAW = 0.05
 """A jaw that moved by less than this since the program was planned makes no difference [rad]."""
 
 
+class ArmOnPage(Protocol):
+    """Where an arm is, and the target of its Move tab."""
+
+    @property
+    def q_arm(self) -> Array:
+        """Where the arm is, as it can be gone to again, shape (5,), [rad]."""
+
+    @property
+    def target(self) -> Target:
+        """The target."""
+
+    def set_target_joints(self, q: Array) -> None:
+        """Put the target, and with it the ghost, to joint angles, shape (5,), [rad]."""
+
+
 class ProgramModel:
     """State and commands of the Program tab.
 
     Args:
-        q_arm: Where the arm is, as it can be gone to again, shape (5,), [rad].
+        arms: The arms that run programs.
+        pages: Place and target of each, by its name.
+        submit: Runs a slow call on another thread.
+        zeros: Tells the zeros of the arms' calibrations.
 
     Attributes:
+        pages: See above.
+        texts: What is said of one arm, or of several.
+        edit: Changes what an arm does in the selected step, by its name.
+        program: What is edited, or run.
+        chosen: Index of the step that is edited; None without one.
+        name: What the program is called, when it is saved or was loaded.
         saved_files: The user's programs.
+        timeline: The plan over time, as long as it is valid; else None.
+        run: What is being run; else None.
     """
 
     def __init__(
         self,
-        *,
-        arm: Arm,
-        gripper: GripperLike,
-        clock: Clock,
+        arms: Arms,
+        pages: Mapping[str, ArmOnPage],
         submit: Callable[[Callable[[], Any]], Future[Any]],
-        q_arm: Callable[[], Array],
-        q_target: Callable[[], Array],
-        set_target: Callable[[Array], None],
-        zeros: Callable[[], EncoderZeros | None] = lambda: None,
+        zeros: Callable[[], ZerosOfArms] | None = None,
     ) -> None:
-        self._zeros = zeros
-        self._arm, self._gripper, self._clock, self._submit = arm, gripper, clock, submit
-        self._q_arm, self._q_target, self._aim_at = q_arm, q_target, set_target
-        self._program = Program()
-        self._history = History(self._program, clock.now)
-        self._first = 0
+        self._zeros = zeros or (lambda: dict.fromkeys(pages))
+        self._arms, self.pages, self._submit = arms, pages, submit
+        self.texts = words.ONE if isinstance(arms, Solo) else words.SEVERAL
+        self.edit = {name: ArmInStep(self, name) for name in pages}
+        self._now = arms.clock.now
+        self.program = Program()
+        self._history = History(self.program, self._now)
+        self.chosen: int | None = None
+        folder = files.folder if isinstance(arms, Solo) else files.cell_folder
+        self._file_of: Callable[[str], Path] = lambda name: files.file_of(name, folder())
+        self.name = ""
+        self.saved_files = SavedFiles(self._file_of, lambda: files.names(folder()), self.tell)
+        self.timeline: RehearsalTime | None = None
         self._playback = Playback()
-        self._chosen: int | None = None
-        self._name = ""
-        self.saved_files = SavedFiles(files.file_of, files.names, self._tell)
-        self._sentence = words.WELCOME
-        self._rehearsing: Future[tuple[RehearsalTime, dict[int, float]]] | None = None
-        self._timeline: RehearsalTime | None = None
-        self._clearances: dict[int, float] = {}
+        self._sentence = self.texts.welcome
+        self._planning: Future[RehearsalTime] | None = None
         self._made_for: tuple[object, ...] = ()
-        self._run: ProgramRun | None = None
-        self._guiding = Guiding(arm, clock, submit)
+        self.run: ProgramRun | None = None
+        self._guiding = {
+            name: Guiding(each.arm, each.clock, submit) for name, each in arms.members.items()
+        }
         self._shown: tuple[object, ...] = ()
 
-    # Waypoints
+    # Steps
 
-    def record_arm(self) -> None:
-        """Add a waypoint at the arm's place; the jaw stays as it is there."""
-        self._record(self._q_arm())
+    def record_arms(self, names: Sequence[str] | None = None) -> None:
+        """Add a step in which these arms, or all, go to where they stand now, at the same time.
 
-    def record_target(self) -> None:
-        """Add a waypoint at the ghost's place; the jaw stays as it is there."""
-        self._record(self._q_target())
+        Their jaws stay as they are there.
+        """
+        self._record({name: self.pages[name].q_arm for name in names or self.pages})
+
+    def record_targets(self, names: Sequence[str] | None = None) -> None:
+        """Add a step in which these arms, or all, go to their targets at the same time."""
+        self._record({name: self.pages[name].target.q for name in names or self.pages})
 
     def choose(self, index: int) -> None:
-        """Select a waypoint for editing, and show the ghost there."""
-        if 0 <= index < len(self._program):
-            self._chosen = index
-            self._aim_at(self._program.waypoints[index].q)
+        """Select a step for editing, and show the ghosts of its arms there."""
+        if 0 <= index < len(self.program):
+            self.chosen = index
+            for name, each in self.program.steps[index].items():
+                if name in self.pages:
+                    self.pages[name].set_target_joints(each.q)
 
-    def rename(self, name: str) -> None:
-        """Rename the selected waypoint."""
-        self._change(name=name)
+    def waypoint(self, name: str) -> Waypoint | None:
+        """What an arm does in the selected step; None for nothing, or while it cannot be edited."""
+        can_edit = self.chosen is not None and self.run is None
+        return self._step.get(name) if can_edit else None
 
-    def set_pause(self, seconds: float) -> None:
-        """Set the pause at the selected waypoint [s]; the arm then stops there."""
-        passed = self._program.waypoints[self._chosen_index()].passes
-        self._change(pause=seconds, passes=passed and seconds == 0.0)
-        if passed and seconds > 0.0:
-            self._sentence = words.PAUSE_STOPS
+    def change(self, name: str, /, **to: Any) -> None:
+        """Change what an arm does in the selected step, in terms of ``Waypoint``."""
+        waypoint = self._step.get(name)
+        if waypoint is not None:
+            self._put(name, replace(waypoint, **to), (self.chosen, name, *to))
 
-    def set_aperture(self, aperture: float | None) -> None:
-        """Set the jaw's aperture at the selected waypoint, 0 to 1; None to leave it.
+    def take(self, name: str, q: Array) -> None:
+        """Let an arm go to ``q``, shape (5,), [rad], in the selected step, beside the others."""
+        before = self._step.get(name)
+        if before is None:
+            self._put(name, Waypoint(name=self._next_letter(), q=q))
+        else:
+            self.change(name, q=q)
 
-        The arm stops at a waypoint where the jaw moves.
-        """
-        passed = self._program.waypoints[self._chosen_index()].passes
-        self._change(aperture=aperture, passes=passed and aperture is None)
-        if passed and aperture is not None:
-            self._sentence = words.JAW_STOPS
-
-    def set_speed(self, share: float) -> None:
-        """Set how fast the selected waypoint is gone to, as a share of the arm's speed."""
-        self._change(speed=share)
-
-    def set_passes(self, passes: bool) -> None:
-        """Pass the selected waypoint without a stop, pause and jaw; or stop there."""
+    def leave_out(self, name: str) -> None:
+        """Let an arm stand still in the selected step."""
         index = self._chosen_index()
-        if not passes:
-            self._change(passes=False)
-            return
-        before = self._program.waypoints[index]
-        self._change(passes=True, pause=0.0, aperture=None)
-        self._sentence = words.passing(before, is_last=self._program.stops_at(index))
+        rest = {key: each for key, each in self._step.items() if key != name}
+        if not rest:
+            raise ConfigError("step", index + 1, "has no other arm; delete it instead")
+        self._edit(self.program.with_changed(index, rest))
 
     def move(self, by: int) -> None:
-        """Move the selected waypoint earlier (-1) or later (1)."""
+        """Move the selected step earlier (-1) or later (1)."""
         index = self._chosen_index()
         self.reorder(index, index + by)
 
     def reorder(self, index: int, to: int) -> None:
-        """Put a waypoint at another place, and select it."""
-        if min(index, to) >= 0 and max(index, to) < len(self._program):
-            self._edit(self._program.moved(index, to))
-            self._chosen = to
+        """Put a step at another place, and select it."""
+        if min(index, to) >= 0 and max(index, to) < len(self.program):
+            self._edit(self.program.moved(index, to))
+            self.chosen = to
 
     def remove(self) -> None:
-        """Remove the selected waypoint."""
-        index = self._chosen_index()
-        self._edit(self._program.without(index))
+        """Remove the selected step."""
+        self._edit(self.program.without(self._chosen_index()))
 
     def duplicate(self) -> None:
-        """Add the selected waypoint once more behind itself."""
-        index = self._chosen_index()
-        again = replace(self._program.waypoints[index], name=self._next_letter())
-        self._edit(self._program.with_waypoint(again).moved(len(self._program), index + 1))
-        self._chosen = index + 1
-
-    def take_place(self) -> None:
-        """Put the selected waypoint to where the arm is."""
-        self._change(q=self._q_arm())
+        """Add the selected step once more behind itself."""
+        index, letter = self._chosen_index(), self._next_letter()
+        again = {name: replace(each, name=letter) for name, each in self._step.items()}
+        self._edit(self.program.with_step(again).moved(len(self.program), index + 1))
+        self.chosen = index + 1
 
     def undo(self) -> None:
         """Undo the last edit."""
@@ -179,258 +201,272 @@ class ProgramModel:
     @property
     def can_undo(self) -> bool:
         """Whether there is an edit to undo."""
-        return self._history.can_undo and self._run is None
+        return self._history.can_undo and self.run is None
 
     @property
     def can_redo(self) -> bool:
         """Whether one was undone."""
-        return self._history.can_redo and self._run is None
+        return self._history.can_redo and self.run is None
 
     def set_rounds(self, rounds: int | None) -> None:
         """Set the number of rounds; None for endless."""
-        self._edit(self._program.with_rounds(rounds), "rounds")
+        self._edit(self.program.with_rounds(rounds), "rounds")
 
     def set_loop(self, first: int, last: int, times: int) -> None:
-        """Repeat the waypoints from ``first`` to ``last`` (indices) so many times in a row."""
-        self._edit(self._program.with_loop(Loop(first=first, last=last, times=times)))
+        """Repeat the steps from ``first`` to ``last`` (indices) so many times in a row."""
+        self._edit(self.program.with_loop(Loop(first=first, last=last, times=times)))
 
     def end_loop(self) -> None:
-        """Remove the inner one of the loops around the selected waypoint."""
-        around = self._program.loops_around(self._chosen_index())
+        """Remove the inner one of the loops around the selected step."""
+        around = self.program.loops_around(self._chosen_index())
         if not around:
-            raise ConfigError("loop", None, "the chosen waypoint is in no loop")
-        self._edit(self._program.without_loop(around[-1]))
+            raise ConfigError("loop", None, f"the chosen {self.texts.step} is in no loop")
+        self._edit(self.program.without_loop(around[-1]))
 
     # Files
 
     def call(self, name: str) -> None:
         """Set the name for saving."""
-        self._name = name
+        self.name = name
 
     def save(self) -> None:
         """Save the program under its name; replaces one of that name."""
-        if not self._program.waypoints:
-            raise ConfigError("program", None, "record a waypoint first")
-        with self.saved_files.changing(self._name) as file:
-            files.write(self._program, file, self._zeros())
-        self._name = file.stem
+        if not self.program.steps:
+            raise ConfigError("program", None, f"record a {self.texts.step} first")
+        with self.saved_files.changing(self.name) as file:
+            files.write(self.program, file, self._zeros())
+        self.name = file.stem
         self._sentence = words.saved(file)
 
     def load(self, name: str) -> None:
         """Load the program ``name``; nothing moves."""
-        program = files.read(files.file_of(name), self._zeros())
+        program = files.read(self._file_of(name), self._zeros())
         self._edit(program)
-        self._name, self._chosen = name, 0 if program.waypoints else None
-        self._sentence = words.loaded(name, len(program))
+        self.name, self.chosen = name, 0 if program.steps else None
+        self._sentence = self.texts.loaded(name, len(program))
 
     def delete(self, name: str) -> None:
         """Delete the file of the program ``name``; the edited program stays."""
-        with self.saved_files.changing(name):
-            files.delete(name)
+        with self.saved_files.changing(name) as file:
+            files.delete(name, file.parent)
         self._sentence = words.deleted(name)
 
     def clear(self) -> None:
         """Start a new program."""
         self._edit(Program())
-        self._name, self._chosen = "", None
-        self._sentence = words.WELCOME
+        self.name, self.chosen = "", None
+        self._sentence = self.texts.welcome
 
     # Guiding, planning, running
 
     def guide(self) -> None:
-        """Start hand guiding for a limited time. Hold and Stop end it as well."""
-        if self._can_guide():
-            self._guiding.start()
+        """Start hand guiding of all arms for a limited time. Hold and Stop end it as well."""
+        if self.run is None:
+            for each in self._guiding.values():
+                each.start()
 
     def plan(self, part: str = ALL) -> None:
         """Plan the program, or a part of it; nothing moves.
 
         Args:
-            part: ``ALL``, ``REST`` from the selected waypoint on, or ``STEP``: that one alone.
+            part: ``ALL``, ``REST`` from the selected step on, or ``STEP``: that one alone.
         """
-        if self._can_plan():
-            program, arm, gripper = self._program, self._arm, self._gripper
-            self._first = 0 if part == ALL else self._chosen_index()
+        if self.can_plan:
+            arms, program = self._arms, self.program
             if part != ALL:
-                last = self._first + 1 if part == STEP else len(program)
-                program = program.part(self._first, last)
-            self._made_for = things_around(self._arm)
+                first = self._chosen_index()
+                program = program.part(first, first + 1 if part == STEP else len(program))
+            self._made_for = self._things()
 
-            def plan_all() -> tuple[RehearsalTime, dict[int, float]]:
-                timeline = RehearsalTime(rehearse(arm, gripper, program), gripper.angle_of)
-                solver = TargetSolver.load(Surroundings(arm.scene, arm.range))
-                return timeline, timeline.clearances(solver.clearance)
+            def plan_all() -> RehearsalTime:
+                rehearsal = rehearse(arms, program)
+                if not isinstance(arms, Solo):
+                    return RehearsalTime(rehearsal, arms)
+                solver = TargetSolver.load(Surroundings(arms.arm.scene, arms.arm.range))
+                return RehearsalTime(rehearsal, arms, solver.clearance)
 
-            self._rehearsing = self._submit(plan_all)
-            self._sentence = words.PLANNING
+            self._planning = self._submit(plan_all)
+            self._sentence = self.texts.planning
 
-    def run(self) -> None:
+    def start(self) -> None:
         """Run the program as it was planned."""
-        if self._timeline is not None and self._can_run():
-            rehearsal = self._timeline.rehearsal
-            self._run = start_program(self._arm, self._gripper, self._clock, rehearsal)
+        if self.timeline is not None and self.can_run:
+            self.run = start_program(self._arms, self.timeline.rehearsal)
 
     def preview(self, t: float) -> None:
-        """Show the ghost ``t`` seconds into the rehearsal."""
+        """Show the ghosts ``t`` seconds into the rehearsal."""
         self._playback.seek(t)
 
     def play(self, rate: float) -> None:
-        """Play the rehearsal with the ghost at ``rate`` times real time, or pause."""
-        if self._timeline is not None:
+        """Play the rehearsal with the ghosts at ``rate`` times real time, or pause."""
+        if self.timeline is not None:
             self._playback.play(rate)
 
     def report(self, error: BaseException) -> None:
         """Show that a command failed."""
-        self._sentence = words.ended(error)
+        self._sentence = self.texts.ended(error)
 
-    # Updates
+    def tell(self, sentence: Sentence) -> None:
+        """Show what has been done."""
+        self._sentence = sentence
+
+    # What is shown
+
+    @property
+    def sentence(self) -> Sentence:
+        """What to know or to do now."""
+        if self.run is not None:
+            return words.running(self.run)
+        guided = self.guided
+        if guided:
+            left = [each.left for each in self._guiding.values() if each.left is not None]
+            return words.guided(guided, min(left, default=None))
+        return self._sentence
+
+    @property
+    def guided(self) -> list[str]:
+        """The names of the arms that yield to a hand."""
+        return [name for name, each in self._guiding.items() if each.is_on]
+
+    @property
+    def active(self) -> int | None:
+        """Index of the step that is being done, or rehearsed; None if none is."""
+        if self.run is not None:
+            return self.run.where.index + self.run.program.before
+        timeline = self.timeline
+        if timeline is None or not 0.0 < self.t < timeline.duration:
+            return None
+        return timeline.at(self.t)[0]
+
+    @property
+    def t(self) -> float:
+        """How far into the rehearsal the ghosts stand [s]."""
+        return self._playback.t
+
+    @property
+    def can_plan(self) -> bool:
+        """Whether Plan may be pressed."""
+        return bool(self.program.steps) and self._planning is None and self._are_ready
+
+    @property
+    def can_run(self) -> bool:
+        """Whether Run may be pressed."""
+        is_planned = self.timeline is not None and self._are_ready
+        return is_planned and same_things(self._things(), self._made_for)
+
+    @property
+    def _are_ready(self) -> bool:
+        holding = (each.arm.state.mode is Mode.HOLDING for each in self._arms.members.values())
+        return self.run is None and all(holding)
 
     def refresh(self) -> bool:
         """Take in changes since the last call; return whether there is anything new to show."""
-        self._watch_hand()
-        self._collect_rehearsal()
+        self._watch_hands()
+        self._collect_plan()
         self._watch_plan()
         self._collect_run()
-        self._playback.advance(self._clock.now())
-        self.saved_files.look_again(self._clock.now())
-        run = self._run
+        self._playback.advance(self._now())
+        self.saved_files.look_again(self._now())
         seen = (
-            self._playback.t,
-            self._status(),
-            self._arm.state.mode,
-            run and run.where,
-            self._timeline,
-            self._program,
+            self.t,
+            self.sentence,
+            *(each.arm.state.mode for each in self._arms.members.values()),
+            self.run and self.run.where,
+            self.chosen,
+            self.timeline,
+            self.program,
             self.saved_files.names,
         )
         before, self._shown = self._shown, seen
-        pairs = zip(seen, before, strict=False)
-        return not before or any(new is not old and new != old for new, old in pairs)
-
-    def screen(self) -> ProgramScreen:
-        """Everything to be shown now."""
-        return ProgramScreen(
-            program=self._program,
-            chosen=self._chosen,
-            name=self._name,
-            sentence=self._status(),
-            timeline=self._timeline,
-            clearances=self._clearances,
-            run=self._run,
-            guided=self._guiding.is_on,
-            can_edit=self._run is None,
-            can_plan=self._can_plan(),
-            can_run=self._can_run(),
-            can_guide=self._can_guide(),
-            first=self._first,
-            t=self._playback.t,
-        )
+        return not before or seen != before
 
     # Helpers
 
-    def _status(self) -> Sentence:
-        if self._run is not None:
-            return words.running(self._run, self._first)
-        if self._guiding.is_on:
-            return words.guided(self._guiding.left)
-        return self._sentence
+    def _watch_hands(self) -> None:
+        for name, each in self._guiding.items():
+            try:
+                if each.refresh():
+                    self._sentence = self._named(name, words.HELD_AGAIN)
+            except Exception as error:  # in other words: what was submitted failed
+                self.report(error)
 
-    def _tell(self, sentence: Sentence) -> None:
-        self._sentence = sentence
+    def _collect_plan(self) -> None:
+        if self._planning is None or not self._planning.done():
+            return
+        planning, self._planning = self._planning, None
+        error = planning.exception()
+        if error is not None:
+            self.report(error)
+            return
+        self.timeline = planning.result()
+        self._playback.load(self.timeline.duration)
+        is_whole = len(self.timeline.rehearsal.program.loops) == len(self.program.loops)
+        self._sentence = self.texts.planned if is_whole else words.PLANNED_PART
 
-    def _record(self, q: Array) -> None:
-        number = len(self._program) + 1
-        waypoint = Waypoint(name=self._next_letter(), q=q)
-        self._edit(self._program.with_waypoint(waypoint))
-        self._chosen = number - 1
-        self._sentence = words.recorded(number)
+    def _watch_plan(self) -> None:
+        if self.timeline is None or self.run is not None:
+            return
+        stands = self._arms.stands()
+        for name, planned in self.timeline.rehearsal.stands.items():
+            if not stands_at(planned.q, stands[name].q):
+                self._drop_plan(self._named(name, words.ARM_MOVED))
+            elif abs(planned.q_jaw - stands[name].q_jaw) > SAME_JAW:
+                self._drop_plan(self._named(name, words.JAW_MOVED))
+        if self.timeline is not None and not same_things(self._things(), self._made_for):
+            self._drop_plan(words.THINGS_CHANGED)
+
+    def _collect_run(self) -> None:
+        if self.run is None or not self.run.future.done():
+            return
+        run, self.run = self.run, None
+        error = run.future.exception()
+        self._drop_plan(words.done(run) if error is None else self.texts.ended(error))
+
+    def _named(self, name: str, sentence: Sentence) -> Sentence:
+        return sentence if name == ARM else texts.named(name, sentence)
+
+    def _things(self) -> tuple[object, ...]:
+        members = self._arms.members.values()
+        return tuple(each for member in members for each in things_around(member.arm))
+
+    def _record(self, goals: Mapping[str, Array]) -> None:
+        step = {name: Waypoint(name=self._next_letter(), q=q) for name, q in goals.items()}
+        self._edit(self.program.with_step(step))
+        self.chosen = len(self.program) - 1
+        self._sentence = self.texts.recorded(len(self.program))
 
     def _next_letter(self) -> str:
-        return next_letter(waypoint.name for waypoint in self._program.waypoints)
+        return next_letter(each.name for step in self.program.steps for each in step.values())
 
     def _chosen_index(self) -> int:
-        if self._chosen is None:
-            raise ConfigError("waypoint", None, "record a waypoint first")
-        return self._chosen
+        if self.chosen is None:
+            raise ConfigError(self.texts.step, None, f"record a {self.texts.step} first")
+        return self.chosen
 
-    def _change(self, **to: Any) -> None:
-        index = self._chosen_index()
-        changed = replace(self._program.waypoints[index], **to)
-        self._edit(self._program.with_changed(index, changed), (index, *to))
+    @property
+    def _step(self) -> Step:
+        return self.program.steps[self._chosen_index()]
+
+    def _put(self, name: str, waypoint: Waypoint, kind: Hashable = None) -> None:
+        step = {**self._step, name: waypoint}
+        self._edit(self.program.with_changed(self._chosen_index(), step), kind)
 
     def _edit(self, program: Program, kind: Hashable = None) -> None:
-        if self._run is not None:
+        if self.run is not None:
             raise ConfigError("program", None, "stop the program before you change it")
         self._history.add(program, kind)
         self._set(program)
 
     def _set(self, program: Program) -> None:
-        self._program = program
-        if self._chosen is not None:
+        self.program = program
+        if self.chosen is not None:
             left = len(program)
-            self._chosen = min(self._chosen, left - 1) if left else None
-        self._drop_plan(words.PRESS_PLAN if program.waypoints else words.WELCOME)
+            self.chosen = min(self.chosen, left - 1) if left else None
+        self._drop_plan(words.PRESS_PLAN if program.steps else self.texts.welcome)
 
     def _drop_plan(self, sentence: Sentence) -> None:
-        self._timeline = self._rehearsing = None
+        self.timeline = self._planning = None
         self._sentence = sentence
-
-    def _can_plan(self) -> bool:
-        return (
-            bool(self._program.waypoints)
-            and self._run is None
-            and self._rehearsing is None
-            and self._arm.state.mode is Mode.HOLDING
-        )
-
-    def _can_run(self) -> bool:
-        return (
-            self._timeline is not None
-            and self._run is None
-            and self._arm.state.mode is Mode.HOLDING
-            and same_things(things_around(self._arm), self._made_for)
-        )
-
-    def _can_guide(self) -> bool:
-        return self._run is None and self._guiding.can_start
-
-    def _watch_hand(self) -> None:
-        try:
-            if self._guiding.refresh():
-                self._sentence = words.HELD_AGAIN
-        except Exception as error:  # in other words: what was submitted failed
-            self.report(error)
-
-    def _collect_rehearsal(self) -> None:
-        if self._rehearsing is None or not self._rehearsing.done():
-            return
-        rehearsing, self._rehearsing = self._rehearsing, None
-        error = rehearsing.exception()
-        if error is not None:
-            self.report(error)
-            return
-        self._timeline, self._clearances = rehearsing.result()
-        self._playback.load(self._timeline.duration)
-        is_whole = len(self._timeline.rehearsal.program.loops) == len(self._program.loops)
-        self._sentence = words.PLANNED if is_whole else words.PLANNED_PART
-
-    def _watch_plan(self) -> None:
-        if self._timeline is None or self._run is not None:
-            return
-        rehearsal, state = self._timeline.rehearsal, self._arm.state
-        if not stands_at(rehearsal.q_start, state.q_ref):
-            self._drop_plan(words.ARM_MOVED)
-        elif abs(rehearsal.q_jaw_start - state.q_jaw_ref) > SAME_JAW:
-            self._drop_plan(words.JAW_MOVED)
-        elif not same_things(things_around(self._arm), self._made_for):
-            self._drop_plan(words.THINGS_CHANGED)
-
-    def _collect_run(self) -> None:
-        if self._run is None or not self._run.future.done():
-            return
-        run, self._run = self._run, None
-        error = run.future.exception()
-        self._drop_plan(words.done(run) if error is None else words.ended(error))
 
 
 def next_letter(taken: Iterable[str]) -> str:

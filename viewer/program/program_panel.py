@@ -1,22 +1,21 @@
-"""The Program tab: record waypoints, order them, plan, run and save them."""
+"""The Program tab: record steps, order them, plan, run and save them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
 
 import viser
 
-from so101_motion.common.units import to_deg
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program.rehearsal import PASSING
+from so101_motion.tasks.program import ARM, Arms, Solo
+from so101_motion.tasks.program.files import ZerosOfArms
 
 from ..page import markup
 from ..page.front_tab import PROGRAM
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.part import Part
-from ..page.shared_fields import SharedField, UndoButtons, grey, put
+from ..page.shared_fields import UndoButtons, grey, put
 from ..view_model import ViewModel
 from . import program_texts as words
 from .program_fields import (
@@ -28,40 +27,53 @@ from .program_fields import (
     WaypointFields,
 )
 from .program_model import REST, STEP, ProgramModel
-from .program_screen import ProgramScreen
 from .program_view import Ghost, ProgramView
 
+_ALL = "all arms"
+_USES = "re-record: it goes to where it is now; leave out: it stands still in this step"
 _LINES = 3  # of the figures
 
 
 class ProgramPart(Part):
-    """The widgets of the Program tab."""
+    """The widgets of the Program tab.
 
-    def __init__(self, context: ArmContext, page: ViewModel) -> None:
-        rig = context.rig
-        self.model = ProgramModel(
-            arm=rig.arm,
-            gripper=rig.gripper,
-            clock=rig.clock,
-            submit=context.in_background,
-            q_arm=lambda: page.q_arm,
-            q_target=lambda: page.target.q,
-            set_target=page.set_target_joints,
-            zeros=lambda: rig.connection.encoder_zeros,
-        )
+    Args:
+        arms: The arms that run programs.
+        pages: Target and picture of each, by its name.
+        nodes: The node in the scene that stands where the arm's base does, by the same names.
+        zeros: Tells the zeros of the arms' calibrations.
+    """
+
+    def __init__(
+        self,
+        context: PageContext,
+        arms: Arms,
+        pages: Mapping[str, ViewModel],
+        nodes: Mapping[str, str],
+        zeros: Callable[[], ZerosOfArms],
+    ) -> None:
+        self.model = ProgramModel(arms, pages, context.in_background, zeros)
         self._context = context.reporting(self.model.report)
-        self._page, self._target, self._front = page, page.target, context.front
-        self._view = ProgramView(
-            context.server.scene,
-            RobotModel.load(),
-            lambda dot, k: self._context.on_pick(dot, partial(self.model.choose, k)),
-        )
+        self._members, self._pages, self._is_one = arms.members, pages, isinstance(arms, Solo)
+        robot = RobotModel.load()
+        self._views = {
+            name: ProgramView(
+                context.server.scene,
+                robot,
+                lambda dot, k: self._context.on_pick(dot, partial(self.model.choose, k)),
+                arm=name,
+                root=f"{node}/program",
+            )
+            for name, node in nodes.items()
+        }
+        self._fields: dict[str, WaypointFields] = {}
+        self._chosen: list[viser.GuiButtonGroupHandle] = []  # for the chosen step
         with context.tabs.add_tab(PROGRAM):  # nothing comes and goes, so nothing changes places
             self._add_recording(context.gui)
             self._add_run(context.gui)  # above what is used less, for a phone shows little
             self._add_order(context.gui)
             self._add_rehearsal(context.gui)
-            self._add_waypoint(context.gui)
+            self._add_arms(context.gui)
             self._loops = LoopFields(self._context, self.model)
             self._rounds = RoundsFields(self._context, self.model.set_rounds)
             self._files = FileFields(self._context, self.model)
@@ -71,137 +83,135 @@ class ProgramPart(Part):
     def _add_recording(self, gui: viser.GuiApi) -> None:
         model = self.model
         self._sentence = gui.add_html("")
-        record = gui.add_button_group(
-            "Record", ("arm", "target"), hint="Where the arm is, or where the ghost is"
-        )
-        self._on_choice(record, {"arm": model.record_arm, "target": model.record_target})
+        if self._is_one:
+            record = gui.add_button_group(
+                "Record", ("arm", "target"), hint="Where the arm is, or where the ghost is"
+            )
+            self._on_choice(record, {"arm": model.record_arms, "target": model.record_targets})
+        else:
+            self._add_record("Record arm", model.record_arms, "they go to where they stand now")
+            self._add_record("Record target", model.record_targets, "they go to their targets")
         self._rows = RowList(self._context, model.choose, model.reorder)
 
-    def _add_waypoint(self, gui: viser.GuiApi) -> None:
-        model = self.model
-        name = gui.add_text("Name", "")
-        self._name = self._field(name, model.rename, str)
-        self._fields = WaypointFields(self._context, model)
-        self._fields.add_speed()
-        passes = gui.add_checkbox(
-            "Pass through",
-            False,
-            hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
-        )
-        self._pass = self._field(passes, model.set_passes, bool)
-        self._fields.add_stay()
+    def _add_record(
+        self, label: str, record: Callable[[Sequence[str] | None], None], what: str
+    ) -> None:
+        hint = f"A step in which {what}, at the same time"
+        group = self._context.gui.add_button_group(label, (*self._pages, _ALL), hint=hint)
+        self._context.on_choice(group, lambda name: record(None if name == _ALL else (name,)))
 
     def _add_run(self, gui: viser.GuiApi) -> None:
         self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
         self._context.on_press(self._plan, self.model.plan)
         self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
-        self._context.on_press(self._run, self.model.run)
+        self._context.on_press(self._run, self.model.start)
         self._progress = gui.add_progress_bar(0.0, color="green")
 
     def _add_order(self, gui: viser.GuiApi) -> None:
         model = self.model
-        self._order = gui.add_button_group(
-            "Waypoint",
-            ("up", "down", "copy", "re-record", "delete"),
-            hint="re-record: it moves to where the arm is now",
-        )
-        self._on_choice(
-            self._order,
-            {
-                "up": partial(model.move, -1),
-                "down": partial(model.move, 1),
-                "copy": model.duplicate,
-                "re-record": model.take_place,
-                "delete": model.remove,
-            },
-        )
+        does: dict[str, Callable[[], None]] = {
+            "up": partial(model.move, -1),
+            "down": partial(model.move, 1),
+            "copy": model.duplicate,
+        }
+        if self._is_one:
+            does["re-record"] = model.edit[ARM].take_place
+        does["delete"] = model.remove
+        hint = "re-record: it moves to where the arm is now" if self._is_one else None
+        self._add_chosen(model.texts.step.capitalize(), does, hint)
         self._undo = UndoButtons(self._context, "Edits", model)
 
     def _add_rehearsal(self, gui: viser.GuiApi) -> None:
         self._plan_part = gui.add_button_group(
-            "Plan only", (REST, STEP), hint="From the chosen waypoint on, or only the way to it"
+            "Plan only", (REST, STEP), hint="From the chosen row on, or only the way to it"
         )
         self._context.on_choice(self._plan_part, self.model.plan)
         self._rehearsal = RehearsalFields(
             self._context,
             self.model,
-            hint="Only the ghost moves. Pauses are cut to 2 s, and loops are shown twice. Press"
-            " again to pause.",
+            hint="Only ghosts move. Pauses are cut to 2 s, and loops are shown twice. Press again"
+            " to pause.",
         )
-        self._facts = gui.add_html(markup.facts(words.NO_FACTS, lines=_LINES))
+        self._facts = gui.add_html(markup.facts(self.model.texts.facts(None), lines=_LINES))
 
-    def _field(self, widget: Any, command: Callable[[Any], None], shown: Any) -> SharedField:
-        return SharedField(widget, command, self._context, shown=shown)
+    def _add_arms(self, gui: viser.GuiApi) -> None:
+        if self._is_one:
+            self._fields = {
+                name: WaypointFields(self._context, each) for name, each in self.model.edit.items()
+            }
+            return
+        tabs = gui.add_tab_group()
+        for name, edit in self.model.edit.items():
+            with tabs.add_tab(name):
+                does = {
+                    "re-record": edit.take_place,
+                    "to target": edit.take_target,
+                    "leave out": edit.leave_out,
+                }
+                self._add_chosen("In this step", does, _USES)
+                self._fields[name] = WaypointFields(self._context, edit)
 
-    def _on_choice(self, group: Any, commands: dict[str, Callable[[], None]]) -> None:
-        self._context.on_choice(group, lambda name: commands[name]())
+    def _add_chosen(
+        self, label: str, does: Mapping[str, Callable[[], None]], hint: str | None
+    ) -> None:
+        """Buttons for the chosen step."""
+        group = self._context.gui.add_button_group(label, tuple(does), hint=hint)
+        self._on_choice(group, does)
+        self._chosen.append(group)
+
+    def _on_choice(
+        self, group: viser.GuiButtonGroupHandle, does: Mapping[str, Callable[[], None]]
+    ) -> None:
+        self._context.on_choice(group, lambda name: does[name]())
 
     # The page
 
     def refresh(self) -> bool:
-        """Take in the state of the arm, the plan being made and the running program."""
-        before, self._target = self._target, self._page.target
-        is_news = self.model.refresh()
-        if not is_news and self._target is before:
-            return False
-        screen = self.model.screen()
-        runs = screen.run is not None
-        return is_news | self._front.note(screen.timeline, screen.t, (self._target,), runs=runs)
+        """Take in the state of the arms, the plan being made and the running program."""
+        model = self.model
+        is_news, targets = model.refresh(), tuple(each.target for each in self._pages.values())
+        runs = model.run is not None
+        return is_news | self._context.front.note(model.timeline, model.t, targets, runs=runs)
 
     def show(self) -> None:
         """Update tab and scene; viser sends only what differs."""
-        screen = self.model.screen()
-        program, run = screen.program, screen.run
-        timeline, ghost, active = screen.timeline, None, None
-        if run is not None:
-            active = run.where.index + screen.first
-        elif timeline is not None:
-            step, q, q_jaw = timeline.at(screen.t)
-            if self._front.rehearses:
-                ghost = Ghost(q, q_jaw)
-            active = step + screen.first if 0.0 < screen.t < timeline.duration else None
-        rehearsal = None if timeline is None else timeline.rehearsal
-        if self._front.is_program:
-            self._view.show(program, rehearsal, ghost, self._context.rig.arm.state)
-        else:
-            self._view.hide()
-        self._sentence.content = markup.sentence(screen.sentence)
-        near = {} if timeline is None else screen.clearances
+        model, program = self.model, self.model.program
+        timeline, run, around = model.timeline, model.run, program.loops_around
+        self._show_scene()
+        near = {} if timeline is None else timeline.nearest
+        self._sentence.content = markup.sentence(model.sentence)
+        index = None if run is not None else model.chosen
         rows = [
-            (
-                waypoint.name,
-                words.line(program, k, near.get(k - screen.first)),
-                len(program.loops_around(k)),
-            )
-            for k, waypoint in enumerate(program.waypoints)
+            (words.title(program, k), words.line(program, k, near.get(k)), len(around(k)))
+            for k in range(len(program))
         ]
-        self._rows.show(rows, chosen=screen.chosen, active=active)
-        self._show_waypoint(screen)
-        self._rounds.show(program.rounds)
-        self._plan.disabled = not screen.can_plan
-        self._run.disabled = not screen.can_run
-        grey(self._plan_part, not screen.can_plan or screen.chosen is None)
+        self._rows.show(rows, chosen=model.chosen, active=model.active)
+        is_alone = index is not None and len(program.steps[index]) == 1
+        for name, fields in self._fields.items():
+            fields.show(model.waypoint(name), is_alone=is_alone)
+        loops = () if index is None else around(index)
+        self._loops.show(index, (program.steps, program.loops), loops)
+        for group in self._chosen:
+            grey(group, index is None)
         self._undo.show()
-        self._show_rehearsal(screen)
+        self._plan.disabled = not model.can_plan
+        self._run.disabled = not model.can_run
+        grey(self._plan_part, not model.can_plan or model.chosen is None)
         put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
-        self._files.show(screen.name)
+        self._facts.content = markup.facts(self.model.texts.facts(timeline), lines=_LINES)
+        self._rehearsal.show(timeline, model.t, words.timeline)
+        self._rounds.show(program.rounds)
+        self._files.show(model.name)
 
-    def _show_rehearsal(self, screen: ProgramScreen) -> None:
-        timeline = screen.timeline
-        facts = words.NO_FACTS if timeline is None else words.facts(timeline.rehearsal)
-        self._facts.content = markup.facts(facts, lines=_LINES)
-        self._rehearsal.show(timeline, screen.t, words.timeline)
-
-    def _show_waypoint(self, screen: ProgramScreen) -> None:
-        waypoints = screen.program.waypoints
-        index = screen.chosen if screen.can_edit else None
-        grey(self._order, index is None)
-        around = () if index is None else screen.program.loops_around(index)
-        self._loops.show(index, (waypoints, screen.program.loops), around)
-        self._fields.show(None if index is None else waypoints[index])
-        if index is None:
-            self._name.offer(None)
-            self._pass.offer(None)
-            return
-        self._name.offer(waypoints[index].name)
-        self._pass.offer(waypoints[index].passes)
+    def _show_scene(self) -> None:
+        """Draw the program, and where the arms would stand; not while it is run."""
+        model, timeline, front = self.model, self.model.timeline, self._context.front
+        is_seen = front.is_program and front.rehearses and model.run is None
+        stands = timeline.at(model.t)[1] if timeline is not None and is_seen else {}
+        rehearsal = None if timeline is None else timeline.rehearsal
+        for name, view in self._views.items():
+            if not front.is_program:
+                view.hide()
+                continue
+            ghost = Ghost(*stands[name]) if name in stands else None
+            view.show(model.program, rehearsal, ghost, self._members[name].arm.state)

@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.units import to_mm
-from so101_motion.tasks.program import (
-    CellProgramRun,
-    Loop,
-    Program,
-    ProgramRun,
-    Rehearsal,
-    Waypoint,
-    Where,
-)
-from so101_motion.tasks.program.loops import Visit
+from so101_motion.tasks.program import ARM, Loop, Program, ProgramRun, Waypoint
 
 from ..page import markup, texts
 from ..page.screen_state import Sentence, Tone
-from .cell_rehearsal_time import CellRehearsalTime
 from .rehearsal_time import RehearsalTime
 
-WELCOME = Sentence(text="Record the arm or the target as the first waypoint.")
 PRESS_PLAN = Sentence(text="Press Plan program to check all of it; nothing moves.")
-PLANNING = Sentence(text="Planning all waypoints …")
-PLANNED = Sentence(
-    text="Planned, no collisions. Press Run program to move the arm.", tone=Tone.GOOD
-)
 PLANNED_PART = Sentence(
     text="Planned, no collisions. Loops that begin earlier run once. Press Run program.",
     tone=Tone.GOOD,
@@ -43,26 +29,92 @@ PAUSE_STOPS = Sentence(text="A pause needs a stop, so this waypoint is no longer
 JAW_STOPS = Sentence(text="The gripper needs a stop, so this waypoint is no longer passed.")
 HELD_AGAIN = Sentence(text="Hand guiding has timed out. The arm holds where it is.")
 
-CELL_WELCOME = Sentence(
-    text="Record where the arms stand, or the targets of the Move tab, as the first step."
-)
-CELL_PLANNING = Sentence(text="Planning all steps …")
-CELL_PLANNED = Sentence(
-    text="Planned, no collisions. Press Run program to move the arms.", tone=Tone.GOOD
-)
-CELL_STOPPED = Sentence(text="Stopped. All arms hold where they are; the rest was not run.")
-
 deleted = texts.deleted
 
 
-def recorded(number: int) -> Sentence:
-    """A waypoint was added."""
-    return Sentence(text=f"Recorded waypoint {number}. Record more, or press Plan program.")
+@dataclass(frozen=True, slots=True)
+class Words:
+    """What is said otherwise of one arm and of several.
+
+    Attributes:
+        step: What a step is called.
+        arms: What moves.
+        hold: Who holds after a stop.
+        welcome: What the tab says first.
+    """
+
+    step: str
+    arms: str
+    hold: str
+    welcome: Sentence
+
+    @property
+    def planning(self) -> Sentence:
+        """The program is being planned."""
+        return Sentence(text=f"Planning all {self.step}s …")
+
+    @property
+    def planned(self) -> Sentence:
+        """All of it is planned."""
+        text = f"Planned, no collisions. Press Run program to move the {self.arms}."
+        return Sentence(text=text, tone=Tone.GOOD)
+
+    def recorded(self, number: int) -> Sentence:
+        """A step was added."""
+        text = f"Recorded {self.step} {number}. Record more, or press Plan program."
+        return Sentence(text=text)
+
+    def loaded(self, name: str, count: int) -> Sentence:
+        """A program was loaded."""
+        steps = f"{count} {self.step}{'' if count == 1 else 's'}"
+        return Sentence(text=f"Loaded {name}, {steps}. Press Plan program.")
+
+    def ended(self, error: BaseException) -> Sentence:
+        """Why a plan or a run failed."""
+        if isinstance(error, Interrupted) and (error.by == "stop" or self.arms == "arms"):
+            return Sentence(text=f"Stopped. {self.hold}; the rest was not run.")
+        return texts.ended(error)
+
+    def facts(self, timeline: RehearsalTime | None) -> tuple[tuple[str, str], ...]:
+        """The figures of a planned program as pairs of name and value."""
+        if timeline is None:
+            return (("One round", "–"), (self._steps, "–"))
+        rehearsal, program = timeline.rehearsal, timeline.rehearsal.program
+        has_jaw = any(each.aperture is not None for step in program.steps for each in step.values())
+        round_ = f"{rehearsal.duration:.1f} s{' plus gripper time' if has_jaw else ''}"
+        passed = sum(not program.stops_at(index) for index in range(len(program)))
+        steps = f"{len(program)}, {passed} of them passed" if passed else f"{len(program)}"
+        pairs = [("One round", round_), (self._steps, steps)]
+        if program.rounds != 1:
+            rounds = program.rounds
+            pairs.append(("Rounds", "until stopped" if rounds is None else f"{rounds}"))
+        pairs += [texts.between(each.first, each.second, each.least) for each in timeline.between]
+        return tuple(pairs)
+
+    @property
+    def _steps(self) -> str:
+        return f"{self.step.capitalize()}s"
 
 
-def passing(before: Waypoint, *, is_last: bool) -> Sentence:
-    """A waypoint is passed without a stop now."""
-    if is_last:
+ONE = Words(
+    "waypoint",
+    "arm",
+    "The arm holds where it is",
+    Sentence(text="Record the arm or the target as the first waypoint."),
+)
+SEVERAL = Words(
+    "step",
+    "arms",
+    "All arms hold where they are",
+    Sentence(
+        text="Record where the arms stand, or the targets of the Move tab, as the first step."
+    ),
+)
+
+
+def passing(before: Waypoint, *, stops: bool) -> Sentence:
+    """A waypoint is passed without a stop now, or where nothing follows it ``stops``."""
+    if stops:
         return Sentence(text="The arm stops at the last waypoint, until another follows it.")
     if before.pause > 0.0 or before.aperture is not None:
         text = "Passed without stopping. Its pause and its gripper setting are removed."
@@ -75,161 +127,69 @@ def saved(file: Path) -> Sentence:
     return Sentence(text=f"Saved as {file.stem}: {file}", tone=Tone.GOOD)
 
 
-def loaded(name: str, count: int) -> Sentence:
-    """A program was loaded."""
-    return Sentence(text=f"Loaded {name}, {_waypoints(count)}. Press Plan program.")
+def guided(names: Sequence[str], left: float | None) -> Sentence:
+    """Guide by hand is on for these arms, for ``left`` more seconds if that is limited.
 
-
-def recorded_step(number: int) -> Sentence:
-    """A step of several arms was added."""
-    return Sentence(text=f"Recorded step {number}. Record more, or press Plan program.")
-
-
-def loaded_steps(name: str, count: int) -> Sentence:
-    """A program of several arms was loaded."""
-    return Sentence(text=f"Loaded {name}, {count} step{'s'[: count > 1]}. Press Plan program.")
-
-
-def guided(left: float | None) -> Sentence:
-    """Guide by hand is on, for ``left`` more seconds if that is limited.
-
-    The bar says whether this arm can be moved by hand: a simulated one cannot.
+    The bar says whether an arm can be moved by hand: a simulated one cannot.
     """
-    end = "" if left is None else f" It holds again in {max(math.ceil(left), 0)} s."
-    return Sentence(text=f"Record keeps where the arm stands now.{end}", tone=Tone.WARM)
+    arms = "the arm" if [*names] == [ARM] else " and ".join(names)
+    stand, hold = ("stands", "It holds") if len(names) == 1 else ("stand", "They hold")
+    end = "" if left is None else f" {hold} again in {max(math.ceil(left), 0)} s."
+    return Sentence(text=f"Record keeps where {arms} {stand} now.{end}", tone=Tone.WARM)
 
 
-def cell_guided(names: Sequence[str]) -> Sentence:
-    """Guide by hand is on for these arms."""
-    stand = "stands" if len(names) == 1 else "stand"
-    text = f"Record keeps where {' and '.join(names)} {stand} now."
-    return Sentence(text=text, tone=Tone.WARM)
-
-
-def running(run: ProgramRun, first: int = 0) -> Sentence:
-    """The progress of a run that began with the waypoint of index ``first``."""
+def running(run: ProgramRun) -> Sentence:
+    """The progress of a run."""
     where, program = run.where, run.program
     index = min(where.index, len(program) - 1)
-    doing = {"moving": "Going to", "jaw": "Gripper at", "pausing": "Pausing at"}[where.doing]
-    called = f"waypoint {first + index + 1} ({program.waypoints[index].name})"
-    return _running(f"{doing} {called}.", where, program.loops_around(index), program.rounds)
-
-
-def running_step(run: CellProgramRun) -> Sentence:
-    """The progress of a run of several arms."""
-    where, program = run.where, run.program
-    index = min(where.index, len(program.steps) - 1)
-    doing = f"Doing {program.called(index)}."
-    return _running(doing, where, program.loops_around(index), program.rounds)
-
-
-def _running(doing: str, where: Where, around: tuple[Loop, ...], rounds: int | None) -> Sentence:
-    """What is being done, which time of each loop ``around`` it, and in which round."""
-    loops = zip(where.laps, around, strict=False)
+    doing = "Doing"
+    if program.steps[index].keys() == {ARM}:
+        doing = {"moving": "Going to", "jaw": "Gripper at", "pausing": "Pausing at"}[where.doing]
+    loops = zip(where.laps, program.loops_around(index), strict=False)
     laps = "".join(f" Time {lap + 1} of {loop.times}." for lap, loop in loops)
-    of = "" if rounds is None else f" of {rounds}"
-    said = "" if rounds == 1 else f" Round {where.round + 1}{of}."
-    return Sentence(text=f"{doing}{laps}{said} Press Space or Stop to stop.")
+    of = "" if program.rounds is None else f" of {program.rounds}"
+    said = "" if program.rounds == 1 else f" Round {where.round + 1}{of}."
+    text = f"{doing} {program.called(index)}.{laps}{said} Press Space or Stop to stop."
+    return Sentence(text=text)
 
 
-def done(run: ProgramRun | CellProgramRun) -> Sentence:
+def done(run: ProgramRun) -> Sentence:
     """A run has ended as planned."""
     rounds = run.program.rounds
     times = "" if rounds == 1 else f" {rounds} times"
     return Sentence(text=f"Done{times}. Press Plan program to run it again.", tone=Tone.GOOD)
 
 
-def ended(error: BaseException) -> Sentence:
-    """Why a plan or a run failed."""
-    if isinstance(error, Interrupted) and error.by == "stop":
-        return Sentence(text="Stopped. The arm holds where it is; the rest was not run.")
-    return texts.ended(error)
-
-
-def cell_ended(error: BaseException) -> Sentence:
-    """Why a plan or a run of several arms failed."""
-    return CELL_STOPPED if isinstance(error, Interrupted) else texts.ended(error)
-
-
-def cell_facts(timeline: CellRehearsalTime | None) -> tuple[tuple[str, str], ...]:
-    """The figures of a planned program of several arms."""
-    if timeline is None:
-        return (("One round", "–"),)
-    pairs = (texts.between(each.first, each.second, each.least) for each in timeline.clearances)
-    lasts = f"{timeline.rehearsal.duration:.1f} s plus gripper time and pauses"
-    return (("One round", lasts), *pairs)
-
-
-def cell_line(
-    step: Mapping[str, Waypoint], clearance: float | None = None, loops: tuple[Loop, ...] = ()
-) -> str:
-    """What is special about a step of several arms.
-
-    Args:
-        step: The step.
-        clearance: How near two arms come to each other [m], if it is planned.
-        loops: The loops that end with it.
-    """
-    parts = ((name, ", ".join(_done_at(waypoint))) for name, waypoint in step.items())
-    said = [f"{name}: {said}" for name, said in parts if said]
-    if clearance is not None:
-        said.append(f"{to_mm(clearance):.0f} mm between arms")
-    return "; ".join([*said, *map(_repeats, loops)])
-
-
-def cell_timeline(timeline: CellRehearsalTime) -> markup.Timeline:
-    """A planned program of several arms on a line, in shares of its length."""
-    program = timeline.rehearsal.program
-    names = [f"{program.before + k + 1}" for k in range(len(program.steps))]
-    return _timeline(timeline.spans(), names, program.loops_around, timeline.duration)
-
-
-def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
-    """The figures of a planned program as pairs of name and value."""
-    program = rehearsal.program
-    has_jaw = any(waypoint.aperture is not None for waypoint in program.waypoints)
-    round_ = f"{rehearsal.duration:.1f} s{' plus gripper time' if has_jaw else ''}"
-    passed = sum(not program.stops_at(index) for index in range(len(program)))
-    waypoints = f"{len(program)}, {passed} of them passed" if passed else f"{len(program)}"
-    pairs = [("One round", round_), ("Waypoints", waypoints)]
-    if program.rounds != 1:
-        rounds = program.rounds
-        pairs.append(("Rounds", "until stopped" if rounds is None else f"{rounds}"))
-    return tuple(pairs)
-
-
 def timeline(timeline: RehearsalTime) -> markup.Timeline:
     """A planned program on a line, in shares of its length."""
-    program = timeline.rehearsal.program
-    names = [each.name for each in program.waypoints]
-    return _timeline(timeline.spans(), names, program.loops_around, timeline.duration)
-
-
-def _timeline(
-    spans: Sequence[tuple[Visit, int, float, float]],
-    names: Sequence[str],
-    loops_around: Callable[[int], tuple[Loop, ...]],
-    duration: float,
-) -> markup.Timeline:
-    whole = max(duration, 1e-9)
+    program, pieces = timeline.rehearsal.program, timeline.pieces()
+    whole = max(timeline.duration, 1e-9)
     parts, loops = [], []
-    for visit, index, begins, ends in spans:
-        parts.append(markup.Span(names[index], begins / whole, ends / whole))
-        for depth, loop in enumerate(loops_around(index)):
+    for visit, index, begins, ends in pieces:
+        parts.append(markup.Span(_short(program, index), begins / whole, ends / whole))
+        for depth, loop in enumerate(program.loops_around(index)):
             same = [
                 (begin, end)
-                for other, at, begin, end in spans
+                for other, at, begin, end in pieces
                 if at in loop
                 and other.round == visit.round
                 and other.laps[:depth] == visit.laps[:depth]
             ]
             span = markup.Span(f"{loop.times}×", same[0][0] / whole, same[-1][1] / whole, depth)
             loops += [] if span in loops else [span]
-    return markup.Timeline(tuple(parts), tuple(loops), duration)
+    return markup.Timeline(tuple(parts), tuple(loops), timeline.duration)
 
 
-NO_FACTS = (("One round", "–"), ("Waypoints", "–"))
-"""The figures while there is no plan."""
+def _short(program: Program, index: int) -> str:
+    """The name of the only arm's waypoint, or the number of a step."""
+    step = program.steps[index]
+    return step[ARM].name if step.keys() == {ARM} else f"{program.before + index + 1}"
+
+
+def title(program: Program, index: int) -> str:
+    """What a row of the list is called."""
+    step = program.steps[index]
+    return step[ARM].name if step.keys() == {ARM} else ", ".join(step)
 
 
 def line(program: Program, index: int, clearance: float | None = None) -> str:
@@ -238,18 +198,17 @@ def line(program: Program, index: int, clearance: float | None = None) -> str:
     Args:
         program: The program.
         index: Which step.
-        clearance: How near it comes to anything [m], if it is planned.
+        clearance: How near the only arm comes to anything, or two arms to each other [m], if it is
+            planned.
     """
-    parts = _done_at(program.waypoints[index])
-    if clearance is not None:
-        parts.append(f"{to_mm(clearance):.0f} mm clear")
-    parts += map(_repeats, ending_at(program.loops, index))
-    return ", ".join(parts)
-
-
-def ending_at(loops: tuple[Loop, ...], index: int) -> tuple[Loop, ...]:
-    """The loops that end with a step, the inner one first."""
-    return tuple(loop for loop in reversed(loops) if loop.last == index)
+    step = program.steps[index]
+    ending = [_repeats(loop) for loop in reversed(program.loops) if loop.last == index]
+    if step.keys() == {ARM}:
+        near = [] if clearance is None else [f"{to_mm(clearance):.0f} mm clear"]
+        return ", ".join([*_done_at(step[ARM]), *near, *ending])
+    near = [] if clearance is None else [f"{to_mm(clearance):.0f} mm between arms"]
+    parts = ((name, ", ".join(_done_at(waypoint))) for name, waypoint in step.items())
+    return "; ".join([*(f"{name}: {said}" for name, said in parts if said), *near, *ending])
 
 
 def _repeats(loop: Loop) -> str:
@@ -271,7 +230,3 @@ def _done_at(waypoint: Waypoint) -> list[str]:
     if waypoint.pause > 0.0:
         parts.append(f"{waypoint.pause:g} s")
     return parts
-
-
-def _waypoints(count: int) -> str:
-    return f"{count} waypoint{'' if count == 1 else 's'}"

@@ -5,7 +5,7 @@ Dots carry numbers, not names: typed text never becomes part of the scene.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,6 @@ from so101_motion.tasks.program import Program, Rehearsal
 from ..scene.robot_view import RobotView, looks_different, segments
 
 _COLOR = (147, 51, 234)
-_ROOT = "/program"
 _ABOVE = np.array([0.0, 0.0, 0.015])
 
 _POINTS = 32
@@ -68,7 +67,9 @@ class ProgramView:
 
     Args:
         model: Kinematics; used by the thread that calls ``show`` alone.
-        on_pick: Called with each dot and its waypoint's index, to connect clicks.
+        on_pick: Called with each dot and its step's index, to connect clicks.
+        arm: The name of the arm whose waypoints and motions are drawn.
+        root: Name of the root node, in the frame of the arm's base.
     """
 
     def __init__(
@@ -76,9 +77,13 @@ class ProgramView:
         scene: viser.SceneApi,
         model: RobotModel,
         on_pick: Callable[[viser.SceneNodeHandle, int], None],
+        *,
+        arm: str,
+        root: str,
     ) -> None:
         self._scene, self._model, self._on_pick = scene, model, on_pick
-        self._ghost = GhostView(scene, _ROOT)
+        self._arm, self._root = arm, root
+        self._ghost = GhostView(scene, root)
         self._program: Program | None = None
         self._rehearsal: Rehearsal | None = None
         self._dots: list[viser.SceneNodeHandle] = []
@@ -99,26 +104,33 @@ class ProgramView:
     def _draw(self, program: Program, rehearsal: Rehearsal | None) -> None:
         if program is not self._program:
             self._program = program
-            self._draw_dots(np.array([self._model.frame(each.q).p for each in program.waypoints]))
+            steps = enumerate(program.steps)
+            self._draw_dots(
+                {
+                    k: self._model.frame(each[self._arm].q).p
+                    for k, each in steps
+                    if self._arm in each
+                }
+            )
         if rehearsal is not self._rehearsal:
             self._rehearsal = rehearsal
             self._draw_path(rehearsal)
 
-    def _draw_dots(self, points: Array) -> None:
+    def _draw_dots(self, points: Mapping[int, Array]) -> None:
         for node in self._dots:
             node.remove()
         self._dots = []
-        if len(points) == 0:
+        if not points:
             return
-        self._dots.append(self._scene.add_frame(f"{_ROOT}/dots", show_axes=False))
-        for k, p in enumerate(points):
+        self._dots.append(self._scene.add_frame(f"{self._root}/dots", show_axes=False))
+        for k, p in points.items():
             dot = self._scene.add_icosphere(
-                f"{_ROOT}/dots/{k}", radius=0.007, color=_COLOR, position=p, cast_shadow=False
+                f"{self._root}/dots/{k}", radius=0.007, color=_COLOR, position=p, cast_shadow=False
             )
             self._on_pick(dot, k)
         self._dots += [
-            self._scene.add_label(f"{_ROOT}/number{k}", f"{k + 1}", position=p + _ABOVE)
-            for k, p in enumerate(points)
+            self._scene.add_label(f"{self._root}/number{k}", f"{k + 1}", position=p + _ABOVE)
+            for k, p in points.items()
         ]
 
     def _draw_path(self, rehearsal: Rehearsal | None) -> None:
@@ -127,12 +139,15 @@ class ProgramView:
             self._path = None
         if rehearsal is None:
             return
-        legs = rehearsal.legs.values()
-        lines = [self._line(leg.plan, len(leg.indices)) for leg in legs if leg.plan is not None]
+        lines = [
+            self._line(leg.plans[self._arm], len(leg.indices))
+            for leg in rehearsal.legs
+            if self._arm in leg.plans
+        ]
         pieces = [segments(line) for line in lines]
         if pieces:
             self._path = self._scene.add_line_segments(
-                f"{_ROOT}/path",
+                f"{self._root}/path",
                 np.concatenate(pieces),
                 _COLOR,
                 thickness=3.0,

@@ -1,147 +1,172 @@
-"""A planned program over time: motions, jaw and pauses, one after the other."""
+"""A planned program over time: motions, jaws and pauses, one after the other."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import groupby, pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
+from so101_motion.arm.cell import Cell
+from so101_motion.arm.cell_member import Stand
 from so101_motion.arm.gripper import JAW_LIMITS
 from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.apart import clearance_over_time
 from so101_motion.planning.collision.collision import Clearance
-from so101_motion.planning.request import Plan
-from so101_motion.tasks.program import Rehearsal
+from so101_motion.planning.collision.course import Course
+from so101_motion.tasks.program import ARM, Arms, Rehearsal
 from so101_motion.tasks.program.loops import Visit
-from so101_motion.tasks.program.rehearsal import ProgramLeg
+from so101_motion.tasks.program.rehearsal import Arrival, Leg
+
+from ..cell_model import Between
 
 SHOWN_PAUSE = 2.0
 """Longer pauses are shown for this long [s]; chosen."""
 
 _LOOKS = 15
-"""Configurations of a step at which the clearance is computed; chosen, a few milliseconds."""
+"""Instants of a step at which the clearance is computed; chosen: takes a few milliseconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Phase:
-    """A piece of a rehearsal in which one thing happens.
+class _Span:
+    """A leg over time: when it begins, when all arms have arrived, and when it ends [s].
 
-    Attributes:
-        visit: The arrival at a stop that it belongs to.
-        index: The waypoint it leads to, or is at.
-        begins: When it begins [s].
-        ends: When it ends [s].
-        q: Where the arm stands if it does not move, shape (5,), [rad].
-        plan: What it moves along, from the time ``plan_begins`` [s] of the plan.
-        plan_begins: See ``plan``.
-        q_jaw: The jaw's angle at the beginning and at the end [rad].
+    Once all arms have arrived, jaws go to an angle [rad] in a time [s], by the name of their arm.
     """
 
     visit: Visit
-    index: int
+    leg: Leg
     begins: float
+    arrived: float
     ends: float
-    q: Array
-    q_jaw: tuple[float, float]
-    plan: Plan | None = None
-    plan_begins: float = 0.0
+    jaws: Mapping[str, tuple[float, float]]
 
-    def at(self, t: float) -> tuple[Array, float]:
-        """Where arm (5,) and jaw are at the time ``t`` [s] of the rehearsal [rad]."""
-        share = (t - self.begins) / max(self.ends - self.begins, 1e-9)
-        first, last = self.q_jaw
-        q_jaw = first + min(max(share, 0.0), 1.0) * (last - first)
-        if self.plan is None:
-            return self.q, q_jaw
-        t_plan = min(max(t - self.begins, 0.0) + self.plan_begins, self.plan.duration)
-        return self.plan.trajectory.sample(t_plan).q, q_jaw
+    def index_at(self, t: float) -> int:
+        """Which step of the planned program is done at a time [s]."""
+        return self.leg.indices[bisect_right(self.leg.at[:-1], t - self.begins)]
+
+    def at(self, t: float) -> dict[str, Stand]:
+        """Where the arms stand at a time [s]."""
+        found = {}
+        for name, (q, q_jaw) in self.leg.stands.items():
+            plan = self.leg.plans.get(name)
+            if plan is not None:
+                q = plan.trajectory.sample(min(max(t - self.begins, 0.0), plan.duration)).q
+            q_wanted, lasts = self.jaws.get(name, (q_jaw, 0.0))
+            if t > self.arrived:
+                q_jaw += min((t - self.arrived) / max(lasts, 1e-9), 1.0) * (q_wanted - q_jaw)
+            found[name] = Stand(q, q_jaw)
+        return found
 
 
 class RehearsalTime:
     """A first round of a planned program, and the way back to the first stop if there are more.
 
-    Loops are shown twice: the second time stands for all later ones. The jaw is assumed to move at
-    full speed; an object in it ends that earlier.
+    Loops are shown twice: the second time stands for all later ones. Jaws are assumed to move at
+    full speed; an object in one ends that earlier.
 
     Args:
         rehearsal: What was planned.
-        angle_of: The jaw's angle [rad] for an aperture.
+        arms: What it was planned for.
+        clearance: Tells how near one arm, with its jaw, comes to anything; None for several arms.
+
+    Attributes:
+        rehearsal: What was planned.
+        between: The clearance of every two arms over the whole program.
+        nearest: How near an arm comes to anything, or two arms to each other, in each step of the
+            whole program [m].
     """
 
-    def __init__(self, rehearsal: Rehearsal, angle_of: Callable[[float], float]) -> None:
+    def __init__(
+        self,
+        rehearsal: Rehearsal,
+        arms: Arms,
+        clearance: Callable[[Array, float], Clearance] | None = None,
+    ) -> None:
         self.rehearsal = rehearsal
-        self._angle_of = angle_of
-        self._phases: list[Phase] = []
-        self._q, self._q_jaw = rehearsal.q_start, rehearsal.q_jaw_start
-        for visit, leg, _ in rehearsal.visits:
-            self._visit = visit
-            self._add_leg(leg)
-            if visit.round > 0:
+        self._spans: list[_Span] = []
+        for each in rehearsal.arrivals:
+            self._add(each, arms)
+            if each.visit.round > 0:
                 break
-            self._add_stop(leg.indices[-1])
+        self._begins = [each.begins for each in self._spans]
+        times = self._instants()
+        stands = [self.at(t)[1] for t in times]
+        self.between = _between(arms, times, stands) if isinstance(arms, Cell) else ()
+        closest = [(each.t, each.distance) for pair in self.between for each in pair.closest]
+        if clearance is not None:
+            seen = ((t, each[ARM]) for t, each in zip(times, stands, strict=True))
+            closest = [(float(t), clearance(*stand).distance) for t, stand in seen]
+        self.nearest: dict[int, float] = {}
+        for t, distance in closest:
+            index, _ = self.at(t)
+            self.nearest[index] = min(distance, self.nearest.get(index, np.inf))
 
     @property
     def duration(self) -> float:
         """How long all of it takes [s], with pauses as they are shown."""
-        return self._phases[-1].ends if self._phases else 0.0
+        return self._spans[-1].ends
 
-    def at(self, t: float) -> tuple[int, Array, float]:
-        """The waypoint that is gone to, the arm (5,) and the jaw [rad] at a time [s]."""
-        if not self._phases:
-            return 0, self._q, self._q_jaw
-        place = bisect_right([each.begins for each in self._phases], max(t, 0.0)) - 1
-        phase = self._phases[place]
-        return (phase.index, *phase.at(t))
+    def at(self, t: float) -> tuple[int, dict[str, Stand]]:
+        """Which step of the whole program is done, and where the arms stand, at a time [s]."""
+        span = self._spans[max(bisect_right(self._begins, t) - 1, 0)]
+        return self.rehearsal.program.before + span.index_at(t), span.at(t)
 
-    def spans(self) -> tuple[tuple[Visit, int, float, float], ...]:
-        """The pieces of the timeline: arrival, index of the waypoint, begin and end [s]."""
-        pieces = groupby(self._phases, lambda phase: (phase.visit, phase.index))
-        together = ([*phases] for _, phases in pieces)
-        return tuple(
-            (each[0].visit, each[0].index, each[0].begins, each[-1].ends) for each in together
+    def pieces(self) -> tuple[tuple[Visit, int, float, float], ...]:
+        """The pieces of the line: arrival, index of the step that was planned, begin, end [s]."""
+        found = []
+        for each in self._spans:
+            at = (each.begins, *(each.begins + t for t in each.leg.at[:-1]), each.ends)
+            for index, (begins, ends) in zip(each.leg.indices, pairwise(at), strict=True):
+                if ends > begins:
+                    found.append((each.visit, index, begins, ends))
+        return tuple(found)
+
+    def _add(self, arrival: Arrival, arms: Arms) -> None:
+        leg = arrival.leg
+        begins = self._spans[-1].ends if self._spans else 0.0
+        ends = arrived = begins + leg.at[-1]
+        jaws, pace = {}, float(JAW_LIMITS.velocity[0])
+        stop = self.rehearsal.program.steps[leg.indices[-1]] if arrival.visit.round == 0 else {}
+        for name, each in stop.items():
+            lasts, gripper = 0.0, arms.members[name].gripper
+            if gripper is not None and each.aperture is not None:
+                q_wanted = gripper.angle_of(each.aperture)
+                lasts = abs(q_wanted - leg.stands[name].q_jaw) / pace
+                jaws[name] = q_wanted, lasts
+            ends = max(ends, arrived + lasts + min(each.pause, SHOWN_PAUSE))
+        self._spans.append(
+            _Span(
+                visit=arrival.visit, leg=leg, begins=begins, arrived=arrived, ends=ends, jaws=jaws
+            )
         )
 
-    def clearances(self, clearance: Callable[[Array, float], Clearance]) -> dict[int, float]:
-        """How near the arm comes to anything on the way to each waypoint [m]."""
-        nearest: dict[int, float] = {}
-        for phase in self._phases:
-            if phase.plan is not None:
-                looks = (phase.at(t) for t in np.linspace(phase.begins, phase.ends, _LOOKS))
-                found = min(clearance(q, q_jaw).distance for q, q_jaw in looks)
-                nearest[phase.index] = min(found, nearest.get(phase.index, np.inf))
-        return nearest
+    def _instants(self) -> Array:
+        """Instants at which arms move [s], and the end."""
+        moving = [each for each in self._spans if each.leg.plans]
+        looks = [
+            np.linspace(each.begins, each.arrived, _LOOKS * len(each.leg.at), endpoint=False)
+            for each in moving
+        ]
+        return np.concatenate([*looks, [self.duration]])
 
-    def _add(
-        self, index: int, lasts: float, q_jaw: float, plan: Plan | None = None, begins: float = 0.0
-    ) -> None:
-        now = self.duration
-        phase = Phase(
-            visit=self._visit,
-            index=index,
-            begins=now,
-            ends=now + lasts,
-            q=self._q,
-            q_jaw=(self._q_jaw, q_jaw),
-            plan=plan,
-            plan_begins=begins,
-        )
-        if lasts > 0.0:
-            self._phases.append(phase)
 
-    def _add_leg(self, leg: ProgramLeg) -> None:
-        if leg.plan is None:
-            return
-        for index, (begins, ends) in zip(leg.indices, pairwise((0.0, *leg.at)), strict=True):
-            self._add(index, ends - begins, self._q_jaw, leg.plan, begins)
-        self._q = leg.plan.q_goal
+def _between(arms: Cell, times: Array, stands: list[dict[str, Stand]]) -> tuple[Between, ...]:
+    """The clearance of every two arms at some instants."""
+    members, found = arms.members, []
+    rows = {name: _rows([each[name] for each in stands]) for name in stands[0]}
+    for a, b in combinations(rows, 2):
+        T = members[a].T_cell_base.inverse @ members[b].T_cell_base
+        pair = (members[a].bodies, rows[a]), (members[b].bodies, rows[b])
+        looks = clearance_over_time(*pair, T, np.arange(len(times), dtype=np.float64))
+        closest = (each._replace(t=float(t)) for each, t in zip(looks, times, strict=True))
+        found.append(Between(a, b, tuple(closest)))
+    return tuple(found)
 
-    def _add_stop(self, index: int) -> None:
-        waypoint = self.rehearsal.program.waypoints[index]
-        if waypoint.aperture is not None:
-            q_jaw = self._angle_of(waypoint.aperture)
-            pace = float(JAW_LIMITS.velocity[0])
-            self._add(index, abs(q_jaw - self._q_jaw) / pace, q_jaw)
-            self._q_jaw = q_jaw
-        self._add(index, min(waypoint.pause, SHOWN_PAUSE), self._q_jaw)
+
+def _rows(stands: list[Stand]) -> Course:
+    """The configurations of an arm, as if one second apart."""
+    q: Array = np.array([np.append(each.q, each.q_jaw) for each in stands])
+    return Course(t=0.0, dt=1.0, q=q)

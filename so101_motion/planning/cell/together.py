@@ -36,7 +36,7 @@ from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.team_check import TeamArm, TeamCheck
-from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.motion_builder import joined
 from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds, compiled_shortened
 from so101_motion.planning.paths.path import SPACING
@@ -73,6 +73,8 @@ def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Pla
         PlanningError: A goal cannot be reached, two of them not at the same time, or no motion was
             found in time.
     """
+    if any(isinstance(each.request.goal, PathGoal) for each in team):
+        return _along_path(planner, team)
     team = _with_goals(planner, team)
     alone = [_alone(planner, each) for each in team]
     at_once = _at_once(team, alone)
@@ -83,6 +85,28 @@ def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Pla
         if proven is not None:
             return proven
     return _as_one(planner, team)
+
+
+def _along_path(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
+    """Plan for an arm that follows a path, while the others stand where they are."""
+    plans = []
+    for member in team:
+        others = [
+            each.seen_from(member, each.resting(each.request.q_start))
+            for each in team
+            if each is not member
+        ]
+        with member.named():
+            plans.append(planner.plan(replace(member.request, others=tuple(others))))
+    proven = _proven(team, plans, [each.trajectory for each in plans])
+    if proven is None:
+        names = " and ".join(each.name for each in team)
+        raise NoPath(
+            f"on this path {names} would come too near to each other; stop at its corners",
+            where="path",
+            blockers=(),
+        )
+    return proven
 
 
 def _makespan(plans: Sequence[Plan]) -> float:

@@ -219,7 +219,10 @@ def _read(file: Path) -> SavedPath:
         hint = f"; there are: {names}" if names else ""
         raise ConfigError("path", str(file), f"there is no such path{hint}")
     content = user_storage.read(
-        file, schema=SCHEMA, largest=user_storage.LARGEST_OF_ALL, zeros=True
+        file,
+        schema=SCHEMA,
+        largest=user_storage.LARGEST_OF_ALL,
+        also=(user_storage.with_zeros(SCHEMA),),
     )
     return SavedPath(
         name=file.stem,

@@ -1,23 +1,29 @@
 """Save and load programs as JSON files.
 
-A file looks like this::
+A file looks like this, with ``"arm"`` for the only arm of a program for one::
 
     {
-     "schema": "so101/program/1",
+     "schema": "so101/program/3",
      "rounds": 3,
-     "waypoints": [
-      {"name": "aside", "q_deg": [40, -40, 35, 60, 0], "pass": true},
-      {"name": "over the mug", "q_deg": [10, -40, 35, 60, 0], "aperture_percent": 80},
-      {"name": "at the mug", "q_deg": [10, -20, 30, 70, 0], "aperture_percent": 0,
-       "pause_s": 0.5, "speed_percent": 40}
+     "steps": [
+      {"left": {"name": "aside", "q_deg": [40, -40, 35, 60, 0], "pass": true}},
+      {"left": {"name": "over the mug", "q_deg": [10, -40, 35, 60, 0], "aperture_percent": 80}},
+      {"left": {"q_deg": [25, -20, 30, 70, 0], "aperture_percent": 0, "pause_s": 0.5},
+       "right": {"q_deg": [40, -40, 35, 60, 0], "speed_percent": 40}}
      ]
     }
 
-``"loops": [{"from": 2, "to": 3, "times": 4}]`` repeats the second and third waypoint four times
-before the program goes on; a loop may lie inside one other. ``"rounds": "endless"`` runs it until
-it is stopped; without ``aperture_percent`` the jaw stays as it is. The arm stops at each waypoint
-except those with ``"pass": true``. ``"speed_percent"`` slows down the step to a waypoint.
-``"encoder_zeros"``, in schema 2, are the zeros of the arm's calibration (``encoder_zeros.py``).
+Arms that are named in the same step move together, in one motion that they begin and end together.
+Then their jaws move and they pause, and the next step begins when all are done. An arm that moves
+alone stops at each waypoint, unless that is to be passed and it moves on alone.
+
+``"loops": [{"from": 2, "to": 3, "times": 4}]`` repeats the second and third step four times before
+the program goes on; a loop may lie inside one other. ``"rounds": "endless"`` runs it until it is
+stopped; without ``aperture_percent`` the jaw stays as it is. ``"arms": {"left": {"encoder_zeros":
+...}}`` are the zeros of the arms' calibrations (``encoder_zeros.py``).
+
+Files of before are read as well: those of one arm had ``"waypoints"``, and its ``"encoder_zeros"``
+beside them; those of several arms had another schema.
 """
 
 from __future__ import annotations
@@ -33,26 +39,46 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.files import user_storage
 from so101_motion.tasks.program.loops import Loop, checked_count
 from so101_motion.tasks.program.program import (
+    ARM,
     LONGEST_PAUSE,
     MOST,
     SLOWEST,
     Program,
+    Step,
     Waypoint,
+    nameless,
 )
 
-SCHEMA = "so101/program/1"
+SCHEMA = "so101/program/3"
+OLDER = tuple(f"so101/{kind}/{number}" for kind in ("program", "cell-program") for number in (1, 2))
+"""The schemas of before, for one arm and for several; 2 had zeros."""
+
+ENTRIES = ("schema", "rounds", "loops", "steps", "waypoints")
+"""The entries of a program, with those of before."""
+
+ZerosOfArms = Mapping[str, EncoderZeros | None]
+"""The zeros of each arm's calibration, by the arm's name; None if not known."""
 
 _FILE_NAME = re.compile(r"\w[\w .-]*")
 _ENDLESS = "endless"
 
 
 def folder() -> Path:
-    """The folder of the user's programs.
+    """The folder of the user's programs of one arm.
 
     Raises:
         ConfigError: This user has no home.
     """
     return user_storage.folder() / "programs"
+
+
+def cell_folder() -> Path:
+    """The folder of the user's programs of several arms.
+
+    Raises:
+        ConfigError: This user has no home.
+    """
+    return user_storage.folder() / "cell_programs"
 
 
 def file_of(name: str, in_folder: Path | None = None) -> Path:
@@ -99,55 +125,94 @@ def _offer(name: str, known: tuple[str, ...]) -> str:
     return suggest(name, known) if known else "save one on the Program tab of so101 view"
 
 
-def read(path: Path, zeros: EncoderZeros | None = None) -> Program:
-    """Read the program in a file, and convert it to the zeros of the arm that is to run it.
+def read(path: Path, arms: ZerosOfArms | None = None) -> Program:
+    """Read the program in a file.
+
+    Args:
+        path: The file.
+        arms: The arms that are to run it: it is converted to their zeros, and a program of one arm
+            runs on the only one there is, whatever it is called. As it is written if not given.
 
     Raises:
         ConfigError: It cannot be read, something in it is not valid, or the zeros are another
             arm's; see ``encoder_zeros.shift``.
     """
-    content = user_storage.read(path, schema=SCHEMA, zeros=True)
-    program = program_from(content)
-    off = shift(zeros_from(content), zeros, what=f"the program {path.stem}", file=path)
-    moved = (replace(each, q=each.q + off) for each in program.waypoints)
-    return replace(program, waypoints=tuple(moved)) if off.any() else program
+    content = user_storage.read(path, schema=SCHEMA, also=OLDER)
+    program, made_with = program_from(content), _zeros_from(content)
+    if arms is None:
+        return program
+    now = arms
+    if len(arms) == 1 and len(program.arms) == 1:
+        now = dict(zip(program.arms, arms.values(), strict=True))
+    off = {}
+    for name in program.arms:
+        what, entry = f"the program {path.stem}", "" if name == ARM else name
+        what += f", {entry}" if entry else ""
+        off[name] = shift(made_with.get(name), now.get(name), what=what, file=path, name=entry)
+    moved = (
+        {name: replace(each, q=each.q + off[name]) for name, each in step.items()}
+        for step in program.steps
+    )
+    return replace(program, steps=tuple(moved)).on(arms)
 
 
 def program_from(content: Mapping[str, object]) -> Program:
-    """Make a program from the parsed JSON of a file.
+    """Make a program from the parsed JSON of a file, of before as well.
 
     Raises:
         ConfigError: Something in it is not valid; the message names it.
     """
-    Attributes(content, ("schema", "rounds", "loops", "waypoints", KEY), kind="entry of a program")
-    given = content.get("waypoints")
+    Attributes(content, (*ENTRIES, "arms", KEY), kind="entry of a program")
+    key = "waypoints" if "waypoints" in content else "steps"
+    given = content.get(key)
     if not isinstance(given, list):
-        raise ConfigError("waypoints", given, "must be a list of waypoints")
+        raise ConfigError(key, given, f"must be a list of {key}")
+    if key == "waypoints" and "steps" in content:
+        raise ConfigError(key, "...", 'and "steps" are the same; leave one out')
+    steps = [{ARM: each} for each in given] if key == "waypoints" else given
     return Program(
-        waypoints=tuple(
-            waypoint_from(f"waypoint {number}", each) for number, each in enumerate(given, 1)
-        ),
+        steps=tuple(_step(number, each) for number, each in enumerate(steps, 1)),
         rounds=rounds_from(content.get("rounds", 1)),
         loops=loops_from(content.get("loops", [])),
     )
 
 
-def write(program: Program, path: Path, zeros: EncoderZeros | None = None) -> None:
-    """Save a program with the zeros of its arm, if known; makes its folder if need be.
+def _step(number: int, content: object) -> Step:
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"step {number}", content, 'must be {"left": {"q_deg": [...]}, ...}')
+    return {
+        str(name): waypoint_from(nameless(number, name), each) for name, each in content.items()
+    }
+
+
+def _zeros_from(content: Mapping[str, object]) -> ZerosOfArms:
+    """The zeros that a program was made with; those of one arm were not in ``arms`` before."""
+    given = content.get("arms", {})
+    if not isinstance(given, Mapping):
+        raise ConfigError("arms", given, 'must be {"left": {"encoder_zeros": ...}, ...}')
+    listed = {ARM: content, **given} if KEY in content else given
+    return {
+        str(name): zeros_from(each) for name, each in listed.items() if isinstance(each, Mapping)
+    }
+
+
+def write(program: Program, path: Path, arms: ZerosOfArms | None = None) -> None:
+    """Save a program with the zeros of its arms, if known; makes its folder if need be.
 
     Raises:
         ConfigError: It cannot be written; an existing file is unchanged.
     """
-    known = zeros_to(zeros)
-    schema = user_storage.with_zeros(SCHEMA) if known else SCHEMA
-    user_storage.write(path, program_to(program) | known, schema=schema)
+    zeros = {name: zeros_to(each) for name, each in (arms or {}).items()}
+    known = {name: each for name, each in zeros.items() if each}
+    content = program_to(program) | ({"arms": known} if known else {})
+    user_storage.write(path, content, schema=SCHEMA)
 
 
 def program_to(program: Program) -> dict[str, object]:
     """A program as JSON values; ``program_from`` reads them back."""
-    waypoints = [waypoint_to(waypoint) for waypoint in program.waypoints]
+    steps = [{name: waypoint_to(each) for name, each in step.items()} for step in program.steps]
     loops = {"loops": loops_to(program.loops)} if program.loops else {}
-    return {"rounds": rounds_to(program.rounds), **loops, "waypoints": waypoints}
+    return {"rounds": rounds_to(program.rounds), **loops, "steps": steps}
 
 
 def loops_to(loops: Iterable[Loop]) -> list[dict[str, int]]:

@@ -127,11 +127,6 @@ def checked_loops(loops: Sequence[Loop], count: int) -> tuple[Loop, ...]:
     return tuple(sorted(loops, key=lambda loop: (loop.first, -loop.last)))
 
 
-def loops_around(loops: Sequence[Loop], index: int) -> tuple[Loop, ...]:
-    """The loops that a step is in, the outer one first."""
-    return tuple(loop for loop in loops if index in loop)
-
-
 def with_loop(loops: Sequence[Loop], loop: Loop) -> tuple[Loop, ...]:
     """One more loop, or another number of times for the same steps."""
     others = (each for each in loops if (each.first, each.last) != (loop.first, loop.last))

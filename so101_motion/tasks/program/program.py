@@ -1,11 +1,12 @@
-"""A program of waypoints as an immutable value, with the edits of it.
+"""A program of one arm or several as an immutable value, with the edits of it.
 
-An index counts from 0, a number in messages from 1.
+Each step has a waypoint for every arm that moves, by the arm's name; the only arm of a program for
+one is called ``ARM``. An index counts from 0, a number in messages from 1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from so101_motion.common.attributes import checked_number
@@ -17,7 +18,6 @@ from so101_motion.tasks.program.loops import (
     Visit,
     checked_count,
     checked_loops,
-    loops_around,
     loops_of_part,
     visits_of,
     with_loop,
@@ -25,8 +25,11 @@ from so101_motion.tasks.program.loops import (
     without_step,
 )
 
+ARM = "arm"
+"""The name of the arm in a program of one; nobody has to type it."""
+
 MOST = 200
-"""How many waypoints a program may have. Chosen; beyond that it is a path, see ``guided``."""
+"""How many steps a program may have. Chosen; beyond that it is a path, see ``guided``."""
 
 LONGEST_PAUSE = 3600.0
 """Longest pause at a waypoint [s]. Chosen."""
@@ -83,78 +86,130 @@ class Waypoint:
             )
 
 
+Step = Mapping[str, Waypoint]
+"""The waypoints of the arms that move in a step, by their names."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Program:
-    """Waypoints in order, and how often they are repeated.
+    """Steps in order, and how often they are repeated. Arms named in one step move together.
 
     Attributes:
-        waypoints: At most ``MOST``.
+        steps: At most ``MOST``.
         rounds: How often all of it is repeated; None until it is stopped.
-        loops: Waypoints that are repeated within each round, in order, outer loops first.
+        loops: Steps that are repeated within each round, in order, outer loops first.
+        before: How many steps of the whole program come before these, in a part of one.
 
     Raises:
-        ConfigError: There are too many waypoints, or a loop is not valid.
+        ConfigError: There are too many steps, one is empty, a waypoint of arms that move together
+            is to be passed, or a loop is not valid.
     """
 
-    waypoints: tuple[Waypoint, ...] = ()
+    steps: tuple[Step, ...] = ()
     rounds: int | None = 1
     loops: tuple[Loop, ...] = ()
+    before: int = 0
 
     def __post_init__(self) -> None:
-        if len(self.waypoints) > MOST:
-            raise ConfigError(
-                "waypoints", len(self.waypoints), f"are more than {MOST}; make two programs"
-            )
+        if len(self.steps) > MOST:
+            raise ConfigError("steps", len(self.steps), f"are more than {MOST}; make two programs")
         check_rounds(self.rounds)
-        object.__setattr__(self, "loops", checked_loops(self.loops, len(self.waypoints)))
+        object.__setattr__(self, "loops", checked_loops(self.loops, len(self.steps)))
+        for number, step in enumerate(self.steps, 1):
+            if not step:
+                raise ConfigError(f"step {number}", {}, "names no arm")
+            for name, each in step.items():
+                if each.passes and len(step) > 1:
+                    reason = "cannot be passed; arms that move together stop at each step"
+                    raise ConfigError(f"step {number}: {name}", each.name, reason)
+
+    @classmethod
+    def of_waypoints(
+        cls, waypoints: Iterable[Waypoint], *, rounds: int | None = 1, loops: tuple[Loop, ...] = ()
+    ) -> Program:
+        """A program of one arm."""
+        steps = tuple({ARM: each} for each in waypoints)
+        return cls(steps=steps, rounds=rounds, loops=loops)
 
     def __len__(self) -> int:
-        return len(self.waypoints)
+        return len(self.steps)
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """The names of its arms."""
+        return tuple(dict.fromkeys(name for step in self.steps for name in step))
+
+    @property
+    def waypoints(self) -> tuple[Waypoint, ...]:
+        """The waypoints of a program of one arm.
+
+        Raises:
+            ConfigError: It is one of several arms.
+        """
+        if len(self.arms) > 1:
+            raise ConfigError("program", ", ".join(self.arms), "moves several arms; give one's")
+        return tuple(each for step in self.steps for each in step.values())
+
+    def on(self, arms: Collection[str]) -> Program:
+        """This program for these arms; if it is of one and they are one, that one runs it."""
+        if len(arms) != 1 or len(self.arms) != 1:
+            return self
+        (name,), waypoints = arms, self.waypoints
+        return replace(self, steps=tuple({name: each} for each in waypoints))
 
     def called(self, index: int) -> str:
-        """The name of a waypoint in messages: its number and its name."""
-        return f"waypoint {index + 1} ({self.waypoints[index].name})"
+        """What messages call a step: its number, and which arm goes where, if that has a name."""
+        step, number = self.steps[index], self.before + index + 1
+        if step.keys() == {ARM}:
+            return f"waypoint {number} ({step[ARM].name})"
+        goals = ", ".join(
+            name if each.name == nameless(number, name) else f"{name} to {each.name}"
+            for name, each in step.items()
+        )
+        return f"step {number} ({goals})"
 
     def stops_at(self, index: int) -> bool:
-        """Whether the arm stops at a waypoint.
+        """Whether arms stop at a step; otherwise its only arm goes on to the next without a stop.
 
-        It does at the last one of the program or of a loop, even if that is to be passed.
+        They stop at the last step of the program or of a loop, even if it is to be passed, and
+        where another arm moves next.
         """
-        is_last = index == len(self.waypoints) - 1 or any(index == each.last for each in self.loops)
-        return is_last or not self.waypoints[index].passes
+        is_last = index == len(self) - 1 or any(index == each.last for each in self.loops)
+        step = self.steps[index]
+        passes = all(each.passes for each in step.values())
+        return is_last or not passes or self.steps[index + 1].keys() != step.keys()
 
     def loops_around(self, index: int) -> tuple[Loop, ...]:
-        """The loops that a waypoint is in, the outer one first."""
-        return loops_around(self.loops, index)
+        """The loops that a step is in, the outer one first."""
+        return tuple(loop for loop in self.loops if index in loop)
 
     def visits(self, most: int | None = None) -> Iterator[Visit]:
         """Every arrival at a stop, in order; see ``loops.visits_of``."""
         return visits_of(len(self), self.loops, self.rounds, stops_at=self.stops_at, most=most)
 
-    def with_waypoint(self, waypoint: Waypoint) -> Program:
-        """This program with one more waypoint at the end."""
-        return replace(self, waypoints=(*self.waypoints, waypoint))
+    def with_step(self, step: Step) -> Program:
+        """This program with one more step at the end."""
+        return replace(self, steps=(*self.steps, step))
 
     def without(self, index: int) -> Program:
-        """This program without one waypoint."""
+        """This program without one step."""
         self._check(index)
-        others = self.waypoints[:index] + self.waypoints[index + 1 :]
-        return replace(self, waypoints=others, loops=without_step(self.loops, index))
+        others = self.steps[:index] + self.steps[index + 1 :]
+        return replace(self, steps=others, loops=without_step(self.loops, index))
 
-    def with_changed(self, index: int, waypoint: Waypoint) -> Program:
-        """This program with one waypoint replaced."""
+    def with_changed(self, index: int, step: Step) -> Program:
+        """This program with one step replaced."""
         self._check(index)
-        changed = (*self.waypoints[:index], waypoint, *self.waypoints[index + 1 :])
-        return replace(self, waypoints=changed)
+        return replace(self, steps=(*self.steps[:index], step, *self.steps[index + 1 :]))
 
     def moved(self, index: int, to: int) -> Program:
-        """This program with one waypoint at another place in the order."""
+        """This program with one step at another place in the order."""
         self._check(index)
         self._check(to)
-        others = [*self.waypoints]
+        others = [*self.steps]
         others.insert(to, others.pop(index))
         loops = with_step_moved(self.loops, index, to)
-        return replace(self, waypoints=tuple(others), loops=loops)
+        return replace(self, steps=tuple(others), loops=loops)
 
     def with_rounds(self, rounds: int | None) -> Program:
         """This program with another number of rounds."""
@@ -165,17 +220,22 @@ class Program:
         return replace(self, loops=with_loop(self.loops, loop))
 
     def without_loop(self, loop: Loop) -> Program:
-        """This program without one of its loops; its waypoints stay."""
+        """This program without one of its loops; its steps stay."""
         return replace(self, loops=tuple(each for each in self.loops if each is not loop))
 
     def part(self, begin: int, end: int) -> Program:
-        """The waypoints from ``begin`` to before ``end``, once, with the loops that are in it."""
+        """The steps from ``begin`` to before ``end``, once, with the loops that are in it."""
         return Program(
-            waypoints=self.waypoints[begin:end], loops=loops_of_part(self.loops, begin, end)
+            steps=self.steps[begin:end],
+            loops=loops_of_part(self.loops, begin, end),
+            before=self.before + begin,
         )
 
     def _check(self, index: int) -> None:
-        if not 0 <= index < len(self.waypoints):
-            raise ConfigError(
-                "waypoint", index + 1, f"is not one of the program's {len(self.waypoints)}"
-            )
+        if not 0 <= index < len(self):
+            raise ConfigError("step", index + 1, f"is not one of the program's {len(self)}")
+
+
+def nameless(number: int, arm: str) -> str:
+    """What a waypoint without a name is called: its place in the program."""
+    return f"waypoint {number}" if arm == ARM else f"step {number}: {arm}"

@@ -1,9 +1,10 @@
 """Plan a whole program before any of it moves.
 
 A *leg* leads from one stop to the next, through the waypoints that are passed between them and with
-the jaw as the stop before leaves it. The first leg starts where the arm is. Rounds and loops add
-the legs back to where they begin, and legs on which the jaw is different the second time, so every
-motion is planned. A leg that cannot be planned is refused here, with the name of its waypoint.
+the jaws as the stop before leaves them; the arms that it does not name stand still. The first leg
+starts where the arms are. Rounds and loops add the legs back to where they begin, and legs on which
+a jaw is different the second time, so every motion is planned. A leg that cannot be planned is
+refused here, with the name of its step.
 
 How a leg with passed waypoints is planned. The path to each of them is searched like any other,
 around obstacles. All these paths in a row are one path, along which the planner makes one motion
@@ -18,17 +19,17 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from so101_motion.arm.arm import START_TOLERANCE, Arm
+from so101_motion.arm.arm import START_TOLERANCE
+from so101_motion.arm.cell_member import Stand
 from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
-from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal, PathGoal
-from so101_motion.planning.request import Plan, Search
+from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.rig.protocols import GripperLike
 from so101_motion.tasks.program.loops import Visit, times_in_round
-from so101_motion.tasks.program.program import Program
+from so101_motion.tasks.program.program import Program, Step
+from so101_motion.tasks.program.solo import Arms
 
 PASSING = to_rad(3.0)
 """How far any joint may be from a waypoint that is passed, and from the path between two [rad].
@@ -37,45 +38,38 @@ were never slower than with stops; their tool was 5 mm off a waypoint at the med
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ProgramLeg:
-    """The planned path to one stop.
+class Leg:
+    """The planned motion to one stop.
 
     Attributes:
-        indices: Its waypoints: those that are passed, and last the one that is stopped at.
-        plan: The motion; None if the arm is there already.
-        at: When each of them is passed or reached, from the beginning of the motion [s].
+        indices: Its steps: those that are passed, and last the one that is stopped at.
+        plans: The motion of each arm, by its name; none if all are there already.
+        at: When each of the steps is passed or reached, from the beginning of the motion [s].
+        stands: Where each arm is before it, by its name.
     """
 
     indices: range
-    plan: Plan | None
+    plans: Mapping[str, Plan]
     at: tuple[float, ...]
+    stands: Mapping[str, Stand]
+
+    @property
+    def plan(self) -> Plan | None:
+        """The motion of the first arm; None if there is none."""
+        return next(iter(self.plans.values()), None)
 
 
-class LegKey(NamedTuple):
-    """The key of a leg of a program.
-
-    Attributes:
-        origin: Index of the stop that it begins at; None for where the arm was at the start.
-        indices: Its waypoints.
-        q_jaw: Angle of the jaw [rad].
-    """
-
-    origin: int | None
-    indices: range
-    q_jaw: float
-
-
-class PlannedVisit(NamedTuple):
-    """An arrival at a stop with the path to it.
+class Arrival(NamedTuple):
+    """An arrival at a stop.
 
     Attributes:
         visit: The arrival.
-        leg: The path.
+        leg: The motion to it.
         times: How often it comes in a round: several times if a loop repeats it.
     """
 
     visit: Visit
-    leg: ProgramLeg
+    leg: Leg
     times: int
 
 
@@ -85,164 +79,138 @@ class Rehearsal:
 
     Attributes:
         program: The program.
-        legs: All paths, in order.
-        visits: All arrivals, but only the first two of each loop and round; later ones are like the
-            second.
-        q_start: The arm's joint angles at the start, shape (5,), [rad].
-        q_jaw_start: The jaw's angle at the start [rad].
-        scene: The scene of the plans; None for the arm's own scene.
+        arrivals: All arrivals in order, but only the first two of each loop and round; later ones
+            are like the second.
     """
 
     program: Program
-    legs: Mapping[LegKey, ProgramLeg]
-    visits: tuple[PlannedVisit, ...]
-    q_start: Array
-    q_jaw_start: float
-    scene: Scene | None = None
+    arrivals: tuple[Arrival, ...]
 
     @property
-    def first_round(self) -> tuple[PlannedVisit, ...]:
+    def legs(self) -> tuple[Leg, ...]:
+        """All different legs, in order."""
+        return tuple(dict.fromkeys(each.leg for each in self.arrivals))
+
+    @property
+    def stands(self) -> Mapping[str, Stand]:
+        """Where each arm is at the start, by its name."""
+        return self.arrivals[0].leg.stands
+
+    @property
+    def first_round(self) -> tuple[Arrival, ...]:
         """The arrivals of the first round, of loops the first two times only."""
-        return tuple(each for each in self.visits if each.visit.round == 0)
-
-    @property
-    def plans(self) -> tuple[Plan, ...]:
-        """The paths of the first round, one after the other, of loops the first two times only."""
-        return tuple(each.leg.plan for each in self.first_round if each.leg.plan is not None)
+        return tuple(each for each in self.arrivals if each.visit.round == 0)
 
     @property
     def duration(self) -> float:
-        """How long the arm moves and pauses in the first round [s]; the jaw's time comes on top."""
+        """How long arms move and pause in the first round [s]; the jaws' time comes on top."""
         return sum(each.times * self._lasts(each.leg) for each in self.first_round)
 
-    def _lasts(self, leg: ProgramLeg) -> float:
-        moves = 0.0 if leg.plan is None else leg.plan.duration
-        return moves + self.program.waypoints[leg.indices[-1]].pause
+    def _lasts(self, leg: Leg) -> float:
+        step = self.program.steps[leg.indices[-1]]
+        return leg.at[-1] + max(each.pause for each in step.values())
+
+    def leg_of(self, visit: Visit) -> Leg:
+        """The leg to a stop that the running program comes to."""
+        return next(each.leg for each in self.arrivals if _early(each.visit) == _early(visit))
+
+
+def _early(visit: Visit) -> tuple[int, tuple[int, ...], int]:
+    """The same for all arrivals that are alike."""
+    return min(visit.round, 1), tuple(min(lap, 1) for lap in visit.laps), visit.indices[-1]
 
 
 class LegPlanner(Protocol):
-    """The interface for planning legs: an arm, or a planner without one."""
+    """The interface for planning legs: arms, or a planner without one."""
 
-    @property
-    def limits(self) -> MotionLimits:
-        """The caps of its motions."""
-
-    def plan(
+    def plan_together(
         self,
-        goal: JointGoal | PathGoal,
+        goals: Mapping[str, JointGoal | PathGoal],
         *,
-        limits: MotionLimits | None,
-        q_start: Array | None,
-        q_jaw: float | None,
-    ) -> Plan:
-        """Plan within ``limits`` from joint angles, shape (5,), with the jaw at an angle [rad]."""
+        limits: Mapping[str, MotionLimits],
+        stands: Mapping[str, Stand],
+    ) -> dict[str, Plan]:
+        """Plan within ``limits``, from where the arms stand; all by the arms' names."""
 
 
-class SceneArm:
-    """Plans the legs of an arm in a given scene; None for the arm's own."""
-
-    def __init__(self, arm: Arm, scene: Scene | None) -> None:
-        self._arm, self._search = arm, Search(scene=scene)
-
-    @property
-    def limits(self) -> MotionLimits:
-        """The caps of its motions."""
-        return self._arm.limits
-
-    def plan(
-        self,
-        goal: JointGoal | PathGoal,
-        *,
-        limits: MotionLimits | None,
-        q_start: Array | None,
-        q_jaw: float | None,
-    ) -> Plan:
-        """Plan within ``limits`` from joint angles, shape (5,), with the jaw at an angle [rad]."""
-        arm, search = self._arm, self._search
-        return arm.plan(goal, limits=limits, search=search, q_start=q_start, q_jaw=q_jaw)
-
-
-def rehearse(
-    arm: Arm, gripper: GripperLike | None, program: Program, *, scene: Scene | None = None
-) -> Rehearsal:
+def rehearse(arms: Arms, program: Program) -> Rehearsal:
     """Plan all of a program; moves nothing.
 
     Args:
-        arm: The arm; its caps, range and scene count, and the program begins where it is.
-        gripper: The arm's jaw; None for an arm without one.
+        arms: Their caps, ranges and scenes count, and the program begins where they are.
         program: The program.
-        scene: What is around the arm; the arm's own scene if not given.
 
     Raises:
-        PlanningError: A waypoint cannot be reached; the message names it.
-        ConfigError: There is no waypoint, or the program moves a jaw that the arm does not have.
+        PlanningError: A step cannot be planned; the message names it.
+        ConfigError: There is no step, an arm is not there, or the program moves a jaw that its arm
+            does not have.
     """
-    if not program.waypoints:
+    if not program.steps:
         raise ConfigError("program", "empty", "has no waypoint; record one first")
-    if gripper is None and any(each.aperture is not None for each in program.waypoints):
-        raise ConfigError("program", "jaw", "moves a jaw, but this arm has none")
-    state, planner = arm.state, SceneArm(arm, scene)
-    q_jaw = state.q_jaw_ref
-    legs: dict[LegKey, ProgramLeg] = {}
-    visits: list[PlannedVisit] = []
+    for name in program.arms:
+        if name not in arms.members:
+            known = ", ".join(sorted(arms.members))
+            raise ConfigError("program", name, f"is no arm here; there are: {known}")
+        moves_jaw = any(name in step and step[name].aperture is not None for step in program.steps)
+        if moves_jaw and arms.members[name].gripper is None:
+            raise ConfigError("program", "jaw", "moves a jaw, but this arm has none")
+    stands: Mapping[str, Stand] = arms.stands()
+    legs: dict[object, Leg] = {}
+    arrivals: list[Arrival] = []
+    caps = {name: arms.members[name].arm.limits for name in program.arms}
     for visit in program.visits(most=2):
-        key = LegKey(visit.origin, visit.indices, q_jaw)
-        stop = program.waypoints[visit.indices[-1]]
+        key = visit.indices, tuple((each.q.tobytes(), each.q_jaw) for each in stands.values())
         if key not in legs:
-            q = state.q_ref if visit.origin is None else program.waypoints[visit.origin].q
-            legs[key] = plan_leg(planner, program, visit.indices, q, q_jaw)
-        times = times_in_round(visit.laps, program.loops_around(visit.indices[-1]))
-        visits.append(PlannedVisit(visit, legs[key], times))
-        q_jaw = jaw_after(gripper, stop.aperture, q_jaw)
-    return Rehearsal(
-        program=program,
-        legs=legs,
-        visits=tuple(visits),
-        q_start=state.q_ref,
-        q_jaw_start=state.q_jaw_ref,
-        scene=scene,
-    )
+            legs[key] = plan_leg(arms, program, visit.indices, stands, caps)
+        index = visit.indices[-1]
+        times = times_in_round(visit.laps, program.loops_around(index))
+        arrivals.append(Arrival(visit, legs[key], times))
+        stands = _after(arms, program.steps[index], stands)
+    return Rehearsal(program=program, arrivals=tuple(arrivals))
 
 
 def plan_leg(
-    arm: LegPlanner, program: Program, indices: range, q_start: Array, q_jaw: float
-) -> ProgramLeg:
-    """Plan the path to a stop through the waypoints before it.
+    planner: LegPlanner,
+    program: Program,
+    indices: range,
+    stands: Mapping[str, Stand],
+    caps: Mapping[str, MotionLimits],
+) -> Leg:
+    """Plan the motion to a stop through the waypoints before it.
 
     Args:
-        arm: Plans; its caps, range and scene count.
-        program: The program with the waypoints.
-        indices: The waypoints to pass, and the one to stop at.
-        q_start: Joint angles at the start, shape (5,), [rad].
-        q_jaw: Angle of the jaw [rad].
+        planner: Plans; its range and scene count.
+        program: The program with the steps.
+        indices: The steps to pass, and the one to stop at.
+        stands: Where each arm is at the start, by its name.
+        caps: The caps of each arm, by its name.
 
     Raises:
-        PlanningError: A waypoint cannot be reached; the message names it.
+        PlanningError: A step cannot be reached; the message names it.
     """
-    corners, numbers, plan = [q_start], [], None
-    share = min(program.waypoints[index].speed for index in indices)
-    limits = arm.limits.eased(share)
+    here, limits = dict(stands), dict[str, MotionLimits]()
+    for name in program.steps[indices[-1]]:
+        share = min(program.steps[index][name].speed for index in indices)
+        limits[name] = caps[name].eased(share)
+    (name, *_), corners, numbers = limits, list[Array](), list[int]()  # of one that passes
+    plans: dict[str, Plan] = {}
     for index in indices:
-        q = program.waypoints[index].q
-        if not stands_at(corners[-1], q):
-            goal: JointGoal | PathGoal = JointGoal(q=q)
-            plan = _planned(arm, program, index, goal, corners[-1], q_jaw, limits)
-            corners += [*plan.path[1:]]
-        numbers.append(len(corners) - 1)
-    if plan is None:
-        return ProgramLeg(indices=indices, plan=None, at=(0.0,) * len(indices))
+        goals = {name: each.q for name, each in program.steps[index].items()}
+        if not all(stands_at(here[name].q, q) for name, q in goals.items()):
+            wanted = {name: JointGoal(q=q) for name, q in goals.items()}
+            plans = _planned(planner, program, index, wanted, limits, here)
+            here |= {name: Stand(q, here[name].q_jaw) for name, q in goals.items()}
+            corners += [*plans[name].path[1:]]
+        numbers.append(len(corners))
+    if not plans:
+        return Leg(indices=indices, plans={}, at=(0.0,) * len(indices), stands=stands)
     if len({0, *numbers}) > 2:  # more than one of them is elsewhere
-        goal = PathGoal(waypoints=np.array(corners[1:]), tolerance=PASSING)
-        plan = _planned(arm, program, indices[-1], goal, q_start, q_jaw, limits)
-    at = _passed_at(plan, [corners[number] for number in numbers[:-1]])
-    return ProgramLeg(indices=indices, plan=plan, at=(*at, plan.duration))
-
-
-def jaw_after(gripper: GripperLike | None, aperture: float | None, q_jaw: float) -> float:
-    """The jaw's angle [rad] after a waypoint, starting from ``q_jaw``."""
-    if gripper is None or aperture is None:
-        return q_jaw
-    return gripper.angle_of(aperture)
+        goal = PathGoal(waypoints=np.array(corners), tolerance=PASSING)
+        plans = _planned(planner, program, indices[-1], {name: goal}, limits, stands)
+    corners = [stands[name].q, *corners]
+    at = _passed_at(plans[name], [corners[number] for number in numbers[:-1]])
+    ends = max(each.duration for each in plans.values())
+    return Leg(indices=indices, plans=plans, at=(*at, ends), stands=stands)
 
 
 def stands_at(q: Array, other: Array) -> bool:
@@ -250,17 +218,27 @@ def stands_at(q: Array, other: Array) -> bool:
     return float(np.max(np.abs(q - other))) <= START_TOLERANCE
 
 
+def _after(arms: Arms, step: Step, stands: Mapping[str, Stand]) -> dict[str, Stand]:
+    """Where the arms are after a step."""
+    after = dict(stands)
+    for name, each in step.items():
+        gripper, q_jaw = arms.members[name].gripper, stands[name].q_jaw
+        if gripper is not None and each.aperture is not None:
+            q_jaw = gripper.angle_of(each.aperture)
+        after[name] = Stand(each.q, q_jaw)
+    return after
+
+
 def _planned(
-    arm: LegPlanner,
+    planner: LegPlanner,
     program: Program,
     index: int,
-    goal: JointGoal | PathGoal,
-    q_start: Array,
-    q_jaw: float,
-    limits: MotionLimits,
-) -> Plan:
+    goals: Mapping[str, JointGoal | PathGoal],
+    limits: Mapping[str, MotionLimits],
+    stands: Mapping[str, Stand],
+) -> dict[str, Plan]:
     try:
-        return arm.plan(goal, q_start=q_start, q_jaw=q_jaw, limits=limits)
+        return planner.plan_together(goals, limits=limits, stands=stands)
     except PlanningError as error:
         raise error.about(program.called(index)) from None
 

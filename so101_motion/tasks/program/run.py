@@ -1,8 +1,8 @@
-"""Run a rehearsed program: one motion of the arm from its start to its end, pauses included.
+"""Run a rehearsed program: one motion of each arm from its start to its end, pauses included.
 
 The rehearsed plans are played as they are. Only if a jaw has gripped something, so that it is not
 where the plan assumed, the next leg is planned again from the present state. If something else
-moves the arm meanwhile, the run ends.
+moves an arm meanwhile, the run ends.
 """
 
 from __future__ import annotations
@@ -12,28 +12,20 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
+from threading import Lock
 
 import numpy as np
 
-from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import move_jaw
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.clock import Clock
+from so101_motion.arm.team_motion import TeamStep
 from so101_motion.common.errors import Interrupted, MotionError, PlanningError, So101Error
-from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.planning.request import Plan
-from so101_motion.rig.protocols import GripperLike
-from so101_motion.tasks.program.program import Program
-from so101_motion.tasks.program.rehearsal import (
-    LegKey,
-    ProgramLeg,
-    Rehearsal,
-    SceneArm,
-    jaw_after,
-    plan_leg,
-    stands_at,
-)
+from so101_motion.tasks.program.loops import Visit
+from so101_motion.tasks.program.program import ARM, Program, Waypoint
+from so101_motion.tasks.program.rehearsal import Leg, Rehearsal, plan_leg, stands_at
+from so101_motion.tasks.program.solo import Arms
 
 SAME_JAW = to_rad(5.0)
 """A jaw nearer than this to the angle that a leg was planned with counts as planned [rad]; chosen:
@@ -55,7 +47,7 @@ class Where:
     Attributes:
         round: The round, counted from 0.
         laps: The repetition of each loop around the next stop, from 0, the outer loop first.
-        index: The waypoint it is on its way to, or at, from 0.
+        index: The step that is gone to, or done, from 0.
         doing: ``"moving"``, ``"jaw"`` or ``"pausing"``.
     """
 
@@ -72,160 +64,153 @@ class ProgramRun:
         program: The program that runs.
         rehearsal: Its plans; None while they are being made.
         future: Completes after the last round, or raises what ended it; the message then begins
-            with the waypoint.
-        plan: The plan under way, or the last one; None before the first.
-        motion: The run as a motion of the arm, to wait for or to interrupt.
+            with the step.
+        leg: The leg under way, or the last one; None before the first.
+        motions: The run as a motion of each arm, by its name, to wait for or to interrupt.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        gripper: GripperLike | None,
-        clock: Clock,
-        program: Program,
-        planned: Callable[[Motion], Rehearsal],
-    ) -> None:
+    def __init__(self, arms: Arms, program: Program, planned: Callable[[], Rehearsal]) -> None:
         self.program = program
         self.rehearsal: Rehearsal | None = None
         self.future: Future[None] = Future()
-        self.plan: Plan | None = None
+        self.leg: Leg | None = None
         self._where = Where()
-        self._under_way: tuple[ProgramLeg, float] | None = None  # and when it began
-        self._done = 0  # waypoints that were passed or reached, in all rounds
-        self._error: So101Error | None = None  # says itself which waypoint it is about
-        self._arm, self._gripper, self._clock = arm, gripper, clock
-        self._planned = planned
-        self.motion = arm.start_series(self._steps())
-        self.motion.future.add_done_callback(self._ended)
+        self._began: float | None = None  # when the leg under way began
+        self._done = 0  # steps that were passed or reached before it, in all rounds
+        self._error: So101Error | None = None  # says itself which step it is about
+        self._arms, self._planned = arms, planned
+        self._now = arms.clock.now
+        self.motions = arms.start_series(self._steps())
+        self._left, self._lock = len(self.motions), Lock()
+        for motion in self.motions.values():
+            motion.future.add_done_callback(self._ended)
 
     def stop(self) -> None:
-        """End the run early; the arm slows to rest. Like ``Arm.stop``, but returns at once."""
-        self.motion.interrupt("stop")
+        """End the run early; all arms slow to rest. Returns at once."""
+        for motion in self.motions.values():
+            motion.interrupt("stop")
 
     @property
     def where(self) -> Where:
         """The progress of the run."""
-        where, under_way = self._where, self._under_way
-        if under_way is None or where.doing != "moving":
+        where, leg, began = self._where, self.leg, self._began
+        if leg is None or began is None or where.doing != "moving":
             return where
-        leg, began = under_way
-        passed = bisect_right(leg.at[:-1], self._clock.now() - began)
+        passed = bisect_right(leg.at[:-1], self._now() - began)
         return replace(where, index=leg.indices[passed])
 
     @property
     def share(self) -> float:
         """How much of the run is done, 0 to 1; for an endless one, how much of this round."""
-        rehearsal, rounds, where = self.rehearsal, self.program.rounds, self.where
+        rehearsal, rounds, leg = self.rehearsal, self.program.rounds, self.leg
         if rehearsal is None:
             return 0.0
         all_of_it = sum(each.times * len(each.visit.indices) for each in rehearsal.first_round)
-        under_way = self._under_way
-        passed = 0 if under_way is None else max(where.index - under_way[0].indices[0], 0)
+        passed = 0
+        if leg is not None and self._began is not None:
+            passed = max(self.where.index - leg.indices[0], 0)
         done = (self._done + passed) / all_of_it
         return done % 1.0 if rounds is None else done / rounds
 
-    # The arm's thread
+    # The arms' threads
 
-    def _steps(self) -> Iterator[Plan | Callable[[Motion], None]]:
-        yield self._prepare
-        rehearsal, waypoints = self.rehearsal, self.program.waypoints
-        assert rehearsal is not None
-        q, q_jaw = rehearsal.q_start, rehearsal.q_jaw_start
+    def _steps(self) -> Iterator[TeamStep]:
         for visit in self.program.visits():
-            self._under_way = None
-            self._where = Where(round=visit.round, laps=visit.laps, index=visit.indices[0])
-            rehearsed = rehearsal.legs[LegKey(visit.origin, visit.indices, q_jaw)]
-            leg = self._checked(rehearsed, q, q_jaw)
-            if leg.plan is not None:
-                self.plan = leg.plan
-                self._under_way = leg, self._clock.now()
-                yield leg.plan
-            stop = waypoints[leg.indices[-1]]
-            least = _LEAST if leg.plan is None else 0.0
-            yield partial(self._stay, leg.indices[-1], max(stop.pause, least))
-            self._under_way = None
-            self._done += len(leg.indices)
-            q, q_jaw = stop.q, jaw_after(self._gripper, stop.aperture, q_jaw)
+            step = self.program.steps[visit.indices[-1]]
+            stays = {name: partial(self._stay, name, each) for name, each in step.items()}
+            yield TeamStep(partial(self._ready, visit), stays)
 
-    def _prepare(self, motion: Motion) -> None:
+    def _ready(self, visit: Visit) -> Future[dict[str, Plan]]:
+        """The plans of the next leg; called when all arms rest and are done with the last."""
+        self._finish_leg()
+        self._where = Where(round=visit.round, laps=visit.laps, index=visit.indices[0])
         try:
-            self.rehearsal = self._planned(motion)
+            if self.rehearsal is None:
+                self.rehearsal = self._planned()
         except So101Error as error:
             self._error = error
             raise
+        leg = self._checked(self.rehearsal.leg_of(visit))
+        plans = self._arms.check_again(leg.plans)
+        self.leg, self._began = leg, self._now()
+        return plans
 
-    def _checked(self, leg: ProgramLeg, q: Array, q_jaw: float) -> ProgramLeg:
-        """The planned leg, or a new plan if arm and jaw are elsewhere."""
-        state = self._arm.state
-        if float(np.max(np.abs(q - state.q_ref))) > ARRIVED:
-            raise MotionError("the arm has been moved meanwhile; plan the program again")
-        as_planned = stands_at(q, state.q_ref) and abs(state.q_jaw_ref - q_jaw) <= SAME_JAW
-        if leg.plan is None or as_planned:
+    def _finish_leg(self) -> None:
+        if self.leg is not None and self._began is not None:
+            self._began, self._done = None, self._done + len(self.leg.indices)
+
+    def _checked(self, leg: Leg) -> Leg:
+        """The planned leg, or a new plan if an arm or a jaw is elsewhere."""
+        as_planned = True
+        for name, stand in self._arms.stands().items():
+            planned = leg.stands[name]
+            if float(np.max(np.abs(planned.q - stand.q))) > ARRIVED:
+                arm = "the arm" if name == ARM else name
+                raise MotionError(f"{arm} has been moved meanwhile; plan the program again")
+            same_jaw = abs(stand.q_jaw - planned.q_jaw) <= SAME_JAW
+            as_planned = as_planned and same_jaw and stands_at(planned.q, stand.q)
+        if as_planned or not leg.plans:
             return leg
+        caps = {name: self._arms.members[name].arm.limits for name in self.program.arms}
         try:
-            scene = None if self.rehearsal is None else self.rehearsal.scene
-            planner = SceneArm(self._arm, scene)
-            return plan_leg(planner, self.program, leg.indices, state.q_ref, state.q_jaw_ref)
+            return plan_leg(self._arms, self.program, leg.indices, self._arms.stands(), caps)
         except PlanningError as error:
             self._error = error
             raise
 
-    def _stay(self, index: int, pause: float, motion: Motion) -> None:
-        waypoint, gripper = self.program.waypoints[index], self._gripper
-        if gripper is not None and waypoint.aperture is not None:
+    def _stay(self, name: str, waypoint: Waypoint, motion: Motion) -> None:
+        member, leg = self._arms.members[name], self.leg
+        assert leg is not None
+        index = leg.indices[-1]
+        if member.gripper is not None and waypoint.aperture is not None:
             self._where = replace(self._where, index=index, doing="jaw")
-            move_jaw(gripper, waypoint.aperture, motion)
+            move_jaw(member.gripper, waypoint.aperture, motion)
+        pause = max(waypoint.pause, 0.0 if leg.plans else _LEAST)
         if pause > 0.0:
             self._where = replace(self._where, index=index, doing="pausing")
-            motion.pause(self._clock, pause)
+            motion.pause(member.clock, pause)
 
-    def _ended(self, done: Future[None]) -> None:
-        error = done.exception()
-        self._where, self._under_way = self.where, None
-        if error is None:
+    def _ended(self, _: Future[None]) -> None:
+        with self._lock:
+            self._left -= 1
+            if self._left > 0:
+                return
+        errors = [each.future.exception() for each in self.motions.values()]
+        problems = [each for each in errors if each is not None]
+        if not problems:
+            self._finish_leg()
             self._where = Where(round=self._where.round, index=len(self.program))
             self.future.set_result(None)
-        elif error is self._error or isinstance(error, Interrupted):
-            self.future.set_exception(error)
-        elif isinstance(error, So101Error):
-            self.future.set_exception(error.about(self.program.called(self.where.index)))
-        else:
-            self.future.set_exception(error)
+            return
+        self._where, self._began = self.where, None
+        cause = next((e for e in problems if not isinstance(e, Interrupted)), problems[0])
+        named = isinstance(cause, Interrupted) or cause is self._error
+        if isinstance(cause, So101Error) and not named:
+            cause = cause.about(self.program.called(self._where.index))
+        self.future.set_exception(cause)
 
 
-def start_program(
-    arm: Arm, gripper: GripperLike | None, clock: Clock, rehearsal: Rehearsal
-) -> ProgramRun:
+def start_program(arms: Arms, rehearsal: Rehearsal) -> ProgramRun:
     """Run a rehearsed program; supersedes what is under way.
 
-    ``ProgramRun.stop``, ``Arm.stop`` and a newer motion of the arm end it at any point, in a pause
-    too, and the jaw stops with it.
+    ``ProgramRun.stop``, a stop of an arm and a newer motion of one end it for all at any point, in
+    a pause too, and the jaws stop with it.
 
     Args:
-        arm: The arm that it was rehearsed with; it must be where the rehearsal begins.
-        gripper: Its jaw; None for an arm without one.
-        clock: The clock that times the pauses.
+        arms: The arms that it was rehearsed with; they must be where the rehearsal begins.
         rehearsal: The planned program.
     """
-    return ProgramRun(arm, gripper, clock, rehearsal.program, lambda _: rehearsal)
+    return ProgramRun(arms, rehearsal.program, lambda: rehearsal)
 
 
-def run_once_planned(
-    arm: Arm,
-    gripper: GripperLike | None,
-    clock: Clock,
-    program: Program,
-    planned: Callable[[Motion], Rehearsal],
-) -> ProgramRun:
-    """Plan a program as a whole once the arm rests, then run it; supersedes what is under way.
+def run_once_planned(arms: Arms, program: Program, planned: Callable[[], Rehearsal]) -> ProgramRun:
+    """Plan a program as a whole once the arms rest, then run it; supersedes what is under way.
 
     It can be ended while it is being planned as well.
 
     Args:
-        arm: The arm.
-        gripper: Its jaw; None for an arm without one.
-        clock: The clock that times the pauses.
+        arms: The arms.
         program: The program.
-        planned: Plans it, with ``rehearse``; called on the arm's thread with the motion.
+        planned: Plans it, with ``rehearse``; called on the thread of an arm.
     """
-    return ProgramRun(arm, gripper, clock, program, planned)
+    return ProgramRun(arms, program, planned)

@@ -29,7 +29,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
-from so101_motion.tasks.program.rehearsal import PASSING, plan_leg
+from so101_motion.tasks.program.rehearsal import PASSING
 from so101_motion.tasks.sweeps.cheapest_cycle import cheapest, least_time
 from so101_motion.tasks.sweeps.placement_task import PlacementTask
 from so101_motion.tasks.sweeps.pose_configurations import PoseConfigurations
@@ -343,8 +343,7 @@ class _Legs:
         key = np.array([indices[0], q_jaw, *q_start, *q[indices].ravel()]).tobytes()
         if key not in self._made:
             try:
-                leg = plan_leg(self._planner, task.program(q), indices, q_start, q_jaw)
-                self._made[key] = leg.plan
+                self._made[key] = self._planner.leg(task.program(q), indices, q_start, q_jaw)
             except PlanningError as error:
                 self._made[key] = error
         made = self._made[key]

@@ -39,6 +39,7 @@ from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from so101_motion.files import user_storage
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program import Program, Waypoint
+from so101_motion.tasks.program.files import OLDER
 from so101_motion.tasks.program.files import SCHEMA as PROGRAM_SCHEMA
 from so101_motion.tasks.program.files import read as read_program
 from so101_motion.tasks.program.program import LONGEST_PAUSE
@@ -126,7 +127,7 @@ class PlacementTask:
     def program(self, q: Array) -> Program:
         """This task as a program, with the joint angles at each pose, shape (n, 5), [rad]."""
         waypoints = (pose.waypoint(each) for pose, each in zip(self.poses, q, strict=True))
-        return Program(waypoints=tuple(waypoints), rounds=self.rounds)
+        return Program.of_waypoints(waypoints, rounds=self.rounds)
 
 
 def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:
@@ -143,7 +144,7 @@ def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> 
         written = json.loads(path.read_bytes()).get("schema")
     except (OSError, ValueError, AttributeError, RecursionError):
         written = None  # the reader below says what is wrong
-    if written in (PROGRAM_SCHEMA, user_storage.with_zeros(PROGRAM_SCHEMA)):
+    if written in (PROGRAM_SCHEMA, *OLDER):
         return task_of(read_program(path), approach_tolerance=approach_tolerance)
     return task_from(user_storage.read(path, schema=SCHEMA))
 

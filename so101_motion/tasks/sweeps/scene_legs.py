@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from so101_motion.arm.cell_member import Stand
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.scene import Scene
@@ -12,6 +13,8 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
+from so101_motion.tasks.program.program import ARM, Program
+from so101_motion.tasks.program.rehearsal import plan_leg
 from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
 
 _LOOKS = 100
@@ -44,29 +47,32 @@ class SceneLegs:
         # A fresh one: checkpoints are counted in batches that continue from plan to plan.
         self._planner = Planner(model, self._patience)
 
-    def plan(
+    def plan_together(
         self,
-        goal: JointGoal | PathGoal,
+        goals: Mapping[str, JointGoal | PathGoal],
         *,
-        limits: MotionLimits | None,
-        q_start: Array | None,
-        q_jaw: float | None,
-    ) -> Plan:
-        """Plan from joint angles, shape (5,), [rad]."""
-        assert q_start is not None
-        assert q_jaw is not None
+        limits: Mapping[str, MotionLimits],
+        stands: Mapping[str, Stand],
+    ) -> dict[str, Plan]:
+        """Plan for the only arm."""
+        ((name, goal),) = goals.items()
         self._patience.reset(compiled=True)
         request = PlanRequest(
-            q_start=q_start,
+            q_start=stands[name].q,
             goal=goal,
-            limits=limits or self.limits,
-            q_jaw=q_jaw,
+            limits=limits[name],
+            q_jaw=stands[name].q_jaw,
             scene=self._scene,
             payload=self._payload,
             strength=self._strength,
             time_budget=NEVER,
         )
-        return self._planner.plan(request)
+        return {name: self._planner.plan(request)}
+
+    def leg(self, program: Program, indices: range, q_start: Array, q_jaw: float) -> Plan | None:
+        """The motion of a leg; arguments and errors of ``plan_leg``. None if there is none."""
+        stands, caps = {ARM: Stand(q_start, q_jaw)}, {ARM: self.limits}
+        return plan_leg(self, program.on([ARM]), indices, stands, caps).plan
 
 
 def jaw_angles(apertures: Sequence[float | None], *, goes_around: bool) -> list[float]:

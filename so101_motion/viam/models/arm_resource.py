@@ -24,6 +24,7 @@ from viam.proto.common import Geometry, PoseInFrame
 from viam.services.motion import Motion as MotionService
 
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_queue import wait_here
 from so101_motion.common.attributes import Attributes, checked_number
 from so101_motion.common.errors import SUPERSEDED, ConfigError, Interrupted, MotionError, So101Error
 from so101_motion.common.geometry import SE3, Array
@@ -205,7 +206,7 @@ class ArmResource(Configured, Arm):
 
             def planning() -> Future[Plan]:
                 scene = search.scene or self._arm.scene
-                return self.surroundings.start_planning(scene, plan, self._arm.wait_for, loop)
+                return self.surroundings.start_planning(scene, plan, wait_here, loop)
 
         return self._arm.start_planned(planning)
 

@@ -49,7 +49,8 @@ def test_a_pose_file_that_cannot_be_read_is_no_reason_to_complain(data: Path) ->
 
 
 def test_programs_are_offered_and_files_where_there_is_none_that_fits() -> None:
-    files.write(Program(waypoints=(Waypoint(name="a", q=np.zeros(5)),)), files.file_of("stack it"))
+    made = Program.of_waypoints([Waypoint(name="a", q=np.zeros(5))])
+    files.write(made, files.file_of("stack it"))
     assert offered("run", "") == ["plain,stack it"]
     assert offered("run", "wave") == ["file,wave"]
 

@@ -28,7 +28,7 @@ def so101(*arguments: str) -> Result:
 
 
 def save(*waypoints: Waypoint) -> None:
-    files.write(Program(waypoints=waypoints), files.file_of("nod"))
+    files.write(Program.of_waypoints(waypoints), files.file_of("nod"))
 
 
 def test_a_saved_program_is_run_by_its_name() -> None:
@@ -51,7 +51,7 @@ def test_what_is_passed_is_reported_before_anything_moves() -> None:
 
 
 def test_loops_are_reported_before_anything_moves_and_run() -> None:
-    made = Program(waypoints=(Waypoint(name="aside", q=A), Waypoint(name="back", q=-A)))
+    made = Program.of_waypoints((Waypoint(name="aside", q=A), Waypoint(name="back", q=-A)))
     made = made.with_loop(Loop(first=0, last=1, times=2)).with_loop(Loop(first=1, last=1, times=3))
     files.write(made, files.file_of("nod"))
     result = so101("run", "nod", "--sim", "--yes", "--json", "--speed", "120")

@@ -10,15 +10,16 @@ from harness.facing_arms import Facing, FacingArms
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.tasks.program.cell_program import (
-    CellProgram,
-    read_cell_program,
-    write_cell_program,
+from so101_motion.tasks.program import (
+    Loop,
+    Program,
+    Waypoint,
+    Where,
+    files,
+    rehearse,
+    start_program,
 )
-from so101_motion.tasks.program.cell_run import rehearse_cell, start_cell_program
-from so101_motion.tasks.program.loops import Loop
-from so101_motion.tasks.program.program import Waypoint
-from so101_motion.tasks.program.run import Where
+from so101_motion.tasks.program.rehearsal import PASSING
 
 A = np.radians([50.0, -20.0, 30.0, 30.0, 0.0])
 B = np.radians([60.0, -30.0, 20.0, 40.0, 20.0])
@@ -35,7 +36,7 @@ class Bench(FacingArms):
     """Two arms that run programs."""
 
     def start(self, program):
-        return start_cell_program(self.cell, rehearse_cell(self.cell, program))
+        return start_program(self.cell, rehearse(self.cell, program))
 
     def run(self, run, until=lambda: False):
         """Let time pass until the run is over; which arms moved at the same time, by the step."""
@@ -64,7 +65,7 @@ def at(q, name="there", **rest):
 
 def test_steps_move_the_arms_they_name_and_side_by_side_if_they_name_several(bench):
     steps = ({"left": at(A, pause=0.1)}, {"left": at(B, aperture=0.3), "right": at(A)})
-    run = bench.start(CellProgram(steps=steps, rounds=2))
+    run = bench.start(Program(steps=steps, rounds=2))
     moved = bench.run(run)
     run.future.result()
     assert run.where == Where(round=1, index=2)
@@ -78,13 +79,15 @@ def test_steps_move_the_arms_they_name_and_side_by_side_if_they_name_several(ben
 
 def test_a_loop_repeats_its_steps_and_is_planned_twice(bench):
     steps = ({"left": at(A)}, {"right": at(A)}, {"left": at(B, pause=0.1), "right": at(B)})
-    program = CellProgram(steps=steps, loops=(Loop(first=1, last=2, times=3),))
-    rehearsal = rehearse_cell(bench.cell, program)
-    assert [each.step_index for each in rehearsal.steps] == [0, 1, 2, 1, 2]
-    assert [each.times for each in rehearsal.steps] == [1, 1, 1, 2, 2]
-    lasts = [each.duration for each in rehearsal.steps]
-    assert rehearsal.duration == pytest.approx(lasts[0] + sum(lasts[1:3]) + 2 * sum(lasts[3:]))
-    run = start_cell_program(bench.cell, rehearsal)
+    program = Program(steps=steps, loops=(Loop(first=1, last=2, times=3),))
+    rehearsal = rehearse(bench.cell, program)
+    assert [each.visit.indices[-1] for each in rehearsal.arrivals] == [0, 1, 2, 1, 2]
+    assert [each.times for each in rehearsal.arrivals] == [1, 1, 1, 2, 2]
+    lasts = [each.leg.at[-1] for each in rehearsal.arrivals]
+    assert rehearsal.duration == pytest.approx(
+        lasts[0] + sum(lasts[1:3]) + 2 * sum(lasts[3:]) + 3 * 0.1
+    )
+    run = start_program(bench.cell, rehearsal)
     moved = bench.run(run)
     run.future.result()
     moving = {where: arms for where, arms in moved.items() if arms}
@@ -106,13 +109,13 @@ def test_a_step_in_which_the_arms_would_meet_is_refused_before_anything_moves(be
         goals = facing.near(), facing.near()
     steps = ({"left": at(A)}, {"left": at(goals[0], "mug"), "right": at(goals[1])})
     with pytest.raises(InCollision, match=r"step 2 \(left to mug, right to there\): .*right's"):
-        rehearse_cell(bench.cell, CellProgram(steps=steps))
+        rehearse(bench.cell, Program(steps=steps))
     with pytest.raises(ConfigError, match="left, right"):
-        rehearse_cell(bench.cell, CellProgram(steps=({"middle": at(A)},)))
+        rehearse(bench.cell, Program(steps=({"middle": at(A)},)))
 
 
 def test_a_stop_of_one_arm_ends_the_program_for_all(bench):
-    run = bench.start(CellProgram(steps=({"left": at(A), "right": at(B)},), rounds=None))
+    run = bench.start(Program(steps=({"left": at(A), "right": at(B)},), rounds=None))
     bench.run(run, until=lambda: bench.arms["right"].is_moving)
     bench.arms["left"].start_stop()
     bench.run(run)
@@ -122,20 +125,53 @@ def test_a_stop_of_one_arm_ends_the_program_for_all(bench):
 
 
 def test_an_arm_that_was_moved_meanwhile_ends_the_program_and_is_named(bench):
-    rehearsal = rehearse_cell(bench.cell, CellProgram(steps=({"left": at(A)},)))
-    bench.run(bench.start(CellProgram(steps=({"right": at(A)},))))
-    run = start_cell_program(bench.cell, rehearsal)
+    rehearsal = rehearse(bench.cell, Program(steps=({"left": at(A)},)))
+    bench.run(bench.start(Program(steps=({"right": at(A)},))))
+    run = start_program(bench.cell, rehearsal)
     bench.run(run)
     with pytest.raises(MotionError, match=r"step 1 \(left to there\): right has been moved"):
         run.future.result()
+
+
+def test_an_arm_that_moves_alone_passes_waypoints_while_the_others_stand_still(bench):
+    by, there = at(A, passes=True), at(B)
+    names = ("left", "left", "right", "left", "right")
+    steps = tuple(
+        {name: each} for name, each in zip(names, (by, there, by, by, there), strict=True)
+    )
+    program = Program(steps=steps)
+    rehearsal = rehearse(bench.cell, program)
+    assert [[*leg.indices] for leg in rehearsal.legs] == [[0, 1], [2], [3], [4]]
+    first = rehearsal.legs[0]
+    assert 0.0 < first.at[0] < first.at[1] == max(p.duration for p in first.plans.values())
+    q = first.plans["left"].trajectory.q
+    off = np.abs(q - A).max(axis=1)
+    assert off.min() <= PASSING
+    assert np.abs(first.plans["left"].trajectory.qd[off.argmin()]).max() > np.radians(5.0)
+    still = first.plans["right"].trajectory.q
+    assert len(still) == len(q)
+    np.testing.assert_array_equal(still, np.repeat(still[:1], len(q), axis=0))
+    run = start_program(bench.cell, rehearsal)
+    moved = bench.run(run)
+    run.future.result()
+    assert {where: arms for where, arms in moved.items() if arms} == {
+        (0, 0): {"left"}, (0, 1): {"left"}, (0, 2): {"right"}, (0, 3): {"left"}, (0, 4): {"right"},
+    }  # fmt: skip
+
+
+def test_a_program_of_one_arm_runs_on_the_only_one_there_is(tmp_path):
+    files.write(Program(steps=({"left": at(A)},)), tmp_path / "wave.json")
+    assert files.read(tmp_path / "wave.json").arms == ("left",)
+    assert files.read(tmp_path / "wave.json", {"arm": None}).arms == ("arm",)
+    assert files.read(tmp_path / "wave.json", {"left": None, "right": None}).arms == ("left",)
 
 
 def test_a_program_is_written_and_read_again(tmp_path):
     path = tmp_path / "wave.json"
     steps = ({"left": at(A, "mug", aperture=0.8, speed=0.4)}, {"left": at(B), "right": at(A)})
     loop = Loop(first=0, last=1, times=4)
-    write_cell_program(CellProgram(steps=steps, rounds=None, loops=(loop,)), path)
-    program = read_cell_program(path)
+    files.write(Program(steps=steps, rounds=None, loops=(loop,)), path)
+    program = files.read(path)
     assert program.loops == (loop,)
     assert program.rounds is None
     assert [list(step) for step in program.steps] == [["left"], ["left", "right"]]
@@ -147,15 +183,15 @@ def test_a_program_is_written_and_read_again(tmp_path):
 @pytest.mark.parametrize(
     ("steps", "said"),
     [
-        ([], "must be 1 to 200"),
+        ({}, "must be a list of steps"),
         ([{}], "names no arm"),
         ([["left"]], "step 1"),
         ([{"left": {"q_deg": [1, 2]}}], "step 1: left: q_deg"),
-        ([{"left": {"q_deg": [0, 0, 0, 0, 0], "pass": True}}], "cannot be passed"),
+        ([{"left": {"q_deg": [0] * 5, "pass": True}, "right": {"q_deg": [0] * 5}}], "be passed"),
     ],
 )
 def test_invalid_input_is_refused_with_its_place(tmp_path, steps, said):
     path = tmp_path / "wave.json"
     path.write_text(json.dumps({"schema": "so101/cell-program/1", "steps": steps}))
     with pytest.raises(ConfigError, match=said):
-        read_cell_program(path)
+        files.read(path)

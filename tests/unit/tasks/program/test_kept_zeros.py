@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.guided import GuidedPath
 from so101_motion.tasks.guided import files as paths
-from so101_motion.tasks.program import Program, Waypoint, files
-from so101_motion.tasks.program.cell_program import (
-    CellProgram,
-    read_cell_program,
-    write_cell_program,
-)
+from so101_motion.tasks.program import ARM, Program, Waypoint, files
 
 Q = np.radians([10.0, -40.0, 35.0, 60.0, 0.0])
 OLD = {
@@ -57,11 +53,24 @@ class OneArm:
     name = ""
 
     def write(self, folder, zeros):
-        files.write(Program(waypoints=(WAYPOINT,)), folder / "wave.json", zeros)
+        files.write(Program.of_waypoints((WAYPOINT,)), folder / "wave.json", {ARM: zeros})
         return folder / "wave.json"
 
     def read(self, file, zeros):
-        return files.read(file, zeros).waypoints[0].q
+        return files.read(file, {ARM: zeros}).waypoints[0].q
+
+
+class OlderArm(OneArm):
+    """A file of before, with waypoints and the zeros beside them."""
+
+    def write(self, folder, zeros):
+        file = super().write(folder, zeros)
+        content = json.loads(file.read_text())
+        content |= content.pop("arms", {}).get(ARM, {})
+        content["waypoints"] = [each[ARM] for each in content.pop("steps")]
+        content["schema"] = f"so101/program/{1 if zeros is None else 2}"
+        file.write_text(json.dumps(content))
+        return file
 
 
 class Arms:
@@ -69,13 +78,23 @@ class Arms:
 
     def write(self, folder, zeros):
         steps = ({"left": WAYPOINT, "right": WAYPOINT},)
-        write_cell_program(CellProgram(steps=steps), folder / "wave.json", {"left": zeros})
+        files.write(Program(steps=steps), folder / "wave.json", {"left": zeros})
         return folder / "wave.json"
 
     def read(self, file, zeros):
-        step = read_cell_program(file, {"left": zeros, "right": zeros}).steps[0]
+        step = files.read(file, {"left": zeros, "right": zeros}).steps[0]
         np.testing.assert_allclose(step["right"].q, Q, atol=1e-6)  # not known
         return step["left"].q
+
+
+class OlderArms(Arms):
+    """A file of before, which had another schema."""
+
+    def write(self, folder, zeros):
+        file = super().write(folder, zeros)
+        older = f"so101/cell-program/{1 if zeros is None else 2}"
+        file.write_text(file.read_text().replace(files.SCHEMA, older))
+        return file
 
 
 class Guided:
@@ -90,7 +109,7 @@ class Guided:
         return paths.read(file, zeros).q[1]
 
 
-@pytest.fixture(params=[Pose, OneArm, Arms, Guided])
+@pytest.fixture(params=[Pose, OneArm, OlderArm, Arms, OlderArms, Guided])
 def kind(request):
     return request.param()
 
@@ -107,7 +126,7 @@ def kind(request):
 def test_arm_stands_where_it_did(kind, tmp_path: Path, made_with, now, expected_deg) -> None:
     file = kind.write(tmp_path, made_with)
     np.testing.assert_allclose(np.degrees(kind.read(file, now)), expected_deg, atol=2e-4)
-    assert ('/2"' in file.read_text()) == (made_with is not None)
+    assert ('"encoder_zeros"' in file.read_text()) == (made_with is not None)
 
 
 @pytest.mark.parametrize(

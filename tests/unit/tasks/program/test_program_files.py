@@ -9,8 +9,8 @@ import pytest
 from so101_motion.common.errors import ConfigError
 from so101_motion.tasks.program import Loop, Program, Waypoint, files
 
-PROGRAM = Program(
-    waypoints=(
+PROGRAM = Program.of_waypoints(
+    (
         Waypoint(name="over the <mug>", q=np.radians([10, -40, 35, 60, 0]), aperture=0.8),
         Waypoint(name="at the mug", q=np.radians([10, -20, 30, 70, 0]), aperture=0.0, pause=0.5),
         Waypoint(name="über", q=np.zeros(5), speed=0.4),

@@ -9,7 +9,11 @@ from hypothesis import strategies as st
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.tasks.program.loops import Loop
-from so101_motion.tasks.program.program import MOST, Program, Waypoint
+from so101_motion.tasks.program.program import ARM, MOST, Program, Waypoint
+
+
+def step(name: str) -> dict[str, Waypoint]:
+    return {ARM: waypoint(name)}
 
 
 def waypoint(name: str) -> Waypoint:
@@ -17,7 +21,7 @@ def waypoint(name: str) -> Waypoint:
 
 
 def program(names: str) -> Program:
-    return Program(waypoints=tuple(waypoint(name) for name in names))
+    return Program.of_waypoints(tuple(waypoint(name) for name in names))
 
 
 def names(made: Program) -> str:
@@ -26,9 +30,9 @@ def names(made: Program) -> str:
 
 def test_waypoints_are_added_changed_and_removed() -> None:
     made = program("abc")
-    assert names(made.with_waypoint(waypoint("d"))) == "abcd"
+    assert names(made.with_step(step("d"))) == "abcd"
     assert names(made.without(1)) == "ac"
-    assert names(made.with_changed(0, waypoint("z"))) == "zbc"
+    assert names(made.with_changed(0, step("z"))) == "zbc"
     assert names(made) == "abc"
     assert made.called(1) == "waypoint 2 (b)"
 
@@ -51,9 +55,7 @@ def test_moving_a_waypoint_keeps_the_order_of_the_others_and_can_be_undone(
 def test_every_waypoint_is_on_one_leg_and_a_leg_ends_where_the_arm_stops(
     passes: list[bool],
 ) -> None:
-    made = Program(
-        waypoints=tuple(Waypoint(name="a", q=np.zeros(5), passes=each) for each in passes)
-    )
+    made = Program.of_waypoints(Waypoint(name="a", q=np.zeros(5), passes=each) for each in passes)
     legs = [each.indices for each in made.visits()]
     assert [index for each in legs for index in each] == [*range(len(passes))]
     for each in legs:
@@ -62,8 +64,8 @@ def test_every_waypoint_is_on_one_leg_and_a_leg_ends_where_the_arm_stops(
 
 def looped(names: str, *loops: tuple[int, int, int], passed: str = "") -> Program:
     """A program of one-letter waypoints; loops say first, last and times."""
-    return Program(
-        waypoints=tuple(replace(waypoint(name), passes=name in passed) for name in names),
+    return Program.of_waypoints(
+        (replace(waypoint(name), passes=name in passed) for name in names),
         loops=tuple(Loop(first=first, last=last, times=times) for first, last, times in loops),
     )
 
@@ -136,7 +138,7 @@ def test_loops_survive_every_edit_and_two_rounds_show_every_leg_with_every_jaw(
         (lambda: Waypoint(name="a", q=np.zeros(5), aperture=1.1), "aperture"),
         (lambda: Waypoint(name="a", q=np.zeros(5), pause=1.0, passes=True), "a pause"),
         (lambda: Waypoint(name="a", q=np.zeros(5), aperture=0.5, passes=True), "the gripper"),
-        (lambda: Program(waypoints=(waypoint("a"),) * (MOST + 1)), "make two programs"),
+        (lambda: Program.of_waypoints((waypoint("a"),) * (MOST + 1)), "make two programs"),
         (lambda: Program(rounds=0), "rounds"),
         (lambda: program("ab").without(2), "is not one of the program's 2"),
         (lambda: program("ab").moved(0, 2), "is not one of the program's 2"),

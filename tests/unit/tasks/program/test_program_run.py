@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from so101_motion.arm.motion_queue import wait_here
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
 from so101_motion.common.geometry import SE3
@@ -20,10 +21,12 @@ from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import (
+    ARM,
     Loop,
     Program,
     ProgramRun,
     Rehearsal,
+    Solo,
     Waypoint,
     rehearse,
     run_once_planned,
@@ -76,7 +79,7 @@ def rig(clock: PausesKnown) -> Iterator[Rig]:
 
 
 def program(*waypoints: Waypoint, rounds: int | None = 1) -> Program:
-    return Program(waypoints=waypoints, rounds=rounds)
+    return Program.of_waypoints(waypoints, rounds=rounds)
 
 
 def at(q: np.ndarray, name: str = "there", **rest: float) -> Waypoint:
@@ -84,7 +87,7 @@ def at(q: np.ndarray, name: str = "there", **rest: float) -> Waypoint:
 
 
 def start(rig: Rig, made: Program) -> ProgramRun:
-    return start_program(rig.arm, rig.gripper, rig.clock, rehearse(rig.arm, rig.gripper, made))
+    return start_program(Solo.of(rig), rehearse(Solo.of(rig), made))
 
 
 def until(rig: Rig, condition: Callable[[], object]) -> None:
@@ -110,13 +113,13 @@ def finish(rig: Rig, run: ProgramRun) -> None:
 
 
 def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: PausesKnown) -> None:
-    made = rehearse(rig.arm, rig.gripper, program(at(A, pause=2.0), at(B), rounds=2))
+    made = rehearse(Solo.of(rig), program(at(A, pause=2.0), at(B), rounds=2))
     clock.advance(1.0)
     np.testing.assert_array_equal(rig.arm.state.q, np.zeros(5))
-    first, second = made.plans
+    first, second = (each.leg.plan for each in made.first_round)
     np.testing.assert_allclose(first.q_goal, A)
     np.testing.assert_array_equal(second.q_start, first.q_goal)
-    back = made.visits[2].leg.plan
+    back = made.arrivals[2].leg.plan
     assert back is not None
     np.testing.assert_allclose([back.q_start, back.q_goal], [B, A])
     assert made.duration == pytest.approx(first.duration + second.duration + 2.0)
@@ -125,12 +128,12 @@ def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: PausesKn
 def test_a_waypoint_that_cannot_be_reached_is_named_before_anything_moves(rig: Rig) -> None:
     made = program(at(A), at(INTO_THE_TABLE, "low"))
     with pytest.raises(InCollision, match=r"^waypoint 2 \(low\): "):
-        rehearse(rig.arm, rig.gripper, made)
+        rehearse(Solo.of(rig), made)
     np.testing.assert_array_equal(rig.arm.state.q, np.zeros(5))
 
 
 def test_each_leg_is_planned_with_the_jaw_as_the_waypoint_before_leaves_it(rig: Rig) -> None:
-    rehearse(rig.arm, rig.gripper, program(at(A, aperture=1.0), at(B)))
+    rehearse(Solo.of(rig), program(at(A, aperture=1.0), at(B)))
     assert rig.arm.newest is not None
     request, _ = rig.arm.newest
     assert request.q_jaw == pytest.approx(rig.gripper.opened)
@@ -140,7 +143,7 @@ def test_each_leg_is_planned_with_the_jaw_as_the_waypoint_before_leaves_it(rig: 
 def test_of_waypoints_that_are_passed_the_slowest_step_counts_up_to_the_stop(rig: Rig) -> None:
     slow = (Waypoint(name="by", q=A, passes=True, speed=0.25), at(B))
     quick = (Waypoint(name="by", q=A, passes=True), at(B))
-    durations = [rehearse(rig.arm, rig.gripper, program(*way)).duration for way in (slow, quick)]
+    durations = [rehearse(Solo.of(rig), program(*way)).duration for way in (slow, quick)]
     assert durations[0] > 1.4 * durations[1]
     with pytest.raises(ConfigError, match="speed"):
         at(A, speed=0.0)
@@ -217,10 +220,10 @@ def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig, clock: P
 def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(
     rig: Rig, clock: PausesKnown
 ) -> None:
-    rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, "aside")))
+    rehearsal = rehearse(Solo.of(rig), program(at(A, "aside")))
     moved = rig.arm.start_move(JointGoal(q=B))
     until(rig, moved.future.done)
-    run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
+    run = start_program(Solo.of(rig), rehearsal)
     until(rig, run.future.done)
     with pytest.raises(MotionError, match=r"waypoint 1 \(aside\): the arm has been moved"):
         run.future.result()
@@ -230,21 +233,21 @@ def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(
 def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew(
     rig: Rig, clock: PausesKnown
 ) -> None:
-    rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, pause=1.0), at(B)))
-    run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
+    rehearsal = rehearse(Solo.of(rig), program(at(A, pause=1.0), at(B)))
+    run = start_program(Solo.of(rig), rehearsal)
     until(rig, lambda: run.where.doing == "pausing")
     rig.gripper.start_move(0.5)
     until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
     finish(rig, run)
-    assert run.plan is not rehearsal.plans[1]
+    assert run.leg.plan is not rehearsal.legs[1].plan
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
 
 
 def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig: Rig) -> None:
     with pytest.raises(ConfigError, match="has no waypoint"):
-        rehearse(rig.arm, rig.gripper, Program())
+        rehearse(Solo.of(rig), Program())
     with pytest.raises(ConfigError, match="this arm has none"):
-        rehearse(rig.arm, None, program(at(A, aperture=1.0)))
+        rehearse(Solo(rig.arm, None, rig.clock), program(at(A, aperture=1.0)))
 
 
 # Loops
@@ -254,12 +257,11 @@ def test_a_loop_is_rehearsed_with_the_way_back_and_the_jaw_of_its_second_time(ri
     def loop(times: int) -> Rehearsal:
         made = program(at(A, pause=1.0), at(B, aperture=1.0), at(np.zeros(5)))
         again = Loop(first=0, last=1, times=times)
-        return rehearse(rig.arm, rig.gripper, made.with_loop(again))
+        return rehearse(Solo.of(rig), made.with_loop(again))
 
     made, opened = loop(4), rig.gripper.opened
-    keys = [(each.origin, each.indices[-1], each.q_jaw == opened) for each in made.legs]
-    there, back = [(None, 0, False), (0, 1, False)], [(1, 0, True), (0, 1, True)]
-    assert keys == [*there, *back, (1, 2, True)]
+    keys = [(each.indices[-1], each.stands[ARM].q_jaw == opened) for each in made.legs]
+    assert keys == [(0, False), (1, False), (0, True), (1, True), (2, True)]
     assert made.duration - loop(3).duration == pytest.approx(loop(3).duration - loop(2).duration)
 
 
@@ -298,9 +300,7 @@ def test_a_run_that_goes_nowhere_is_ended_by_a_stop(rig: Rig) -> None:
 def test_a_run_that_is_still_planned_is_ended_by_a_stop_and_moves_nothing(rig: Rig) -> None:
     planning: Future[Rehearsal] = Future()
     made = program(at(A))
-    run = run_once_planned(
-        rig.arm, rig.gripper, rig.clock, made, lambda motion: motion.wait_for(planning)
-    )
+    run = run_once_planned(Solo.of(rig), made, lambda: wait_here(planning))
     until(rig, lambda: not rig.arm.newest_motion.future.done())
     run.stop()
     until(rig, run.future.done)
@@ -324,8 +324,8 @@ def passing(*places: np.ndarray, passes: bool = True) -> tuple[Waypoint, ...]:
 
 
 def test_passed_waypoints_are_one_motion_with_the_stop_behind_them(rig: Rig) -> None:
-    made = rehearse(rig.arm, rig.gripper, program(*passing(*AROUND), at(A, pause=1.0), rounds=2))
-    first, second, back = made.legs.values()
+    made = rehearse(Solo.of(rig), program(*passing(*AROUND), at(A, pause=1.0), rounds=2))
+    first, second, back = made.legs
     assert [list(first.indices), list(second.indices)] == [[0, 1, 2, 3], [4]]
     assert first.plan is not None
     np.testing.assert_allclose(first.plan.q_goal, AROUND[-1])
@@ -336,8 +336,8 @@ def test_passed_waypoints_are_one_motion_with_the_stop_behind_them(rig: Rig) -> 
 
 
 def test_a_last_waypoint_that_may_be_passed_is_stopped_at(rig: Rig) -> None:
-    made = rehearse(rig.arm, rig.gripper, program(at(A), at(B, passes=True), rounds=None))
-    first, second, back = made.legs.values()
+    made = rehearse(Solo.of(rig), program(at(A), at(B, passes=True), rounds=None))
+    first, second, back = made.legs
     assert [list(leg.indices) for leg in (first, second, back)] == [[0], [1], [0]]
     assert second.plan is not None
     np.testing.assert_allclose(second.plan.q_goal, B)
@@ -345,11 +345,11 @@ def test_a_last_waypoint_that_may_be_passed_is_stopped_at(rig: Rig) -> None:
 
 def test_passing_where_the_arm_stands_is_no_motion(rig: Rig) -> None:
     there = np.zeros(5)
-    made = rehearse(rig.arm, rig.gripper, program(*passing(there, there)))
-    (leg,) = made.legs.values()
+    made = rehearse(Solo.of(rig), program(*passing(there, there)))
+    (leg,) = made.legs
     assert leg.plan is None
-    made = rehearse(rig.arm, rig.gripper, program(*passing(there, A, A)))
-    (leg,) = made.legs.values()
+    made = rehearse(Solo.of(rig), program(*passing(there, A, A)))
+    (leg,) = made.legs
     np.testing.assert_allclose(leg.at, [0.0, leg.plan.duration, leg.plan.duration], atol=0.02)
 
 
@@ -363,9 +363,7 @@ def test_a_passed_waypoint_behind_something_is_reached_around_it(
     moved = rig.arm.start_move(JointGoal(q=aside))
     until(rig, moved.future.done)
     rig.arm.scene = rig.arm.scene.with_obstacles([post])
-    (leg,) = rehearse(
-        rig.arm, rig.gripper, program(*passing(-aside, A * [-1, 1, 1, 1, 1]))
-    ).legs.values()
+    (leg,) = rehearse(Solo.of(rig), program(*passing(-aside, A * [-1, 1, 1, 1, 1]))).legs
     assert len(leg.plan.path) > 3
     near = np.abs(leg.plan.trajectory.q + aside).max(axis=1).min()
     assert near <= PASSING
@@ -373,7 +371,7 @@ def test_a_passed_waypoint_behind_something_is_reached_around_it(
 
 def test_a_passed_waypoint_that_cannot_be_reached_is_named(rig: Rig) -> None:
     with pytest.raises(InCollision, match=r"^waypoint 2 \(1\): "):
-        rehearse(rig.arm, rig.gripper, program(*passing(A, INTO_THE_TABLE, B)))
+        rehearse(Solo.of(rig), program(*passing(A, INTO_THE_TABLE, B)))
 
 
 def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: PausesKnown) -> None:
@@ -400,12 +398,12 @@ def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: PausesKnown) -
 def test_a_leg_with_passed_waypoints_is_planned_anew_as_a_whole(
     rig: Rig, clock: PausesKnown
 ) -> None:
-    rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, pause=1.0), *passing(*AROUND[1:])))
-    run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
+    rehearsal = rehearse(Solo.of(rig), program(at(A, pause=1.0), *passing(*AROUND[1:])))
+    run = start_program(Solo.of(rig), rehearsal)
     until(rig, lambda: run.where.doing == "pausing")
     rig.gripper.start_move(0.5)
     until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
     finish(rig, run)
-    assert run.plan is not rehearsal.plans[1]
-    assert run.plan is not None
-    assert len(run.plan.path) == 4
+    assert run.leg.plan is not rehearsal.legs[1].plan
+    assert run.leg.plan is not None
+    assert len(run.leg.plan.path) == 4

@@ -189,14 +189,14 @@ def test_a_program_is_a_task_for_any_base(tmp_path):
             ("b", [-20.0, -10.0, 20.0, 60.0, 9.0]),
         )
     )
-    files.write(Program(waypoints=waypoints, rounds=1), tmp_path / "program.json")
+    files.write(Program.of_waypoints(waypoints, rounds=1), tmp_path / "program.json")
     task = read_task(tmp_path / "program.json")
     origin = Region(x=(0.0, 0.0), y=(0.0, 0.0), turn=(0.0, 0.0))
     found = find_bases(PlaceSweep(task=task_text(task), region=origin), tmp_path / "out")
     model = RobotModel.load()
     for waypoint, q in zip(waypoints, found.best[0].q, strict=True):
         assert model.frame(q).p == pytest.approx(model.frame(waypoint.q).p, abs=1e-5)
-    assert task_of(Program(waypoints=waypoints)).poses[0].name == "a"
+    assert task_of(Program.of_waypoints(waypoints)).poses[0].name == "a"
 
 
 @pytest.mark.parametrize(

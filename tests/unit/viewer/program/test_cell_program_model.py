@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from harness.fake_page import aside, pages_of, run_at_once
 from so101_viewer.program import program_texts as words
-from so101_viewer.program.arm_in_step import ArmInStep
-from so101_viewer.program.cell_program_model import CellProgramModel
-from so101_viewer.program.program_model import REST, STEP
+from so101_viewer.program.program_model import REST, STEP, ProgramModel
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
@@ -18,7 +16,6 @@ from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import Loop, files
-from so101_motion.tasks.program.cell_program import cell_folder
 
 FIRST, SECOND = "arm 1", "arm 2"
 
@@ -29,7 +26,7 @@ class Bench:
     def __init__(self, opened, clock):
         self.opened, self.clock = opened, clock
         self.arms = pages_of(opened, clock)
-        self.model = CellProgramModel(opened.cell, self.arms, run_at_once)
+        self.model = ProgramModel(opened.cell, self.arms, run_at_once)
 
     def record(self, **targets):
         """Record a step in which arms, by ``first`` and ``second``, go somewhere."""
@@ -80,7 +77,7 @@ def test_a_program_is_planned_and_run_side_by_side_and_one_after_the_other(bench
     assert bench.planned()
     assert bench.says("Planned, no collisions.")
     np.testing.assert_array_equal(bench.q(FIRST), before)  # planning moves nothing
-    bench.model.run()
+    bench.model.start()
     bench.move(lambda: bench.model.active == 1)
     np.testing.assert_allclose(bench.q(FIRST), aside(55.0), atol=to_rad(0.5))
     bench.move(lambda: bench.says("Done."))
@@ -91,7 +88,7 @@ def test_a_program_is_planned_and_run_side_by_side_and_one_after_the_other(bench
 def test_stop_ends_it_for_all_arms(bench):
     bench.record(first=aside(70.0), second=aside(70.0))
     assert bench.planned()
-    bench.model.run()
+    bench.model.start()
     first, second = (rig.arm for rig in bench.opened.rigs.values())
     bench.move(lambda: first.is_moving and second.is_moving)
     with pytest.raises(ConfigError, match="stop the program before you change it"):
@@ -114,16 +111,16 @@ def test_a_plan_is_dropped_when_an_arm_has_moved(bench):
 def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
     model = bench.model
     bench.record(first=aside(55.0), second=aside(50.0))
-    ArmInStep(model, SECOND).set_aperture(1.0)
-    ArmInStep(model, FIRST).set_pause(60.0)
+    model.edit[SECOND].set_aperture(1.0)
+    model.edit[FIRST].set_pause(60.0)
     bench.record(second=aside(60.0))
     model.set_rounds(2)
     assert bench.planned()
     timeline = model.timeline
-    assert [index for _, index, _, _ in timeline.spans()] == [0, 1, 0]
+    assert [index for _, index, _, _ in timeline.pieces()] == [0, 1, 0]
     assert model.t == timeline.duration
     assert model.active is None
-    _, _, began, ended = timeline.spans()[0]
+    _, _, began, ended = timeline.pieces()[0]
     assert began == 0.0
     assert ended < 10.0  # a pause of a minute is shown for two seconds
     model.preview(ended)
@@ -137,10 +134,10 @@ def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):
     bench.clock.advance(0.1)
     assert model.refresh()
     assert model.t == pytest.approx(ended + 0.2)
-    [between] = timeline.clearances
+    [between] = timeline.between
     assert (between.first, between.second) == (FIRST, SECOND)
     assert 0.0 < min(timeline.nearest.values()) == between.least.distance
-    np.testing.assert_array_equal(bench.q(FIRST), timeline.rehearsal.steps[0].stands[FIRST].q)
+    np.testing.assert_array_equal(bench.q(FIRST), timeline.rehearsal.stands[FIRST].q)
 
 
 def test_a_part_is_planned_and_run_from_the_chosen_step_on_or_that_step_alone(bench):
@@ -152,47 +149,47 @@ def test_a_part_is_planned_and_run_from_the_chosen_step_on_or_that_step_alone(be
     model.choose(1)
     model.plan(REST)
     model.refresh()
-    assert [index for _, index, _, _ in model.timeline.spans()] == [0, 1]
+    assert [index for _, index, _, _ in model.timeline.pieces()] == [0, 1]
     assert set(model.timeline.nearest) == {1, 2}
     model.preview(0.5 * model.timeline.duration)
     assert model.active in (1, 2)
     model.plan(STEP)
     model.refresh()
-    assert [index for _, index, _, _ in model.timeline.spans()] == [0]
+    assert [index for _, index, _, _ in model.timeline.pieces()] == [0]
     q_first = bench.q(FIRST)
-    model.run()
+    model.start()
     bench.move(lambda: model.active == 1)
     assert "Doing step 2 (arm 2" in model.sentence.text
-    bench.move(lambda: not model.runs)
+    bench.move(lambda: model.run is None)
     np.testing.assert_allclose(bench.q(SECOND), aside(55.0), atol=1e-3)
     np.testing.assert_allclose(bench.q(FIRST), q_first, atol=1e-6)
-    assert model.rounds == 3, "the program itself is as before"
+    assert model.program.rounds == 3, "the program itself is as before"
 
 
 def test_steps_are_edited_arm_by_arm_and_edits_are_undone(bench):
     model = bench.model
     bench.record(first=aside(55.0))
     bench.arms[SECOND].set_target_joints(aside(50.0))
-    model.take_target(SECOND)
-    assert [*model.steps[0]] == [FIRST, SECOND]
-    ArmInStep(model, SECOND).set_aperture(0.5)
-    ArmInStep(model, SECOND).set_pause(1.5)
-    ArmInStep(model, FIRST).set_speed(0.4)
+    model.edit[SECOND].take_target()
+    assert [*model.program.steps[0]] == [FIRST, SECOND]
+    model.edit[SECOND].set_aperture(0.5)
+    model.edit[SECOND].set_pause(1.5)
+    model.edit[FIRST].set_speed(0.4)
     assert model.waypoint(SECOND).aperture == 0.5
     assert model.waypoint(FIRST).aperture is None
-    model.leave_out(FIRST)
+    model.edit[FIRST].leave_out()
     assert model.waypoint(FIRST) is None
     with pytest.raises(ConfigError, match="has no other arm; delete it instead"):
-        model.leave_out(SECOND)
+        model.edit[SECOND].leave_out()
     model.undo()
     assert model.waypoint(FIRST).speed == 0.4
     bench.record(first=aside(60.0), second=aside(60.0))
     model.move(-1)
     assert model.chosen == 0
-    assert [*model.steps[1]] == [FIRST, SECOND]
+    assert [*model.program.steps[1]] == [FIRST, SECOND]
     model.remove()
     model.remove()
-    assert model.steps == ()
+    assert model.program.steps == ()
     assert not model.can_plan
 
 
@@ -202,17 +199,17 @@ def test_steps_are_repeated_in_loops_that_follow_edits_and_are_shown_twice(bench
     bench.record(second=aside(55.0))
     bench.record(second=aside(60.0))
     model.set_loop(1, 2, 4)
-    assert model.loops == (Loop(first=1, last=2, times=4),)
+    assert model.program.loops == (Loop(first=1, last=2, times=4),)
     assert bench.planned()
-    spans = model.timeline.spans()
+    spans = model.timeline.pieces()
     assert [index for _, index, _, _ in spans] == [0, 1, 2, 1, 2]
-    drawn = words.cell_timeline(model.timeline)
+    drawn = words.timeline(model.timeline)
     [loop] = drawn.loops
     assert loop.name == "4×"
     assert loop.begins == pytest.approx(spans[1][2] / model.timeline.duration)
     assert loop.ends == pytest.approx(1.0)
-    assert words.cell_line({}, None, words.ending_at(model.loops, 2)) == "2 to 3 run 4×"
-    model.run()
+    assert words.line(model.program, 2) == "2 to 3 run 4×"
+    model.start()
     bench.move(lambda: "Time 3 of 4." in model.sentence.text)
     model.choose(1)
     bench.move(lambda: bench.says("Done."))
@@ -221,20 +218,20 @@ def test_steps_are_repeated_in_loops_that_follow_edits_and_are_shown_twice(bench
     assert bench.says("Loops that begin earlier run once.")
     model.duplicate()
     assert model.chosen == 2
-    assert model.loops == (Loop(first=1, last=3, times=4),)
+    assert model.program.loops == (Loop(first=1, last=3, times=4),)
     model.undo()
     model.choose(0)
     model.remove()
-    assert model.loops == (Loop(first=0, last=1, times=4),)
+    assert model.program.loops == (Loop(first=0, last=1, times=4),)
     model.reorder(0, 1)
-    assert model.loops == (Loop(first=0, last=1, times=4),)
+    assert model.program.loops == (Loop(first=0, last=1, times=4),)
     model.undo()
     model.undo()
-    assert model.loops == (Loop(first=1, last=2, times=4),)
+    assert model.program.loops == (Loop(first=1, last=2, times=4),)
     with pytest.raises(ConfigError, match="within the program's 3 steps"):
         model.set_loop(1, 3, 2)
     model.end_loop()
-    assert model.loops == ()
+    assert model.program.loops == ()
     with pytest.raises(ConfigError, match="is in no loop"):
         model.end_loop()
 
@@ -250,8 +247,8 @@ def test_arms_that_are_guided_by_hand_are_recorded_where_they_stand(bench):
     model.record_arms([SECOND])
     model.choose(0)
     bench.arms[SECOND].set_target_joints(aside(60.0))
-    model.take_place(SECOND)
-    for step in model.steps:
+    model.edit[SECOND].take_place()
+    for step in model.program.steps:
         np.testing.assert_allclose(step[SECOND].q, bench.q(SECOND), atol=to_rad(0.5))
     arm.set_manual(False)
     model.refresh()
@@ -267,20 +264,20 @@ def test_a_saved_program_comes_back_and_is_gone_when_deleted(bench):
     model.save()
     model.clear()
     assert model.saved_files.names == ("wave",)
-    assert model.loops == ()
+    assert model.program.loops == ()
     model.load("wave")
-    assert model.rounds is None
-    assert model.loops == (Loop(first=0, last=0, times=3),)
-    np.testing.assert_allclose(model.steps[0][SECOND].q, aside(50.0), atol=1e-6)
+    assert model.program.rounds is None
+    assert model.program.loops == (Loop(first=0, last=0, times=3),)
+    np.testing.assert_allclose(model.program.steps[0][SECOND].q, aside(50.0), atol=1e-6)
     model.delete("wave")
     assert model.saved_files.names == ()
     model.saved_files.undo()
     assert model.saved_files.names == ("wave",)
     model.saved_files.redo()
-    files.file_of("fold", cell_folder()).write_text("{}")  # by another program
+    files.file_of("fold", files.cell_folder()).write_text("{}")  # by another program
     assert model.refresh()
     assert model.saved_files.names == ("fold",)
     model.clear()
     model.call("nothing")
-    with pytest.raises(ConfigError, match="steps"):
+    with pytest.raises(ConfigError, match="record a step first"):
         model.save()

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.tasks.program import Loop, files
+from so101_motion.tasks.program import ARM, Loop, Solo, files
 
 A = np.radians([20.0, -20.0, 20.0, 20.0, 0.0])
 B = np.radians([-20.0, -20.0, 20.0, 20.0, 30.0])
@@ -51,15 +52,19 @@ class Tab:
         self.q_target: Array = A
         self.aimed: list[Array] = []
         self.worker = ThreadPoolExecutor(max_workers=1)
-        self.model = ProgramModel(
-            arm=rig.arm,
-            gripper=rig.gripper,
-            clock=clock,
-            submit=self._submit,
-            q_arm=lambda: rig.arm.state.q_ref,
-            q_target=lambda: self.q_target,
-            set_target=self.aimed.append,
-        )
+        self.model = ProgramModel(Solo.of(rig), {ARM: self}, self._submit)
+        self.edit = self.model.edit[ARM]
+
+    @property
+    def q_arm(self) -> Array:
+        return self.rig.arm.state.q_ref
+
+    @property
+    def target(self) -> SimpleNamespace:
+        return SimpleNamespace(q=self.q_target)
+
+    def set_target_joints(self, q: Array) -> None:
+        self.aimed.append(q)
 
     def _submit(self, call: Callable[[], Any]) -> Future[Any]:
         return self.worker.submit(call)
@@ -76,25 +81,25 @@ class Tab:
     def record(self, *targets: Array) -> None:
         for q in targets:
             self.q_target = q
-            self.model.record_target()
+            self.model.record_targets()
 
     def plan(self) -> None:
         self.model.plan()
-        self.until(lambda: self.model.screen().can_run)
+        self.until(lambda: self.model.can_run)
 
     @property
     def planned(self) -> RehearsalTime:
-        timeline = self.model.screen().timeline
+        timeline = self.model.timeline
         assert timeline is not None
         return timeline
 
     @property
     def said(self) -> str:
-        return self.model.screen().sentence.text
+        return self.model.sentence.text
 
     @property
     def names(self) -> str:
-        return "".join(each.name for each in self.model.screen().program.waypoints)
+        return "".join(each.name for each in self.model.program.waypoints)
 
 
 @pytest.fixture
@@ -110,12 +115,12 @@ def test_waypoints_are_recorded_from_the_target_and_from_the_arm_and_keep_the_ja
     tab: Tab,
 ) -> None:
     tab.record(A)
-    tab.model.record_arm()
-    first, second = tab.model.screen().program.waypoints
+    tab.model.record_arms()
+    first, second = tab.model.program.waypoints
     np.testing.assert_array_equal(first.q, A)
     np.testing.assert_array_equal(second.q, np.zeros(5))
     assert first.aperture is second.aperture is None  # else a part in the jaw would be dropped
-    assert tab.model.screen().chosen == 1
+    assert tab.model.chosen == 1
     assert tab.said == "Recorded waypoint 2. Record more, or press Plan program."
 
 
@@ -123,47 +128,47 @@ def test_waypoints_keep_their_names_when_the_order_changes(tab: Tab) -> None:
     tab.record(A, B, A)
     tab.model.move(-1)
     assert tab.names == "ACB"
-    assert tab.model.screen().chosen == 1
-    tab.model.rename("grip")
-    tab.model.set_pause(1.5)
-    tab.model.set_aperture(None)
-    changed = tab.model.screen().program.waypoints[1]
+    assert tab.model.chosen == 1
+    tab.edit.rename("grip")
+    tab.edit.set_pause(1.5)
+    tab.edit.set_aperture(None)
+    changed = tab.model.program.waypoints[1]
     assert (changed.name, changed.pause, changed.aperture) == ("grip", 1.5, None)
     tab.model.move(1)
     tab.model.move(1)  # it is the last already
     tab.model.remove()
     assert tab.names == "AB"
-    assert tab.model.screen().chosen == 1
+    assert tab.model.chosen == 1
     tab.record(B)
     assert tab.names == "ABC"
 
 
 def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab: Tab) -> None:
     def first() -> tuple[object, ...]:
-        waypoint = tab.model.screen().program.waypoints[0]
+        waypoint = tab.model.program.waypoints[0]
         return (waypoint.passes, waypoint.pause, waypoint.aperture)
 
     tab.record(A, B)
     tab.model.choose(0)
-    tab.model.set_aperture(0.0)
-    tab.model.set_passes(True)
+    tab.edit.set_aperture(0.0)
+    tab.edit.set_passes(True)
     assert first() == (True, 0.0, None)
     assert tab.said.endswith("Its pause and its gripper setting are removed.")
-    tab.model.set_aperture(0.5)
+    tab.edit.set_aperture(0.5)
     assert first() == (False, 0.0, 0.5)
     assert tab.said == "The gripper needs a stop, so this waypoint is no longer passed."
-    tab.model.set_aperture(None)
-    tab.model.set_passes(True)
+    tab.edit.set_aperture(None)
+    tab.edit.set_passes(True)
     assert tab.said == "Passed without stopping."
-    tab.model.set_pause(2.0)
+    tab.edit.set_pause(2.0)
     assert first() == (False, 2.0, None)
     assert tab.said == "A pause needs a stop, so this waypoint is no longer passed."
-    tab.model.set_pause(0.0)
-    tab.model.set_passes(True)
-    tab.model.set_passes(False)
+    tab.edit.set_pause(0.0)
+    tab.edit.set_passes(True)
+    tab.edit.set_passes(False)
     assert first() == (False, 0.0, None)
     tab.model.choose(1)
-    tab.model.set_passes(True)
+    tab.edit.set_passes(True)
     assert tab.said == "The arm stops at the last waypoint, until another follows it."
 
 
@@ -171,18 +176,18 @@ def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab: Tab) -> None:
     tab.record(A, B)
     tab.model.choose(0)
     tab.model.duplicate()
-    assert (tab.names, tab.model.screen().chosen) == ("ACB", 1)
-    tab.model.take_place()
-    np.testing.assert_array_equal(tab.model.screen().program.waypoints[1].q, np.zeros(5))
+    assert (tab.names, tab.model.chosen) == ("ACB", 1)
+    tab.edit.take_place()
+    np.testing.assert_array_equal(tab.model.program.waypoints[1].q, np.zeros(5))
     tab.model.undo()
-    np.testing.assert_array_equal(tab.model.screen().program.waypoints[1].q, A)
+    np.testing.assert_array_equal(tab.model.program.waypoints[1].q, A)
     tab.model.undo()
     assert tab.names == "AB"
     tab.model.redo()
     assert tab.names == "ACB"
     for _ in range(9):
         tab.model.undo()
-    assert (tab.names, tab.model.screen().chosen, tab.model.can_undo) == ("", None, False)
+    assert (tab.names, tab.model.chosen, tab.model.can_undo) == ("", None, False)
 
 
 def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(
@@ -190,63 +195,63 @@ def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(
 ) -> None:
     def change_all() -> None:
         for text in ("p", "pi", "pick"):
-            tab.model.rename(text)
+            tab.edit.rename(text)
             clock.advance(0.2)
         for percent in range(99, 49, -1):
-            tab.model.set_speed(0.01 * percent)
+            tab.edit.set_speed(0.01 * percent)
             clock.advance(0.05)
 
     tab.record(A, B)
     change_all()
     tab.model.undo()
-    assert tab.model.screen().program.waypoints[1].speed == 1.0
+    assert tab.model.program.waypoints[1].speed == 1.0
     assert tab.names == "Apick"
     tab.model.undo()
     assert tab.names == "AB"
     tab.model.redo()
     tab.model.redo()
-    assert (tab.names, tab.model.screen().program.waypoints[1].speed) == ("Apick", 0.5)
+    assert (tab.names, tab.model.program.waypoints[1].speed) == ("Apick", 0.5)
     tab.model.duplicate()
     tab.model.duplicate()  # pressed twice, so both are undone by themselves
     tab.model.undo()
-    assert len(tab.model.screen().program) == 3
+    assert len(tab.model.program) == 3
 
 
 def test_a_part_of_a_program_is_rehearsed_and_run_from_the_chosen_waypoint(tab: Tab) -> None:
     tab.record(A, B, A)
     tab.model.choose(1)
     tab.model.plan("from here")
-    tab.until(lambda: tab.model.screen().can_run)
+    tab.until(lambda: tab.model.can_run)
     assert [each.name for each in tab.planned.rehearsal.program.waypoints] == ["B", "C"]
-    tab.model.run()
+    tab.model.start()
     tab.until(lambda: "Going to waypoint 2 (B)." in tab.said)
-    tab.until(lambda: tab.model.screen().run is None)
+    tab.until(lambda: tab.model.run is None)
     tab.model.choose(0)
     tab.model.plan("this one")
-    tab.until(lambda: tab.model.screen().can_run)
+    tab.until(lambda: tab.model.can_run)
     assert len(tab.planned.rehearsal.program) == 1
 
 
 def test_a_rehearsal_shows_jaw_and_pauses_to_the_end_of_a_round(tab: Tab) -> None:
     tab.record(A, B)
     tab.model.choose(0)
-    tab.model.set_aperture(1.0)
-    tab.model.set_pause(600.0)  # shown, but not for ten minutes
+    tab.edit.set_aperture(1.0)
+    tab.edit.set_pause(600.0)  # shown, but not for ten minutes
     tab.model.set_rounds(2)
     tab.plan()
     timeline, opened = tab.planned, tab.rig.gripper.opened
-    to_a, to_b = (plan.duration for plan in timeline.rehearsal.plans)
+    to_a, to_b = (leg.at[-1] for leg in timeline.rehearsal.legs[:2])
     at_a = (opened - tab.rig.gripper.q_jaw) / JAW_LIMITS.velocity[0] + SHOWN_PAUSE
-    back = timeline.rehearsal.visits[2].leg
+    back = timeline.rehearsal.arrivals[2].leg
     assert back.plan is not None
     assert timeline.duration == pytest.approx(to_a + at_a + to_b + back.plan.duration)
     seen = [timeline.at(t) for t in (0.0, to_a, to_a + at_a, to_a + at_a + to_b, 1e9)]
-    assert [index for index, _, _ in seen] == [0, 0, 1, 0, 0]
-    for (_, q, _), wanted in zip(seen, (np.zeros(5), A, A, B, A), strict=True):
-        np.testing.assert_allclose(q, wanted, atol=1e-6)
-    assert [q_jaw for _, _, q_jaw in seen[2:]] == pytest.approx([opened] * 3)
+    assert [index for index, _ in seen] == [0, 0, 1, 0, 0]
+    for (_, stands), wanted in zip(seen, (np.zeros(5), A, A, B, A), strict=True):
+        np.testing.assert_allclose(stands[ARM].q, wanted, atol=1e-6)
+    assert [stands[ARM].q_jaw for _, stands in seen[2:]] == pytest.approx([opened] * 3)
     tab.model.play(1.0)
-    tab.until(lambda: tab.model.screen().t == timeline.duration)  # to the end, by itself
+    tab.until(lambda: tab.model.t == timeline.duration)  # to the end, by itself
 
 
 def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: Tab) -> None:
@@ -259,59 +264,59 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: T
     assert (name, begins, depth) == ("3×", 0.0, 0)
     assert ends == pytest.approx(line.parts[3].ends)
     assert line.parts[-1].ends == pytest.approx(1.0)
-    program = tab.model.screen().program
+    program = tab.model.program
     assert [words.line(program, k) for k in range(3)] == ["", "1 to 2 run 3×", ""]
     alone = replace(program, loops=(Loop(first=2, last=2, times=4),))
     assert words.line(alone, 2) == "runs 4×"
     html = markup.timeline(line._replace(parts=(markup.Span("<i>", 0.0, 1.0),)), "uuid")
     assert "<i>" not in html.replace('<i class="span deep0"', "")
-    tab.model.run()
+    tab.model.start()
     tab.until(lambda: "Going to waypoint 1 (A). Time 3 of 3." in tab.said)
     tab.model.choose(1)
     with pytest.raises(ConfigError, match="stop the program"):
         tab.model.end_loop()
-    tab.until(lambda: tab.model.screen().run is None)
+    tab.until(lambda: tab.model.run is None)
     tab.model.plan("from here")
-    tab.until(lambda: tab.model.screen().can_run)
+    tab.until(lambda: tab.model.can_run)
     assert tab.said.startswith("Planned, no collisions. Loops that begin earlier run once.")
     tab.model.end_loop()
-    assert tab.model.screen().program.loops == ()
+    assert tab.model.program.loops == ()
     with pytest.raises(ConfigError, match="is in no loop"):
         tab.model.end_loop()
     tab.model.undo()
-    assert tab.model.screen().program.loops[0].times == 3
+    assert tab.model.program.loops[0].times == 3
 
 
 def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab: Tab) -> None:
     tab.record(A, A, B)
     tab.plan()
-    (full,) = {plan.duration for plan in tab.planned.rehearsal.plans[:1]}
+    full = tab.planned.rehearsal.legs[0].at[-1]
     tab.model.choose(0)
-    tab.model.set_speed(0.25)
+    tab.edit.set_speed(0.25)
     tab.plan()
-    (slow, rest) = (plan.duration for plan in tab.planned.rehearsal.plans)
+    slow, _, rest = (leg.at[-1] for leg in tab.planned.rehearsal.legs)
     assert 1.4 * full < slow < 4.1 * full  # so short a one is all acceleration
     assert rest < slow
-    near = tab.model.screen().clearances
+    near = tab.model.timeline.nearest
     assert [*near] == [0, 2]  # the second is where the first is
     assert 0.0 < near[0] < 0.2
     program = tab.planned.rehearsal.program
     assert words.line(program, 0, near[0]) == f"25 % speed, {1000.0 * near[0]:.0f} mm clear"
     tab.model.undo()
-    assert tab.model.screen().program.waypoints[0].speed == 1.0
+    assert tab.model.program.waypoints[0].speed == 1.0
 
 
 def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
     tab.record(A, B)
     tab.model.choose(0)
-    tab.model.set_passes(True)
+    tab.edit.set_passes(True)
     tab.plan()
     rehearsal = tab.planned.rehearsal
-    facts = dict(words.facts(rehearsal))
+    facts = dict(tab.model.texts.facts(tab.planned))
     assert facts["Waypoints"] == "2, 1 of them passed"
     assert facts["One round"] == f"{rehearsal.duration:.1f} s"  # the gripper does nothing
     assert words.line(rehearsal.program, 0) == "passed"
-    assert [tab.planned.at(t)[0] for t in (0.0, rehearsal.visits[0].leg.at[0] + 0.01)] == [0, 1]
+    assert [tab.planned.at(t)[0] for t in (0.0, rehearsal.arrivals[0].leg.at[0] + 0.01)] == [0, 1]
 
 
 def test_choosing_a_waypoint_shows_the_ghost_there(tab: Tab) -> None:
@@ -319,41 +324,41 @@ def test_choosing_a_waypoint_shows_the_ghost_there(tab: Tab) -> None:
     tab.model.choose(0)
     np.testing.assert_array_equal(tab.aimed[-1], A)
     tab.model.choose(7)
-    assert tab.model.screen().chosen == 0
+    assert tab.model.chosen == 0
 
 
 def test_a_program_is_planned_and_run_to_its_end(tab: Tab) -> None:
     tab.record(A, B)
     tab.model.set_rounds(2)
     tab.plan()
-    assert tab.model.screen().sentence.tone is Tone.GOOD
+    assert tab.model.sentence.tone is Tone.GOOD
     np.testing.assert_array_equal(tab.rig.arm.state.q, np.zeros(5))
-    tab.model.run()
+    tab.model.start()
     tab.until(lambda: "Going to waypoint 2 (B). Round 1 of 2." in tab.said)
-    screen = tab.model.screen()
-    buttons = (screen.can_edit, screen.can_plan, screen.can_run, screen.can_guide)
-    assert not any(buttons)
+    assert not any(
+        (tab.model.waypoint(ARM), tab.model.can_plan, tab.model.can_run, tab.model.can_undo)
+    )
     with pytest.raises(ConfigError, match="stop the program"):
-        tab.model.record_arm()
-    tab.until(lambda: tab.model.screen().run is None)
+        tab.model.record_arms()
+    tab.until(lambda: tab.model.run is None)
     assert tab.said == "Done 2 times. Press Plan program to run it again."
     np.testing.assert_allclose(tab.rig.arm.state.q, B, atol=to_rad(0.1))
 
 
 def test_nothing_runs_without_a_plan(tab: Tab) -> None:
     tab.model.plan()
-    tab.model.run()
+    tab.model.start()
     tab.record(A)
-    tab.model.run()
-    assert tab.model.screen().run is None
+    tab.model.start()
+    assert tab.model.run is None
 
 
 def test_a_waypoint_that_cannot_be_reached_is_named(tab: Tab) -> None:
     tab.record(A, INTO_THE_TABLE)
     tab.model.plan()
     tab.until(lambda: tab.said.startswith("Waypoint 2 (B): "))
-    assert tab.model.screen().sentence.tone is Tone.BAD
-    assert not tab.model.screen().can_run
+    assert tab.model.sentence.tone is Tone.BAD
+    assert not tab.model.can_run
 
 
 @pytest.mark.parametrize("change", ["arm", "jaw", "speed", "scene", "program"])
@@ -368,9 +373,9 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(tab: Tab, change: str) ->
         "program": lambda: tab.model.set_rounds(None),
     }
     changes[change]()
-    tab.until(lambda: tab.model.screen().timeline is None)
+    tab.until(lambda: tab.model.timeline is None)
     assert "ress Plan program" in tab.said
-    assert not tab.model.screen().can_run
+    assert not tab.model.can_run
     tab.until(lambda: not tab.rig.arm.is_moving and not tab.rig.gripper.is_moving)
 
 
@@ -378,10 +383,10 @@ def test_stop_ends_an_endless_run(tab: Tab) -> None:
     tab.record(A, B)
     tab.model.set_rounds(None)
     tab.plan()
-    tab.model.run()
+    tab.model.start()
     tab.until(lambda: "Round 2." in tab.said)
     stopping = tab.worker.submit(tab.rig.arm.stop)
-    tab.until(lambda: tab.model.screen().run is None)
+    tab.until(lambda: tab.model.run is None)
     tab.until(stopping.done)
     assert tab.said == "Stopped. The arm holds where it is; the rest was not run."
 
@@ -389,10 +394,10 @@ def test_stop_ends_an_endless_run(tab: Tab) -> None:
 def test_guiding_by_hand_ends_by_itself(tab: Tab) -> None:
     begin = tab.rig.clock.now()  # it is seen some time later
     tab.model.guide()
-    tab.until(lambda: tab.model.screen().guided)
+    tab.until(lambda: tab.model.guided)
     assert "It holds again in" in tab.said
-    assert not tab.model.screen().can_plan
-    tab.until(lambda: not tab.model.screen().guided)
+    assert not tab.model.can_plan
+    tab.until(lambda: not tab.model.guided)
     assert tab.rig.clock.now() - begin > GUIDED_FOR - 1.0
     assert tab.rig.arm.state.mode is Mode.HOLDING
     assert tab.said == "Hand guiding has timed out. The arm holds where it is."
@@ -400,12 +405,12 @@ def test_guiding_by_hand_ends_by_itself(tab: Tab) -> None:
 
 def test_guiding_by_hand_can_be_ended_by_stop_at_any_time(tab: Tab) -> None:
     tab.model.guide()
-    tab.until(lambda: tab.model.screen().guided)
-    assert not tab.model.screen().can_guide
+    tab.until(lambda: tab.model.guided)
     stopping = tab.worker.submit(tab.rig.arm.stop)
-    tab.until(lambda: not tab.model.screen().guided and stopping.done())
+    tab.until(lambda: not tab.model.guided and stopping.done())
     assert tab.rig.arm.state.mode is Mode.HOLDING
-    tab.until(lambda: tab.model.screen().can_guide)
+    tab.model.guide()
+    tab.until(lambda: tab.model.guided)
 
 
 def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
@@ -419,10 +424,10 @@ def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
     tab.model.save()
     assert tab.model.saved_files.names == ("stack cubes",)
     tab.model.clear()
-    assert len(tab.model.screen().program) == 0
+    assert len(tab.model.program) == 0
     tab.model.load("stack cubes")
     assert tab.names == "AB"
-    assert tab.model.screen().program.rounds is None
+    assert tab.model.program.rounds is None
     assert tab.said == "Loaded stack cubes, 2 waypoints. Press Plan program."
     tab.model.delete("stack cubes")
     assert tab.model.saved_files.names == ()

@@ -1,0 +1,86 @@
+"""One arm with the interface of a ``Cell``, so that a program runs on either.
+
+An arm that is in a cell keeps off the others as in any other motion; they need not stand still.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future
+
+from so101_motion.arm.arm import Arm
+from so101_motion.arm.cell import Cell
+from so101_motion.arm.cell_member import Stand
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.team_motion import TeamSeries, TeamStep
+from so101_motion.common.clock import Clock
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import Goal
+from so101_motion.planning.request import Plan, Search
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.protocols import GripperLike, RigLike
+from so101_motion.tasks.program.program import ARM
+
+
+class Solo:
+    """One arm.
+
+    Attributes:
+        arm: The arm.
+        gripper: Its jaw; None for an arm without one.
+        clock: Times the pauses.
+        scene: The scene of its plans; None for the arm's own.
+    """
+
+    def __init__(
+        self, arm: Arm, gripper: GripperLike | None, clock: Clock, *, scene: Scene | None = None
+    ) -> None:
+        self.arm, self.gripper, self.clock, self.scene = arm, gripper, clock, scene
+
+    @classmethod
+    def of(cls, rig: RigLike) -> Solo:
+        """The arm of a rig."""
+        return cls(rig.arm, rig.gripper, rig.clock)
+
+    @property
+    def members(self) -> Mapping[str, Solo]:
+        """This arm, by its name."""
+        return {ARM: self}
+
+    def stands(self) -> dict[str, Stand]:
+        """The arm's setpoint, by its name."""
+        state = self.arm.state
+        return {ARM: Stand(state.q_ref, state.q_jaw_ref)}
+
+    def plan_together(
+        self,
+        goals: Mapping[str, Goal],
+        *,
+        limits: Mapping[str, MotionLimits],
+        stands: Mapping[str, Stand],
+    ) -> dict[str, Plan]:
+        """Plan as ``Cell.plan_together`` does."""
+        stand, search = stands[ARM], Search(scene=self.scene)
+        plan = self.arm.plan(
+            goals[ARM], limits=limits[ARM], search=search, q_start=stand.q, q_jaw=stand.q_jaw
+        )
+        return {ARM: plan}
+
+    def start_series(self, steps: Iterator[TeamStep]) -> dict[str, Motion]:
+        """Carry out several motions, as ``Cell.start_series`` does."""
+        series = TeamSeries((ARM,), steps, lambda _plans: None)
+        return {ARM: self.arm.start_series(series.of(ARM))}
+
+    def check_again(self, plans: Mapping[str, Plan]) -> Future[dict[str, Plan]]:
+        """The plans: there is no other arm to keep off."""
+        checked: Future[dict[str, Plan]] = Future()
+        checked.set_result(dict(plans))
+        return checked
+
+    def stop(self) -> None:
+        """Bring the arm to rest at once; returns when it is."""
+        self.arm.stop()
+
+
+Arms = Cell | Solo
+"""The arms that a program runs on."""
