@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import wait
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from so101_motion.cli.param_types import IN_FILE, Numbers
+from so101_motion.cli.program import carry_out, said_for_others
 from so101_motion.cli.shared import (
     Verbs,
     busy_message,
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from so101_motion.arm.cell import Cell
     from so101_motion.arm.motion_handle import Motion
     from so101_motion.common.geometry import Array
-    from so101_motion.planning.request import Plan
     from so101_motion.rig.rig import Rig
     from so101_motion.setup.base_fit import BaseFit
 
@@ -142,7 +140,8 @@ def move(
         plans = opened.cell.plan_together(goals)
         duration = max(plan.duration for plan in plans.values())
         click.echo(f"{' and '.join(plans)}: one motion of {duration:.2f} s", err=True)
-        _say_what_is_done_for_others(plans)
+        for line in said_for_others(plans):
+            click.echo(line, err=True)
         if not yes:
             have_agreed("Move all of them?")
         _wait_for_all(opened.cell, opened.cell.start_execute(plans))
@@ -171,29 +170,16 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
     so101 cell run cell.json wave.json
     """  # noqa: D301
     from so101_motion.files.cell_file import read_cell
-    from so101_motion.tasks.program import files, rehearse, start_program
+    from so101_motion.tasks.program import files
 
     files.read(program)  # refuses a wrong file before the arms are opened
     with quietly(), open_arms(read_cell(file)) as opened:
         made = files.read(program, opened.zeros())
-        if rounds is not None:
-            made = replace(made, rounds=rounds)
-        with busy_message("planning the program ..."):
-            rehearsal = rehearse(opened.cell, made)
-        for visit, leg, often in rehearsal.first_round:
-            times = f", {often} times" if often > 1 else ""
-            click.echo(f"  {made.called(visit.indices[-1])}  {leg.at[-1]:.2f} s{times}", err=True)
-            _say_what_is_done_for_others(leg.plans)
-        if not yes:
-            have_agreed("Move the arms?")
-        running = start_program(opened.cell, rehearsal)
-        with stops_on_ctrl_c(opened.cell):
-            while not wait((running.future,), 0.1).done:
-                pass
-        running.future.result()
+        carry_out(opened.cell, made, rounds, None if yes else "Move the arms?")
         reached = _joints_deg(opened.rigs)
     if as_json:
-        print_json("cell-run", {"rounds": made.rounds, "joints_deg": reached})
+        done = made.rounds if rounds is None else rounds
+        print_json("cell-run", {"rounds": done, "joints_deg": reached})
     click.echo("done", err=True)
 
 
@@ -236,12 +222,6 @@ def handover(
         facts = {"duration_s": plan.duration, "taken": attached_to([plan.taken])[0]}
         print_json("cell-handover", facts)
     click.echo(f"{taker} holds {thing} now; in {file} it is still with {giver}", err=True)
-
-
-def _say_what_is_done_for_others(plans: Mapping[str, Plan]) -> None:
-    for name, plan in plans.items():
-        if plan.report.for_others:
-            click.echo(f"  {name} {plan.report.for_others}", err=True)
 
 
 def _joints_deg(rigs: Mapping[str, Rig]) -> dict[str, list[float]]:

@@ -23,7 +23,10 @@ from so101_motion.cli.sources import AnySource, any_source_options, pace_options
 from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
-    from so101_motion.tasks.program import Program, ProgramRun, Rehearsal
+    from collections.abc import Iterator, Mapping
+
+    from so101_motion.planning.request import Plan
+    from so101_motion.tasks.program import Arms, Program, ProgramRun, Rehearsal
 
 
 @click.command()
@@ -52,28 +55,50 @@ def run(
     so101 run "stack cubes" --port /dev/ttyACM0
     so101 run --sim wave.json --rounds 3 --yes
     """  # noqa: D301
-    from so101_motion.tasks.program import ARM, Solo, files, rehearse, start_program
+    from so101_motion.tasks.program import ARM, Solo, files
 
     files.read(files.find(program))  # refuses a wrong file before the arm is opened
     with quietly(), closing(source.open()) as rig:
         made = files.read(files.find(program), {ARM: rig.connection.encoder_zeros})
-        if rounds is not None:
-            made = made.with_rounds(rounds)
-        with busy_message("planning the program ..."):
-            rehearsal = rehearse(arms := Solo.of(rig), made)
-        if not as_json:
-            click.echo(_planned(rehearsal), err=True)
-        if not yes:
-            have_agreed(f"Move the {source.what}?")
-        with stops_on_ctrl_c(rig.arm):
-            await_end(start_program(arms, rehearsal))
+        carry_out(
+            Solo.of(rig), made, rounds, None if yes else f"Move the {source.what}?", quiet=as_json
+        )
         if as_json:
-            facts = {"waypoints": [each.name for each in made.waypoints], "rounds": made.rounds}
+            facts = {
+                "waypoints": [each.name for each in made.waypoints],
+                "rounds": made.rounds if rounds is None else rounds,
+            }
             loops = files.loops_to(made.loops)
             where = {"q_deg": to_deg(rig.arm.state.q).tolist()}
             print_json("run", {"source": source.what, **facts, "loops": loops, "arrived": where})
         else:
             click.echo("done")
+
+
+def carry_out(
+    arms: Arms, program: Program, rounds: int | None, question: str | None, *, quiet: bool = False
+) -> None:
+    """Plan a program as a whole, print the plan, ask, and run it; Ctrl-C stops all arms.
+
+    Args:
+        arms: The arms.
+        program: The program.
+        rounds: How often it is repeated; as it says itself if not given.
+        question: What the user must agree to first; None for nothing.
+        quiet: Whether the plan is not printed.
+    """
+    from so101_motion.tasks.program import rehearse, start_program
+
+    if rounds is not None:
+        program = program.with_rounds(rounds)
+    with busy_message("planning the program ..."):
+        rehearsal = rehearse(arms, program)
+    if not quiet:
+        click.echo(_planned(rehearsal), err=True)
+    if question is not None:
+        have_agreed(question)
+    with stops_on_ctrl_c(arms):
+        await_end(start_program(arms, rehearsal))
 
 
 def _planned(rehearsal: Rehearsal) -> str:
@@ -85,11 +110,21 @@ def _planned(rehearsal: Rehearsal) -> str:
             continue
         for index, begin, end in zip(leg.indices, (0.0, *leg.at), leg.at, strict=False):
             passed = "" if index == leg.indices[-1] else "  passed"
-            name = program.waypoints[index].name
-            lines.append(f"  {index + 1:>3}  {name:<24}{end - begin:6.2f} s{passed}")
+            lines.append(
+                f"  {index + 1:>3}  {program.goals(index):<24}{end - begin:6.2f} s{passed}"
+            )
+            if not passed:
+                lines += said_for_others(leg.plans)
             ending = (loop for loop in reversed(program.loops) if loop.last == index)
             lines += (f"       steps {loop.called} {loop.times} times in all" for loop in ending)
     return "\n".join((*lines, f"{rehearsal.duration:.1f} s a round with its pauses, {times}"))
+
+
+def said_for_others(plans: Mapping[str, Plan]) -> Iterator[str]:
+    """A line for each arm whose plan waits for another."""
+    for name, plan in plans.items():
+        if plan.report.for_others:
+            yield f"  {name} {plan.report.for_others}"
 
 
 def await_end(run: ProgramRun) -> None:

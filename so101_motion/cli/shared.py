@@ -21,8 +21,8 @@ from so101_motion.common.modes import Mode
 
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
-    from so101_motion.arm.cell import Cell
     from so101_motion.rig.protocols import RigLike
+    from so101_motion.tasks.program import Arms
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R", bound="RigLike")
@@ -131,7 +131,7 @@ def have_agreed(question: str) -> None:
 
 
 @contextmanager
-def stops_on_ctrl_c(moving: Arm | Cell) -> Iterator[None]:
+def stops_on_ctrl_c(moving: Arm | Arms) -> Iterator[None]:
     """On Ctrl-C in this block, stop what moves and wait until it rests."""
     try:
         yield

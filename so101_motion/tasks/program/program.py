@@ -158,15 +158,19 @@ class Program:
         return replace(self, steps=tuple({name: each} for each in waypoints))
 
     def called(self, index: int) -> str:
-        """What messages call a step: its number, and which arm goes where, if that has a name."""
+        """What messages call a step: its number, and what it does."""
+        step = "waypoint" if self.steps[index].keys() == {ARM} else "step"
+        return f"{step} {self.before + index + 1} ({self.goals(index)})"
+
+    def goals(self, index: int) -> str:
+        """What a step does: the name of the waypoint, or which arm goes where, if that has one."""
         step, number = self.steps[index], self.before + index + 1
         if step.keys() == {ARM}:
-            return f"waypoint {number} ({step[ARM].name})"
-        goals = ", ".join(
+            return step[ARM].name
+        return ", ".join(
             name if each.name == nameless(number, name) else f"{name} to {each.name}"
             for name, each in step.items()
         )
-        return f"step {number} ({goals})"
 
     def stops_at(self, index: int) -> bool:
         """Whether arms stop at a step; otherwise its only arm goes on to the next without a stop.

@@ -1,6 +1,5 @@
 """Programs of several arms: files, what is refused, and runs on a clock the test drives."""
 
-import json
 from contextlib import ExitStack
 
 import numpy as np
@@ -15,7 +14,6 @@ from so101_motion.tasks.program import (
     Program,
     Waypoint,
     Where,
-    files,
     rehearse,
     start_program,
 )
@@ -157,41 +155,3 @@ def test_an_arm_that_moves_alone_passes_waypoints_while_the_others_stand_still(b
     assert {where: arms for where, arms in moved.items() if arms} == {
         (0, 0): {"left"}, (0, 1): {"left"}, (0, 2): {"right"}, (0, 3): {"left"}, (0, 4): {"right"},
     }  # fmt: skip
-
-
-def test_a_program_of_one_arm_runs_on_the_only_one_there_is(tmp_path):
-    files.write(Program(steps=({"left": at(A)},)), tmp_path / "wave.json")
-    assert files.read(tmp_path / "wave.json").arms == ("left",)
-    assert files.read(tmp_path / "wave.json", {"arm": None}).arms == ("arm",)
-    assert files.read(tmp_path / "wave.json", {"left": None, "right": None}).arms == ("left",)
-
-
-def test_a_program_is_written_and_read_again(tmp_path):
-    path = tmp_path / "wave.json"
-    steps = ({"left": at(A, "mug", aperture=0.8, speed=0.4)}, {"left": at(B), "right": at(A)})
-    loop = Loop(first=0, last=1, times=4)
-    files.write(Program(steps=steps, rounds=None, loops=(loop,)), path)
-    program = files.read(path)
-    assert program.loops == (loop,)
-    assert program.rounds is None
-    assert [list(step) for step in program.steps] == [["left"], ["left", "right"]]
-    mug = program.steps[0]["left"]
-    assert (mug.name, mug.aperture, mug.speed) == ("mug", 0.8, 0.4)
-    np.testing.assert_allclose(mug.q, A, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("steps", "said"),
-    [
-        ({}, "must be a list of steps"),
-        ([{}], "names no arm"),
-        ([["left"]], "step 1"),
-        ([{"left": {"q_deg": [1, 2]}}], "step 1: left: q_deg"),
-        ([{"left": {"q_deg": [0] * 5, "pass": True}, "right": {"q_deg": [0] * 5}}], "be passed"),
-    ],
-)
-def test_invalid_input_is_refused_with_its_place(tmp_path, steps, said):
-    path = tmp_path / "wave.json"
-    path.write_text(json.dumps({"schema": "so101/cell-program/1", "steps": steps}))
-    with pytest.raises(ConfigError, match=said):
-        files.read(path)

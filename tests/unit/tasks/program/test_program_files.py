@@ -27,11 +27,8 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "so101_motion" / "programs"
 
 
-def told(program: Program) -> list[tuple[object, ...]]:
-    return [
-        (each.name, each.aperture, each.pause, each.passes, each.speed)
-        for each in program.waypoints
-    ]
+def told(each: Waypoint) -> tuple[object, ...]:
+    return (each.name, each.aperture, each.pause, each.passes, each.speed)
 
 
 @pytest.mark.parametrize("rounds", [1, 3, None])
@@ -39,7 +36,7 @@ def test_a_program_is_the_same_after_writing_and_reading(rounds: int | None) -> 
     file = files.file_of("stack cubes")
     files.write(PROGRAM.with_rounds(rounds), file)
     again = files.read(file)
-    assert told(again) == told(PROGRAM)
+    assert [*map(told, again.waypoints)] == [*map(told, PROGRAM.waypoints)]
     assert (again.rounds, again.loops) == (rounds, PROGRAM.loops)
     for one, other in zip(again.waypoints, PROGRAM.waypoints, strict=True):
         np.testing.assert_allclose(one.q, other.q, atol=1e-6)
@@ -69,6 +66,7 @@ def test_a_name_that_leads_elsewhere_is_no_program(name: str) -> None:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
+        ({"steps": []}, "are the same; leave one out"),
         ({"schema": "so101/program/9"}, "this version cannot read"),
         ({"rounds": 0}, "rounds"),
         ({"rounds": True}, "whole number"),
@@ -113,3 +111,44 @@ def test_a_file_without_a_word_about_passing_stops_at_every_waypoint(tmp_path: P
     old = {"schema": "so101/program/1", "waypoints": [{"name": "a", "q_deg": [0] * 5}] * 2}
     file.write_text(json.dumps(old))
     assert [files.read(file).stops_at(index) for index in (0, 1)] == [True, True]
+
+
+def test_steps_of_several_arms_are_the_same_after_writing_and_reading(tmp_path: Path) -> None:
+    a, b = (Waypoint(name=name, q=np.full(5, 0.1), aperture=0.8, speed=0.4) for name in "ab")
+    made = Program(
+        steps=({"left": a}, {"left": b, "right": a}), loops=(Loop(first=0, last=1, times=4),)
+    )
+    files.write(made, tmp_path / "wave.json")
+    again = files.read(tmp_path / "wave.json", {"left": None, "right": None})
+    assert again.loops == made.loops
+    assert [{name: told(each) for name, each in step.items()} for step in again.steps] == [
+        {name: told(each) for name, each in step.items()} for step in made.steps
+    ]
+
+
+@pytest.mark.parametrize(
+    ("steps", "said"),
+    [
+        ({}, "must be a list of steps"),
+        ([{}], "names no arm"),
+        ([["left"]], "step 1"),
+        ([{"left": {"q_deg": [1, 2]}}], "step 1: left: q_deg"),
+        ([{"left": {"q_deg": [0] * 5, "pass": True}, "right": {"q_deg": [0] * 5}}], "be passed"),
+    ],
+)
+@pytest.mark.parametrize("schema", ["so101/program/3", "so101/cell-program/1"])
+def test_invalid_steps_are_refused_with_their_place(
+    tmp_path: Path, schema: str, steps: object, said: str
+) -> None:
+    file = tmp_path / "wave.json"
+    file.write_text(json.dumps({"schema": schema, "steps": steps}))
+    with pytest.raises(ConfigError, match=said):
+        files.read(file)
+
+
+def test_a_program_that_names_a_single_arm_runs_on_the_only_one_there_is(tmp_path: Path) -> None:
+    waypoint = Waypoint(name="a", q=np.zeros(5))
+    files.write(Program(steps=({"left": waypoint},)), tmp_path / "wave.json")
+    assert files.read(tmp_path / "wave.json").arms == ("left",)
+    assert files.read(tmp_path / "wave.json", {"arm": None}).arms == ("arm",)
+    assert files.read(tmp_path / "wave.json", {"left": None, "right": None}).arms == ("left",)

@@ -5,7 +5,6 @@ import time
 import numpy as np
 import pytest
 from harness.fake_page import aside, pages_of, run_at_once
-from so101_viewer.program import program_texts as words
 from so101_viewer.program.program_model import REST, STEP, ProgramModel
 
 from so101_motion.common.clock import ManualClock
@@ -15,7 +14,7 @@ from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
 from so101_motion.rig.simulated_rig import open_simulated
-from so101_motion.tasks.program import Loop, files
+from so101_motion.tasks.program import files
 
 FIRST, SECOND = "arm 1", "arm 2"
 
@@ -193,49 +192,6 @@ def test_steps_are_edited_arm_by_arm_and_edits_are_undone(bench):
     assert not model.can_plan
 
 
-def test_steps_are_repeated_in_loops_that_follow_edits_and_are_shown_twice(bench):
-    model = bench.model
-    bench.record(first=aside(55.0))
-    bench.record(second=aside(55.0))
-    bench.record(second=aside(60.0))
-    model.set_loop(1, 2, 4)
-    assert model.program.loops == (Loop(first=1, last=2, times=4),)
-    assert bench.planned()
-    spans = model.timeline.pieces()
-    assert [index for _, index, _, _ in spans] == [0, 1, 2, 1, 2]
-    drawn = words.timeline(model.timeline)
-    [loop] = drawn.loops
-    assert loop.name == "4×"
-    assert loop.begins == pytest.approx(spans[1][2] / model.timeline.duration)
-    assert loop.ends == pytest.approx(1.0)
-    assert words.line(model.program, 2) == "2 to 3 run 4×"
-    model.start()
-    bench.move(lambda: "Time 3 of 4." in model.sentence.text)
-    model.choose(1)
-    bench.move(lambda: bench.says("Done."))
-    model.plan(STEP)  # of a loop that begins and ends elsewhere
-    model.refresh()
-    assert bench.says("Loops that begin earlier run once.")
-    model.duplicate()
-    assert model.chosen == 2
-    assert model.program.loops == (Loop(first=1, last=3, times=4),)
-    model.undo()
-    model.choose(0)
-    model.remove()
-    assert model.program.loops == (Loop(first=0, last=1, times=4),)
-    model.reorder(0, 1)
-    assert model.program.loops == (Loop(first=0, last=1, times=4),)
-    model.undo()
-    model.undo()
-    assert model.program.loops == (Loop(first=1, last=2, times=4),)
-    with pytest.raises(ConfigError, match="within the program's 3 steps"):
-        model.set_loop(1, 3, 2)
-    model.end_loop()
-    assert model.program.loops == ()
-    with pytest.raises(ConfigError, match="is in no loop"):
-        model.end_loop()
-
-
 def test_arms_that_are_guided_by_hand_are_recorded_where_they_stand(bench):
     model = bench.model
     arm = bench.opened.rigs[SECOND].arm
@@ -255,29 +211,28 @@ def test_arms_that_are_guided_by_hand_are_recorded_where_they_stand(bench):
     assert model.can_plan
 
 
-def test_a_saved_program_comes_back_and_is_gone_when_deleted(bench):
+def test_a_saved_program_is_among_those_of_several_arms(bench):
     model = bench.model
     bench.record(first=aside(55.0), second=aside(50.0))
-    model.set_rounds(None)
-    model.set_loop(0, 0, 3)
     model.call("wave")
     model.save()
+    assert files.names() == ()
     model.clear()
-    assert model.saved_files.names == ("wave",)
-    assert model.program.loops == ()
     model.load("wave")
-    assert model.program.rounds is None
-    assert model.program.loops == (Loop(first=0, last=0, times=3),)
     np.testing.assert_allclose(model.program.steps[0][SECOND].q, aside(50.0), atol=1e-6)
-    model.delete("wave")
-    assert model.saved_files.names == ()
-    model.saved_files.undo()
-    assert model.saved_files.names == ("wave",)
-    model.saved_files.redo()
-    files.file_of("fold", files.cell_folder()).write_text("{}")  # by another program
-    assert model.refresh()
-    assert model.saved_files.names == ("fold",)
+    assert bench.says("Loaded wave, 1 step.")
     model.clear()
-    model.call("nothing")
     with pytest.raises(ConfigError, match="record a step first"):
         model.save()
+
+
+def test_an_arm_that_moves_alone_passes_and_arms_that_move_together_do_not(bench):
+    model = bench.model
+    bench.record(first=aside(55.0))
+    bench.record(first=aside(60.0))
+    model.choose(0)
+    model.edit[FIRST].set_passes(True)
+    assert bench.planned()
+    assert [leg.indices for leg in model.timeline.rehearsal.legs] == [range(2)]
+    with pytest.raises(ConfigError, match="arms that move together stop at each step"):
+        model.edit[SECOND].take_place()
