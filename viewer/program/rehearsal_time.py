@@ -120,8 +120,7 @@ class RehearsalTime:
         for each in self._spans:
             at = (each.begins, *(each.begins + t for t in each.leg.at[:-1]), each.ends)
             for index, (begins, ends) in zip(each.leg.indices, pairwise(at), strict=True):
-                if ends > begins:
-                    found.append((each.visit, index, begins, ends))
+                found.append((each.visit, index, begins, ends))
         return tuple(found)
 
     def _add(self, arrival: Arrival, arms: Arms) -> None:
