@@ -147,7 +147,7 @@ class Program:
             ConfigError: It is one of several arms.
         """
         if len(self.arms) > 1:
-            raise ConfigError("program", ", ".join(self.arms), "moves several arms; give one's")
+            raise ConfigError("arms", ", ".join(self.arms), "are several; give a program of one")
         return tuple(each for step in self.steps for each in step.values())
 
     def on(self, arms: Collection[str]) -> Program:

@@ -29,7 +29,7 @@ from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.tasks.program.loops import Visit, times_in_round
 from so101_motion.tasks.program.program import Program, Step
-from so101_motion.tasks.program.solo import Arms
+from so101_motion.tasks.program.solo import Arms, Solo
 
 PASSING = to_rad(3.0)
 """How far any joint may be from a waypoint that is passed, and from the path between two [rad].
@@ -149,8 +149,11 @@ def rehearse(arms: Arms, program: Program) -> Rehearsal:
         raise ConfigError("program", "empty", "has no waypoint; record one first")
     for name in program.arms:
         if name not in arms.members:
+            if isinstance(arms, Solo):
+                reason = "are several; `so101 cell run` or `so101 view --cell` runs their program"
+                raise ConfigError("arms", ", ".join(program.arms), reason)
             known = ", ".join(sorted(arms.members))
-            raise ConfigError("program", name, f"is no arm here; there are: {known}")
+            raise ConfigError("program", name, f"is no arm here; name one of them: {known}")
         moves_jaw = any(name in step and step[name].aperture is not None for step in program.steps)
         if moves_jaw and arms.members[name].gripper is None:
             raise ConfigError("program", "jaw", "moves a jaw, but this arm has none")

@@ -246,6 +246,8 @@ def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew(
 def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig: Rig) -> None:
     with pytest.raises(ConfigError, match="has no waypoint"):
         rehearse(Solo.of(rig), Program())
+    with pytest.raises(ConfigError, match=r"left, right.* are several; `so101 cell run`"):
+        rehearse(Solo.of(rig), Program(steps=({"left": at(A)}, {"right": at(A)})))
     with pytest.raises(ConfigError, match="this arm has none"):
         rehearse(Solo(rig.arm, None, rig.clock), program(at(A, aperture=1.0)))
 
