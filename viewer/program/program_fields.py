@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Protocol, TypeVar
 
 from so101_motion.common.units import to_deg
 from so101_motion.tasks.program.loops import MOST_TIMES, Loop
@@ -13,71 +12,19 @@ from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
 from ..page.bar import board, uuid_of
-from ..page.markup import Timeline
 from ..page.page_context import PageContext
-from ..page.saved_files import SavedFiles
 from ..page.shared_fields import SharedField, UndoButtons, grey, put
+from . import program_texts as words
 from .arm_in_step import ArmInStep
+from .program_model import ProgramModel
+from .rehearsal_time import RehearsalTime
 
 _RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
+_PLAYS = "Only ghosts move. Pauses are cut to 2 s, and loops are shown twice. Press again to pause."
 _NONE = "none"
 _PART_WAY = "part way"
 _JAW = {"keep": None, "close": 0.0, "open": 1.0, _PART_WAY: 0.5}
 """What the gripper does at a waypoint, as an aperture."""
-
-
-class LoopEditor(Protocol):
-    """Changes the loops of a program."""
-
-    def set_loop(self, first: int, last: int, times: int) -> None:
-        """Repeat the steps from ``first`` to ``last`` (indices) so many times in a row."""
-
-    def end_loop(self) -> None:
-        """Remove the inner one of the loops around the selected step."""
-
-
-class FileKeeper(Protocol):
-    """Saves and loads programs."""
-
-    @property
-    def saved_files(self) -> SavedFiles:
-        """Their files."""
-
-    def call(self, name: str) -> None:
-        """Set the name for saving."""
-
-    def save(self) -> None:
-        """Save the program under its name."""
-
-    def clear(self) -> None:
-        """Start a new program."""
-
-    def load(self, name: str) -> None:
-        """Load a program."""
-
-    def delete(self, name: str) -> None:
-        """Delete the file of a program."""
-
-
-class Player(Protocol):
-    """Plays what was planned."""
-
-    def preview(self, t: float) -> None:
-        """Show the ghosts ``t`` seconds into it."""
-
-    def play(self, rate: float) -> None:
-        """Play it at ``rate`` times real time, or pause."""
-
-
-class Timed(Protocol):
-    """Something with a duration."""
-
-    @property
-    def duration(self) -> float:
-        """How long it takes [s]."""
-
-
-Line = TypeVar("Line", bound=Timed)
 
 
 class RowList:
@@ -183,8 +130,8 @@ class WaypointFields:
 class LoopFields:
     """A folder that makes and ends loops."""
 
-    def __init__(self, context: PageContext, editor: LoopEditor) -> None:
-        self._editor = editor
+    def __init__(self, context: PageContext, model: ProgramModel) -> None:
+        self._model = model
         self._offered: tuple[object, ...] = ()  # for what the fields were filled in
         gui = context.gui
         with gui.add_folder("Loops", expand_by_default=False):
@@ -198,12 +145,12 @@ class LoopFields:
                 ("repeat", "remove"),
                 hint="Repeat these rows so many times; remove the loop around the chosen row",
             )
-        acts = {"repeat": self._repeat, "remove": editor.end_loop}
+        acts = {"repeat": self._repeat, "remove": model.end_loop}
         context.on_choice(self._acts, lambda name: acts[name]())
 
     def _repeat(self) -> None:
         first, last, times = (int(field.value) for field in self._loop)
-        self._editor.set_loop(first - 1, last - 1, times)
+        self._model.set_loop(first - 1, last - 1, times)
 
     def show(self, index: int | None, steps: object, around: tuple[Loop, ...]) -> None:
         """Fill in the inner loop around a step, or one of that step alone.
@@ -227,33 +174,31 @@ class RehearsalFields:
     """The timeline of a planned program: where its ghosts stand, and buttons that play it.
 
     Args:
-        player: Places and plays the ghosts.
-        hint: The help text of the buttons.
+        model: Places and plays the ghosts.
     """
 
-    def __init__(self, context: PageContext, player: Player, *, hint: str) -> None:
+    def __init__(self, context: PageContext, model: ProgramModel) -> None:
         gui = context.gui
         self._line = gui.add_html(markup.timeline(None, None))
         self._now = gui.add_html("", visible=False)
         self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
-        self._t = SharedField(self._slider, player.preview, context, shown=lambda t: round(t, 2))
-        self._play = gui.add_button_group("Play", tuple(_RATES), hint=hint)
-        context.on_choice(self._play, lambda name: player.play(_RATES[name]))
-        self._drawn: Timed | None = None
+        self._t = SharedField(self._slider, model.preview, context, shown=lambda t: round(t, 2))
+        self._play = gui.add_button_group("Play", tuple(_RATES), hint=_PLAYS)
+        context.on_choice(self._play, lambda name: model.play(_RATES[name]))
+        self._drawn: RehearsalTime | None = None
 
-    def show(self, timeline: Line | None, t: float, drawn: Callable[[Line], Timeline]) -> None:
+    def show(self, timeline: RehearsalTime | None, t: float) -> None:
         """Show a planned program, and the time ``t`` [s] on it; without one all is grey.
 
         Args:
             timeline: What was planned.
             t: Where the ghosts stand [s].
-            drawn: What to draw of it.
         """
         self._slider.disabled = timeline is None
         grey(self._play, timeline is None)
         if timeline is not self._drawn:
             self._drawn = timeline
-            line = None if timeline is None else drawn(timeline)
+            line = None if timeline is None else words.timeline(timeline)
             self._line.content = markup.timeline(line, uuid_of(self._slider))
         self._now.content = board("program", t=None if timeline is None else round(t, 2))
         if timeline is not None:
@@ -283,18 +228,18 @@ class RoundsFields:
 class FileFields:
     """A folder that saves and loads programs."""
 
-    def __init__(self, context: PageContext, keeper: FileKeeper) -> None:
+    def __init__(self, context: PageContext, model: ProgramModel) -> None:
         gui = context.gui
         with gui.add_folder("Save and load", expand_by_default=False):
             name = gui.add_text("Program name", "")
-            self._called = SharedField(name, keeper.call, context, shown=str)
+            self._called = SharedField(name, model.call, context, shown=str)
             write = gui.add_button_group("Program", ("save", "new"))
             self._saved = saved = gui.add_dropdown("Saved", (_NONE,))
             self._use = gui.add_button_group("Saved one", ("load", "delete"))
-            self._undo = UndoButtons(context, "Files", keeper.saved_files)
-        self._shelf = keeper.saved_files
-        writes = {"save": keeper.save, "new": keeper.clear}
-        uses = {"load": keeper.load, "delete": keeper.delete}
+            self._undo = UndoButtons(context, "Files", model.saved_files)
+        self._shelf = model.saved_files
+        writes = {"save": model.save, "new": model.clear}
+        uses = {"load": model.load, "delete": model.delete}
         context.on_choice(write, lambda chosen: writes[chosen]())
         context.on_choice(self._use, lambda chosen: uses[chosen](saved.value))
 

@@ -27,7 +27,7 @@ from .program_fields import (
     WaypointFields,
 )
 from .program_model import REST, STEP, ProgramModel
-from .program_view import Ghost, ProgramView
+from .program_view import ProgramView
 
 _ALL = "all arms"
 _USES = "re-record: it goes to where it is now; leave out: it stands still in this step"
@@ -126,12 +126,7 @@ class ProgramPart(Part):
             "Plan only", (REST, STEP), hint="From the chosen row on, or only the way to it"
         )
         self._context.on_choice(self._plan_part, self.model.plan)
-        self._rehearsal = RehearsalFields(
-            self._context,
-            self.model,
-            hint="Only ghosts move. Pauses are cut to 2 s, and loops are shown twice. Press again"
-            " to pause.",
-        )
+        self._rehearsal = RehearsalFields(self._context, self.model)
         self._facts = gui.add_html(markup.facts(self.model.texts.facts(None), lines=_LINES))
 
     def _add_arms(self, gui: viser.GuiApi) -> None:
@@ -199,7 +194,7 @@ class ProgramPart(Part):
         grey(self._plan_part, not model.can_plan or model.chosen is None)
         put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
         self._facts.content = markup.facts(self.model.texts.facts(timeline), lines=_LINES)
-        self._rehearsal.show(timeline, model.t, words.timeline)
+        self._rehearsal.show(timeline, model.t)
         self._rounds.show(program.rounds)
         self._files.show(model.name)
 
@@ -213,5 +208,5 @@ class ProgramPart(Part):
             if not front.is_program:
                 view.hide()
                 continue
-            ghost = Ghost(*stands[name]) if name in stands else None
-            view.show(model.program, rehearsal, ghost, self._members[name].arm.state)
+            state = self._members[name].arm.state
+            view.show(model.program, rehearsal, stands.get(name), state)

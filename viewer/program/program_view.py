@@ -6,12 +6,12 @@ Dots carry numbers, not names: typed text never becomes part of the scene.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 import viser
 from so101_description import PARTS
 
+from so101_motion.arm.cell_member import Stand
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
 from so101_motion.planning.kinematics.model import RobotModel
@@ -27,39 +27,6 @@ _POINTS = 32
 """Points of the tool path that are drawn for each waypoint; chosen."""
 
 _EMPTY = Program()
-
-
-class Ghost(NamedTuple):
-    """Where the ghost of a rehearsal stands: ``q`` (5,) and jaw [rad]."""
-
-    q: Array
-    q_jaw: float
-
-
-class GhostView:
-    """A see-through arm that shows a rehearsal.
-
-    Args:
-        root: Name of its root node.
-    """
-
-    def __init__(self, scene: viser.SceneApi, root: str) -> None:
-        self._arm = RobotView(scene, f"{root}/ghost", color=_COLOR, opacity=0.35)
-        self._arm.show(())
-
-    def show(self, model: RobotModel, ghost: Ghost | None, arm: JointState) -> None:
-        """Show a ghost, or none; its links that stand where those of the ``arm`` do are hidden."""
-        if ghost is None:
-            self.hide()
-            return
-        T_ghost = model.link_placements(ghost.q, ghost.q_jaw)
-        T_arm = model.link_placements(arm.q, arm.q_jaw)
-        self._arm.show({link for link in PARTS if looks_different(T_ghost[link], T_arm[link])})
-        self._arm.move(T_ghost)
-
-    def hide(self) -> None:
-        """Show none."""
-        self._arm.show(())
 
 
 class ProgramView:
@@ -83,23 +50,34 @@ class ProgramView:
     ) -> None:
         self._scene, self._model, self._on_pick = scene, model, on_pick
         self._arm, self._root = arm, root
-        self._ghost = GhostView(scene, root)
+        self._ghost = RobotView(scene, f"{root}/ghost", color=_COLOR, opacity=0.35)
+        self._ghost.show(())
         self._program: Program | None = None
         self._rehearsal: Rehearsal | None = None
         self._dots: list[viser.SceneNodeHandle] = []
         self._path: viser.LineSegmentsHandle | None = None
 
     def show(
-        self, program: Program, rehearsal: Rehearsal | None, ghost: Ghost | None, arm: JointState
+        self, program: Program, rehearsal: Rehearsal | None, ghost: Stand | None, arm: JointState
     ) -> None:
         """Draw program, plan and ghost; sends only what differs."""
-        self._ghost.show(self._model, ghost, arm)
+        self._show_ghost(ghost, arm)
         self._draw(program, rehearsal)
 
     def hide(self) -> None:
         """Draw nothing."""
-        self._ghost.hide()
+        self._ghost.show(())
         self._draw(_EMPTY, None)
+
+    def _show_ghost(self, ghost: Stand | None, arm: JointState) -> None:
+        """Show a ghost, or none; its links that stand where those of the ``arm`` do are hidden."""
+        if ghost is None:
+            self._ghost.show(())
+            return
+        T_ghost = self._model.link_placements(ghost.q, ghost.q_jaw)
+        T_arm = self._model.link_placements(arm.q, arm.q_jaw)
+        self._ghost.show({link for link in PARTS if looks_different(T_ghost[link], T_arm[link])})
+        self._ghost.move(T_ghost)
 
     def _draw(self, program: Program, rehearsal: Rehearsal | None) -> None:
         if program is not self._program:

@@ -150,6 +150,15 @@ class Program:
             raise ConfigError("arms", ", ".join(self.arms), "are several; give a program of one")
         return tuple(each for step in self.steps for each in step.values())
 
+    def refuse_empty(self) -> None:
+        """Refuse to plan or run a program without a step.
+
+        Raises:
+            ConfigError: It has none.
+        """
+        if not self.steps:
+            raise ConfigError("program", "empty", "has no waypoint; record one first")
+
     def on(self, arms: Collection[str]) -> Program:
         """This program for these arms; if it is of one and they are one, that one runs it."""
         if len(arms) != 1 or len(self.arms) != 1:

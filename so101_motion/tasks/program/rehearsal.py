@@ -145,8 +145,7 @@ def rehearse(arms: Arms, program: Program) -> Rehearsal:
         ConfigError: There is no step, an arm is not there, or the program moves a jaw that its arm
             does not have.
     """
-    if not program.steps:
-        raise ConfigError("program", "empty", "has no waypoint; record one first")
+    program.refuse_empty()
     for name in program.arms:
         if name not in arms.members:
             if isinstance(arms, Solo):

@@ -70,6 +70,7 @@ class ProgramRun:
     """
 
     def __init__(self, arms: Arms, program: Program, planned: Callable[[], Rehearsal]) -> None:
+        program.refuse_empty()
         self.program = program
         self.rehearsal: Rehearsal | None = None
         self.future: Future[None] = Future()
@@ -212,5 +213,8 @@ def run_once_planned(arms: Arms, program: Program, planned: Callable[[], Rehears
         arms: The arms.
         program: The program.
         planned: Plans it, with ``rehearse``; called on the thread of an arm.
+
+    Raises:
+        ConfigError: It has no step.
     """
     return ProgramRun(arms, program, planned)
