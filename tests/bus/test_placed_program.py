@@ -7,7 +7,7 @@ import pytest
 from harness.emulated_rig import hardware_bench
 
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program import files, rehearse, start_program
+from so101_motion.tasks.program import Solo, files, rehearse, start_program
 from so101_motion.tasks.sweeps import (
     PlaceSweep,
     Region,
@@ -47,9 +47,8 @@ def test_the_best_run_and_come_where_they_should(bench, tmp_path):
     assert len(placement.best) >= 2
     for number, base in [*enumerate(placement.best, 1)][:2]:
         program = files.read(tmp_path / "out" / "best" / f"{number:02d}.json").with_rounds(1)
-        run = start_program(
-            rig.arm, rig.gripper, rig.clock, rehearse(rig.arm, rig.gripper, program)
-        )
+        arms = Solo.of(rig)
+        run = start_program(arms, rehearse(arms, program))
         bench.finish(run)
         bench.advance(0.5)
         q = np.array([math.radians(each) for each in bench.arm_deg(rig)])
