@@ -10,7 +10,7 @@ import numpy as np
 from so101_motion.cli.plan_table import plan_table
 from so101_motion.cli.shared import note_opened, stops_on_ctrl_c
 from so101_motion.cli.sources import CellSource, Source
-from so101_motion.cli.view import Page, page_options, show, show_cell
+from so101_motion.cli.view import Page, page_options, show
 from so101_motion.common.units import to_mm
 
 _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
@@ -36,7 +36,7 @@ def demo(text: bool, arms: int, page: Page) -> None:
         from so101_motion.files.cell_file import arms_in_a_circle
 
         file = arms_in_a_circle(arms)
-        show_cell(CellSource(file=file, title=f"{arms} simulated arms"), page)
+        show(CellSource(file=file, title=f"{arms} simulated arms"), page)
     else:
         show(Source(port=None), page)
 

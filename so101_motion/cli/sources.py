@@ -292,6 +292,11 @@ class CellSource:
     title: str
     path: Path | None = None
 
+    @property
+    def what(self) -> str:
+        """The names of the arms."""
+        return ", ".join(each.name for each in self.file.arms)
+
     def open(self) -> CellRigs:
         """Open all arms; raises as ``open_cell``."""
         return open_arms(self.file)

@@ -158,7 +158,7 @@ def view(
             raise click.UsageError(
                 "--scene, --leader and --atlas need a single arm; leave them out"
             )
-        return show_cell(source, page, camera=camera)
+        return show(source, page, scene_file=source.path, camera=camera)
     leads = None
     if leader is not None:
         from so101_motion.drivers.port.port_list import device_of
@@ -173,7 +173,7 @@ def view(
 
 
 def show(
-    source: AnySource,
+    source: AnySource | CellSource,
     page: Page,
     *,
     scene_file: Path | None = None,
@@ -184,9 +184,10 @@ def show(
     """Serve the page until Ctrl-C.
 
     Args:
-        source: The arm.
+        source: The arm, or several.
         page: The address and options of the page.
-        scene_file: The obstacles around the arm; the page saves changes to this file.
+        scene_file: The obstacles around the arm, or the file of several; the page saves changes to
+            this file.
         leader: The arm that this one may follow, if there is one.
         camera: A camera's device or address, or its name on the machine; or None.
         atlas: The folder of an atlas to show, or None.
@@ -197,14 +198,14 @@ def show(
     """
     from so101_motion.files.scene_file import read_scene
 
-    viewer = import_preview()
-    _check_camera(camera, has_machine=not isinstance(source, Source))
-    scene = None if scene_file is None else read_scene(scene_file)
+    viewer, is_cell = import_preview(), isinstance(source, CellSource)
+    _check_camera(camera, has_machine=not isinstance(source, (Source, CellSource)))
+    scene = None if scene_file is None or is_cell else read_scene(scene_file)
     if scene is not None and isinstance(source, Source) and source.port is None:
         source = replace(source, q_start=_free_pose(scene))
     arm = viewer.Source(
         title=source.title,
-        open=_opener(source, scene),
+        open=source.open if isinstance(source, CellSource) else _opener(source, scene),
         scene_file=scene_file,
         open_leader=None if leader is None else leader.open,
         camera=camera,
@@ -213,22 +214,6 @@ def show(
     with in_lines(), viewer.serve_source(arm, **page.server(source.title)) as preview:
         click.echo(f"so101: {source.what}", err=True)
         keep_open(preview, page)
-
-
-def show_cell(source: CellSource, page: Page, *, camera: str | None = None) -> None:
-    """Serve one page for all arms of a cell until Ctrl-C.
-
-    Raises:
-        ConfigError: The page cannot be served there, or the camera is no device or address.
-    """
-    viewer = import_preview()
-    _check_camera(camera, has_machine=False)
-    arms = viewer.Source(
-        title=source.title, open=source.open, scene_file=source.path, camera=camera
-    )
-    with in_lines(), viewer.serve_source(arms, **page.server(source.title)) as served:
-        click.echo(f"so101: {', '.join(each.name for each in source.file.arms)}", err=True)
-        keep_open(served, page)
 
 
 def _check_camera(camera: str | None, *, has_machine: bool) -> None:
