@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
@@ -18,16 +19,16 @@ from so101_motion.cli.shared import (
     json_option,
     print_json,
 )
-from so101_motion.cli.sources import port_option
+from so101_motion.cli.sources import MachineSource, chosen_among, machine_options, port_option
 from so101_motion.common.errors import CalibrationError, So101Error
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
     from so101_motion.calib.record.record import Calibration
     from so101_motion.calib.record.store import Stored
-    from so101_motion.cli.calibration_wizard import CalibrationWizard
+    from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.terminal import Terminal
-    from so101_motion.setup.calibrator import Calibrator, StepResult
+    from so101_motion.setup.calibrator import StepResult
     from so101_motion.setup.port_report import PortReport
 
 _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
@@ -51,9 +52,11 @@ _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
 @click.option("--yes", is_flag=True, help="Ask no questions; for scripts.")
 @dry_run_option
 @events_option
+@machine_options
 @json_option
 def calibrate(
     port: str | None,
+    machine: MachineSource | None,
     file: str | None,
     joints: tuple[str, ...],
     accept: tuple[str, ...],
@@ -72,12 +75,20 @@ def calibrate(
     so101 calibrate                      the only arm that is plugged in
     so101 calibrate --file my_arm.json   save to this file
     so101 calibrate --joint gripper      only the jaw; the other joints keep theirs
+    so101 calibrate --machine kit.local:8080   through a machine's calibration sensor
     """  # noqa: D301
+    if machine is not None and chosen_among({"--port": port, "--machine": machine}) != "--port":
+        if file or joints or accept or dry_run or yes or as_json:
+            raise click.UsageError("--machine goes with --events only; its sensor has the file")
+        _on_machine(machine, events)
+        return
     from so101_motion.calib.record.record import JOINTS
     from so101_motion.calib.record.zero_report import explain_stored
     from so101_motion.cli import port_choice
+    from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Terminal
+    from so101_motion.setup.calibration_operation import CalibrationOperation
     from so101_motion.setup.calibrator import Calibrator
 
     report = port_choice.find_arm(port)
@@ -90,7 +101,12 @@ def calibrate(
     with quietly(), closing(opened) as calibrator:
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"arm on {report.port.name}; the calibration will be saved to {path}")
-            ended = _calibrated(calibrator, terminal, before, accept)
+            operation = CalibrationOperation(
+                calibrator, accept=accept, by_itself=True, is_attended=terminal.is_manned
+            )
+            _go_through(OperationTerminal(operation, terminal), terminal)
+        ended = operation.ended
+        assert ended is not None
         assert ended.stored is not None
         sentences = [meaning.sentence for meaning in explain_stored(ended.stored)]
         if as_json:
@@ -132,15 +148,35 @@ def _before(path: Path) -> Calibration:
         return {}
 
 
-def _calibrated(
-    calibrator: Calibrator, terminal: Terminal, before: Calibration, accept: tuple[str, ...]
-) -> StepResult:
-    from so101_motion.cli.calibration_wizard import CalibrationWizard
+def _on_machine(source: MachineSource, events: TextIO | None) -> None:
+    """Calibrate through the calibration sensor of a machine."""
+    from so101_motion.cli.operation_terminal import OperationTerminal
+    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.terminal import Terminal, sentence
+    from so101_motion.common.remote_operation import RemoteOperation
+    from so101_motion.viam.client import MachineSensor
+
+    key = {"api_key_id": source.api_key_id, "api_key": source.api_key}
+    with quietly(), MachineSensor.connect(source.address, **key) as sensor:
+        send = partial(sensor.do_command, sensor.name)
+        with (
+            closing(RemoteOperation(send, "calibration")) as operation,
+            Terminal(events=events) as terminal,
+        ):
+            if not terminal.is_manned:
+                raise click.UsageError("--machine needs a terminal: a person moves the joints")
+            _go_through(OperationTerminal(operation, terminal), terminal)
+            view = operation.view
+        click.echo(sentence(view.text))
+        if view.note:
+            click.echo(view.note, err=True)
+
+
+def _go_through(walk: OperationTerminal, terminal: Terminal) -> None:
     from so101_motion.cli.terminal import Quit
 
-    walk = CalibrationWizard(calibrator, terminal, before=before, accept=accept)
     try:
-        return walk.go()
+        walk.go()
     except (Quit, KeyboardInterrupt) as reason:
         _put_back(walk, terminal)
         raise SystemExit(STOPPED if isinstance(reason, Quit) else INTERRUPTED) from None
@@ -149,9 +185,9 @@ def _calibrated(
         raise
 
 
-def _put_back(walk: CalibrationWizard, terminal: Terminal) -> None:
+def _put_back(walk: OperationTerminal, terminal: Terminal) -> None:
     try:
-        terminal.say(f"cancelled: {walk.give_up()}", style="yellow")
+        walk.give_up()
     except So101Error as error:
         terminal.say(
             f"the servos' previous settings could not be restored now ({error}). That is done when"

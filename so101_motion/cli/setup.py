@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
-from dataclasses import replace
 from typing import TYPE_CHECKING, TextIO
 
 import click
@@ -25,11 +24,10 @@ from so101_motion.cli.view import Page, keep_open, page_options
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
+    from so101_motion.calib.motors.motor_setup import MotorSetup
     from so101_motion.calib.motors.progress import SetupProgress
     from so101_motion.calib.motors.setup_view import SetupView, Verification
-    from so101_motion.cli.motor_wizard import MotorWizard
     from so101_motion.cli.terminal import Terminal
-    from so101_motion.setup.findings import Findings
     from so101_motion.setup.port_report import PortReport
 
 
@@ -104,11 +102,10 @@ def setup(
     from so101_motion.calib.motors import progress as kept
     from so101_motion.calib.motors.progress import SetupProgress
     from so101_motion.cli import port_choice
-    from so101_motion.cli.motor_wizard import MotorWizard
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Quit, Terminal
     from so101_motion.setup.calibrator import Calibrator
-    from so101_motion.setup.port_selection import about, own_folder
+    from so101_motion.setup.port_selection import own_folder
 
     report = port_choice.find_adapter(port)
     name = report.port.name
@@ -129,21 +126,17 @@ def setup(
         motors = calibrator.motor_setup
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"motors on {name}", port=name)
-            walk = MotorWizard(motors, terminal, progress, within=within)
             try:
                 checked = None
                 if repair:
                     for done in motors.repair():
                         terminal.say(done)
                     checked = motors.verify()
-                elif joints:
-                    for joint in joints:
-                        walk.set_up(joint)
-                elif len(report.joints) == 6 and not start_over:
+                elif len(report.joints) == 6 and not start_over and not joints:
                     terminal.say("all six motors answer already")
                     checked = motors.verify()
                 else:
-                    checked = _all(walk, terminal, progress, about(report))
+                    checked = _walk(motors, terminal, progress, joints, within)
             except (Quit, KeyboardInterrupt) as reason:
                 terminal.say("stopped; the next so101 setup continues here", style="yellow")
                 raise SystemExit(STOPPED if isinstance(reason, Quit) else INTERRUPTED) from None
@@ -171,38 +164,39 @@ def _print_dry_run(
     click.echo("nothing was written", err=True)
 
 
-def _all(
-    walk: MotorWizard, terminal: Terminal, progress: SetupProgress, seen: Findings
-) -> Verification:
-    """Do the steps of the workflow, each with its check before the next."""
-    from so101_motion.setup.setup_steps import CHAIN, MOTORS, MOTORS_ONLY, SetupState
+def _walk(
+    setup: MotorSetup,
+    terminal: Terminal,
+    progress: SetupProgress,
+    joints: tuple[str, ...],
+    within: float | None,
+) -> Verification | None:
+    """Set up the motors, or only those of some joints; then, with all of them, verify the chain."""
+    from so101_motion.calib.motors.setup_view import SETUP_ORDER
+    from so101_motion.cli.operation_terminal import OperationTerminal
+    from so101_motion.common.errors import MotorSetupError
+    from so101_motion.setup.motor_operation import ChainOperation, MotorOperation
 
-    doing = {
-        MOTORS.name: lambda: _one_by_one(walk, terminal, progress),
-        CHAIN.name: walk.verify,
-    }
-    for place, step in enumerate(MOTORS_ONLY.steps, start=1):
-        extent = f"step {place} of {len(MOTORS_ONLY.steps)}: {step.title}"
-        terminal.say(f"{extent} (about {step.minutes} min)", style="bold", step=step.name)
-        found = doing.get(step.name, lambda: None)()
-        if found is not None:
-            seen = replace(seen, servos=found)
-        check = step.check(SetupState(seen=seen, setup=walk.view))
-        terminal.say(check.sentence, step=step.name, verdict=check.verdict)
-    assert seen.servos is not None  # the last step has verified them
-    if seen.servos.ok:
-        progress.clear()
-    return seen.servos
-
-
-def _one_by_one(walk: MotorWizard, terminal: Terminal, progress: SetupProgress) -> None:
-    if progress.done:
+    motors = MotorOperation(
+        setup, joints=joints or SETUP_ORDER, writes=True, is_attended=terminal.is_manned
+    )
+    motors.keep_in(progress)
+    if progress.done and not joints:
         terminal.say(
             f"set up before: {', '.join(progress.done)}; continuing after them"
             " (--start-over starts with the gripper again)"
         )
-    while (joint := walk.view.next_joint) is not None:
-        walk.set_up(joint)
+    for joint in joints:
+        motors.ask("forget", motor_name=joint)
+    view = OperationTerminal(motors, terminal, within=within).go()
+    if not view.is_over:
+        raise MotorSetupError(view.state, "not in time", view.trouble or view.text, "try again")
+    if joints:
+        return None
+    OperationTerminal(ChainOperation(setup, waits=True), terminal, within=within).go()
+    if setup.checked is not None and setup.checked.ok:
+        progress.clear()
+    return setup.checked
 
 
 def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> None:

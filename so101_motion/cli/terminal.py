@@ -121,19 +121,6 @@ class Terminal:
             raise Quit
         return ENTER if pressed[:1] in ("\r", "\n") else pressed[:1]
 
-    def await_key(self, keys: str, picture: Callable[[], RenderableType]) -> str:
-        """Show a picture until one of ``keys`` is pressed; without a person, take the first.
-
-        Raises:
-            Quit: ``q`` is pressed.
-        """
-        while self.is_manned:
-            self.show(picture())
-            pressed = self.key(_FRAME)
-            if pressed and pressed in keys:
-                return pressed
-        return keys[0]
-
     # Steps
 
     def run(self, work: Callable[[], T], picture: Callable[[], RenderableType]) -> T:

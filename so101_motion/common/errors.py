@@ -369,6 +369,19 @@ class CalibrationError(So101Error):
         super().__init__(f"{joint + ': ' if joint else ''}{reason}; {next_step}")
 
 
+class NotPossibleNow(So101Error):
+    """An operation offers this command, but it cannot be given now.
+
+    Attributes:
+        command: Its name.
+        reason: Why not, and what to do.
+    """
+
+    def __init__(self, command: str, reason: str) -> None:
+        super().__init__(f"{command}: {reason}")
+        self.command, self.reason = command, reason
+
+
 class MotorSetupError(So101Error):
     """A servo cannot be set up as it is connected now.
 

@@ -13,13 +13,11 @@ never waits.
 from __future__ import annotations
 
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.motors.motor_setup import MotorSetup
@@ -88,19 +86,21 @@ class Situation:
             the middle of the joint's limits, because no calibration is in force then.
         calibration_file: Where a calibration is saved, absolute.
         holds: Whether any joint is driven; None if no servo answers.
+        checked: The last result of verifying the finished chain; None without one.
     """
 
     view: CalibrationView
     setup: SetupView
     joints: Mapping[str, JointView]
     angles: Mapping[str, float]
-    calibration_file: Path
+    calibration_file: str
     is_connected: bool
-    holds: bool | None
-    notes: tuple[str, ...]
+    holds: bool | None = None
+    notes: tuple[str, ...] = ()
+    checked: Verification | None = None
 
     @property
-    def saved(self) -> Path | None:
+    def saved(self) -> str | None:
         """The file of the calibration in force, if none is under way and it has all joints."""
         is_whole = bool(self.joints) and all(view.is_done for view in self.joints.values())
         return self.calibration_file if is_whole and self.view.state is State.IDLE else None
@@ -111,64 +111,7 @@ class Situation:
         return f"nothing is under way, so nothing was changed; {about_torque(self.holds)}"
 
 
-class MotorSetupLike(Protocol):
-    """Gives motors their ids; see ``MotorSetup``. All but ``view`` waits for the bus."""
-
-    @property
-    def view(self) -> SetupView: ...  # noqa: D102
-
-    def discover(self, joint: str) -> object: ...  # noqa: D102
-
-    def assign(self, joint: str) -> object: ...  # noqa: D102
-
-    def skip(self, joint: str) -> object: ...  # noqa: D102
-
-    def verify(self) -> Verification: ...  # noqa: D102
-
-    def recall(self, joints: Collection[str]) -> None: ...  # noqa: D102
-
-    def forget(self, joint: str) -> None: ...  # noqa: D102
-
-    def reset(self) -> None: ...  # noqa: D102
-
-
-class BaseCalibrator(ABC):
-    """Calibrates an arm on a port or of a machine. All but ``situation`` waits for the bus."""
-
-    motor_setup: MotorSetupLike
-
-    @property
-    @abstractmethod
-    def situation(self) -> Situation:
-        """The present state; never waits."""
-
-    @abstractmethod
-    def step(self, command: Command, *, accept: Collection[str] = ()) -> StepResult:
-        """Carry out a step of the calibration; see ``Session.step`` for arguments and errors."""
-
-    @abstractmethod
-    def hold(self) -> object:
-        """Hold the joints where they stand."""
-
-    @abstractmethod
-    def let_go(self) -> None:
-        """Switch the torque of all joints off; they sink at once. Ends a motion under way."""
-
-    @abstractmethod
-    def restore(self, number: int | None = None) -> StepResult:
-        """Restore an earlier version in file and servos; the last one that differs by default."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Give up the port or the machine; call it once."""
-
-    @property
-    def is_under_way(self) -> bool:
-        """Whether a calibration is under way."""
-        return self.situation.view.state is not State.IDLE
-
-
-class Calibrator(BaseCalibrator):
+class Calibrator:
     """Calibrates the arm on a port, and sets up its servos.
 
     Args:
@@ -226,11 +169,17 @@ class Calibrator(BaseCalibrator):
             setup=self.motor_setup.view,
             joints=joints,
             angles=self._angles(joints, is_active and view.state is not State.STARTED),
-            calibration_file=session.calibration_file if is_active else self._file(),
+            calibration_file=str(session.calibration_file if is_active else self._file()),
             is_connected=servos.has_port,
             holds=servos.holds,
             notes=notes,
+            checked=self.motor_setup.checked,
         )
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether a calibration is under way."""
+        return self._session.view.state is not State.IDLE
 
     # Calibrating
 

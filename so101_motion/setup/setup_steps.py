@@ -12,11 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from so101_motion.calib.motors.setup_view import SetupView, Verification
 from so101_motion.calib.procedure import view as calibration_view
 from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.procedure.view import CalibrationView
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.setup.calibrator import Calibrator
 from so101_motion.setup.checkup import Check, check_up, fail, ok, warn
@@ -42,7 +45,7 @@ class SetupState:
     seen: Findings = field(default_factory=Findings)
     setup: SetupView = field(default_factory=SetupView)
     view: CalibrationView = field(default_factory=_untouched)
-    saved: Path | None = None
+    saved: Path | str | None = None
     tested: Check | None = None
 
     @classmethod
@@ -109,6 +112,37 @@ class Workflow:
     def next_open(self, known: SetupState) -> SetupStep | None:
         """The first step that is not done; None when all are."""
         return next((step for step in self.steps if step.check(known).verdict == "fail"), None)
+
+
+def listed(workflow: str, known: SetupState) -> dict[str, Any]:
+    """The steps of a workflow with what is left of each, ready for JSON.
+
+    Raises:
+        ConfigError: There is no such workflow.
+    """
+    wanted = next((each for each in WORKFLOWS if each.name == workflow), None)
+    if wanted is None:
+        raise ConfigError("workflow", workflow, suggest(workflow, [w.name for w in WORKFLOWS]))
+    left = wanted.next_open(known)
+    return {
+        "workflow": wanted.name,
+        "title": wanted.title,
+        "minutes": wanted.minutes,
+        "steps": [_about(step, step.check(known)) for step in wanted.steps],
+        "next_step": None if left is None else left.name,
+    }
+
+
+def _about(step: SetupStep, check: Check) -> dict[str, Any]:
+    return {
+        "name": step.name,
+        "title": step.title,
+        "instruction": step.instruction,
+        "minutes": step.minutes,
+        "verdict": check.verdict,
+        "message": check.sentence,
+        "fix": check.fix or None,
+    }
 
 
 # Whether a step is done

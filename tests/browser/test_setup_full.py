@@ -20,7 +20,7 @@ from conftest import Visit
 from harness.browser_user import Guest
 from harness.emulated_kit import NEW, Kit  # it lives with the tests of the module
 from playwright.sync_api import Locator, TimeoutError, ViewportSize
-from so101_viewer.setup import asking_button
+from so101_viewer.page import asking_button
 from so101_viewer.setup_app import SetupApp, serve_setup
 
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
@@ -262,7 +262,7 @@ def test_the_joints_go_limp_when_that_is_asked_for(person: Newcomer, kit: Kit) -
     person.sees("it sinks at once")
     assert not person.can("Next")
     kit.hold(elbow_flex=0.4)
-    matches = "Match the blue ghost"
+    matches = "The blue ghost shows the pose"
     person.insists("Let go of the joints", until=lambda: person.guest.says(matches))
     assert not any(kit.driven)
     person.sees("Torque off: the joints are limp")
@@ -286,7 +286,7 @@ def test_the_pose_is_taken_once_the_arm_is_held_still(person: Newcomer, kit: Kit
     kit.let_go()
     hand = threading.Thread(target=tremble)
     hand.start()
-    person.ticks_the_box()  # no hand is left for a button
+    person.presses("Take it when I hold still")  # no hand is left for a button
     person.sees("Hold still: it moves")
     person.guest.page.wait_for_timeout(2000)
     assert not person.can("Next")
@@ -333,12 +333,12 @@ def test_half_a_sweep_is_refused_or_accepted_on_purpose(person: Newcomer, kit: K
     blocked = "Is something on the arm blocking elbow_flex?"
     person.sweeps(kit, (0.2, 0.6), ("elbow_flex",), until=blocked)
     assert not person.can("Finish the recording")
-    person.ticks_the_box()
-    person.guest.until(lambda: person.can("Finish the recording"))
+    accept = "Finish the recording, accept elbow_flex"
+    person.guest.until(lambda: person.can(accept))
     all_the_way = (0.6, 0.0, 1.0, 0.5)  # on second thought
     person.sweeps(kit, all_the_way, ("elbow_flex",), until="Put the arm down, then finish")
     person.presses("Finish the recording")
-    person.sees("Everything is recorded")
+    person.guest.until(lambda: person.can("Next"))
     person.presses("Next")
 
 

@@ -59,23 +59,22 @@ def until_recording(person):
     person.sees("about to go limp")
     person.presses("\n")
     person.sees("in the middle of its travel")
-    person.presses("\n")
     person.sees("opens straight upwards")
     person.presses("\n")
     person.sees("homing pose is taken")
-    person.sees("Move every joint")
+    person.sees("Move every joint slowly")
 
 
 def until_asked_to_save(person, arm):
     until_recording(person)
     person.presses("\n")
-    person.sees("elbow_flex: not moved yet")
+    person.sees("Finish the recording: move every joint")
     for _ in range(10):  # once, unless a busy machine missed a joint at its stop
         sweep(arm)
-        if person.will_see("it ends in", 5.0):
+        if person.will_see("Finish the recording in", 5.0):
             break
-    person.sees("it ends in")
-    person.sees("Save this?")
+    person.sees("Finish the recording in")
+    person.sees("Look at what was recorded")
 
 
 # Calibrating
@@ -186,7 +185,7 @@ def test_a_setup_is_stopped_and_goes_on_later(make_kit, tmp_path):
     kit.begin(parse_fault("only:gripper"))
     with Typist("setup", "--port", kit.port) as person:
         person.sees("✓ gripper")
-        person.sees("which is done, is still connected")
+        person.sees("nplug the motor of gripper and write 6 on it")
         person.presses("q")
         person.sees("so101 setup continues here")
         assert person.code() == 7

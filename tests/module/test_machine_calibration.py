@@ -6,13 +6,11 @@ import time
 import pytest
 from harness.emulated_kit import Kit
 from harness.fake_parent import CALIBRATION, SENSOR
+from harness.terminal_user import Typist
 from harness.viam_machine import SIM, running_machine
-from so101_viewer.setup.machine import MachineCalibrator
 
-from so101_motion.calib.procedure.steps import Command, State
-from so101_motion.calib.procedure.travel_assessment import Verdict
-from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.errors import MachineRefused, MachineUnavailable
+from so101_motion.common.remote_operation import RemoteOperation
 from so101_motion.viam.client import MachineRig
 
 PAUSE = threading.Event()
@@ -40,10 +38,8 @@ def test_an_arm_is_calibrated_over_the_network_and_the_network_may_fail(tmp_path
             running_machine(resources=resources(kit.port, str(tmp_path / "arm.json"))) as machine,
             MachineRig.connect(machine.address) as rig,
         ):
-            calibrator = MachineCalibrator(
-                lambda command: rig.do_command("calibration", command),
-                lambda: rig.readings("calibration"),
-                set_torque=rig.arm.set_torque,
+            calibrator = RemoteOperation(
+                lambda request: rig.do_command("calibration", request), "calibration"
             )
             try:
                 calibrate(calibrator, kit, machine, rig)
@@ -60,39 +56,79 @@ def see(rig):
     until(lambda: rig.readings("calibration")[reads] >= begin + 3)
 
 
-def calibrate(calibrator, kit, machine, rig):
-    assert calibrator.situation.view.state is State.IDLE
+def calibrate(operation, kit, machine, rig):
+    assert operation.view.state == "idle"
     with pytest.raises(MachineRefused, match="set_homing"):
-        calibrator.step(Command.SET_HOMING)
+        operation.ask("set_homing")
 
-    calibrator.step(Command.START)
-    assert calibrator.situation.view.state is State.STARTED
+    operation.ask("start")
+    assert operation.view.state == "started"
     assert not any(kit.driven)
-    calibrator.step(Command.SET_HOMING)
-    calibrator.step(Command.START_RECORDING)
     kit.let_go()
+    operation.ask("take_pose")
+    until(lambda: operation.view.offer("set_homing").due_in == 0.0)
+    operation.ask("set_homing")
+    operation.ask("start_range_recording")
     for share in (0.5, 0.45, 0.4, 0.35, 0.3):
         kit.put(share)
         see(rig)
-    until(lambda: calibrator.situation.joints["elbow_flex"].verdict is Verdict.TOO_SHORT)
+
+    def elbow():
+        return operation.view.facts["joints"]["elbow_flex"]
+
+    until(lambda: elbow()["verdict"] == "too_short")
     with pytest.raises(MachineRefused, match="elbow_flex"):
-        calibrator.step(Command.STOP_RECORDING)
+        operation.ask("stop_range_recording")
 
     machine.cut()
-    until(lambda: not calibrator.situation.is_connected)
-    assert "127.0.0.1" in calibrator.situation.view.error
+    until(lambda: not operation.view.is_connected)
+    assert "127.0.0.1" in operation.view.trouble
     with pytest.raises(MachineUnavailable):
-        calibrator.step(Command.SAVE)
+        operation.ask("save_calibration")
     machine.mend()
-    until(lambda: calibrator.situation.is_connected)
-    assert calibrator.situation.view.state is State.RECORDING, "it went on over there"
+    until(lambda: operation.view.is_connected)
+    assert operation.view.state == "range_recording", "it went on over there"
 
-    while not all(view.is_done for view in calibrator.situation.joints.values()):
+    while operation.view.offer("stop_range_recording").why_not is not None:
         PAUSE.wait(kit.sweep())  # to its end: where the hand stops later is outside what was seen
-    calibrator.step(Command.STOP_RECORDING)
-    ended = calibrator.step(Command.SAVE)
-    assert ended.holds
-    assert set(ended.stored.calibration) == set(JOINTS)
+    operation.ask("stop_range_recording")
+    ended = operation.ask("save_calibration")
+    assert ended["torque_enabled"]
+    assert ended["joints_calibrated"] == 6
     assert all(kit.driven)
-    assert calibrator.situation.view.state is State.IDLE
-    assert calibrator.situation.holds
+    assert operation.view.is_over
+    assert operation.view.facts["holds"]
+
+
+@pytest.mark.slow
+def test_an_arm_is_calibrated_through_its_machine_in_the_terminal(tmp_path):
+    file, kit = tmp_path / "arm.json", Kit(tmp_path)
+    try:
+        with (
+            running_machine(resources=resources(kit.port, str(file))) as machine,
+            Typist("calibrate", "--machine", machine.address) as person,
+        ):
+            person.sees("Let go of the joints")
+            person.presses("\n")
+            person.sees("I hold it there")
+            kit.let_go()
+            kit.put(0.5)
+            person.presses("\n")
+            person.sees("homing pose is taken")
+            person.presses("\n")
+            person.sees("Move every joint slowly")
+            person.presses("\n")
+            person.sees("Finish the recording: move every joint")
+            for _ in range(10):  # once, unless a busy machine looked elsewhere on the way
+                PAUSE.wait(kit.sweep())
+                if person.will_see("All joints have been", 4.0):
+                    break
+            person.presses("\n")
+            person.sees("Look at what was recorded")
+            assert not file.exists()
+            person.presses("\n")
+            person.sees(f"Saved: {file}")
+            assert person.code() == 0
+            assert all(kit.driven)
+    finally:
+        kit.close()

@@ -19,8 +19,8 @@ from so101_motion.common.units import to_rad
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.setup.setup_steps import ASSEMBLY
 
+from ..page import cards
 from ..page.shared_fields import put
-from . import cards
 from .page import StepPage
 from .setup_context import SetupContext
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from so101_motion.calib.procedure.summary import PoseHint, SummaryLine, Tone, TravelBar
+from so101_motion.common.operation import Tone
 from so101_motion.setup.accuracy import (
     JointAccuracy,
     MoveReport,
@@ -15,10 +15,9 @@ from so101_motion.setup.accuracy import (
     reasons,
 )
 
+from ..page.cards import BAD, COLOURS, DIM, GOOD
 from ..page.texts import capital
-from .cards import BAD, DIM, GOOD, WARM
 
-_COLOURS: dict[Tone, str] = {"good": GOOD, "busy": "#f0a500", "warm": WARM, "bad": BAD, "dim": DIM}
 _VERDICTS: dict[str, tuple[str, Tone]] = {
     "ok": ("✓", "good"),
     "warn": ("!", "warm"),
@@ -32,66 +31,6 @@ _FIGURES = (
 _BOX = "padding:.3em .8em;font-size:.85em;line-height:1.5"
 
 
-def hints(items: Iterable[PoseHint]) -> str:
-    """How near each joint is to the pose."""
-    rows = "".join(
-        f"<span>{escape(hint.joint)}</span>"
-        f'<span style="color:{_COLOURS[hint.tone]};font-weight:600">{escape(hint.text)}</span>'
-        for hint in items
-    )
-    return f'<div style="{_BOX};display:grid;grid-template-columns:8em 1fr">{rows}</div>'
-
-
-def travels(items: Iterable[TravelBar]) -> str:
-    """A bar for each joint."""
-    return f'<div style="{_BOX}">{"".join(map(_travel, items))}</div>'
-
-
-def _travel(item: TravelBar) -> str:
-    colour = _COLOURS[item.tone]
-    mark = ""
-    if item.is_done:  # no tick for a travel that can be saved but is short
-        mark = f'<b style="color:{colour}">{"!" if item.tone == "warm" else "✓"}</b>'
-    at = ""
-    if item.at is not None:
-        at = (
-            f'<i style="position:absolute;left:calc({100 * item.at:.1f}% - .17em);top:-.22em;'
-            'width:.34em;height:1.14em;border-radius:.15em;background:currentColor"></i>'
-        )
-    text = (
-        f'<div style="grid-column:2/-1;font-size:.92em;color:{colour};line-height:1.3">'
-        f"{escape(capital(item.text))}</div>"
-        if item.text
-        else ""
-    )
-    return (
-        f'<div role="meter" aria-label="{escape(item.joint)}" '
-        f'aria-valuenow="{100 * (item.end - item.begin):.0f}" '
-        'style="display:grid;grid-template-columns:1em 6.6em 1fr 5.6em;gap:0 .4em;'
-        f'align-items:center;margin:.2em 0"><span>{mark}</span>'
-        f"<span>{escape(item.joint)}</span>"
-        '<span style="height:.7em;border-radius:.35em;background:#8884;position:relative">'
-        f'<i style="position:absolute;left:{100 * item.begin:.1f}%;top:0;height:100%;'
-        f"width:{100 * (item.end - item.begin):.1f}%;border-radius:.35em;"
-        f'background:{colour}"></i>{at}</span>'
-        '<span style="text-align:right;font-variant-numeric:tabular-nums">'
-        f"{escape(item.figures)}</span>{text}</div>"
-    )
-
-
-def summary(lines: Iterable[SummaryLine]) -> str:
-    """What will be saved, joint by joint, beside the values before."""
-    rows = "".join(
-        f"<tr><td>{escape(line.joint)}</td><td {_RIGHT}>{escape(line.travel)}</td>"
-        f'<td style="color:{_COLOURS[line.tone]};font-weight:600;text-align:right">'
-        f"{escape(line.quality)}</td>"
-        f"<td {_RIGHT}>{escape(line.change)}</td></tr>"
-        + (_below(line.reason, line.tone, 4) if line.reason else "")
-        for line in lines
-    )
-    return _table(("joint", "travel", "quality", "change"), rows)
-
-
 def report(joints: Sequence[JointAccuracy]) -> str:
     """The results of the test so far, joint by joint; empty as long as there are none.
 
@@ -103,7 +42,7 @@ def report(joints: Sequence[JointAccuracy]) -> str:
     for joint in joints:
         mark, tone = _VERDICTS[joint.verdict]
         rows.append(
-            f'<tr><td><b style="color:{_COLOURS[tone]}">{mark}</b> {escape(joint.joint)}</td>'
+            f'<tr><td><b style="color:{COLOURS[tone]}">{mark}</b> {escape(joint.joint)}</td>'
             + "".join(
                 f"<td {_RIGHT}>{escape(text)}</td>"
                 for text in (
@@ -133,18 +72,6 @@ def result(found: MoveReport) -> str:
     )
 
 
-def saved(title: str, path: str, lines: Iterable[str]) -> str:
-    """Where something was saved, with notes."""
-    notes = "".join(
-        f'<div style="color:{DIM};margin-top:.3em">{escape(capital(line))}</div>' for line in lines
-    )
-    return (
-        f'<div style="{_BOX}"><b style="color:{GOOD}">{escape(title)}</b>'
-        f'<div style="font-family:monospace;overflow-wrap:anywhere">{escape(path)}</div>{notes}'
-        "</div>"
-    )
-
-
 def link(url: str, text: str) -> str:
     """A link to another page of ours."""
     return (
@@ -171,5 +98,5 @@ def _table(heads: Iterable[str], rows: str) -> str:
 def _below(text: str, tone: Tone, span: int) -> str:
     return (
         f'<tr><td colspan="{span}" style="padding:0 0 .3em 1em;font-size:.92em;line-height:1.3;'
-        f'color:{_COLOURS[tone]}">{escape(capital(text))}</td></tr>'
+        f'color:{COLOURS[tone]}">{escape(capital(text))}</td></tr>'
     )

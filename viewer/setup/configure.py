@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import partial
+from pathlib import Path
 
 import viser
 
@@ -14,8 +15,8 @@ from so101_motion.setup import port_selection
 from so101_motion.setup.setup_steps import CONFIGURE
 from so101_motion.viam.suggested_config import configuration
 
-from ..page import markup
-from . import calibration_cards, cards
+from ..page import cards, markup
+from . import calibration_cards, setup_cards
 from .page import StepPage
 from .setup_context import ServesPreview, SetupContext
 from .setup_target import SetupTarget
@@ -33,7 +34,7 @@ class SetupPreview:
     """
 
     def __init__(self, serve: ServesPreview, target: SetupTarget) -> None:
-        file = target.calibrator.situation.calibration_file
+        file = Path(target.situation.calibration_file)
         asked = ServoSettings(port=target.where, fallback_file=file)
         self._rig = open_hardware(asked.with_arm(SERVO_IDS))
         try:
@@ -73,7 +74,7 @@ class ConfigurePage(StepPage):
         """Make the configuration for the target."""
         target, self._text, self._is_shown = self._setup.target, "", False
         if target is not None and self._setup.saved is None:
-            self._setup.saved = target.calibrator.situation.saved
+            self._setup.saved = target.situation.saved
         if target is not None and not target.is_remote:
             self._do("writing the configuration", snippet, self._take)
 
@@ -90,7 +91,7 @@ class ConfigurePage(StepPage):
         saved = self._setup.saved
         tested = self._setup.tested
         html = cards.instruction(CONFIGURE.title, "")
-        html += "" if tested is None else cards.check_text(tested)
+        html += "" if tested is None else setup_cards.check_text(tested)
         if target.is_remote:
             html += cards.instruction(
                 "", f"The machine uses it already. Its calibration is in {saved}: set"

@@ -18,7 +18,8 @@ from so101_motion.setup.checkup import Check, fail
 from so101_motion.setup.port_selection import Candidate, PortsSeen
 from so101_motion.setup.setup_steps import CONNECT
 
-from . import cards
+from ..page import cards
+from . import setup_cards
 from .page import StepPage
 from .setup_context import SetupContext
 from .setup_target import Ports, SetupTarget
@@ -172,11 +173,15 @@ class ConnectionPage(StepPage):
             self._picks[place].visible = there and many and candidates[place] is not chosen
             if there:
                 candidate = candidates[place]
-                self._cards[place].content = cards.port(candidate, is_chosen=candidate is chosen)
+                self._cards[place].content = setup_cards.port(
+                    candidate, is_chosen=candidate is chosen
+                )
                 self._picks[place].label = f"Use {candidate.name}"
         self._name.visible = chosen is not None and chosen.report.calibration is None
         is_bare = chosen is not None and not chosen.report.servo_ids
-        self._status.content = cards.check_text(self.check()) + cards.note(_BARE if is_bare else "")
+        self._status.content = setup_cards.check_text(self.check()) + cards.note(
+            _BARE if is_bare else ""
+        )
 
     def check(self) -> Check:
         """Whether there is a usable port."""

@@ -15,21 +15,19 @@ import viser
 
 from so101_motion import __version__
 from so101_motion.common.modes import HELD, Mode
-from so101_motion.common.named_poses import POSES
 from so101_motion.common.state import JointState
 from so101_motion.setup.accuracy import MoveReport
+from so101_motion.setup.calibration_operation import OPEN_POSE
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.move_test import MoveTest, MoveTestProgress, Outline
 from so101_motion.setup.setup_steps import TEST
 
+from ..page import cards
 from ..page.shared_fields import SharedField, put
-from . import calibration_cards, cards
+from . import calibration_cards
 from .page import StepPage
 from .setup_context import SetupContext
 from .setup_target import SetupTarget
-
-OPEN_POSE = next(pose.q for pose in POSES if pose.name == "ready")
-"""Where every joint has room for its test motion, shape (5,), [rad]."""
 
 _BY_HAND = (
     "Move it by hand to a pose like the blue ghost's, clear of everything, then press Hold the"
@@ -303,7 +301,7 @@ class FinalTestPage(StepPage):
         self._test = test
 
     def _hold_joints(self) -> None:
-        self._do("holding the joints", lambda target: target.calibrator.hold())
+        self._do("holding the joints", lambda target: target.hold())
 
     def _agree_to(self, is_clear: bool) -> None:
         self._is_agreed = is_clear

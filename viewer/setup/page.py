@@ -1,4 +1,4 @@
-"""The base classes of a step's page.
+"""The base class of a step's page.
 
 A page shows one step of ``so101_motion.setup.setup_steps`` and lets people do it. It never waits:
 calls to motors run on a worker thread, and ``refresh`` takes in the result. All pages work for
@@ -7,7 +7,6 @@ every browser at once and keep nothing in the browser, so a reload loses nothing
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
@@ -15,9 +14,6 @@ from typing import TypeVar
 
 import viser
 
-from so101_motion.calib.procedure.pose_estimate import PoseEstimate, estimate_pose
-from so101_motion.calib.procedure.steps import Command
-from so101_motion.setup.calibrator import Situation
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.setup_steps import SetupStep
 
@@ -82,9 +78,9 @@ class StepPage(ABC):
             So101Error: It cannot be ended now; the message says what to do.
         """
         target = self._setup.target
-        if target is None or not target.calibrator.is_under_way:
+        if target is None or not target.is_under_way:
             return self._as_it_was()
-        return target.calibrator.step(Command.ABORT).put_back
+        return str(target.calibration.ask("abort")["message"]).rstrip(".")
 
     @abstractmethod
     def _as_it_was(self) -> str:
@@ -99,48 +95,3 @@ class StepPage(ABC):
         """Start ``SetupContext.do``; return whether it has started."""
         target = self._setup.target
         return target is not None and self._setup.do(doing, partial(call, target), then)
-
-
-_PERIOD = 0.07
-"""Time between two pictures [s]; chosen: hands are slow, and browsers on phones are as well."""
-
-
-class CalibrationPage(StepPage):
-    """The page of a step that reads the arm continuously during a calibration."""
-
-    def __init__(self, setup: SetupContext, step: SetupStep) -> None:
-        super().__init__(setup, step)
-        self._now: Situation | None = None  # what was seen last; None without an arm
-        self._due = 0.0
-
-    def refresh(self) -> bool:
-        """Read the arm; return whether anything is new."""
-        target, t = self._setup.target, time.monotonic()
-        if target is None or t < self._due:
-            return False
-        before, self._now = self._now, target.calibrator.situation
-        if before is not None and _is_same(before, self._now):
-            return False
-        self._due = t + _PERIOD
-        return True
-
-    def _draw(self, now: Situation) -> PoseEstimate:
-        """Draw the arm at its estimated angles."""
-        seen = estimate_pose(now.view.state, now.joints, now.angles)
-        self._setup.picture.move(seen.q, seen.q_jaw)
-        return seen
-
-    def _as_it_was(self) -> str:
-        target = self._setup.target
-        return "nothing was changed" if target is None else target.calibrator.situation.untouched
-
-
-def _is_same(before: Situation, now: Situation) -> bool:
-    """Whether there is no visible difference."""
-    a, b = before.view, now.view
-    return (
-        (a.state, a.error, a.note) == (b.state, b.error, b.note)
-        and before.joints == now.joints
-        and before.is_connected == now.is_connected
-        and before.notes == now.notes
-    )

@@ -15,25 +15,29 @@ from so101_motion.calib.motors.progress import NAME, SetupProgress
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.common.errors import So101Error
 from so101_motion.setup.port_selection import own_folder
-from so101_motion.setup.setup_steps import CONNECT, MOTORS_ONLY, WORKFLOWS, Workflow
+from so101_motion.setup.setup_steps import (
+    CONNECT,
+    MOTORS_ONLY,
+    POSE,
+    RECORD,
+    SAVE,
+    WORKFLOWS,
+    Workflow,
+)
 
-from ..page import markup
+from ..page import cards, markup
+from ..page.asking_button import AskingButton
 from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
 from ..page.texts import capital
-from . import cards
-from .asking_button import AskingButton
+from . import setup_cards
 from .assembly import AssemblyPage
-from .chain import ChainPage
 from .configure import ConfigurePage
 from .connection import ConnectionPage
 from .final_test import FinalTestPage
-from .motors import MotorsPage
+from .operation_pages import CalibrationPage, ChainPage, motors_page
 from .page import StepPage
 from .picture import Picture
-from .pose import PosePage
-from .record import RecordPage
-from .save import SavePage
 from .setup_context import ServesPreview, SetupContext
 from .setup_target import FixedArm, Ports, SetupTarget, fixed_arm
 from .step_wizard import StepWizard
@@ -73,12 +77,12 @@ class SetupPart(Part):
         self.wizard = StepWizard(progress)
         self._pages: dict[str, StepPage] = {  # by the step's name
             "connect": ConnectionPage(self.setup, ports),
-            "motors": MotorsPage(self.setup),
+            "motors": motors_page(self.setup),
             "chain": ChainPage(self.setup),
             "assembly": AssemblyPage(self.setup),
-            "pose": PosePage(self.setup),
-            "record": RecordPage(self.setup),
-            "save": SavePage(self.setup),
+            "pose": CalibrationPage(self.setup, POSE),
+            "record": CalibrationPage(self.setup, RECORD),
+            "save": CalibrationPage(self.setup, SAVE),
             "test": FinalTestPage(self.setup),
             "configure": ConfigurePage(self.setup),
         }
@@ -102,7 +106,7 @@ class SetupPart(Part):
             self._resume = gui.add_button("", icon=viser.Icon.PLAYER_PLAY, color="green")
             self.setup.context.on_press(self._resume, self._go_on_with_earlier)
             for workflow in WORKFLOWS:
-                gui.add_html(cards.choice(workflow))
+                gui.add_html(setup_cards.choice(workflow))
                 button = gui.add_button(workflow.title, icon=viser.Icon.ARROW_RIGHT)
                 self.setup.context.on_press(button, partial(self._choose, workflow))
         self._folders: dict[str, viser.GuiFolderHandle] = {}
@@ -230,9 +234,9 @@ class SetupPart(Part):
         waits = self.setup.target is None and wizard.place > 0
         about = f"{wizard.where}, once the arm is connected again" if waits else wizard.where
         self._head.content = markup.headline(wizard.workflow.title, about, is_under_way=True)
-        self._steps.content = cards.step_list(wizard.rows(self.setup.known))
+        self._steps.content = setup_cards.step_list(wizard.rows(self.setup.known))
         if not self._is_alone:  # else the bar says it
-            self._torque.content = cards.torque(self.setup.torque.shown)
+            self._torque.content = setup_cards.torque(self.setup.torque.shown)
         reason = self._reason()
         ends = wizard.is_last and not waits
         self._next.label = "Finish" if ends else self._current.next_label()

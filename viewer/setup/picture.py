@@ -11,6 +11,7 @@ import numpy as np
 import viser
 
 from so101_motion.common.geometry import Array
+from so101_motion.common.operation import Picture as ViewPicture
 from so101_motion.planning.kinematics.model import RobotModel
 
 from ..scene.robot_view import MOVED_LINK, Color, RobotView, looks_different
@@ -59,6 +60,14 @@ class Picture:
             self._lit = (joints, color)
             self._arm.paint(_PALE)
             self._arm.paint(color, {MOVED_LINK[joint] for joint in joints})
+
+    def draw(self, picture: ViewPicture) -> None:
+        """Draw the picture of an operation."""
+        *q, q_jaw = picture.q
+        self.move(np.array(q), q_jaw)
+        *q_ghost, q_jaw_ghost = picture.ghost or (0.0,)
+        self.ghost(np.array(q_ghost) if q_ghost else None, q_jaw_ghost)
+        self.light(picture.lit, GREEN if picture.lit_tone == "good" else ORANGE)
 
     def move(self, q: Array, q_jaw: float) -> None:
         """Put the joints to ``q``, shape (5,), and the jaw to ``q_jaw`` [rad]."""

@@ -38,7 +38,7 @@ def reasons(target: SetupTarget | None, doing: str) -> tuple[str | None, str | N
         return ("No arm is connected yet.",) * 3
     if target.rig is None:
         return ("The machine has no arm yet, so its joints cannot be held from here.",) * 3
-    if not target.calibrator.situation.is_connected:
+    if not target.situation.is_connected:
         return ("There is no connection to the arm.",) * 3
     waits = f"Wait for the end of this: {doing}." if doing else None
     return (
@@ -49,7 +49,7 @@ def reasons(target: SetupTarget | None, doing: str) -> tuple[str | None, str | N
 
 
 def _hold(target: SetupTarget, rig: RigLike) -> str | None:
-    now, mode = target.calibrator.situation, rig.arm.state.mode
+    now, mode = target.situation, rig.arm.state.mode
     if now.view.state is not State.IDLE:
         return _CALIBRATED
     if mode in (Mode.GUIDING, Mode.FAULT):
@@ -60,7 +60,7 @@ def _hold(target: SetupTarget, rig: RigLike) -> str | None:
 
 
 def _guide(target: SetupTarget, rig: RigLike) -> str | None:
-    now = target.calibrator.situation
+    now = target.situation
     if now.view.state is not State.IDLE:
         return _CALIBRATED
     if now.saved is None:
@@ -69,7 +69,7 @@ def _guide(target: SetupTarget, rig: RigLike) -> str | None:
 
 
 def _let_go(target: SetupTarget) -> str | None:
-    holds = target.calibrator.situation.holds
+    holds = target.situation.holds
     return "No motor answers." if holds is None else None if holds else texts.LIMP_ALREADY
 
 
@@ -123,12 +123,12 @@ class SetupBar(Part):
     def _hold(self) -> None:
         target = self._can(0)
         if target is not None:
-            self._setup.do("holding the joints", target.calibrator.hold)
+            self._setup.do("holding the joints", target.hold)
 
     def _let_go(self) -> None:
         target = self._can(2)
         if target is not None and self._letting_go is None:  # not on the setup's worker: at once
-            self._letting_go = self._context.in_background(target.calibrator.let_go)
+            self._letting_go = self._context.in_background(target.let_go)
 
     def _guide(self) -> None:
         target = self._can(1)

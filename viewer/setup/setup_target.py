@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
-from so101_motion.common.errors import ConfigError, MachineRefused
+import msgspec
+
+from so101_motion.calib.procedure.steps import State
+from so101_motion.common.errors import CalibrationError, ConfigError, MachineRefused
+from so101_motion.common.operation import Operation
+from so101_motion.common.remote_operation import Json, RemoteOperation
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.protocols import ArmConnection, RigLike
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.setup.calibrator import BaseCalibrator, Calibrator
+from so101_motion.setup.calibration_operation import CalibrationOperation
+from so101_motion.setup.calibrator import Calibrator, Situation
 from so101_motion.setup.findings import Findings
+from so101_motion.setup.motor_operation import ChainOperation, MotorOperation
 from so101_motion.setup.port_selection import REPLY_TIMEOUT, Candidate, PortsSeen, look
 from so101_motion.viam.client import MachineRig, MachineSensor
-
-from .machine import MachineCalibrator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -23,15 +28,46 @@ class SetupTarget:
     """The arm that is set up.
 
     Attributes:
-        calibrator: Does the work; closed with the target.
+        calibration: Calibrates it.
+        motors: Gives its motors their ids.
+        chain: Verifies its motors.
+        set_torque: Holds the joints where they stand, or lets them sink.
         rig: Moves the arm, for the final test; None if it cannot be moved. Closed by its owner.
         is_remote: Whether it is the arm of a machine, whose cable cannot be looked at from here.
     """
 
     where: str
-    calibrator: BaseCalibrator
+    calibration: Operation
+    motors: Operation
+    chain: Operation
+    set_torque: Callable[[bool], object]
     rig: RigLike | None = None
     is_remote: bool = False
+
+    @property
+    def situation(self) -> Situation:
+        """The state of calibration, motor setup and arm; never waits."""
+        view = self.calibration.view
+        now = msgspec.convert(view.facts, Situation)
+        return now if view.is_connected else replace(now, is_connected=False)
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether a calibration is under way."""
+        return self.calibration.view.state != State.IDLE.value
+
+    def hold(self) -> object:
+        """Hold the joints where they stand."""
+        return self.set_torque(True)
+
+    def let_go(self) -> None:
+        """Switch the torque of all joints off; they sink at once."""
+        self.set_torque(False)
+
+    def close(self) -> None:
+        """Give up the port or the machine; a machine's calibration goes on."""
+        for operation in (self.motors, self.chain, self.calibration):
+            operation.close()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,8 +118,14 @@ class Ports:
 
 def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
     try:
+        calibrator = Calibrator(share)
         return SetupTarget(
-            where=share.settings.port, calibrator=Calibrator(share), rig=rig or share
+            where=share.settings.port,
+            calibration=CalibrationOperation(calibrator),
+            motors=MotorOperation(calibrator.motor_setup),
+            chain=ChainOperation(calibrator.motor_setup, is_busy=lambda: calibrator.is_under_way),
+            set_torque=lambda on: calibrator.hold() if on else calibrator.let_go(),
+            rig=rig or share,
         )
     except BaseException:
         share.close()
@@ -109,10 +151,8 @@ def fixed_machine(sensor: MachineSensor) -> FixedArm:
     """The motors of a machine that has no arm yet."""
 
     def make() -> SetupTarget:
-        calibrator = MachineCalibrator(
-            partial(sensor.do_command, sensor.name), partial(sensor.readings, sensor.name)
-        )
-        return SetupTarget(where=sensor.connection.to, calibrator=calibrator, is_remote=True)
+        send = partial(sensor.do_command, sensor.name)
+        return _of_machine(sensor.connection.to, send, _without_arm)
 
     return FixedArm(
         where=sensor.connection.to, open=make, findings=lambda: _about(sensor.connection)
@@ -140,16 +180,8 @@ def _open_machine(rig: MachineRig) -> SetupTarget:
     """Open the machine's own calibration sensor, whatever its name."""
     for resource in rig.resources:
         if resource.api == "component:sensor" and _is_ours(rig, resource.name):
-            return SetupTarget(
-                where=rig.connection.to,
-                calibrator=MachineCalibrator(
-                    partial(rig.do_command, resource.name),
-                    partial(rig.readings, resource.name),
-                    set_torque=rig.arm.set_torque,
-                ),
-                rig=rig,
-                is_remote=True,
-            )
+            send = partial(rig.do_command, resource.name)
+            return _of_machine(rig.connection.to, send, rig.arm.set_torque, rig)
     raise ConfigError(
         "sensor",
         None,
@@ -163,3 +195,29 @@ def _is_ours(rig: MachineRig, sensor: str) -> bool:
         return "calibration_state" in rig.readings(sensor)
     except MachineRefused:
         return False
+
+
+def _of_machine(
+    where: str,
+    send: Callable[[Json], Json],
+    set_torque: Callable[[bool], object],
+    rig: MachineRig | None = None,
+) -> SetupTarget:
+    """The operations of a calibration sensor."""
+    return SetupTarget(
+        where=where,
+        calibration=RemoteOperation(send, "calibration"),
+        motors=RemoteOperation(send, "motors"),
+        chain=RemoteOperation(send, "chain"),
+        set_torque=set_torque,
+        rig=rig,
+        is_remote=True,
+    )
+
+
+def _without_arm(_: bool) -> None:
+    raise CalibrationError(
+        None,
+        "the machine has no arm yet, so its joints can neither be held nor let go of",
+        "add the arm to the machine's configuration",
+    )

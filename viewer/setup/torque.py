@@ -32,7 +32,7 @@ def torque(target: SetupTarget | None) -> TorqueText:
     """The text for the present target."""
     if target is None:
         return TorqueText(text="Torque not known: no arm yet")
-    now = target.calibrator.situation
+    now = target.situation
     if not now.is_connected:
         return TorqueText(text="Torque not known: no connection")
     if now.holds is None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from so101_motion.calib.procedure.stillness import Stillness
 from so101_motion.calib.procedure.travel import TravelArc, TravelRecorder
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.clock import Clock
@@ -30,6 +31,8 @@ class Positions:
         samples: How often they were read since the recording began.
         silent: Joints that do not answer.
         t: When they were read [s].
+        held_since: Since when the arm is held still [s].
+        grown_at: When a travel last grew [s].
     """
 
     ticks: Mapping[str, int] = field(default_factory=dict)
@@ -37,6 +40,8 @@ class Positions:
     samples: int = 0
     silent: tuple[str, ...] = ()
     t: float = 0.0
+    held_since: float = 0.0
+    grown_at: float = 0.0
 
 
 class Sampler:
@@ -47,12 +52,13 @@ class Sampler:
     """
 
     def __init__(self, clock: Clock, joints: Sequence[str]) -> None:
-        self.seen = Positions(t=clock.now())
+        self.seen = Positions(t=clock.now(), held_since=clock.now())
         self._clock = clock
         self._joints = {SERVO_IDS[joint]: joint for joint in joints}
         self._presence = Presence(tuple(self._joints))
         self._sweeps: dict[str, TravelRecorder] | None = None
         self._samples = 0
+        self._stillness = Stillness()
 
     def record(self) -> None:
         """Start to record the joints' travels; on the port's thread."""
@@ -70,12 +76,19 @@ class Sampler:
             self._joints[servo_id]: _ROW.decode(answer.data) % TICKS_PER_TURN
             for servo_id, answer in answers.items()
         }
+        silent = tuple(joint for i, joint in self._joints.items() if i in self._presence.silent)
+        ticks, arcs = {**self.seen.ticks, **found}, self._sweep(now, found)
+        held = {
+            joint: None if joint in silent else ticks.get(joint) for joint in self._joints.values()
+        }
         self.seen = Positions(
             t=now,
-            ticks={**self.seen.ticks, **found},
-            arcs=self._sweep(now, found),
+            ticks=ticks,
+            arcs=arcs,
             samples=self._samples,
-            silent=tuple(joint for i, joint in self._joints.items() if i in self._presence.silent),
+            silent=silent,
+            held_since=now - self._stillness.feed(now, held),
+            grown_at=now if arcs != self.seen.arcs else self.seen.grown_at,
         )
 
     def _sweep(self, now: float, found: Mapping[str, int]) -> Mapping[str, TravelArc]:

@@ -8,9 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-STILL = 1.5
-"""The pose is taken after the arm was held still for this long [s]. Chosen."""
-
 TREMBLE = 23
 """How far a joint may move meanwhile [tick], 2 deg; a hand trembles. Chosen."""
 

@@ -8,8 +8,7 @@ saved.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, PoseEstimate
 from so101_motion.calib.procedure.travel import MIDDLE, around
@@ -17,9 +16,8 @@ from so101_motion.calib.procedure.travel_assessment import ROLL, Verdict, can_be
 from so101_motion.calib.procedure.view import TICKS_PER_DEG, JointView
 from so101_motion.calib.record import compare, record
 from so101_motion.calib.record.record import Calibration
+from so101_motion.common.operation import Row, Tone
 from so101_motion.common.units import to_deg
-
-Tone = Literal["good", "busy", "warm", "bad", "dim"]
 
 NEAR_DEG = 25.0
 """How far from the middle of its travel a joint may be homed [deg]. Chosen: the travel is found
@@ -35,30 +33,21 @@ FEW = 2
 # The homing pose
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseHint:
-    """A hint on how near a joint is to the homing pose."""
-
-    joint: str
-    text: str
-    tone: Tone
-
-
-def hints(joints: Mapping[str, JointView], now: PoseEstimate) -> tuple[PoseHint, ...]:
-    """A hint for each joint on how near it is to the homing pose."""
+def hints(joints: Mapping[str, JointView], now: PoseEstimate) -> tuple[Row, ...]:
+    """A row for each joint that says how near it is to the homing pose."""
     return tuple(_hint(view, now) for view in joints.values())
 
 
-def _hint(view: JointView, now: PoseEstimate) -> PoseHint:
+def _hint(view: JointView, now: PoseEstimate) -> Row:
     joint = view.joint
     if view.ticks is None:
-        return PoseHint(joint=joint, text="does not answer: check its cable", tone="bad")
+        return Row(label=joint, cells=("does not answer: check its cable",), tone="bad")
     if joint in now.guessed:
-        return PoseHint(joint=joint, text="by eye, it was never calibrated", tone="dim")
+        return Row(label=joint, cells=("by eye, it was never calibrated",), tone="dim")
     off_deg = to_deg(now.angles[joint] - HOMING_POSE[joint])
     if abs(off_deg) <= (UPRIGHT_DEG if joint == ROLL else NEAR_DEG):
-        return PoseHint(joint=joint, text="there", tone="good")
-    return PoseHint(joint=joint, text=f"{abs(off_deg):.0f}° off", tone="warm")
+        return Row(label=joint, cells=("there",), tone="good")
+    return Row(label=joint, cells=(f"{abs(off_deg):.0f}° off",), tone="warm")
 
 
 def picture_note(now: PoseEstimate, joints: Iterable[str]) -> str:
@@ -76,27 +65,6 @@ def picture_note(now: PoseEstimate, joints: Iterable[str]) -> str:
 
 
 # The travels
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TravelBar:
-    """A joint's bar: its travel so far, and where it is now.
-
-    Attributes:
-        begin: Where on the bar its travel begins, 0 to 1.
-        end: Where it ends.
-        at: Where the joint is now; None if that is not known.
-        text: What to do; empty when there is nothing.
-    """
-
-    joint: str
-    begin: float
-    end: float
-    at: float | None
-    figures: str
-    text: str
-    tone: Tone
-    is_done: bool
 
 
 TONES: Mapping[Verdict | None, Tone] = {
@@ -117,23 +85,24 @@ _PLAIN = (
 """Verdicts that need no text beside the bar."""
 
 
-def travels(joints: Mapping[str, JointView]) -> tuple[TravelBar, ...]:
-    """A bar for each joint."""
+def travels(joints: Mapping[str, JointView]) -> tuple[Row, ...]:
+    """A bar for each joint: its travel so far, and where it is now."""
     return tuple(map(_travel, joints.values()))
 
 
-def _travel(view: JointView) -> TravelBar:
+def _travel(view: JointView) -> Row:
     begin, end, at = _on_bar(view)
     is_plain = view.verdict in _PLAIN and (view.joint != ROLL or view.is_done)
-    return TravelBar(
-        joint=view.joint,
-        begin=begin,
-        end=end,
+    tone = "bad" if view.ticks is None else TONES[view.verdict]
+    mark = "!" if tone == "warm" else "✓"  # no tick for a travel that can be saved but is short
+    return Row(
+        label=view.joint,
+        bar=(begin, end),
         at=at,
-        figures=_figures(view),
+        cells=(_figures(view),),
         text="" if view.ticks is not None and is_plain else _advice(view),
-        tone="bad" if view.ticks is None else TONES[view.verdict],
-        is_done=view.is_done,
+        tone=tone,
+        mark=mark if view.is_done else "",
     )
 
 
@@ -196,17 +165,8 @@ def acceptable(joints: Mapping[str, JointView]) -> tuple[str, ...]:
 # What is about to be saved
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SummaryLine:
-    """A joint in the summary."""
-
-    joint: str
-    travel: str
-    quality: str
-    tone: Tone
-    reason: str
-    change: str
-
+COLUMNS = ("quality", "travel", "change")
+"""The cells of a line."""
 
 _QUALITIES: Mapping[Verdict | None, tuple[str, Tone]] = {
     Verdict.COMPLETE: ("good", "good"),
@@ -236,8 +196,8 @@ def in_force(joints: Mapping[str, JointView]) -> Calibration:
     return calibration_of({joint: view for joint, view in joints.items() if view.is_done})
 
 
-def lines(joints: Mapping[str, JointView], before: Calibration) -> tuple[SummaryLine, ...]:
-    """A line for each joint: its quality, and the change from ``before``."""
+def lines(joints: Mapping[str, JointView], before: Calibration) -> tuple[Row, ...]:
+    """A row for each joint: its quality, its travel, and the change from ``before``."""
     rows = compare.diff(
         {joint: entry for joint, entry in before.items() if joint in joints},
         compare.as_held(calibration_of(joints)),
@@ -249,7 +209,7 @@ def lines(joints: Mapping[str, JointView], before: Calibration) -> tuple[Summary
     )
 
 
-def _line(view: JointView, was: record.JointCalibration | None, *, is_moved: bool) -> SummaryLine:
+def _line(view: JointView, was: record.JointCalibration | None, *, is_moved: bool) -> Row:
     quality, tone = _QUALITIES.get(view.verdict, ("", "dim"))
     change = "new" if was is None else "the same"
     if was is not None and is_moved:
@@ -261,11 +221,11 @@ def _line(view: JointView, was: record.JointCalibration | None, *, is_moved: boo
         change = " / ".join(
             f"{around(offset + now - then) / TICKS_PER_DEG:+.1f}°" for now, then in ends
         )
-    return SummaryLine(
-        joint=view.joint,
-        travel="360°" if view.verdict is Verdict.FULL_TURN else f"{view.travel_deg:.0f}°",
-        quality=quality,
+    whole = "360°" if view.verdict is Verdict.FULL_TURN else f"{view.travel_deg:.0f}°"
+    return Row(
+        label=view.joint,
+        cells=(quality, whole, change),
+        text=view.sentence if tone == "warm" else "",
         tone=tone,
-        reason=view.sentence if tone == "warm" else "",
-        change=change,
+        mark="✓",
     )

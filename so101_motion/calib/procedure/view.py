@@ -104,14 +104,14 @@ class JointView:
 
     joint: str
     servo_id: int
-    ticks: int | None
+    ticks: int | None = None
     homing_offset: int
     range_min: int
     range_max: int
-    recorded_min: int | None
-    recorded_max: int | None
+    recorded_min: int | None = None
+    recorded_max: int | None = None
     expected_deg: float
-    verdict: Verdict | None
+    verdict: Verdict | None = None
     sentence: str
     is_done: bool
 
@@ -142,16 +142,22 @@ class CalibrationView:
         error: What is wrong at present and what to do about it; None if nothing is.
         note: Another message for the user; None if there is none.
         recording_time: How long the recording has taken so far [s].
+        held_for: How long the arm has been held still [s].
+        grown_for: How long no travel has grown [s].
+        t: The time of the clock by which all this was read [s].
     """
 
     state: State
     instruction: str
     joints: Mapping[str, JointView]
     commands: tuple[Command, ...]
-    error: str | None
-    note: str | None
-    recording_time: float
-    samples: int
+    error: str | None = None
+    note: str | None = None
+    recording_time: float = 0.0
+    samples: int = 0
+    held_for: float = 0.0
+    grown_for: float = 0.0
+    t: float = 0.0
 
 
 def show(progress: CalibrationProgress, seen: Positions | None, now: float) -> CalibrationView:
@@ -172,6 +178,9 @@ def show(progress: CalibrationProgress, seen: Positions | None, now: float) -> C
         note=progress.note,
         recording_time=now - progress.started_at if recorded_for is None else recorded_for,
         samples=0 if seen is None else seen.samples,
+        held_for=0.0 if seen is None else now - seen.held_since,
+        grown_for=0.0 if seen is None else now - max(seen.grown_at, progress.started_at),
+        t=now,
     )
 
 

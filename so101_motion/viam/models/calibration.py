@@ -20,9 +20,24 @@ from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.requests.await_motion import run_to_end
 from so101_motion.viam.requests.commands import answer
+from so101_motion.viam.requests.operation_commands import operation_commands
 
 if TYPE_CHECKING:
     from so101_motion.setup.calibrator import Calibrator
+
+
+_CALIBRATING = (
+    "start", "set_homing", "start_range_recording", "stop_range_recording", "save_calibration",
+    "abort", "reset", "restore_calibration", "get_current_positions", "setup_steps",
+)  # fmt: skip
+_SETTING_UP = ("discover", "assign_id", "skip", "forget", "repair", "scan_bus", "reset_status")
+
+COMMANDS = {
+    **{key: ("calibration", key) for key in _CALIBRATING},
+    **{f"motor_setup_{key}": ("motors", key) for key in _SETTING_UP},
+    "motor_setup_verify": ("chain", "verify"),
+}
+"""For each published key the operation and its command."""
 
 
 class So101Calibration(Configured, Sensor):
@@ -41,12 +56,21 @@ class So101Calibration(Configured, Sensor):
     CONFIG = CalibrationConfig
 
     def __init__(self, name: str, calibrator: Calibrator, first_try: Future[None]) -> None:
-        from so101_motion.viam.requests.calibration_commands import CalibrationCommands
+        from so101_motion.setup.calibration_operation import CalibrationOperation
+        from so101_motion.setup.motor_operation import ChainOperation, MotorOperation
 
         super().__init__(name)
         self._first_try = first_try
         self._calibrator = calibrator
-        self._requests = CalibrationCommands(calibrator)
+        self._calibration = CalibrationOperation(calibrator)
+        operations = {
+            "calibration": self._calibration,
+            "motors": MotorOperation(calibrator.motor_setup),
+            "chain": ChainOperation(
+                calibrator.motor_setup, is_busy=lambda: calibrator.is_under_way
+            ),
+        }
+        self._commands = operation_commands(operations, COMMANDS)
 
     @classmethod
     def build(
@@ -64,16 +88,16 @@ class So101Calibration(Configured, Sensor):
 
     async def get_readings(self, **kwargs: Any) -> Mapping[str, Any]:
         """The state of calibration and motor setup, and the joint angles."""
-        from so101_motion.setup.situation_json import readings
+        from so101_motion.setup.readings import readings
 
         await asyncio.shield(asyncio.wrap_future(self._first_try))  # a moment, once
         now = readings(self._calibrator.situation)
-        return convert.to_result({**now, "last_save_error": self._requests.last_save_error})
+        return convert.to_result({**now, "last_save_error": self._calibration.last_save_error})
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
         """Carry out a step of the calibration or of the motor setup."""
         with grpc_statuses():
-            result = await answer(command, self._requests.commands)
+            result = await answer(command, self._commands)
         return convert.to_result(result)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
@@ -82,7 +106,7 @@ class So101Calibration(Configured, Sensor):
         return {
             "calibration_state": now.view.state.value,
             "motor_setup_in_progress": now.setup.in_progress,
-            "calibration_file": str(now.calibration_file),
+            "calibration_file": now.calibration_file,
             "connected": now.is_connected,
         }
 

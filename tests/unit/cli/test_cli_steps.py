@@ -12,11 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from so101_motion.calib.procedure.stillness import STILL, TREMBLE, Stillness
-from so101_motion.calib.procedure.travel_assessment import Verdict
-from so101_motion.calib.procedure.view import JointView
-from so101_motion.cli import calibration_bars
+from so101_motion.calib.procedure.stillness import TREMBLE, Stillness
+from so101_motion.cli.operation_terminal import WIDTH, bar_of, drawn
 from so101_motion.cli.terminal import ENTER, Quit, Terminal
+from so101_motion.common.operation import Row, View
 
 # Holding still
 
@@ -27,7 +26,7 @@ def test_joints_are_still_once_nobody_has_moved_for_a_while():
     assert stillness.feed(10.0, held) == 0.0
     assert stillness.feed(11.0, {**held, "gripper": 1500 + TREMBLE}) == 1.0
     assert stillness.feed(11.2, {**held, "gripper": 1501 + TREMBLE}) == 0.0
-    assert stillness.feed(12.7, {**held, "gripper": 1501 + TREMBLE}) >= STILL
+    assert stillness.feed(12.7, {**held, "gripper": 1501 + TREMBLE}) >= 1.5
 
 
 def test_a_joint_that_is_not_seen_is_not_still():
@@ -47,42 +46,28 @@ def test_an_arm_that_was_held_still_has_not_left_its_place(places):
         assert max(held) - min(held) <= 2 * TREMBLE
 
 
-# Bars
+# Rows
 
 
-def view(**changes):
-    known = {
-        "joint": "elbow_flex", "servo_id": 3, "ticks": 2000, "homing_offset": 0, "range_min": 0,
-        "range_max": 4095, "recorded_min": 1500, "recorded_max": 2500, "expected_deg": 193.0,
-        "verdict": Verdict.TOO_SHORT, "sentence": "move it on", "is_done": False,
-    }  # fmt: skip
-    return JointView(**{**known, **changes})
+@given(st.floats(0, 1), st.floats(0, 1), st.one_of(st.none(), st.floats(0, 1)))
+def test_a_bar_always_has_its_width(a, b, at):
+    row = Row(label="elbow_flex", bar=(min(a, b), max(a, b)), at=at)
+    assert len(bar_of(row).plain) == WIDTH
 
 
-@given(st.integers(0, 4095), st.integers(0, 4095), st.integers(-4096, 8191))
-def test_a_bar_always_has_its_width(lower, travel, ticks):
-    drawn = calibration_bars.bar(view(recorded_min=lower, recorded_max=lower + travel, ticks=ticks))
-    assert len(drawn.plain) == calibration_bars.WIDTH
+def test_a_bar_shows_the_travel_and_where_the_joint_is():
+    drawn = bar_of(Row(label="", bar=(0.25, 0.75), at=0.5)).plain
+    assert drawn == "·" * 8 + "█" * 8 + "●" + "█" * 7 + "·" * 8
+    assert "●" not in bar_of(Row(label="", bar=(0.0, 1.0))).plain
 
 
-def test_a_bar_grows_with_the_travel_and_shows_where_the_joint_is():
-    def drawn(**changes):
-        return calibration_bars.bar(view(**changes)).plain
-
-    assert drawn(recorded_min=None, recorded_max=None) == "·" * calibration_bars.WIDTH
-    half = drawn(recorded_min=1000, recorded_max=1000 + 1098, ticks=1000)
-    assert half.startswith("●█")
-    assert half.count("·") == calibration_bars.WIDTH // 2
-    assert drawn(recorded_min=0, recorded_max=3000, ticks=3000).endswith("█●")
-    assert "●" not in drawn(ticks=None)
-
-
-def test_tables_name_every_joint_and_what_is_to_do():
+def test_tables_name_every_row_and_what_is_to_do():
     console = Console(width=100, file=io.StringIO())
-    console.print(calibration_bars.travels({"elbow_flex": view()}))
-    console.print(calibration_bars.positions({"gripper": view(ticks=None)}))
+    bar = Row(label="elbow_flex", cells=("3 of 9",), bar=(0.1, 0.2), text="move it on")
+    console.print(drawn(View(state="", rows=(bar,))))
+    console.print(drawn(View(state="", columns=("now",), rows=(Row(label="jaw", cells=("?",)),))))
     text = console.file.getvalue()
-    for words in ("elbow_flex", "move it on", "gripper", "does not answer"):
+    for words in ("elbow_flex", "move it on", "3 of 9", "jaw", "now"):
         assert words in text
 
 
@@ -96,7 +81,6 @@ def test_without_a_person_nothing_is_asked_and_lines_are_reported_once(capsys, t
         terminal.mention("there", joint="gripper")
         terminal.show("a picture")
         assert not terminal.is_manned
-        assert terminal.await_key(f"{ENTER}r", lambda: "") == ENTER
         assert terminal.run(lambda: 42, lambda: "") == 42
         with pytest.raises(ZeroDivisionError):
             terminal.run(lambda: 1 / 0, lambda: "")
@@ -143,6 +127,6 @@ def test_a_key_is_heard_while_something_goes_on_and_q_lets_it_end_first():
             terminal.run(work, lambda: "picture")
         assert ended == [True, True]
         os.write(person, b"\n")
-        assert terminal.await_key(f"{ENTER}r", lambda: "picture") == ENTER
+        assert terminal.key(1.0) == ENTER
         os.write(person, b"R")
-        assert terminal.await_key(f"{ENTER}r", lambda: "picture") == "r"
+        assert terminal.key(1.0) == "r"

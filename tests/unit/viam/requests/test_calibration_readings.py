@@ -1,7 +1,6 @@
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -10,10 +9,11 @@ from so101_motion.calib.procedure.steps import INSTRUCTIONS, OFFERED, State
 from so101_motion.calib.procedure.travel_assessment import Verdict
 from so101_motion.calib.procedure.view import CalibrationView, JointView
 from so101_motion.calib.record.record import JOINTS
+from so101_motion.setup.calibration_operation import ranges
 from so101_motion.setup.calibrator import Situation
-from so101_motion.setup.situation_json import readings
+from so101_motion.setup.readings import readings
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.requests.calibration_commands import CalibrationCommands, ranges
+from so101_motion.viam.models.calibration import COMMANDS
 
 ELBOW = JointView(
     joint="elbow_flex",
@@ -50,7 +50,7 @@ def situation(state=State.RECORDING, joint=ELBOW, **changes):
         setup=SetupView(),
         joints=view.joints,
         angles={},
-        calibration_file=Path("/data/arm.json"),
+        calibration_file="/data/arm.json",
         is_connected=True,
         holds=False,
         notes=(),
@@ -161,10 +161,9 @@ def keys(value):
 def test_the_page_for_owners_names_every_command_and_every_key():
     page = (Path(__file__).parents[4] / "docs" / "calibration.md").read_text()
     named = set(re.findall(r"`([a-z_]+)`", page))
-    commands = CalibrationCommands(SimpleNamespace(motor_setup=None)).commands
     setup = SetupView().with_motor(replace(SetupView().motors["gripper"], sentence="found"))
     now = sent(situation(error="it", notes=("is",), setup=replace(setup, fix="this")))
 
-    assert set(commands) <= named
+    assert set(COMMANDS) | {"operation"} <= named
     assert keys(now) - set(JOINTS) - {"state"} <= named
     assert {state.value for state in State} | {verdict.value for verdict in Verdict} <= named

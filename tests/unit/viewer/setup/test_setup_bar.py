@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import pytest
 from so101_viewer.setup.setup_bar import reasons
@@ -38,11 +38,10 @@ class Arm:
             joints={"elbow_flex": SimpleNamespace(ticks=2048 if self.answers else None)},
         )
         rig = SimpleNamespace(arm=SimpleNamespace(state=SimpleNamespace(mode=self.mode)))
-        return SetupTarget(
-            where="/dev/ttyACM0",
-            calibrator=cast(Any, SimpleNamespace(situation=situation)),
-            rig=cast(Any, rig) if self.has_rig else None,
+        found = SimpleNamespace(
+            situation=situation, rig=rig if self.has_rig else None, hold=None, let_go=None
         )
+        return cast(SetupTarget, found)
 
 
 HELD, LIMP = "The joints are held already", "The joints are limp already"

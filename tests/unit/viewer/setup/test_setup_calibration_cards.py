@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from harness.calibration_rig import LentArm
+from so101_viewer.page import cards
 from so101_viewer.setup import calibration_cards
 
 from so101_motion.calib.procedure import summary
@@ -12,6 +13,7 @@ from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, estimate_pos
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.view import JointView
 from so101_motion.calib.record.record import JOINTS
+from so101_motion.common.operation import Row
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.setup.accuracy import JointAccuracy, MoveReport
 
@@ -46,7 +48,7 @@ def recording(session, arm) -> dict[str, JointView]:
 def told(session, former):
     view = session.view
     found = summary.hints(view.joints, estimate_pose(view.state, view.joints, former))
-    return {hint.joint: (hint.text, hint.tone) for hint in found}
+    return {hint.label: (hint.cells[0], hint.tone) for hint in found}
 
 
 def test_a_joint_far_from_the_pose_is_reported_by_how_much(session):
@@ -83,13 +85,12 @@ def test_bars_begin_in_the_middle_and_stay_on_the_bar(session, arm, recording):
         lower, _ = arm.stops("shoulder_pan")
         arm.sweep("shoulder_pan", max(lower, arm.drive("shoulder_pan").shaft.output - steps))
         for travel in summary.travels(session.view.joints):
-            assert 0.0 <= travel.begin <= travel.end <= 1.0
-            assert travel.at is not None
-            assert travel.begin - 0.01 <= travel.at <= travel.end + 0.01
+            begin, end = travel.bar
+            assert 0.0 <= begin <= end <= 1.0
+            assert begin - 0.01 <= travel.at <= end + 0.01
     pan = summary.travels(session.view.joints)[0]
-    assert pan.begin == pytest.approx(0.0, abs=0.02)
-    assert pan.end == pytest.approx(0.5, abs=0.03)
-    assert not pan.is_done
+    assert pan.bar == (pytest.approx(0.0, abs=0.02), pytest.approx(0.5, abs=0.03))
+    assert not pan.mark
 
 
 def test_bars_turn_complete_by_themselves(session, arm, recording):
@@ -97,8 +98,8 @@ def test_bars_turn_complete_by_themselves(session, arm, recording):
     arm.sweep_all()
     bars = summary.travels(session.view.joints)
     assert summary.left(session.view.joints) == ()
-    assert all(bar.is_done and bar.tone == "good" and not bar.text for bar in bars)
-    assert all(bar.end - bar.begin > 0.97 for bar in bars)
+    assert all(row.mark and row.tone == "good" and not row.text for row in bars)
+    assert all(row.bar[1] - row.bar[0] > 0.97 for row in bars)
 
 
 def test_a_few_joints_that_stop_short_can_be_accepted_many_cannot(session, arm, recording):
@@ -120,10 +121,10 @@ def test_the_first_calibration_is_new_and_the_same_one_again_is_the_same(session
     session.stop_recording()
     joints = session.view.joints
     lines = summary.lines(joints, {})
-    assert [line.change for line in lines] == ["new"] * 6
-    assert [line.quality for line in lines] == ["good"] * 6
+    assert [line.cells[2] for line in lines] == ["new"] * 6
+    assert [line.cells[0] for line in lines] == ["good"] * 6
     again = summary.lines(joints, summary.calibration_of(joints))
-    assert [line.change for line in again] == ["the same"] * 6
+    assert [line.cells[2] for line in again] == ["the same"] * 6
 
 
 def test_ends_that_have_moved_are_reported_in_degrees_whatever_the_offset(session, arm, recording):
@@ -139,20 +140,13 @@ def test_ends_that_have_moved_are_reported_in_degrees_whatever_the_offset(sessio
         range_max=was.range_max + 100 - 114,  # ten degrees less
     )
     lines = summary.lines(joints, {**before, "elbow_flex": shifted})
-    assert [line.change for line in lines if line.joint == "elbow_flex"] == ["+0.0° / +10.0°"]
+    assert [line.cells[2] for line in lines if line.label == "elbow_flex"] == ["+0.0° / +10.0°"]
 
 
 def test_markup_escapes_what_comes_from_outside() -> None:
     evil = "<script>alert(1)</script>"
-    hint = summary.PoseHint(joint=evil, text=evil, tone="good")
-    line = summary.SummaryLine(
-        joint=evil, travel=evil, quality=evil, tone="warm", reason=evil, change=evil
-    )
-    pieces = (
-        calibration_cards.hints([hint]),
-        calibration_cards.summary([line]),
-        calibration_cards.saved(evil, evil, [evil]),
-    )
+    row = Row(label=evil, cells=(evil,), text=evil, tone="warm", mark=evil, bar=(0.2, 0.4), at=0.3)
+    pieces = (cards.rows((evil,), (row,)), cards.instruction(evil, evil), cards.failed(evil))
     assert all("<script>" not in piece for piece in pieces)
 
 

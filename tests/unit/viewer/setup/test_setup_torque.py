@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 from so101_viewer.setup.setup_target import SetupTarget
 from so101_viewer.setup.torque import SETTLED, TorqueWatch, torque
@@ -9,8 +9,7 @@ from so101_viewer.setup.torque import SETTLED, TorqueWatch, torque
 
 def bench(*, connected: bool = True, holds: bool | None = False) -> SetupTarget:
     situation = SimpleNamespace(is_connected=connected, holds=holds)
-    calibrator = cast(Any, SimpleNamespace(situation=situation))
-    return SetupTarget(where="/dev/ttyACM0", calibrator=calibrator)
+    return cast(SetupTarget, SimpleNamespace(situation=situation, rig=None))
 
 
 def test_limp_held_and_unknown_are_three_different_sentences() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import viser
 
-from ..page.page_context import PageContext
+from .page_context import PageContext
 
 ASKED_FOR = 5.0
 """How long the question stands [s]; chosen."""
@@ -35,6 +35,15 @@ class AskingButton:
         self._button = context.gui.add_button(label, icon=icon, color="gray")
         context.on_press(self._button, self._press)
 
+    @property
+    def order(self) -> float:
+        """Where it stands among its neighbours."""
+        return self._button.order
+
+    @order.setter
+    def order(self, order: float) -> None:
+        self._button.order = order
+
     def refresh(self) -> bool:
         """Return whether its question has just expired."""
         if self._until and time.monotonic() > self._until:
@@ -42,9 +51,9 @@ class AskingButton:
             return True
         return False
 
-    def show(self, *, shown: bool = True, can: bool = True) -> None:
-        """Update it; ``can`` tells whether it may be pressed."""
-        self._button.visible = shown
+    def show(self, *, shown: bool = True, can: bool = True, label: str = "") -> None:
+        """Update it; ``can`` tells whether it may be pressed; ``label`` is a new one."""
+        self._button.visible, self._label = shown, label or self._label
         self._button.label = self._question if self._until else self._label
         self._button.disabled = not can
 

@@ -1,0 +1,197 @@
+"""Lead a person through any operation in the terminal.
+
+Enter gives the first command that is offered, other commands have a letter each, and ``q`` undoes
+everything. Commands that are due are given by themselves. Without a person each step is taken as
+soon as the operation offers it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import partial
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from so101_motion.cli.terminal import ENTER, Terminal, keys_line, sentence
+from so101_motion.common.errors import So101Error
+from so101_motion.common.operation import Offer, Operation, Row, View
+
+WIDTH = 32
+
+_STYLES = {"dim": "dim", "busy": "cyan", "warm": "yellow", "good": "green", "bad": "red"}
+
+
+class OperationTerminal:
+    """An operation in a terminal.
+
+    Args:
+        within: How long the same step may fail or lead nowhere [s]; None for no limit.
+    """
+
+    def __init__(
+        self, operation: Operation, terminal: Terminal, *, within: float | None = None
+    ) -> None:
+        self._operation, self._terminal, self._within = operation, terminal, within
+        said = operation.view.said  # what was said before was heard before
+        self._told = said[-1].number if said else 0
+        self._mentioned: set[tuple[str, str]] = set()
+        self._question = self._failed = ""
+
+    def go(self) -> View:
+        """Go through the operation to its end; returns its last view.
+
+        It ends early when looking has led nowhere ``within`` the time allowed.
+
+        Raises:
+            So101Error: A command failed, and there is no person to try again.
+            Quit: The person wants to stop; call ``give_up``.
+        """
+        state, since, pressed, terminal = "", time.monotonic(), "", self._terminal
+        is_begun = not self._operation.view.is_over  # else once more, on a machine
+        while not (view := self._tell()).is_over or not is_begun:
+            is_begun = is_begun or not view.is_over
+            if view.state != state:
+                state, since = view.state, time.monotonic()
+            offer = self._chosen(view, pressed)
+            if offer is None:
+                terminal.show(self._picture())
+                pressed = terminal.key(0.1)
+                continue
+            is_late = self._within is not None and time.monotonic() - since > self._within
+            try:
+                self._give(offer)
+            except So101Error as error:
+                if is_late or not (offer.is_look or terminal.is_manned):
+                    raise
+                if not offer.is_look:
+                    self._failed = str(error)
+                self._mention(_trouble(self._operation.view) or self._failed, step="trouble")
+            else:
+                if is_late and offer.is_look and self._chosen(self._operation.view, "") is None:
+                    return self._operation.view
+            pressed = terminal.pressed
+        return view
+
+    def give_up(self) -> None:
+        """Undo everything and say what that has led to.
+
+        Raises:
+            So101Error: That is not possible now.
+        """
+        offer = self._operation.view.cancel
+        if offer is None:
+            self._terminal.say("cancelled: nothing was changed", style="yellow")
+            return
+        self._give(offer)
+        self._tell()
+
+    # Helpers
+
+    def _chosen(self, view: View, pressed: str) -> Offer | None:
+        """The command that is to be given now."""
+        due = next((o for o in view.offers if o.due_in is not None and o.due_in <= 0.0), None)
+        if not self._terminal.is_manned or not pressed:
+            return None if due is None or due.why_not else due
+        for offer, keys in _keys(view):
+            if pressed in keys:
+                self._failed = "" if offer.why_not is None else f"{offer.title}: {offer.why_not}"
+                return offer if offer.why_not is None and self._is_sure(offer) else None
+        return None
+
+    def _is_sure(self, offer: Offer) -> bool:
+        """Ask the offer's question, if it has one; the same key again answers it."""
+        self._question, asked = offer.asks, self._question
+        return not offer.asks or asked == offer.asks
+
+    def _give(self, offer: Offer) -> Mapping[str, object]:
+        self._question = self._failed = ""
+        ask = partial(self._operation.ask, offer.command, **offer.arguments)
+        return self._terminal.run(ask, self._picture)
+
+    def _tell(self) -> View:
+        """Print what was said since the last time."""
+        view, terminal = self._operation.view, self._terminal
+        for said in view.said:
+            if said.number > self._told:
+                self._told = said.number
+                style = "" if said.tone == "dim" else _STYLES[said.tone]
+                terminal.say(said.text, style=style, **said.facts)
+        self._mention(view.text, step=view.state)
+        for row in view.rows:
+            if row.mark == "✓":
+                self._mention(f"✓ {row.label}: {' '.join((*row.cells, row.text))}", joint=row.label)
+        return view
+
+    def _mention(self, text: str, **facts: object) -> None:
+        """Print a text once, where there is no picture."""
+        if text and (text, str(facts)) not in self._mentioned:
+            self._mentioned.add((text, str(facts)))
+            self._terminal.mention(text, **facts)
+
+    def _picture(self) -> RenderableType:
+        view = self._operation.view
+        lines: list[RenderableType] = [Text(), drawn(view), Text()]
+        if view.text:
+            lines.append(Text(sentence(view.text), style="bold"))
+        if trouble := _trouble(view) or self._failed:
+            lines.append(Text(trouble, style="red"))
+        lines.append(Text(view.doing or view.note, style="dim"))
+        lines += [
+            Text(f"{offer.title} in {offer.due_in:.0f} s", style="green")
+            for offer in view.offers
+            if offer.due_in and not offer.is_look and not view.doing
+        ]
+        if self._question:
+            lines.append(Text(sentence(self._question), style="yellow"))
+        if self._terminal.is_manned:
+            keys = {
+                "Enter" if keys[0] == ENTER else keys[0]: offer.title
+                for offer, keys in _keys(view)
+                if offer.why_not is None
+            }
+            quits = "stop" if view.cancel is None else view.cancel.title
+            lines.append(keys_line(**keys, q=quits))
+        return Group(*lines)
+
+
+def _keys(view: View) -> list[tuple[Offer, tuple[str, ...]]]:
+    """The offers and their keys; the first has Enter as well."""
+    offers = [offer for offer in view.offers if not offer.cancels and not offer.is_look]
+    return [
+        (o, (ENTER, o.key) if o is offers[0] else (o.key,))
+        for o in offers
+        if o.key or o is offers[0]
+    ]
+
+
+def _trouble(view: View) -> str:
+    return f"{view.trouble}; {view.fix}" if view.fix else view.trouble
+
+
+def drawn(view: View) -> Table:
+    """The rows of a view."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1), show_header=bool(view.columns))
+    for heading in ("", "", *view.columns):
+        table.add_column(heading, header_style="dim")
+    count = max((len(row.cells) for row in view.rows), default=0)
+    for row in view.rows:
+        style = _STYLES[row.tone]
+        cells = [Text(cell, style=style) for cell in row.cells]
+        cells += [Text()] * (count - len(cells))
+        bar = [] if row.bar is None else [bar_of(row, style)]
+        text = [Text(row.text, style=style)] if row.text else []
+        table.add_row(Text(row.mark, style=style), Text(row.label), *bar, *cells, *text)
+    return table
+
+
+def bar_of(row: Row, style: str = "") -> Text:
+    """A row's bar, and the marker on it."""
+    assert row.bar is not None
+    begin, end = (round(share * WIDTH) for share in row.bar)
+    cells = ["█" if begin <= place < end else "·" for place in range(WIDTH)]
+    if row.at is not None:
+        cells[min(round(row.at * WIDTH), WIDTH - 1)] = "●"
+    return Text("".join(cells), style=style)

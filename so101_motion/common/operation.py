@@ -1,0 +1,235 @@
+"""Operations: the one interface of everything that takes more than one call.
+
+A calibration, a motor setup, a program: each is an ``Operation``. It has a ``view``, which is one
+immutable value of plain data that says what a person should do now and which commands are offered;
+and ``ask``, which carries out a command. It knows no surface. Four adapters, each written once,
+bring any operation to a person or a program: ``cli/operation_terminal.py``,
+``viewer/page/operation_panel.py``, ``viam/requests/operation_commands.py`` and
+``common/remote_operation.py``.
+"""
+
+from __future__ import annotations
+
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from so101_motion.common.attributes import Attributes, suggest
+from so101_motion.common.errors import ConfigError, NotPossibleNow
+
+Tone = Literal["good", "busy", "warm", "bad", "dim"]
+
+_MOST_SAID = 20  # sentences that a view keeps; a surface that looks once a second misses none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A line of a view: a joint, a motor, a step.
+
+    Attributes:
+        label: What it is about.
+        cells: What is known of it, under ``View.columns`` if there are any.
+        text: What is wrong with it, or to do; empty when nothing is.
+        mark: One character in front, such as ``"✓"``.
+        bar: Begin and end of a bar, 0 to 1; None for no bar.
+        at: Where a marker stands on the bar, 0 to 1; None for no marker.
+    """
+
+    label: str
+    cells: tuple[str, ...] = ()
+    text: str = ""
+    tone: Tone = "dim"
+    mark: str = ""
+    bar: tuple[float, float] | None = None
+    at: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Offer:
+    """A command that a person may give now: a button on a page, a key in a terminal.
+
+    Attributes:
+        command: Its name, for ``ask``.
+        title: What it does, such as ``"Write id 6 to this motor"``.
+        arguments: Its arguments.
+        why_not: Why it cannot be given now; None if it can.
+        key: The key for it in a terminal; the first offer has Enter.
+        asks: A question to be answered first; empty for none.
+        due_in: After how long the surface gives it by itself [s]; None to wait for a person.
+        is_look: Whether it only looks at something, so that it may be repeated and its errors need
+            not be raised.
+        cancels: Whether it undoes everything.
+    """
+
+    command: str
+    title: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    why_not: str | None = None
+    key: str = ""
+    asks: str = ""
+    due_in: float | None = None
+    is_look: bool = False
+    cancels: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """What a page may draw with the operation.
+
+    Attributes:
+        q: Joint angles of the arm, then of the jaw [rad].
+        ghost: The same of a transparent arm to be matched; empty for none.
+        lit: The joints whose links are highlighted.
+        note: How exact it is; empty when it is exact.
+    """
+
+    q: tuple[float, ...]
+    ghost: tuple[float, ...] = ()
+    lit: tuple[str, ...] = ()
+    lit_tone: Tone = "busy"
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Said:
+    """A sentence that the operation said once; the last one has the highest number."""
+
+    number: int
+    text: str
+    tone: Tone = "dim"
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """An operation at one instant: plain values, ready for JSON.
+
+    Attributes:
+        state: The state, by the operation's own names.
+        text: What a person should do now.
+        columns: The headings of the rows' cells.
+        trouble: What is wrong; empty when nothing is.
+        fix: What to do about it.
+        note: Small print.
+        doing: What is under way; empty when nothing is.
+        offers: The commands that are offered, the usual one first.
+        said: The last sentences that were said once.
+        is_over: Whether the operation has reached its end.
+        is_connected: Whether what it works on can be reached.
+        facts: Whatever else a program may want to know.
+    """
+
+    state: str
+    title: str = ""
+    text: str = ""
+    columns: tuple[str, ...] = ()
+    rows: tuple[Row, ...] = ()
+    trouble: str = ""
+    fix: str = ""
+    note: str = ""
+    doing: str = ""
+    offers: tuple[Offer, ...] = ()
+    said: tuple[Said, ...] = ()
+    picture: Picture | None = None
+    is_over: bool = False
+    is_connected: bool = True
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    def offer(self, command: str) -> Offer | None:
+        """The first offer of a command; None if it is not offered."""
+        return next((offer for offer in self.offers if offer.command == command), None)
+
+    @property
+    def cancel(self) -> Offer | None:
+        """The offer that undoes everything; None if nothing has to be undone."""
+        return next((offer for offer in self.offers if offer.cancels), None)
+
+
+class Operation(ABC):
+    """Something that takes more than one call, here or on another machine."""
+
+    @property
+    @abstractmethod
+    def view(self) -> View:
+        """The present state; never waits."""
+
+    @abstractmethod
+    def ask(self, command: str, /, **arguments: Any) -> Mapping[str, Any]:
+        """Carry out a command; returns its answer, ready for JSON. May take long.
+
+        Raises:
+            ConfigError: There is no such command, or an argument is wrong.
+            NotPossibleNow: It is offered, but cannot be given now.
+            So101Error: As the command raised it.
+        """
+
+    def close(self) -> None:  # noqa: B027  # most have nothing to close
+        """End it; anything half-way is undone."""
+
+
+Command = Callable[..., Mapping[str, Any] | None]
+"""Carries out a command. Its annotated parameters are the command's arguments: ``str``, ``bool``,
+``float``, ``int | None`` or ``tuple[str, ...]``; those without default must be given."""
+
+
+class LocalOperation(Operation):
+    """An operation of this process; a subclass has ``commands`` and makes the ``view``.
+
+    Attributes:
+        commands: The methods by the commands' names.
+        said: The last sentences, for the view.
+        refuses: Whether ``ask`` refuses what the view says cannot be given now. Operations whose
+            commands are published refuse by themselves, in their own words.
+    """
+
+    refuses = True
+
+    def __init__(self) -> None:
+        self.commands: Mapping[str, Command] = {}
+        self.said: tuple[Said, ...] = ()
+
+    def say(self, text: str, tone: Tone = "dim", **facts: Any) -> None:
+        """Say a sentence once, on every surface."""
+        number = self.said[-1].number + 1 if self.said else 1
+        new = Said(number=number, text=text, tone=tone, facts=facts)
+        self.said = (*self.said, new)[-_MOST_SAID:]
+
+    def ask(self, command: str, /, **arguments: Any) -> Mapping[str, Any]:
+        """Carry out a command; see ``Operation.ask``."""
+        if command not in self.commands:
+            raise ConfigError("command", command, suggest(command, self.commands))
+        run = self.commands[command]
+        wanted = arguments_of(run)
+        given = Attributes(arguments, wanted, kind="argument")
+        values = {key: _read(given, key, one) for key, one in wanted.items()}
+        for offer in self.view.offers if self.refuses else ():
+            if offer.command == command and offer.arguments == arguments and offer.why_not:
+                raise NotPossibleNow(command, offer.why_not)
+        return run(**values) or {}
+
+
+def arguments_of(command: Command) -> Mapping[str, inspect.Parameter]:
+    """The arguments of a command."""
+    return inspect.signature(command, eval_str=True).parameters
+
+
+def _read(given: Attributes, key: str, one: inspect.Parameter) -> Any:
+    """The value of one argument, checked."""
+    if not given.given(key):
+        if one.default is one.empty:
+            raise ConfigError(key, None, "is missing")
+        return one.default
+    if one.annotation is str:
+        return given.text(key, "")
+    if one.annotation is bool:
+        return given.flag(key, False)
+    if one.annotation == tuple[str, ...]:
+        return given.names(key)
+    value = given.required(key)
+    if one.annotation is float:
+        return value
+    if value % 1.0 or value < 0.0:
+        raise ConfigError(key, given.raw(key), "must be a whole number, 0 or more")
+    return round(value)

@@ -1,0 +1,171 @@
+"""Show any operation on the page: its view, and a button for each command that it offers.
+
+The panel gives commands that are due by itself. It keeps nothing in the browser, so a reload loses
+nothing, and it never waits: commands run on a worker.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import viser
+
+from so101_motion.common.errors import So101Error
+from so101_motion.common.operation import Offer, Operation, View
+
+from . import cards
+from .asking_button import AskingButton
+from .page_context import PageContext
+from .part import Part
+from .texts import capital
+from .worker import Worker
+
+_PERIOD = 0.07
+"""Time between two pictures [s]; chosen: hands are slow, and browsers on phones are as well."""
+
+
+class OperationPanel(Part):
+    """The panel of an operation.
+
+    Args:
+        operation: Returns the operation; None while there is none.
+        worker: Runs its commands; one of its own if not given, closed with the panel.
+        draw: Draws the view's picture.
+        hides_cancel: Whether the page has a button of its own that undoes everything.
+    """
+
+    def __init__(
+        self,
+        context: PageContext,
+        operation: Callable[[], Operation | None],
+        *,
+        worker: Worker | None = None,
+        draw: Callable[[View], None] = lambda _view: None,
+        hides_cancel: bool = False,
+    ) -> None:
+        self._context, self._operation, self._draw = context, operation, draw
+        self._hides_cancel = hides_cancel
+        self._worker = worker or Worker()
+        self._own = self._worker if worker is None else None
+        self._view: View | None = None
+        self._due = 0.0
+        self._offers: dict[str, Offer] = {}
+        self._buttons: dict[str, viser.GuiButtonHandle | AskingButton] = {}
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets, where the caller has put the cursor."""
+        self._head, self._trouble, self._rows = (gui.add_html("") for _ in range(3))
+        self._folder = gui.add_folder(None)
+        self._foot = gui.add_html("")
+
+    def refresh(self) -> bool:
+        """Look at the operation, and give what is due; return whether anything is new."""
+        is_news = self._own is not None and self._own.collect()
+        is_news |= any(b.refresh() for b in self._buttons.values() if isinstance(b, AskingButton))
+        operation, t = self._operation(), time.monotonic()
+        if operation is None or (t < self._due and not is_news):
+            return is_news
+        before, self._view = self._view, operation.view
+        for offer in self._view.offers:
+            if offer.due_in is not None and offer.due_in <= 0.0 and offer.why_not is None:
+                self._give(offer)
+                break
+        self._due = t + _PERIOD
+        return is_news or before != self._view
+
+    def show(self) -> None:
+        """Show the view."""
+        view = self._view
+        if view is None:
+            return
+        self._head.content = cards.instruction(view.title, capital(view.text))
+        self._trouble.content = self._wrong(view)
+        self._rows.content = cards.rows(view.columns, view.rows) if view.rows else ""
+        self._foot.content = self._words(view)
+        self._show_buttons(view)
+        self._draw(view)
+
+    def close(self) -> None:
+        """End the panel's own worker; the operation is closed by its owner."""
+        if self._own is not None:
+            self._own.end()
+
+    # Helpers
+
+    def _words(self, view: View) -> str:
+        due = next((o for o in view.offers if o.due_in is not None and not o.is_look), None)
+        html = cards.note(view.note)
+        if view.picture is not None:
+            html += cards.note(view.picture.note)
+            html += cards.note("The blue ghost shows the pose." if view.picture.ghost else "")
+        if self._worker.doing or view.doing:
+            html += cards.going_on(self._worker.doing or view.doing)
+        elif due is not None and due.due_in:
+            html += cards.going_on(f"{due.title} in {due.due_in:.1f} s")
+        first = next((o for o in view.offers if not o.is_look), None)
+        if first is not None and first.why_not and not view.trouble:
+            html += cards.note(f"{first.title}: {capital(first.why_not)}")
+        return html
+
+    def _wrong(self, view: View) -> str:
+        """What is wrong, above the rows, so that it is seen on a phone as well."""
+        if view.fix:
+            return cards.marked("✗", cards.BAD, view.trouble, view.fix)
+        trouble = view.trouble
+        if self._own is not None and self._own.trouble is not None:
+            error = self._own.trouble
+            inside = f"internal error: {error!r}; see the log"
+            trouble = trouble or (str(error) if isinstance(error, So101Error) else inside)
+        return cards.failed(trouble) if trouble else ""
+
+    def _show_buttons(self, view: View) -> None:
+        self._offers.clear()
+        for place, offer in enumerate(view.offers):
+            if offer.cancels and self._hides_cancel:
+                continue
+            count = sum(before.command == offer.command for before in view.offers[:place])
+            self._offers[f"{offer.command} {count} {bool(offer.asks)}"] = offer
+        for slot, offer in self._offers.items():
+            if slot not in self._buttons:
+                with self._folder:
+                    self._buttons[slot] = self._new_button(slot, offer)
+        first = view.offers[0] if view.offers else None
+        places = {slot: place for place, slot in enumerate(self._offers)}
+        for slot, button in self._buttons.items():
+            here = self._offers.get(slot)
+            button.order = places.get(slot, len(places))
+            if isinstance(button, AskingButton):
+                can = here is not None and here.why_not is None and not self._worker.doing
+                button.show(shown=here is not None, can=can, label=here.title if here else "")
+                continue
+            button.visible = here is not None
+            if here is not None:
+                button.label = here.title
+                is_usual = here is first and not here.cancels and not view.is_over
+                button.color = "green" if is_usual else "gray"
+                button.disabled = here.why_not is not None or bool(self._worker.doing)
+
+    def _new_button(self, slot: str, offer: Offer) -> viser.GuiButtonHandle | AskingButton:
+        press = partial(self._press, slot)
+        if offer.asks:
+            return AskingButton(self._context, offer.title, offer.asks, press)
+        button = self._context.gui.add_button(offer.title)
+        self._context.on_press(button, press)
+        return button
+
+    def _press(self, slot: str) -> None:
+        offer = self._offers.get(slot)  # as it was shown
+        if offer is not None and offer.why_not is None:
+            self._give(offer)
+
+    def _give(self, offer: Offer) -> None:
+        operation = self._operation()
+        if operation is None:
+            return
+        ask = partial(operation.ask, offer.command, **offer.arguments)
+        if offer.is_look:
+            self._worker.watch(ask)
+        else:
+            self._worker.do(offer.title, ask)

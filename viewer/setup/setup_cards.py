@@ -1,0 +1,85 @@
+"""HTML of the setup pages. Every text passes ``escape``, as in ``markup.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from html import escape
+
+from so101_motion.setup.checkup import Check
+from so101_motion.setup.port_selection import Candidate
+from so101_motion.setup.setup_steps import Workflow
+
+from ..page.cards import AMBER, BAD, DIM, GOOD, PAD, WARM, marked
+from ..page.texts import capital
+from .step_wizard import StepRow
+from .torque import TorqueText
+
+_VERDICTS = {"ok": ("✓", GOOD), "warn": ("!", WARM), "fail": ("✗", BAD)}
+
+
+def choice(workflow: Workflow) -> str:
+    """The description of a workflow, shown before it is chosen."""
+    return (
+        f'<div style="{PAD};padding-top:.7em;font-size:.88em;line-height:1.35">'
+        f"{escape(workflow.purpose)}"
+        f'<div style="color:{DIM};font-size:.92em">{escape(workflow.extent)}</div></div>'
+    )
+
+
+def step_list(rows: Iterable[StepRow]) -> str:
+    """The list of steps: done, current, to come; compact."""
+    steps = []
+    for number, row in enumerate(rows, start=1):
+        mark, weight, colour, back = {
+            "done": ("✓", 400, GOOD, "transparent"),
+            "passed over": ("!", 400, WARM, "transparent"),
+            "now": (f"{number}", 700, "inherit", f"color-mix(in srgb,{AMBER} 22%,transparent)"),
+            "left": (f"{number}", 400, DIM, "transparent"),
+        }[row.place]
+        steps.append(
+            f'<span title="{row.minutes} min" style="padding:.1em .4em;border-radius:.3em;'
+            f'white-space:nowrap;color:{colour};font-weight:{weight};background:{back}">'
+            f"{mark} {escape(row.title)}</span>"
+        )
+    return (
+        '<div class="so101-steplist" style="display:flex;flex-wrap:wrap;gap:.1em .2em;'
+        'padding:.2em .45em;font-size:.82em">'
+        f"{''.join(steps)}</div>"
+    )
+
+
+def torque(now: TorqueText) -> str:
+    """Whether the joints are held; always visible."""
+    colour = AMBER if now.is_on else DIM
+    return (
+        f'<div style="{PAD};font-size:.85em;display:flex;gap:.5em;align-items:baseline">'
+        f'<span style="flex:none;width:.65em;height:.65em;border-radius:50%;background:{colour}">'
+        f"</span><span>{escape(now.text)}</span></div>"
+    )
+
+
+def check_text(check: Check) -> str:
+    """The result of a check and what to do."""
+    mark, colour = _VERDICTS[check.verdict]
+    return marked(mark, colour, check.sentence, check.fix)
+
+
+def port(candidate: Candidate, *, is_chosen: bool) -> str:
+    """A port: its name, what is on it, and its voltage against the servos' rated one."""
+    report = candidate.report
+    names = " · ".join(name for name in (report.port.device, report.port.description) if name)
+    volts = ""
+    if report.volts is not None and report.nominal_volts is not None:
+        colour = BAD if report.supply_trouble else GOOD
+        volts = (
+            f'<div>Supply: <b style="color:{colour}">{report.volts:.1f} V</b>'
+            f" for a {report.nominal_volts:g} V arm</div>"
+        )
+    edge = AMBER if is_chosen else "#8884"
+    return (
+        f'<div style="margin:.35em .8em;padding:.45em .6em;border:1px solid {edge};'
+        'border-radius:.4em;font-size:.85em;line-height:1.4;overflow-wrap:anywhere">'
+        f"<b>{escape(candidate.name)}</b>"
+        f'<div style="color:{DIM};font-size:.92em">{escape(names)}</div>'
+        f"<div>{escape(capital(report.sentence))}</div>{volts}</div>"
+    )
