@@ -63,6 +63,10 @@ _SAVE = (
     "Look at what was recorded. Then move the arm to a pose that is clear of everything, and save:"
     " its joints are held there."
 )
+_NOT_SAVED = (
+    "It is not saved yet; what was recorded is kept. Do what is said, then try again. The joints"
+    " will be held."
+)
 
 
 class CalibrationOperation(LocalOperation):
@@ -161,6 +165,8 @@ class CalibrationOperation(LocalOperation):
                 return "Homing pose", "The pose is taken."
             case State.RECORDING:
                 return "Travel", _recording(now.joints)
+            case State.COMPLETED if now.view.error is not None:
+                return "Save", _NOT_SAVED
             case State.COMPLETED:
                 where = f"It will be stored in the motors and in {now.calibration_file}."
                 return "Save", f"{_SAVE} {where}"
@@ -169,8 +175,9 @@ class CalibrationOperation(LocalOperation):
 
     def _rows(self, now: Situation, seen: PoseEstimate) -> tuple[Row, ...]:
         match now.view.state:
-            case State.COMPLETED:
-                return summary.lines(now.joints, self._before)
+            case State.COMPLETED:  # what is wrong takes the table's place
+                is_well = now.view.error is None
+                return summary.lines(now.joints, self._before) if is_well else ()
             case State.IDLE if self._saved:
                 return self._saved
             case State.STARTED:

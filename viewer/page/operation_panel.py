@@ -114,6 +114,8 @@ class OperationPanel(Part):
         if view.fix:
             return cards.marked("✗", cards.BAD, view.trouble, view.fix)
         trouble = view.trouble
+        if self._own is None and trouble == str(self._worker.trouble):
+            return ""  # the page that has the worker shows it
         if self._own is not None and self._own.trouble is not None:
             error = self._own.trouble
             inside = f"internal error: {error!r}; see the log"
