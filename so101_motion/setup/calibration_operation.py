@@ -168,8 +168,7 @@ class CalibrationOperation(LocalOperation):
             case State.COMPLETED if now.view.error is not None:
                 return "Save", _NOT_SAVED
             case State.COMPLETED:
-                where = f"It will be stored in the motors and in {now.calibration_file}."
-                return "Save", f"{_SAVE} {where}"
+                return "Save", _SAVE
             case State.ERROR:
                 return "Homing pose", "Something went wrong."
 
@@ -195,6 +194,8 @@ class CalibrationOperation(LocalOperation):
         if state is State.RECORDING and (blocked := summary.acceptable(now.joints)):
             names = " and ".join(blocked)
             notes.append(f"Is something on the arm blocking {names}? Then accept it as it is.")
+        if state is State.COMPLETED:
+            notes.append(f"It will be stored in the motors and in {now.calibration_file}.")
         if state is State.IDLE and ended is not None and ended.stored is not None:
             notes += [*ended.stored.notes, ended.trouble or ""]
             notes += _meanings(ended.stored, is_first=not self._before)
