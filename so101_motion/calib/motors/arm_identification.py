@@ -15,7 +15,7 @@ Otherwise the answer is ``unknown``, without guessing: a leader must not be take
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -36,6 +36,10 @@ from so101_motion.drivers.feetech.servo_judgement import (
 from so101_motion.drivers.feetech.servo_settings import OddSetting, odd_settings, read_registers
 
 Role = Literal["follower", "leader", "unknown"]
+
+_ASKED, _GARBLED = 60, 0.15
+"""How often all servos are asked for colliding answers, which takes 0.1 s, and the share of garbled
+answers that tells of them. Chosen: a bus with half as many is unusable (``BROKEN``)."""
 
 _MODELS = {reg.STS3215_MODEL: "sts3215", 2825: "sts3250", 1540: "sts3250"}  # LR; Feetech's Go users
 
@@ -206,7 +210,7 @@ def look(bus: Bus) -> ServosOnBus:
     """Find the servos at the bus's baud rate; writes nothing.
 
     A ping to all finds every servo. A reply to it may get lost, so the ids of an arm are pinged one
-    by one as well.
+    by one as well. Servos that share an id are found by what they answer together.
     """
     roll = bus.ping_all()
     ids = sorted({*roll.ids, *bus.answering(SERVO_IDS.values())})
@@ -221,9 +225,25 @@ def look(bus: Bus) -> ServosOnBus:
             shared.append(servo_id)
         except BusError:
             continue  # it answered a moment ago and is gone
+    for servo_id in colliding(bus, servos):
+        del servos[servo_id]
+        shared.append(servo_id)
     return ServosOnBus(
-        baud=bus.port.baud, servos=servos, shared=tuple(shared), garbled=roll.garbled
+        baud=bus.port.baud, servos=servos, shared=tuple(sorted(shared)), garbled=roll.garbled
     )
+
+
+def colliding(bus: Bus, ids: Collection[int]) -> tuple[int, ...]:
+    """Ids whose answers are garbled again and again, because several servos have them.
+
+    Servos that hold the same values send the same bytes, which garble each other only now and then.
+    If most ids are garbled it is the cable.
+    """
+    row, before = reg.MODEL_NUMBER, {i: bus.counters[i].corrupt for i in ids}
+    for _ in range(_ASKED if ids else 0):
+        bus.sync_read(ids, row.address, row.size)
+    found = tuple(i for i in ids if bus.counters[i].corrupt - before[i] > _GARBLED * _ASKED)
+    return found if len(ids) < 3 or 2 * len(found) <= len(ids) else ()
 
 
 # Judgement

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from so101_motion.calib.motors import servo_program
-from so101_motion.calib.motors.arm_identification import ServoFacts, read_facts
+from so101_motion.calib.motors.arm_identification import ServoFacts, colliding, read_facts
 from so101_motion.calib.motors.servo_search import (
     LIKELIEST_FIRST,
     RateAnswers,
@@ -123,9 +123,12 @@ def _read_only_one(tuner: Tuner, joint: str, heard: RateAnswers | None) -> Servo
         raise _same_id(joint, heard.ids)
     servo_id = heard.ids[0]
     try:
-        return tuner.call(lambda bus: read_facts(bus, servo_id))
+        facts = tuner.call(lambda bus: read_facts(bus, servo_id))
     except CorruptReply as error:
         raise _same_id(joint, heard.ids) from error
+    if tuner.call(lambda bus: colliding(bus, heard.ids)):
+        raise _same_id(joint, heard.ids)
+    return facts
 
 
 def _several(joint: str, ids: tuple[int, ...]) -> MotorSetupError:

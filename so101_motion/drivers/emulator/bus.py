@@ -8,8 +8,9 @@ How it works
     Times are those of a half-duplex wire at ten bits a byte. A single reply starts right after
     the request. Sync-read replies come in fixed slots, ``len + 9`` byte times each in the order
     of the list, and broadcast pings in slots by id, so a silent servo leaves a hole and delays
-    nobody. Servos that share an id answer together and pull the wire low over each other: equal
-    bytes survive, others come out as their bitwise AND, and the checksum tells.
+    nobody. Servos that share an id answer together and pull the wire low over each other: what
+    arrives is the bitwise AND, and the checksum tells. Equal answers survive unless the servos are
+    a bit apart, which they are now and then, because each has its own clock.
 
     A servo hears only its own baud rate. Broadcasts are carried out by all and acknowledged by
     none, except ping and sync read.
@@ -19,6 +20,8 @@ Source: as in ``codec.py``; slot times: firmware arithmetic, bench-tested by its
 
 from __future__ import annotations
 
+import math
+import random
 from collections.abc import Callable, Iterator
 from itertools import zip_longest
 from typing import NamedTuple
@@ -31,6 +34,10 @@ from so101_motion.drivers.emulator.world import World
 TURNAROUND = 20e-6
 """From the end of a request to the first bit of the reply [s] (sync reads on an arm: under 100 us
 with everything)."""
+
+_BIT_APART = 0.3
+"""How often two servos that answer together are a bit apart. Chosen: each has its own clock, and a
+bit takes 1 us."""
 
 _BITS_PER_BYTE = 10
 _SLOT_GAP = 3  # byte times between two slots
@@ -73,6 +80,8 @@ class Bus:
         self._world = world
         self._listener = Listener()
         self._baud = 0
+        self._wire_free = -math.inf
+        self._random = random.Random(0)
         self.faults = faults or WireFaults()
         self.observers: list[Callable[[float, bytes], None]] = []
 
@@ -100,15 +109,19 @@ class Bus:
         if not instructions:
             return []
         byte_time = _BITS_PER_BYTE / baud
-        answers = []
+        answers, request = [], 0.0
         with self._world.lock:
             self._world.advance(now)
+            begin = max(now, self._wire_free)  # a clock that stands still does not stop the wire
             for instruction in instructions:
                 if self.faults.loses_request():
                     continue
                 request = instruction.end * byte_time + TURNAROUND
+                for servo in self._world.servos:
+                    servo.now = begin + request
                 for slot, data in self._collide(self._carry_out(instruction, now)):
                     answers.append((request + (slot + len(data)) * byte_time, data))
+            self._wire_free = begin + max([request, *(after for after, _ in answers)])
         replies = [
             Reply(after, arriving, held)
             for after, data in answers
@@ -173,12 +186,14 @@ class Bus:
             if share := shares.get(servo.servo_id):
                 servo.write(address + share)
 
-    @staticmethod
-    def _collide(answers: list[_Answer]) -> list[_Answer]:
+    def _collide(self, answers: list[_Answer]) -> list[_Answer]:
         """Merge answers that start together; a bit is low where any sender pulls it low."""
         slots: dict[float, bytes] = {}
         for slot, data in answers:
             if slot in slots:
+                if self._random.random() < _BIT_APART:
+                    bits = int.from_bytes(data, "little") << 1 | 1
+                    data = bits.to_bytes(len(data) + 1, "little")[:-1]
                 pairs = zip_longest(slots[slot], data, fillvalue=0xFF)
                 data = bytes(one & other for one, other in pairs)
             slots[slot] = data

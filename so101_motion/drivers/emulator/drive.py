@@ -282,7 +282,10 @@ class Drive:
             still = abs(ticks) < self._settings.gains.still
             self.speed = 0 if still else round(ticks) * _SPEED_QUANTUM
             self._speed_since, self._speed_from = 0.0, self.position
-        if self.torque == 1 and (self.profile.running or self._goals.waiting):
+        runs = self.torque == 1 and (self.profile.running or bool(self._goals.waiting))
+        if self._settings.mode in (reg.SPEED_MODE, reg.PWM_MODE):
+            runs = self.speed != 0  # only its own movement counts there (FW, adc.c)
+        if runs:
             self.moving = True
         elif self.speed == 0:
             self.moving = False

@@ -3,7 +3,8 @@
 A write changes the memory first (``memory.py`` decides which bytes and for how long). Then this
 file does what the written registers trigger, in the firmware's order: homing offset, mode, torque,
 and last acceleration, speed and goal. A read updates the measured registers just before it copies
-them.
+them. Position and set-point (56 and 67) are the exception: a servo measures them once in a control
+period, so right after a change of mode or homing offset they are still what they were before.
 
 A written goal starts the profile and switches torque on by itself. Reports disagree about the
 torque (the factory image switches it on, one bench saw that it did not), so ``goal_enables_torque``
@@ -19,6 +20,7 @@ uart_subsys.c and pid_motor.c (behaviour only).
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Mapping
 
@@ -28,7 +30,9 @@ from so101_motion.drivers.emulator.drive import Drive
 from so101_motion.drivers.emulator.electric import BROWN_OUT
 from so101_motion.drivers.emulator.joint_figures import TICKS_PER_RAD, Joint
 from so101_motion.drivers.emulator.memory import Memory
+from so101_motion.drivers.emulator.motion import DT
 from so101_motion.drivers.emulator.register_values import (
+    OF_FRAME,
     goal_of,
     plan_profile,
     settings_from,
@@ -62,6 +66,7 @@ class Servo:
         drive: Its controller, motor and shaft.
         connected: False while its cable is unplugged: no power, no answers.
         boot_at: When a starting servo will be up, on the emulator's clock [s], else None.
+        now: When the instruction came that it carries out, on the same clock [s].
     """
 
     def __init__(
@@ -81,6 +86,7 @@ class Servo:
         self.memory = Memory(factory)
         self.drive = Drive(joint, kind, q, settings_from(self.memory))
         self.connected = True
+        self.now = -math.inf
         self.boot()
 
     # -- power ----------------------------------------------------------------------------------
@@ -90,6 +96,7 @@ class Servo:
         self.boot_at: float | None = None
         self.memory.boot()
         self._pending = b""
+        self._measures_from = -math.inf
         self._mode = self.memory.value(reg.MODE)
         self.drive.powered = True
         self.drive.settings = settings_from(self.memory)
@@ -174,7 +181,8 @@ class Servo:
     def read(self, address: int, count: int) -> bytes | None:
         """The bytes of a READ, measured now."""
         scatter = self._random.randint(-self._dither, self._dither) if self._dither else 0
-        show_measurements(self.memory, self.drive, address, count, scatter=scatter)
+        but = OF_FRAME if self.now < self._measures_from else ()
+        show_measurements(self.memory, self.drive, address, count, scatter=scatter, but=but)
         self.memory.set(reg.PENDING, 1 if self._pending else 0)
         return self.memory.read(address, count)
 
@@ -182,8 +190,10 @@ class Servo:
         """Carry out a WRITE of an address and data, and what it triggers."""
         if len(params) < 2:
             return
-        reached = self.memory.write(params[0], params[1:])
-        triggers = triggers_of(reached.start, reached.stop)
+        triggers = triggers_of(params[0], min(params[0] + len(params) - 1, reg.SIZE))
+        if triggers.offset or triggers.mode:
+            self._keep_frame()
+        self.memory.write(params[0], params[1:])
         self.drive.wake()
         if triggers.offset:
             turns = self.drive.position // TICKS_PER_TURN
@@ -200,6 +210,12 @@ class Servo:
             self._plan_profile()
         if self._mode in triggers.goal_of_modes:
             self._start_goal()
+
+    def _keep_frame(self) -> None:
+        """Measure position and set-point as they are, once more before they are shifted (FW)."""
+        for row in OF_FRAME:
+            self.read(row.address, row.size)
+        self._measures_from = self.now + DT
 
     def _plan_profile(self) -> None:
         plan_profile(self.memory, self.joint, self.drive.profile, top_speed=self._top_speed)
@@ -252,6 +268,7 @@ class Servo:
         wanted = int.from_bytes(params, "little", signed=True) if params else _CENTRE
         if not -TICKS_PER_TURN < wanted < TICKS_PER_TURN:
             return
+        self._keep_frame()
         offset = self.drive.encoder % TICKS_PER_TURN - wanted
         self.memory.keep(reg.OFFSET, reg.encode_offset(offset))
         self.drive.set_homing_offset(offset, turns=0)

@@ -60,6 +60,17 @@ def test_two_servos_with_one_id_are_named_and_whose_id_is_missing():
     assert check(setup, "wrist_flex").status == "not_responding"
 
 
+def test_two_servos_with_one_id_are_named_though_they_hold_the_same():
+    _, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 3, 5: 5, 6: 6}, q_start=(0.0,) * 6, calibrated=False)
+    assert check(setup, "elbow_flex").status == "duplicate"
+
+
+def test_garbled_answers_of_a_bad_cable_are_no_twins():
+    bus, setup = arm()
+    bus.faults.corrupt = 0.07
+    assert "duplicate" not in {check.status for check in setup.verify().motors.values()}
+
+
 def test_a_servo_at_another_rate_is_found():
     bus, setup = arm()
     bus.set(5, baud_rate=reg.BAUDS.index(115_200))

@@ -2,7 +2,7 @@ import logging
 from dataclasses import replace
 
 import pytest
-from harness.lent_bus import LentBus, loose, refused
+from harness.lent_bus import APART, LentBus, loose, refused
 
 from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
@@ -183,8 +183,9 @@ def test_two_servos_with_different_ids_are_refused_and_nothing_is_written():
     assert all(packet[4] != 3 for _, packet in bus.wire.sent)
 
 
-def test_two_servos_with_one_id_are_refused_and_nothing_is_written():
-    bus = LentBus({5: 1, 6: 1}, calibrated=False)
+@pytest.mark.parametrize("q_start", [APART, (0.0,) * 6])
+def test_two_servos_with_one_id_are_refused_and_nothing_is_written(q_start):
+    bus = LentBus({5: 1, 6: 1}, calibrated=False, q_start=q_start)
     setup = MotorSetup(bus.lent)
     refused(lambda: setup.discover("gripper"), "same id", "answer as servo 1 at once")
     refused(lambda: setup.assign("gripper"), "same id")

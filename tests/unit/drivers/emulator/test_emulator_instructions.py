@@ -165,6 +165,7 @@ def test_reboot_is_silent_for_most_of_a_second_and_forgets_ram(bench):
 def test_writing_128_makes_here_the_middle_and_survives(make_bench, encoder):
     bench = make_bench(joints=tuple(replace(joint, zero_ticks=encoder) for joint in SO101))
     bench.write(5, reg.TORQUE_ENABLE, 128)
+    bench.advance(0.002)
     assert bench.read(5, reg.PRESENT_POSITION) == 2048
     assert bench.read(5, reg.TORQUE_ENABLE) == 0
     assert reg.decode_offset(bench.read(5, reg.OFFSET)) == encoder - 2048
@@ -175,13 +176,18 @@ def test_writing_128_makes_here_the_middle_and_survives(make_bench, encoder):
 
 def test_calibration_instruction_takes_a_position(bench):
     bench.ask_one(5, Code.CALIBRATE, word(1000))
+    bench.advance(0.002)
     assert bench.read(5, reg.PRESENT_POSITION) == 1000
 
 
-def test_offset_moves_the_position_frame_at_once(bench):
+def test_offset_moves_the_position_frame_from_the_next_control_period_on(bench):
     bench.write(1, reg.OFFSET, reg.encode_offset(-500))
+    assert bench.read(1, reg.PRESENT_POSITION) == 2048
+    for _ in range(8):  # the clock stands still, the wire does not
+        bench.ask_one(1, Code.PING)
     assert bench.read(1, reg.PRESENT_POSITION) == 2548
     bench.write(1, reg.OFFSET, reg.encode_offset(2047))
+    bench.advance(0.01)
     assert bench.read(1, reg.PRESENT_POSITION) == 1
 
 
@@ -259,3 +265,26 @@ def test_readings_scatter_when_asked_to(make_bench):
     bench = make_bench(dither=3)
     seen = {bench.read(1, reg.PRESENT_POSITION) for _ in range(200)}
     assert seen == set(range(2045, 2052))
+
+
+def test_nobody_hears_a_terminal_that_is_hung_up(bench):
+    assert bench.raw(frame(1, Code.PING), baud=0) == []
+    assert bench.ask_one(1, Code.PING).servo_id == 1
+
+
+def test_a_goal_switches_torque_on_unless_told_otherwise(make_bench):
+    for is_firmware in (True, False):
+        bench = make_bench(goal_enables_torque=is_firmware)
+        bench.write(1, reg.GOAL_POSITION, 2300)
+        bench.advance(1.0)
+        assert bench.read(1, reg.TORQUE_ENABLE) == is_firmware
+        assert bench.read(1, reg.PRESENT_POSITION) == (
+            pytest.approx(2300, abs=3) if is_firmware else 2048
+        )
+
+
+def test_equal_answers_of_two_servos_with_one_id_collide_now_and_then(make_bench):
+    bench = make_bench(ids={1: 1, 2: 1})
+    alone = make_bench().raw(frame(1, Code.PING))[0].data
+    answers = [bench.raw(frame(1, Code.PING))[0].data for _ in range(100)]
+    assert 10 < sum(answer != alone for answer in answers) < 60
