@@ -16,6 +16,7 @@ from so101_motion.cli.sources import (
     any_source_options,
     machine_options,
 )
+from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_mm
@@ -86,11 +87,14 @@ def _open_to_read(source: AnySource) -> RigLike:
 
 
 def _open_port_to_read(source: Source, port: str) -> Rig:
+    from so101_motion.calib.record.record import NEW_IDS, misplaced
     from so101_motion.cli.port_choice import look_at
     from so101_motion.rig.hardware_rig import open_hardware
     from so101_motion.rig.servo_driver import ServoSettings
 
     report = look_at(port)
+    if wrong := misplaced(report.servo_ids, {}):
+        raise CalibrationError(None, wrong, NEW_IDS)
     file = source.calibration_file or report.calibration
     return open_hardware(
         ServoSettings(port=port, baudrate=report.baudrate, timeout=None, calibration_file=file)

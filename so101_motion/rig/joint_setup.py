@@ -27,6 +27,7 @@ from so101_motion.common.errors import (
     CalibrationError,
     OtherCalibration,
     PortUnavailable,
+    ServoFault,
 )
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
@@ -111,16 +112,25 @@ def find_joints(
 
     Raises:
         OtherCalibration: The servos hold another one, and somebody is to be asked first.
+        ServoFault: The ids run the other way, as the travels that the servos hold show.
         BusError: The port went away, or an interrupted calibration could not be ended.
     """
     present = _find(bus, ids, {*required, *expected}, timeout)
     drives = bool(required or expected)
     interrupted = _end_interrupted(bus, file, drives or may_file_be_missing)
     held = {joint: _held(bus, ids[joint]) for joint in present}
+    travels = {
+        joint: each["range_max"] - each["range_min"]
+        for joint, each in held.items()
+        if isinstance(each, Mapping)
+    }
+    wrong = record.misplaced((), travels)
+    if wrong and drives:
+        raise ServoFault(f"{wrong}; {record.NEW_IDS}", servo_id=ids[GRIPPER_JOINT])
     if file is None and finds_file:
         file = _saved_for(held)
     stored, notes = _read_file(file, may_file_be_missing)
-    notes = interrupted + notes
+    notes = interrupted + notes + ((f"{wrong}; {record.NEW_IDS}",) if wrong else ())
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
     other = _other_calibration(bus, stored, filed, ids, held)
     if other is not None:

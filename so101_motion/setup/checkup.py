@@ -14,7 +14,7 @@ from typing import Literal
 
 from so101_motion.calib.motors.arm_identification import ServoFacts
 from so101_motion.calib.record import compare
-from so101_motion.calib.record.record import JOINTS, SERVO_IDS, is_reversed
+from so101_motion.calib.record.record import NEW_IDS, SERVO_IDS
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.attributes import SPEED_RANGE_DEG
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -129,6 +129,10 @@ def _servos(seen: Findings) -> Iterator[Check]:
             f"the servos talk at {seen.baudrate} baud, not at {BAUDRATE}; their supply is on",
             f'{REPAIR} sets {BAUDRATE}; or give their components "baudrate": {seen.baudrate}',
         )
+    if seen.servos.misplaced:
+        yield fail("servos", seen.servos.misplaced, NEW_IDS)
+        if seen.servos.unexpected_ids:
+            return  # then none can be told by its id
     wrong = [check for check in seen.servos.motors.values() if check.error]
     is_silent = wrong and all(check.status == "not_responding" for check in wrong)
     if is_silent and not seen.facts:
@@ -152,7 +156,7 @@ def _servos(seen: Findings) -> Iterator[Check]:
             f"servos with ids that are not an arm's answer: {ids}",
             "take them off the cable, or so101 setup",
         )
-    elif not wrong:
+    elif not (wrong or seen.servos.misplaced):
         models = ", ".join({facts.model for facts in seen.facts.values()})
         text = f"all six answer ({models})" if models else "all six answer"  # a machine tells less
         yield ok("servos", text)
@@ -174,18 +178,6 @@ def _has_no_jaw(seen: Findings) -> bool:
     """Whether the arm is one without a jaw: its calibration names none."""
     known = seen.stored is not None and GRIPPER_JOINT in seen.stored.calibration
     return not known and all(joint in seen.facts for joint in ARM_JOINTS)
-
-
-def _order(seen: Findings) -> Iterator[Check]:
-    """Recognise ids that were given from the wrong end, by the travels that the servos hold."""
-    held = {joint: held_range(facts) for joint, facts in seen.facts.items() if facts.is_calibrated}
-    if len(held) == len(JOINTS) and is_reversed(held):
-        yield fail(
-            "servos",
-            "the ids run from the jaw to the base, 6 to 1: the servo with the id 1 has the jaw's"
-            " travel, the one with the id 6 a joint's",
-            "so101 setup --start-over, then so101 calibrate",
-        )
 
 
 def _firmware(seen: Findings) -> Iterator[Check]:
@@ -342,11 +334,6 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
         yield ok("calibration", text)
 
 
-def held_range(facts: ServoFacts) -> int:
-    """The travel that a servo's limits leave it [tick]."""
-    return facts.holds(reg.MAX_POSITION) - facts.holds(reg.MIN_POSITION)
-
-
 def _servo_changes(seen: Findings) -> Iterator[Check]:
     for change in seen.servo_changes:
         fix = "look at the joint's screws and cable, then so101 identify again"
@@ -404,7 +391,6 @@ _CHECKS: tuple[Callable[[Findings], Iterator[Check]], ...] = (
     _planner,
     _port,
     _servos,
-    _order,
     _firmware,
     _supply,
     _temperature,

@@ -192,6 +192,16 @@ class ServosOnBus:
         return {joint: facts.calibration for joint, facts in found if facts is not None}
 
     @property
+    def travels(self) -> dict[str, int]:
+        """The travel that its limits leave each calibrated servo [tick], by joint."""
+        found = ((joint, self.servos.get(i)) for joint, i in SERVO_IDS.items())
+        return {
+            joint: facts.holds(reg.MAX_POSITION) - facts.holds(reg.MIN_POSITION)
+            for joint, facts in found
+            if facts is not None and facts.is_calibrated
+        }
+
+    @property
     def unexpected_ids(self) -> tuple[int, ...]:
         """Ids that are not an arm's."""
         return tuple(i for i in (*self.servos, *self.shared) if i not in SERVO_IDS.values())

@@ -9,7 +9,7 @@ from functools import partial
 from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus, look
 from so101_motion.calib.motors.servo_search import LIKELIEST_FIRST, Tuner
 from so101_motion.calib.motors.setup_view import MotorCheck, Verification
-from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+from so101_motion.calib.record.record import JOINTS, NEW_IDS, SERVO_IDS, misplaced
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.feetech.servo_settings import REPAIR
 
@@ -25,11 +25,15 @@ def verify(tuner: Tuner) -> Verification:
         joint: _check(joint, SERVO_IDS[joint], seen, elsewhere.get(SERVO_IDS[joint]))
         for joint in JOINTS
     }
+    wrong = misplaced(seen.servos, seen.travels)
     return Verification(
         motors=motors,
         unexpected_ids=seen.unexpected_ids,
         notes=tuple(_notes(seen)),
-        sentence=_verdict(seen, motors, set(elsewhere.values())),
+        sentence=f"not yet: {wrong}; {NEW_IDS}"
+        if wrong
+        else _verdict(seen, motors, set(elsewhere.values())),
+        misplaced=wrong,
     )
 
 

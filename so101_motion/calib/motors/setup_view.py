@@ -199,17 +199,22 @@ class MotorCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """The result of checking the finished chain."""
+    """The result of checking the finished chain.
+
+    Attributes:
+        misplaced: What is wrong with the order of the ids; empty if nothing shows.
+    """
 
     motors: Mapping[str, MotorCheck]
     unexpected_ids: tuple[int, ...]
     notes: tuple[str, ...]
     sentence: str
+    misplaced: str = ""
 
     @property
     def ok(self) -> bool:
         """Whether the arm can be calibrated."""
-        return not self.unexpected_ids and all(
+        return not (self.unexpected_ids or self.misplaced) and all(
             check.status == "ok" for check in self.motors.values()
         )
 

@@ -214,6 +214,8 @@ class Session:
         access, sampler = self._lent(), self._sampler
         assert sampler is not None
         accepted, arcs = _in_order("accept", accept), sampler.seen.arcs
+        if wrong := record.misplaced((), {joint: arc.travel for joint, arc in arcs.items()}):
+            raise CalibrationError(None, wrong, record.NEW_IDS)
         assessments = {
             joint: known.assess(arcs.get(joint)) for joint, known in self._progress.joints.items()
         }

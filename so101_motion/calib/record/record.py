@@ -18,7 +18,7 @@ Files are in ``store``, other formats in ``lerobot``, and the zero of a joint is
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -154,6 +154,7 @@ def parse(content: object) -> dict[str, JointCalibration]:
     found = {joint: _joint(joint, entry) for joint, entry in entries.items()}
     for joint, entry in found.items():
         _check(joint, entry)
+    _check_order(found)
     return found
 
 
@@ -200,6 +201,7 @@ def usable(content: object) -> UsablePart:
             found[joint] = read
     if not found:
         raise next(iter(refusals.values()))
+    _check_order(found)
     notes += (
         f"{joint} is not taken from the calibration: {error.reason}; what its servo has stored"
         f" counts; {error.next_step}"
@@ -243,13 +245,42 @@ def _entries(content: object) -> dict[str, object]:
     return entries
 
 
-def is_reversed(travels: Mapping[str, int]) -> bool:
-    """Whether these travels [tick] fit the joints from the jaw to the base, not the other way.
+def misplaced(ids: Iterable[int], travels: Mapping[str, int]) -> str:
+    """What is wrong with the order of an arm's ids; empty if nothing shows.
 
-    The jaw's travel is half of the others', that of wrist_roll is the widest.
+    The jaw's travel is half of the others', that of wrist_roll is the widest. Roll itself shows
+    nothing: it is often recorded as a full turn.
+
+    Args:
+        ids: Of all servos that answer.
+        travels: Travels of the joints by these ids [tick], as recorded or held as limits.
     """
-    pan, lift, *_, roll, jaw = (travels[joint] for joint in JOINTS)
-    return pan < 1.3 * GRIPPER_TRAVEL < jaw and lift > 1.15 * max(roll, jaw)
+    first, *others = sorted(ids) or [1]
+    if len(others) == len(JOINTS) - 1 == others[-1] - first and first != 1:
+        return (
+            f"the ids run from {first} to {others[-1]}, not from 1 to {len(JOINTS)}, so each servo"
+            " has the id of another joint"
+        )
+    pan, lift, jaw = (
+        travels.get(joint, 0) for joint in ("shoulder_pan", "shoulder_lift", "gripper")
+    )
+    if 0 < pan < 1.3 * GRIPPER_TRAVEL < jaw and lift > 1.15 * jaw:
+        return (
+            "the ids run from the jaw to the base, 6 to 1: the servo with the id 1 has the jaw's"
+            " travel, the one with the id 6 a joint's"
+        )
+    return ""
+
+
+NEW_IDS = "so101 setup --start-over, then so101 calibrate"
+"""What to do about misplaced ids."""
+
+
+def _check_order(found: Calibration) -> None:
+    """Refuse the record of an arm whose ids run the other way."""
+    travels = {joint: entry.range_max - entry.range_min for joint, entry in found.items()}
+    if wrong := misplaced((), travels):
+        raise CalibrationError(None, wrong, NEW_IDS)
 
 
 def without_prefix(content: Mapping[str, object]) -> Mapping[str, object]:

@@ -311,6 +311,13 @@ def test_ids_from_the_wrong_end_are_recognised_by_the_travels(arm):
     assert [check.verdict for check in found] == ["fail"]
 
 
+def test_ids_that_begin_at_2_are_recognised_and_no_servo_is_called_a_stranger(arm):
+    for servo in arm.world.servos:
+        servo.memory.keep(emulated.ID, servo.servo_id + 1)
+    failed = [check for check in check_up(seen_on(arm)) if check.verdict == "fail"]
+    assert [check.sentence[:22] for check in failed] == ["the ids run from 2 to "]
+
+
 def test_a_rate_of_its_own_and_another_programs_file_are_told(arm):
     seen = seen_on(arm, baudrate=500_000, agreeing_file=Path("/lerobot/mine.json"))
     rate = of(check_up(seen), "baud rate")

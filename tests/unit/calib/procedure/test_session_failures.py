@@ -74,6 +74,14 @@ def test_an_arm_that_is_not_held_still_while_homing_is_set_is_found_out(arm, fil
     assert all_held(arm) == before
 
 
+def test_travels_from_the_jaw_to_the_base_show_that_the_ids_run_the_other_way(file):
+    arm = LentArm(ids={place: 7 - place for place in range(1, 7)}, calibrated=False)
+    session = recording(file, arm)
+    arm.sweep_all()
+    with pytest.raises(CalibrationError, match="the ids run from the jaw to the base"):
+        session.stop_recording()
+
+
 def test_saving_can_be_tried_again_when_a_servo_was_silent(arm, file):
     session = recording(file, arm)
     arm.sweep_all()

@@ -236,3 +236,32 @@ def test_an_arm_on_another_robot_is_read_under_its_prefix_and_two_arms_are_asked
     two = robot | {f"left_arm_{joint}": entry for joint, entry in SEED.items()}
     with pytest.raises(CalibrationError, match="several arms: arm_, left_arm_"):
         record.parse(two)
+
+
+def with_travels(*ticks):
+    return {
+        joint: {"id": i, "homing_offset": 0, "range_min": 100, "range_max": 100 + travel}
+        for i, (joint, travel) in enumerate(zip(JOINTS, ticks, strict=True), start=1)
+    }
+
+
+@pytest.mark.parametrize("roll", [2367, 3995])  # recorded, or a full turn as LeRobot has it
+def test_the_record_of_an_arm_whose_ids_run_the_other_way_is_refused(roll):
+    content = with_travels(1251, 3824, 2335, 2198, roll, 2714)
+    for read in (record.parse, record.usable):
+        with pytest.raises(CalibrationError, match="6 to 1.*--start-over"):
+            read(content)
+
+
+@pytest.mark.parametrize("pan", [1200, 2714])
+def test_a_pan_that_was_hardly_moved_is_no_other_order(pan):
+    record.usable(with_travels(pan, 2367, 2198, 2335, 3824, 1463))
+
+
+@pytest.mark.parametrize(("ids", "wrong"), [
+    (range(1, 7), ""), (range(2, 8), "from 2 to 7"), (range(6), "from 0 to 5"),
+    ((2, 3, 4, 5, 6), ""), ((1, 2, 3, 4, 5, 9), ""), ((), ""),
+])  # fmt: skip
+def test_six_ids_in_a_row_that_do_not_begin_at_1_are_misplaced(ids, wrong):
+    assert wrong in record.misplaced(ids, {})
+    assert bool(wrong) == bool(record.misplaced(ids, {}))
