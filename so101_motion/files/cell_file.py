@@ -35,7 +35,7 @@ from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
-from so101_motion.files import atomic
+from so101_motion.files import atomic, json_file
 from so101_motion.files.scene_file import attached_from, attached_to, scene_from, scene_to
 from so101_motion.planning.collision.scene import LARGEST, Attached, Scene
 
@@ -128,11 +128,11 @@ def read_cell(path: Path) -> CellFile:
         ConfigError: It cannot be read, or something in it is not valid; the message names it.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json_file.content(path.read_bytes())
     except OSError as error:
         raise ConfigError("cell", str(path), f"cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError("cell", str(path), f"is not JSON: {error}") from error
+    except ValueError as error:
+        raise ConfigError("cell", str(path), str(error)) from error
     if not isinstance(content, Mapping):
         raise ConfigError("cell", content, 'must be an object such as {"arms": [...]}')
     given = Attributes(content, ("arms", "scene"), kind="key of a cell")

@@ -1,4 +1,4 @@
-"""Read the JSON files of a calibration strictly: no huge or deep ones, no devices.
+"""Read JSON files strictly, those of a calibration above all: no huge or deep ones, no devices.
 
 The standard parser also drops the first of two values with the same name; ``Object`` remembers such
 names, so that the reader of the file can refuse them. ``NaN`` and ``Infinity`` are parsed; the
@@ -11,6 +11,7 @@ import json
 import stat
 from pathlib import Path
 
+from so101_motion.common import git_lfs
 from so101_motion.common.errors import CalibrationError, quoted
 
 LARGEST = 65_536
@@ -76,14 +77,28 @@ def parse(data: bytes, name: str) -> object:
     Raises:
         CalibrationError: It is no JSON; the message calls it ``name``.
     """
+    if git_lfs.is_pointer(data):
+        raise CalibrationError(None, f"{name} {git_lfs.POINTER}", git_lfs.PULL)
     try:
-        content: object = json.loads(data.decode("utf-8-sig"), object_pairs_hook=Object.of_pairs)
-    except RecursionError as error:
-        raise CalibrationError(
-            None, f"{name} is nested deeper than a calibration can be", "check the path"
-        ) from error
+        return content(data)
     except ValueError as error:
-        raise CalibrationError(
-            None, f"{name} is not JSON: {error}", "restore it, or calibrate the arm again"
-        ) from error
-    return content
+        step = "restore it, or calibrate the arm again"
+        raise CalibrationError(None, f"{name} {error}", step) from error
+
+
+def content(data: bytes) -> object:
+    """Parse JSON in UTF-8, UTF-16 or UTF-32; its objects are ``Object``.
+
+    Raises:
+        ValueError: It is no JSON; the message says so, or what it is instead.
+    """
+    if git_lfs.is_pointer(data):
+        raise ValueError(f"{git_lfs.POINTER}; {git_lfs.PULL}")
+    try:
+        text = data.decode(json.detect_encoding(data))
+        parsed: object = json.loads(text, object_pairs_hook=Object.of_pairs)
+    except RecursionError as error:
+        raise ValueError("is not JSON that is read: nested too deeply") from error
+    except ValueError as error:
+        raise ValueError(f"is not JSON: {error}") from error
+    return parsed

@@ -40,7 +40,7 @@ from so101_motion.common.attributes import HEAVIEST, Attributes, checked_number
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
-from so101_motion.files import atomic
+from so101_motion.files import atomic, json_file
 from so101_motion.planning.collision.scene import (
     FLOOR_Z,
     LARGEST,
@@ -90,11 +90,11 @@ def read_scene(path: Path) -> Scene:
         if size > LARGEST_FILE:
             reason = f"has {size} bytes, more than the {LARGEST_FILE} that are read"
             raise ConfigError("scene", str(path), reason)
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json_file.content(path.read_bytes())
     except OSError as error:
         raise ConfigError("scene", str(path), f"cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError("scene", str(path), f"is not JSON: {error}") from error
+    except ValueError as error:
+        raise ConfigError("scene", str(path), str(error)) from error
     return scene_from(content, folder=path.parent)
 
 

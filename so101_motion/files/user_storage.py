@@ -19,7 +19,7 @@ from so101_motion.common.encoder_zeros import KEY
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.files import atomic
+from so101_motion.files import atomic, json_file
 from so101_motion.files.json_file import Object
 from so101_motion.files.user_data_folder import user_data_folder
 
@@ -119,12 +119,13 @@ def read(
     try:
         if path.stat().st_size > largest:
             raise ConfigError(what, str(path), f"is larger than a file of {what} can be")
-        content = json.loads(path.read_bytes(), object_pairs_hook=Object.of_pairs)
+        found = json_file.content(path.read_bytes())
     except OSError as error:
         raise ConfigError(what, str(path), f"cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(what, str(path), f"is not JSON: {error}") from error
-    written = content.get("schema") if isinstance(content, Mapping) else None
+    except ValueError as error:
+        raise ConfigError(what, str(path), str(error)) from error
+    content = found if isinstance(found, Object) else Object()
+    written = content.get("schema")
     if written == schema or written in also:
         if content.repeated:
             raise ConfigError(what, str(path), f"has {', '.join(content.repeated)} twice")

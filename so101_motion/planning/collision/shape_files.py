@@ -27,6 +27,7 @@ import mapbox_earcut
 import numpy as np
 import plyfile
 
+from so101_motion.common import git_lfs
 from so101_motion.common.errors import ConfigError, clipped
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.scene import (
@@ -229,6 +230,8 @@ def _refuse_large(kind: str, data: bytes, size: int, most_triangles: int = MOST_
     ``data`` is all of it or its head; what has no head is counted when it was read.
     """
     what = "point_cloud" if kind == "pcd" else "mesh"
+    if git_lfs.is_pointer(data):
+        raise ConfigError(what, f"{size} bytes", f"{git_lfs.POINTER}; {git_lfs.PULL}")
     if size > LARGEST_FILE:
         raise ConfigError(
             what, f"{size} bytes", f"is larger than the {LARGEST_FILE} bytes that are read"

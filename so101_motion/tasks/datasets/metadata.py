@@ -20,6 +20,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from so101_motion.common import git_lfs
 from so101_motion.common.errors import ConfigError, quoted
 
 INFO, STATS = Path("meta/info.json"), Path("meta/stats.json")
@@ -136,7 +137,7 @@ def is_lfs_pointer(path: Path) -> bool:
 def why_broken(path: Path) -> str:
     """The reason for which a file that cannot be parsed is broken; empty if it is not known."""
     if is_lfs_pointer(path):
-        return "is a Git LFS pointer: the data was not downloaded; run git lfs pull"
+        return f"{git_lfs.POINTER}; {git_lfs.PULL}"
     with path.open("rb") as file:
         begin, size = file.read(4), file.seek(0, os.SEEK_END)
         file.seek(-min(4, size), os.SEEK_END)

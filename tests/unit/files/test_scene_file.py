@@ -141,6 +141,9 @@ def test_a_file_that_is_not_there_or_not_json_is_named(tmp_path):
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(ConfigError, match="is not JSON"):
         read_scene(tmp_path / "bad.json")
+    (tmp_path / "lfs.json").write_text("version https://git-lfs.github.com/spec/v1\n")
+    with pytest.raises(ConfigError, match="git lfs pull"):
+        read_scene(tmp_path / "lfs.json")
     (tmp_path / "deep.json").write_text("[" * 100_000)
     with pytest.raises(ConfigError, match="is not JSON"):
         read_scene(tmp_path / "deep.json")

@@ -33,7 +33,8 @@ def refused(file, data):
     ("data", "says"),
     [
         (b"", "is not JSON"),
-        (b"\xff\xfe{\x00}\x00", "is not JSON"),
+        (b"\xff\xfe{\x00", "is not JSON"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0", "LFS pointer.*git lfs pull"),
         (b"\x80\x04\x95\x00", "is not JSON"),
         ("{'shoulder_pan': 1}", "is not JSON"),
         (f'{{"shoulder_pan": {ENTRY}', "is not JSON"),
@@ -176,3 +177,8 @@ def test_any_json_beside_a_calibration_is_read_or_noted(tmp_path_factory, conten
 
     assert not (zeros and notes)
     assert all(note.isprintable() for note in notes)
+
+
+def test_a_file_in_utf_16_as_some_editors_save_it_is_read(tmp_path):
+    (tmp_path / "arm.json").write_text(ONE, encoding="utf-16")
+    assert store.read(tmp_path / "arm.json").calibration

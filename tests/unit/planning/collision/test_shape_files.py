@@ -96,6 +96,7 @@ def test_other_forms_of_meshes_are_read():
         ("pcd", pcd(b"1" + b"0" * 30), "points"),
         ("pcd", pcd(b"1e30"), "not a number of points"),
         ("pcd", pcd(b"-1"), "not a number of points"),
+        ("stl", b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
         ("pcd", pcd("٣".encode()), "PCD"),
         ("pcd", b"x" * 100_000, "DATA"),
     ],
