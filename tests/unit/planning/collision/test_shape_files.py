@@ -100,7 +100,7 @@ def test_other_forms_of_meshes_are_read():
         ("pcd", pcd("٣".encode()), "PCD"),
         ("pcd", b"x" * 100_000, "DATA"),
     ],
-    ids=range(10),
+    ids=range(11),
 )
 def test_too_much_is_refused_from_the_head_alone(kind, data, says):
     begin = time.thread_time()
