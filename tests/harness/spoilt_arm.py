@@ -8,8 +8,8 @@ import math
 from unittest import mock
 
 import numpy as np
-from harness.lent_bus import LentBus
 
+from harness.lent_bus import LentBus
 from so101_motion.calib.motors import chain_check
 from so101_motion.calib.motors.servo_search import Tuner
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS

@@ -70,7 +70,7 @@ class _Range:
     sentence: str
 
 
-_ADAPTED = (
+ADAPTED = (
     _Range(reg.STATUS_LEVEL, 1, 1, 1, "it does not acknowledge commands"),
     _Range(reg.OPERATING_MODE, 0, 0, 0, "it is in mode {0}, not in position mode"),
     _Range(reg.RESOLUTION, 1, 1, 1, "its resolution is {0}, so it takes each goal {0} times"),
@@ -81,7 +81,7 @@ _ADAPTED = (
     _Range(reg.MIN_SPEED, 0, 2, 1, "its lowest speed is {0} x 50 tick/s, so it cannot crawl"),
     _Range(reg.MAX_SPEED, 60, 254, 150, "its highest speed is {0} x 50 tick/s: it falls behind"),
 )
-_PROTECTING = (
+PROTECTING = (
     _Range(reg.PROTECTION_CURRENT, 100, 2047, 500, "it lets go at a current of {0} x 6.5 mA"),
     _Range(reg.OVERCURRENT_TIME, 10, 254, 200, "it lets go after {0} x 10 ms of high current"),
     _Range(reg.OVERLOAD_TORQUE, 20, 100, 80, "it takes {0} % drive for an overload"),
@@ -91,7 +91,7 @@ _PROTECTING = (
 _FORBIDDEN = {reg.PROTECTION_CURRENT: range(1, 10), reg.MAX_TORQUE: range(LEAST_TORQUE)}
 _SPANS = ((0, reg.PRESENT_CURRENT.address + 2), (reg.D_WINDOW.address, reg.END))
 _JUDGED = (
-    *(row.register for row in (*_ADAPTED, *_PROTECTING)),
+    *(row.register for row in (*ADAPTED, *PROTECTING)),
     *(reg.PHASE, reg.MAX_TEMPERATURE, reg.UNLOADING, *_GAINS, reg.MAX_ACCELERATION),
 )
 
@@ -155,7 +155,7 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
             " new 12)"
         )
         yield OddSetting(sentence=text, as_new={reg.PHASE: _sound(phase)}, is_adapted=True)
-    for rows, is_adapted in ((_PROTECTING, False), (_ADAPTED, True)):
+    for rows, is_adapted in ((PROTECTING, False), (ADAPTED, True)):
         for row in rows:
             value = held.get(row.register.name, row.as_new)
             # After an overload it drives with what register 34 says.

@@ -10,6 +10,8 @@ A servo that is driven stays driven, and its joint stays where it is, whatever i
 
 * A goal outside new limits is left as it is, and the caps are set to a crawl before the limits are
   written, in case the firmware then moves. See ``out_of_range.py``.
+* A servo whose gains or mode are set right gets a goal with which it pulls as hard as before; it is
+  limp for some milliseconds.
 * A servo that cannot reach its goal for lack of torque (a program died that had lowered the limit)
   would jump there once the limit is raised. Its goal is first moved to where it pulls as hard as
   before.
@@ -51,6 +53,9 @@ gears. Chosen."""
 NEAR_TICKS = 16
 """Two positions read one after the other agree if they are no farther apart [tick]: 1.4 deg, the
 travel of the fastest joint in 2 ms. Chosen."""
+
+_NEAR_LOAD = 100
+"""Two readings of the load agree if they are no farther apart [0.1 % drive]. Chosen."""
 
 _READINGS = 12  # after so many that do not agree it is given up
 
@@ -210,13 +215,24 @@ def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
             servo_id=servo_id,
         )
     wanted = {row: value for one in odd if one.is_adapted for row, value in one.as_new.items()}
-    p_gain = wanted.get(reg.P_GAIN, 0)
-    if p_gain > held["p_gain"] and bus.read(servo_id, reg.TORQUE_ENABLE) == 1:
-        # It would jump to a goal that it was too soft to reach.
-        here, goal = read_position(bus, servo_id), bus.read(servo_id, reg.GOAL_POSITION)
-        off = (goal - here) * held["p_gain"] // p_gain
-        bus.write(servo_id, reg.GOAL_POSITION, here + off)
-    return bus.overlay(servo_id, wanted)
+    changed: tuple[str, ...] = ()
+    if (level := wanted.pop(reg.STATUS_LEVEL, None)) is not None:
+        changed = bus.overlay(servo_id, {reg.STATUS_LEVEL: level})  # then it answers what follows
+    if not wanted or bus.read(servo_id, reg.TORQUE_ENABLE) != 1:
+        return changed + bus.overlay(servo_id, wanted)
+    # It would jump to a goal that it was too soft to reach, or fall, because a change of mode makes
+    # it limp. So it gets a new goal, with which it pulls as hard as before.
+    load = agreed(lambda: bus.read(servo_id, reg.PRESENT_LOAD), _about)
+    bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+    changed += bus.overlay(servo_id, wanted)
+    read_position(bus, servo_id)  # perhaps still as before the change; see ``emulator/servo.py``
+    here, p_gain = read_position(bus, servo_id), wanted.get(reg.P_GAIN, held["p_gain"])
+    engage(bus, servo_id, here - round(4 * load / p_gain))
+    return changed
+
+
+def _about(one: int, other: int) -> bool:
+    return abs(one - other) <= _NEAR_LOAD
 
 
 def _settings(bus: Bus, servo_id: int) -> dict[str, int]:

@@ -249,7 +249,7 @@ def with_travels(*ticks):
 def test_the_record_of_an_arm_whose_ids_run_the_other_way_is_refused(roll):
     content = with_travels(1251, 3824, 2335, 2198, roll, 2714)
     for read in (record.parse, record.usable):
-        with pytest.raises(CalibrationError, match="6 to 1.*--start-over"):
+        with pytest.raises(CalibrationError, match=r"6 to 1.*--start-over"):
             read(content)
 
 
