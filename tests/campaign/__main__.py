@@ -18,7 +18,15 @@ from pathlib import Path
 import numpy as np
 from referee import refereed
 
-from campaign import good_answers, interleavings, lerobot_troubles, sessions, torn_answers, verdicts
+from campaign import (
+    good_answers,
+    interleavings,
+    lerobot_troubles,
+    sessions,
+    spoilt_arms,
+    torn_answers,
+    verdicts,
+)
 from campaign.mutator import attack
 from campaign.readers import OURS, all_readers
 from so101_motion.files import atomic
@@ -176,6 +184,7 @@ PARTS = {
     "faults": (0.15, interleave(True), ENDLESS, 7_200),
     "sessions": (0.2, play_sessions, ENDLESS, 200),
     "lerobot": (0.05, trouble_lerobot, ENDLESS, 10_000),
+    "spoilt arms": (0.05, spoilt_arms.run, ENDLESS, 2_000),
     "files": (0.0, attack_files, 100, 300),
 }
 """Share of the time, what runs, and how many: if it is not said, and for ``--full``."""

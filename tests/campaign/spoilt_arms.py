@@ -1,14 +1,16 @@
 """Doctor over arms with one or two registers spoilt, against the truth of the arm that is moved.
 
-    PYTHONPATH=tests python -m campaign --only spoilt --count 5000
+    PYTHONPATH=tests python -m campaign --only "spoilt arms" --count 5000
 
 Any joint's servo, of both types at their own supply. A register gets the ends of its range, or what
 lies on either side of a limit of the judge (``servo_settings``); half of the arms have two of them.
 A failure is an arm that is called ready to move and does not move well, or one that is refused and
-moves well.
+moves well. Left out are the values that some joints bear and others do not: currents and torques
+between what fails everywhere and what suffices everywhere, and a heat limit within 5 degC of now.
 """
 
 import random
+import time
 
 from harness.spoilt_arm import doctor_lets_it_move, spoilt, truth
 
@@ -27,11 +29,11 @@ OTHERS = {
     "D_GAIN": (0, 100, 254),
     "I_GAIN": (10, 50, 51, 254),
     "MAX_ACCELERATION": (0, 1, 20, 50, 99, 100, 254),
-    "MAX_TEMPERATURE": (20, 29, 30, 45, 59, 60, 80, 81, 100),
+    "MAX_TEMPERATURE": (20, 24, 30, 45, 59, 60, 80, 81, 100),
     "MAX_VOLTAGE": (60, 80, 140, 254),
     "MIN_VOLTAGE": (0, 40, 70, 100, 130),
-    "MAX_TORQUE": (0, 100, 174, 175, 200, 250, 300, 350, 400, 500, 600, 1000),
-    "PROTECTION_CURRENT": (0, 1, 2, 9, 10, 25, 50, 99, 100, 250, 2047),
+    "MAX_TORQUE": (0, 450, 600, 1000),
+    "PROTECTION_CURRENT": (0, 1, 25, 50, 99, 100, 250, 2047),
     "OVERLOAD_TORQUE": (0, 10, 19, 20, 25, 40, 100, 254),
 }
 
@@ -57,8 +59,6 @@ def judge(changes, kind):
 
 def run(seed, seconds, count):
     """``count`` arms; figures."""
-    import time
-
     rng, end, tried = random.Random(seed), time.monotonic() + seconds, values()
     told = {"arms": 0, "ready": 0, "failures": []}
     while told["arms"] < count and time.monotonic() < end:

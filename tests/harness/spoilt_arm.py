@@ -1,7 +1,7 @@
 """Arms whose servos somebody has spoilt, and the truth about them: whether they then move well.
 
-That is not our opinion: the driver opens the arm, as the rig does, and leads it along a short path
-to where it is stretched out, against the emulated arm's true angles. Simulated time throughout.
+That is not our opinion: the driver opens the arm, as the rig does, leads it to where it is
+stretched out, holds it there and leads it back, against its true angles. Simulated time.
 """
 
 import math
@@ -72,10 +72,12 @@ def trouble_with_moving(bus):
         arm.set_torque(True)
         was = began = true_angles()
         fastest, worst = 0.0, 0.0
-        for step in range(round((MOVING + HOLDING) / 0.01)):
-            s = min(step * 0.01 / MOVING, 1.0)
+        for step in range(round((2 * MOVING + HOLDING) / 0.01)):
+            t = step * 0.01
+            s = min(t / MOVING, 1.0) - max((t - MOVING - HOLDING) / MOVING, 0.0)
             q = first + (10 * s**3 - 15 * s**4 + 6 * s**5) * WAY
-            rate = (30 * s**2 - 60 * s**3 + 30 * s**4) / MOVING * WAY
+            forth = 1.0 if t < MOVING + HOLDING else -1.0
+            rate = forth * (30 * s**2 - 60 * s**3 + 30 * s**4) / MOVING * WAY
             arm.write(q[:5], q[5], rate[:5])
             clock.advance(0.01)
             arm.read()
@@ -87,7 +89,7 @@ def trouble_with_moving(bus):
         arm.close()
     except So101Error as error:
         return str(error)
-    off = np.degrees(np.abs(was - began - WAY)).max()
+    off = np.degrees(np.abs(was - began)).max()
     if off > 1.5:
         return f"{off:.1f} deg off"
     if math.degrees(worst) > 8.0:

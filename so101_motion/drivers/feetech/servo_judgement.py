@@ -147,7 +147,7 @@ def judge_supply(
             fix=f"switch the power off now and use a supply of {nominal:g} V",
         )
     is_7v4 = highest_volts is not None and highest_volts < LOW_12_V
-    if volts < max(lowest_volts, TOO_LOW_7V4 if is_7v4 else TOO_LOW_V):
+    if volts <= lowest_volts or volts < (TOO_LOW_7V4 if is_7v4 else TOO_LOW_V):
         return ServoTrouble(
             kind="supply",
             level="stop",

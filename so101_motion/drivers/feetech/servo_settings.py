@@ -19,6 +19,7 @@ from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import Register
 from so101_motion.drivers.bus.ticks import TOP_ACCELERATION_UNITS
+from so101_motion.drivers.servo_types import type_of
 
 PROTECTIONS = 44
 """Faults that act on the motor: temperature, current, overload; as delivered (FT)."""
@@ -27,9 +28,10 @@ REPAIR = 'so101 setup --repair (on a machine the calibration sensor\'s "motor_se
 """What sets all settings as new for good."""
 
 _GAINS = {reg.P_GAIN: 32, reg.D_GAIN: 32, reg.I_GAIN: 0}  # as delivered (FT, WS)
-LEAST_TORQUE = 175
-"""With less drive than this an arm does not carry its own weight stretched out [0.1 %]; emulated,
-12 V."""
+_LEAST_TORQUE, _ELSEWHERE = {2: 1.72, 3: 1.02}, 0.5
+"""With less torque than this a servo does not lift an arm that is stretched out [N m], by its id;
+emulated, both types: shoulder_lift failed with 1.69 and 1.62 and lifted with 1.86 and 1.72, the
+elbow failed with 1.01 and 0.86."""
 
 _SOFTEST = 16  # P gain; LeRobot's, the softest any program uses on purpose
 _MOST_I = 50  # I gain; an emulated joint swings with 254. Chosen
@@ -86,13 +88,14 @@ PROTECTING = (
     _Range(reg.OVERCURRENT_TIME, 10, 254, 200, "it lets go after {0} x 10 ms of high current"),
     _Range(reg.OVERLOAD_TORQUE, 20, 100, 80, "it takes {0} % drive for an overload"),
     _Range(reg.PROTECTION_TIME, 20, 254, 200, "it takes {0} x 10 ms of drive for an overload"),
-    _Range(reg.MAX_TORQUE, LEAST_TORQUE, 1000, 1000, "its largest torque is {0} of 1000"),
 )
-_FORBIDDEN = {reg.PROTECTION_CURRENT: range(1, 10), reg.MAX_TORQUE: range(LEAST_TORQUE)}
+_TRIPS = range(1, 13)
+"""Currents at which a servo lets go as soon as it moves [6.5 mA]; emulated, 12 did so at 7.4 V."""
 _SPANS = ((0, reg.PRESENT_CURRENT.address + 2), (reg.D_WINDOW.address, reg.END))
 _JUDGED = (
     *(row.register for row in (*ADAPTED, *PROTECTING)),
-    *(reg.PHASE, reg.MAX_TEMPERATURE, reg.UNLOADING, *_GAINS, reg.MAX_ACCELERATION),
+    *(reg.PHASE, reg.MAX_TEMPERATURE, reg.MAX_TORQUE, reg.UNLOADING, *_GAINS),
+    reg.MAX_ACCELERATION,
 )
 
 
@@ -165,8 +168,17 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
                     sentence=row.sentence.format(value),
                     as_new={row.register: row.as_new},
                     is_adapted=is_adapted,
-                    forbids=value in _FORBIDDEN.get(row.register, ()) or lets_go,
+                    forbids=lets_go or (row.register is reg.PROTECTION_CURRENT and value in _TRIPS),
                 )
+    most = held.get("max_torque", 1000)
+    kind = type_of(reg.MAX_VOLTAGE.scale * held.get("max_voltage", 140))
+    needed = _LEAST_TORQUE.get(held.get("id", 0), _ELSEWHERE)
+    if most < round(1000 * needed / (kind.torque_per_volt * kind.volts)):
+        yield OddSetting(
+            sentence=f"its largest torque is {most} of 1000",
+            as_new={reg.MAX_TORQUE: 1000},
+            forbids=True,
+        )
     hottest = held.get("max_temperature", 70)
     if not 60 <= hottest <= 80:
         yield OddSetting(

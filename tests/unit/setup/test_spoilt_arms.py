@@ -57,6 +57,22 @@ def test_what_doctor_says_of_a_spoilt_arm_is_what_it_does(changes):
     assert doctor_lets_it_move(spoilt(*changes)) == (not trouble), trouble
 
 
+V12, V7 = spoilt_arms.KINDS
+ELSEWHERE = [
+    (V12, 2, "MAX_TORQUE", 250), (V12, 2, "MAX_TORQUE", 275),
+    (V7, 2, "MAX_TORQUE", 425), (V7, 2, "MAX_TORQUE", 450),
+    (V7, 3, "MAX_TORQUE", 225), (V7, 3, "MAX_TORQUE", 275),
+    (V12, 4, "MAX_TORQUE", 100), (V7, 2, "MIN_VOLTAGE", 74),
+    (V7, 3, "PROTECTION_CURRENT", 12), (V7, 2, "OVERLOAD_TORQUE", 10),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "joint", "name", "value"), ELSEWHERE)
+def test_it_is_told_truly_of_other_joints_and_of_7v4_servos_too(kind, joint, name, value):
+    ready, trouble = spoilt_arms.judge([(joint, name, value)], kind)
+    assert ready == (not trouble), trouble
+
+
 def test_a_few_of_the_campaigns_arms_are_told_truly(request):
     seed = request.config.option.hypothesis_seed
     assert spoilt_arms.run(seed, 60.0, 8)["failures"] == []
