@@ -52,7 +52,7 @@ APART = 0.5
 place. Their real positions have to be measured."""
 
 LONGEST = 8.0
-"""Time limit for all ports together [s]. An arm takes 0.1 s, an adapter without servos 0.6 s, a
+"""Time limit for all ports together [s]. An arm takes 0.3 s, an adapter without servos 0.6 s, a
 port that hangs all of it. Chosen: a computer with ten programs for each processor took 2.4 s for an
 arm."""
 

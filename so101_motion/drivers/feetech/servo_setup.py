@@ -227,6 +227,10 @@ def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
     changed += bus.overlay(servo_id, wanted)
     read_position(bus, servo_id)  # perhaps still as before the change; see ``emulator/servo.py``
     here, p_gain = read_position(bus, servo_id), wanted.get(reg.P_GAIN, held["p_gain"])
+    rows = (reg.MIN_POSITION, reg.MAX_POSITION)
+    lower, upper = (wanted.get(row, held[row.name]) for row in rows)
+    if not lower <= here <= upper:  # the servo would drive it in as fast as it can
+        _fill(bus, servo_id, CRAWL, anew=())
     engage(bus, servo_id, here - round(4 * load / p_gain))
     return changed
 

@@ -103,6 +103,22 @@ def test_a_joint_that_is_held_stays_where_it_is_while_its_settings_are_set_right
     assert np.degrees(np.abs(bus.world.q - held)).max() < 2.5  # with the I gain it swings
 
 
+def test_a_joint_that_is_held_outside_its_servos_limits_is_not_thrown_in():
+    bus = spoilt((5, "P_GAIN", 1))
+    wire = Bus(bus.wire, reply_timeout=0.0)
+    wire.post(5, reg.GOAL_POSITION, wire.read(5, reg.PRESENT_POSITION))
+    bus.settle()
+    wire.post(5, reg.MIN_POSITION, 2600)
+    prepare(wire, JointMap(servo_id=5), {})
+    fastest, was = 0.0, bus.world.q[4]
+    for _ in range(100):
+        bus.clock.advance(0.01)
+        bus.world.advance(bus.clock.now())
+        fastest, was = max(fastest, abs(bus.world.q[4] - was) / 0.01), bus.world.q[4]
+    assert bus.world.servo("5").drive.torque == 1
+    assert math.degrees(fastest) < 20.0
+
+
 @pytest.mark.parametrize("one", [("PHASE", 141), ("PHASE", 13), ("MAX_TORQUE", 0)], ids=str)
 def test_a_servo_that_must_not_be_moved_is_refused_before_torque(one):
     bus = spoilt((3, *one))
