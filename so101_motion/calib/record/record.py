@@ -261,10 +261,11 @@ def misplaced(ids: Iterable[int], travels: Mapping[str, int]) -> str:
             f"the ids run from {first} to {others[-1]}, not from 1 to {len(JOINTS)}, so each servo"
             " has the id of another joint"
         )
-    pan, lift, jaw = (
-        travels.get(joint, 0) for joint in ("shoulder_pan", "shoulder_lift", "gripper")
-    )
-    if 0 < pan < 1.3 * GRIPPER_TRAVEL < jaw and lift > 1.15 * jaw:
+    if len(travels) < len(JOINTS):
+        return ""
+    pan, lift, jaw = (travels[joint] for joint in ("shoulder_pan", "shoulder_lift", "gripper"))
+    least, most = 0.8 * GRIPPER_TRAVEL, 1.3 * GRIPPER_TRAVEL  # public jaws: 0.85 to 1.17 of it
+    if least < pan < most < jaw and lift > 1.15 * jaw:
         return (
             "the ids run from the jaw to the base, 6 to 1: the servo with the id 1 has the jaw's"
             " travel, the one with the id 6 a joint's"
