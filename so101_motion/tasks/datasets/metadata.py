@@ -131,7 +131,7 @@ class Metadata:
 def is_lfs_pointer(path: Path) -> bool:
     """Whether a file only names the data that Git LFS would download."""
     with path.open("rb") as file:
-        return file.read(40).startswith(b"version https://git-lfs")
+        return git_lfs.is_pointer(file.read(40))
 
 
 def why_broken(path: Path) -> str:
