@@ -108,7 +108,7 @@ class Source(_SourceWithCaps):
             with interrupts.held():
                 return self._capped(open_simulated(q_start=self.q_start))
         file = self.known_calibration()
-        asked = ServoSettings(port=self.port, calibration_file=file, asks_first=True)
+        asked = ServoSettings(port=self.port, calibration_file=file)
         asked = asked.with_arm(SERVO_IDS)
         try:
             with interrupts.held():

@@ -4,9 +4,10 @@ For each servo the calibration file counts first, then the servo's own registers
 Without a file the registers are read again at each start. For the zero see ``zero``: only a file
 can have more than the middle of the travel, and only the configuration overrides a file.
 
-If the servos hold another calibration than the file, that may be of another arm: the difference is
-told. Servos that are to be driven get the file's, unless somebody can be asked first; where they
-are only looked at, nothing is written, and their own calibration is used.
+If the servos hold another calibration than the file, that may be of another arm: they are not
+driven; where they are only looked at, their own calibration is used. Opening an arm stores nothing:
+where a servo holds no calibration, or limits a little different, the file's are in force until its
+power goes.
 """
 
 from __future__ import annotations
@@ -87,7 +88,6 @@ def find_joints(
     file: Path | None,
     may_file_be_missing: bool = False,
     finds_file: bool = False,
-    asks_first: bool = False,
     jaw_closed: float,
     zero_offsets: Mapping[str, float],
     joint_zero: str | None = None,
@@ -103,7 +103,6 @@ def find_joints(
         file: The calibration file; None to ask the servos.
         may_file_be_missing: Whether the file need not exist yet, because a calibration will save
             it.
-        asks_first: Whether to refuse servos that hold another calibration than the file.
         finds_file: Whether to use, without ``file``, the saved one that agrees with the servos.
         jaw_closed: The model's angle of the closed jaw [rad].
         zero_offsets: The model's angles in the middle of the travel, of the joints for which they
@@ -111,7 +110,7 @@ def find_joints(
         joint_zero: As in ``ServoSettings``.
 
     Raises:
-        OtherCalibration: The servos hold another one, and somebody is to be asked first.
+        OtherCalibration: Servos that are to be driven hold another one.
         ServoFault: The ids run the other way, as the travels that the servos hold show.
         BusError: The port went away, or an interrupted calibration could not be ended.
     """
@@ -134,13 +133,10 @@ def find_joints(
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
     other = _other_calibration(bus, stored, filed, ids, held)
     if other is not None:
-        if drives and asks_first:
-            raise other
         if drives:
-            notes = (*notes, str(other))
-        else:
-            notes = (*notes, f"{other}. Meanwhile angles are the servos' own")
-            stored, filed = None, {}
+            raise other
+        notes = (*notes, f"{other}. Meanwhile angles are the servos' own")
+        stored, filed = None, {}
     if stored and stored.zero_note and joint_zero is None:
         notes = (*notes, stored.zero_note)
     setups = {}
@@ -155,6 +151,8 @@ def find_joints(
         known = stored.zeros.get(joint) if stored and is_own else None
         zero = in_force(known, zero_offsets.get(joint), found, joint_zero)
         offset = _offset(found, held.get(joint)) if source == "file" else None
+        if source == "file" and isinstance(here := held.get(joint), Mapping):
+            note = _NOT_STORED if compare.is_blank(here) else None
         mapped = joint_map(joint, found, offset=offset, jaw_closed=jaw_closed, zero=zero)
         setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
         if note:
@@ -253,6 +251,11 @@ def _elsewhere(path: Path) -> str:
     others = [str(f.path) for f in file_search.find() if f.path.name == path.name and f.stored]
     return f". A file of that name is {' and '.join(others)}; copy it from there" if others else ""
 
+
+_NOT_STORED = (
+    "the servo holds no calibration, so the file's is in force until its power goes; a servo that"
+    ' was mounted anew has to be calibrated, otherwise "so101 calibration write" stores the file'
+)
 
 _Held = Mapping[str, int] | BusError  # what a servo holds, by the names of a file; or why not known
 

@@ -39,8 +39,6 @@ class ServoSettings:
             not care: they are compensated then.
         finds_file: Whether the saved calibration that agrees with the servos is used if none is
             named.
-        asks_first: Whether servos that hold another calibration than the file are refused
-            (``OtherCalibration``), because there is somebody to be asked.
         goes_with_arm: Whether it is a gripper that names its arm; the arm's baudrate counts, and
             its own only when the arm has left.
     """
@@ -58,7 +56,6 @@ class ServoSettings:
     releases_at_end: bool | None = None
     compensates: bool | None = None
     finds_file: bool = False
-    asks_first: bool = False
     goes_with_arm: bool = False
 
     @property

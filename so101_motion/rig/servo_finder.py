@@ -193,7 +193,6 @@ def joints_on(
         file=settings.file,
         may_file_be_missing=settings.may_file_be_missing,
         finds_file=settings.finds_file,
-        asks_first=settings.asks_first,
         jaw_closed=JAW_CLOSED,
         zero_offsets=settings.zero_offsets or {},
         joint_zero=settings.joint_zero,

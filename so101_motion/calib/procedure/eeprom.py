@@ -88,21 +88,19 @@ def restorable(held: HeldCalibration) -> HeldCalibration:
 
 
 def write_held(bus: Bus, servo_id: int, wanted: HeldCalibration) -> None:
-    """Store ``wanted`` in a servo for good and read it back; writes only what differs."""
+    """Store ``wanted`` in a servo for good and read it back.
+
+    All is written, also what the servo holds already: that may be forgotten at power-off.
+    """
     held = read_held(bus, servo_id)
-    if held != wanted:
-        if held.homing_offset != wanted.homing_offset:
-            bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-        bus.write(servo_id, reg.LOCK, 0)
-        if held.homing_offset != wanted.homing_offset:
-            if held != HeldCalibration(homing_offset=held.homing_offset):
-                bus.write(servo_id, _LIMITS, _limits(0, _MAX))
-            bus.write(servo_id, reg.HOMING_OFFSET, wanted.homing_offset)
-        limits = _limits(wanted.range_min, wanted.range_max)
-        if bus.read(servo_id, _LIMITS) != limits:
-            bus.write(servo_id, _LIMITS, limits)
-    if bus.read(servo_id, reg.LOCK) != 1:
-        bus.write(servo_id, reg.LOCK, 1)
+    if held.homing_offset != wanted.homing_offset:
+        bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+    bus.write(servo_id, reg.LOCK, 0)
+    if held.homing_offset != wanted.homing_offset:
+        bus.write(servo_id, _LIMITS, _limits(0, _MAX))
+    bus.write(servo_id, reg.HOMING_OFFSET, wanted.homing_offset)
+    bus.write(servo_id, _LIMITS, _limits(wanted.range_min, wanted.range_max))
+    bus.write(servo_id, reg.LOCK, 1)
 
 
 def _limits(lower: int, upper: int) -> int:

@@ -77,11 +77,15 @@ def conflicts(
 ) -> tuple[Difference, ...]:
     """The differences that show that the servos were not calibrated with this calibration.
 
-    Limits that leave a servo no travel or its whole turn were never recorded: they say nothing.
-    Nor do those that differ by no more than ``LIMIT_TOLERANCE``: other programs record the travels
-    anew and keep the offsets.
+    Limits that leave a servo no travel or its whole turn were never recorded: they say nothing, and
+    without a homing offset the servo holds no calibration at all. Nor do limits that differ by no
+    more than ``LIMIT_TOLERANCE``: other programs record the travels anew and keep the offsets.
     """
-    offsets = (row for row in diff(calibration, held) if row.field == FIELDS[0] and row.differs)
+    offsets = (
+        row
+        for row in diff(calibration, held)
+        if row.field == FIELDS[0] and row.differs and not is_blank(held[row.joint])
+    )
     limits = (
         row
         for row in diff(calibration, held, tolerance=LIMIT_TOLERANCE)
@@ -94,6 +98,11 @@ def has_travel(held: Mapping[str, int]) -> bool:
     """Whether a servo's limits are a recorded travel; new ones have a whole turn, or none."""
     lower, upper = held["range_min"], held["range_max"]
     return lower < upper and upper - lower < TICKS_PER_TURN - 1
+
+
+def is_blank(held: Mapping[str, int]) -> bool:
+    """Whether a servo holds no calibration: it is new, or was reset."""
+    return held[FIELDS[0]] == 0 and not has_travel(held)
 
 
 def agrees(calibration: Calibration, held: Mapping[str, Mapping[str, int]]) -> bool:

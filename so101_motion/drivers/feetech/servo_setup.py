@@ -122,7 +122,7 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
     changed += _fill(bus, servo_id, CRAWL, anew=changed) if crawls else ()
     if torque and shift:
         bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-    changed += bus.store(servo_id, _calibration(joint))
+    changed += bus.overlay(servo_id, _calibration(joint))
     if torque and shift:
         if not crawls:
             bus.write(servo_id, reg.GOAL_POSITION, here)
