@@ -122,13 +122,14 @@ class BusLease:
 
         self._result(self._executor.requests.ask(change))
 
-    def give_back(self, *, hold: bool = False) -> None:
+    def give_back(self, *, hold: bool | None = False) -> None:
         """End the loan and set the servos up again with the present calibration.
 
         May be called twice.
 
         Args:
             hold: Whether all joints are held where they are afterwards; otherwise all are limp.
+                None to hold them if a servo holds.
 
         Raises:
             BusError: The servos cannot be set up or held now. The loan is over anyway; the arm is

@@ -162,14 +162,14 @@ class HardwareRig(Rig):
         file = self._asked.file or self.settings.file
         if file is None:
             raise CalibrationError(None, "no calibration file is configured", "configure one")
-        stored, holds = store.load(file), self.servos.is_driving
+        stored = store.load(file)
         lease = self.lend_bus("writing the calibration")
         try:
             kept = lease.call(partial(write_calibration, stored=stored))
         except BaseException:
             lease.abandon()
             raise
-        lease.give_back(hold=holds)
+        lease.give_back(hold=None)
         return kept
 
     def lend_bus(self, purpose: str) -> BusLease:

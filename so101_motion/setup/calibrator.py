@@ -249,15 +249,14 @@ class Calibrator:
         """
         with self._lock:
             self._refuse_active("go back")
-            was_held = self._rig.arm.state.mode is Mode.HOLDING
             self._loan = self._rig.lend_bus("an earlier calibration")
             try:
                 stored = store.restore(self._file(), number)
                 self._loan.call(partial(write_calibration, stored=stored))
             except So101Error:
-                self._give_back(hold=was_held)
+                self._give_back(hold=None)
                 raise
-            return self._give_back(hold=was_held, stored=stored)
+            return self._give_back(hold=None, stored=stored)
 
     def close(self) -> None:
         """Abort a running calibration and close the port; waits for a running step."""
@@ -293,7 +292,7 @@ class Calibrator:
             if self._loan is None:  # it failed, and nothing has to be put back
                 loan.abandon()
 
-    def _give_back(self, *, hold: bool, stored: Stored | None = None) -> StepResult:
+    def _give_back(self, *, hold: bool | None, stored: Stored | None = None) -> StepResult:
         loan, self._loan = self._loan, None
         trouble, known = None, self._rig.servos.known
         if loan is not None:
@@ -302,6 +301,7 @@ class Calibrator:
             except So101Error as error:
                 trouble = str(error)
         servos, mode = self._rig.servos, self._rig.arm.state.mode
+        hold = servos.is_driving if hold is None else hold
         silent = [joint for joint in known if joint not in servos.setups]
         if hold and trouble is None and silent:
             trouble = (

@@ -5,8 +5,7 @@ the limits are open, 0 to 4095; then both limits change in a single write. If th
 servo holds the old values, or looks like a new one, or holds the new values; it never has limits
 that belong to another offset.
 
-Torque is switched off before the offset changes, because the servo's goal would then mean another
-angle.
+Torque is off while the offset changes, because the servo's goal would then mean another angle.
 """
 
 from __future__ import annotations
@@ -90,17 +89,25 @@ def restorable(held: HeldCalibration) -> HeldCalibration:
 def write_held(bus: Bus, servo_id: int, wanted: HeldCalibration) -> None:
     """Store ``wanted`` in a servo for good and read it back.
 
-    All is written, also what the servo holds already: that may be forgotten at power-off.
+    All is written, also what the servo holds already: that may be forgotten at power-off. A joint
+    that is driven is held where it is, unless that is outside the new limits: then it goes limp.
     """
     held = read_held(bus, servo_id)
-    if held.homing_offset != wanted.homing_offset:
+    shift = held.homing_offset - wanted.homing_offset
+    is_driven = bus.read(servo_id, reg.TORQUE_ENABLE) == 1
+    goal = (bus.read(servo_id, reg.GOAL_POSITION) + shift) % TICKS_PER_TURN
+    can_stay = wanted.range_min <= goal <= wanted.range_max
+    if is_driven and (shift or not can_stay):
         bus.write(servo_id, reg.TORQUE_ENABLE, 0)
     bus.write(servo_id, reg.LOCK, 0)
-    if held.homing_offset != wanted.homing_offset:
+    if shift:
         bus.write(servo_id, _LIMITS, _limits(0, _MAX))
     bus.write(servo_id, reg.HOMING_OFFSET, wanted.homing_offset)
     bus.write(servo_id, _LIMITS, _limits(wanted.range_min, wanted.range_max))
     bus.write(servo_id, reg.LOCK, 1)
+    if is_driven and shift and can_stay:
+        bus.write(servo_id, reg.GOAL_POSITION, goal)
+        bus.write(servo_id, reg.TORQUE_ENABLE, 1)
 
 
 def _limits(lower: int, upper: int) -> int:
@@ -110,8 +117,7 @@ def _limits(lower: int, upper: int) -> int:
 def write_calibration(bus: Bus, stored: Stored) -> Path | None:
     """Store a calibration file in the servos for good; silent servos are left out.
 
-    What they held is kept first, as a version of the file. A joint whose homing offset changes
-    goes limp.
+    What they held is kept first, as a version of the file. See ``write_held`` for driven joints.
 
     Returns:
         That version; None if they held nothing that can be a calibration.
