@@ -249,14 +249,15 @@ class Calibrator:
         """
         with self._lock:
             self._refuse_active("go back")
+            hold = self._rig.servos.is_driving or None  # or as the servos are
             self._loan = self._rig.lend_bus("an earlier calibration")
             try:
                 stored = store.restore(self._file(), number)
                 self._loan.call(partial(write_calibration, stored=stored))
             except So101Error:
-                self._give_back(hold=None)
+                self._give_back(hold=hold)
                 raise
-            return self._give_back(hold=None, stored=stored)
+            return self._give_back(hold=hold, stored=stored)
 
     def close(self) -> None:
         """Abort a running calibration and close the port; waits for a running step."""

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from harness.emulated_rig import PATIENCE, hardware_bench, rad
+from harness.held_calibration import hold_calibration
 from serial.tools import list_ports
 
 from so101_motion.calib.access import BusAccess
@@ -233,6 +234,7 @@ def filed(bench, **ends):
 
 def test_a_new_calibration_is_in_force_at_once_and_the_arm_stays_where_it_is(bench):
     path = filed(bench)
+    hold_calibration(bench.world, store.load(path).calibration)
     rig = bench.open(calibration_file=path)
     bench.advance(1.0)
     before, was = bench.q_deg, rig.arm.state.q[0]

@@ -3,12 +3,14 @@ import json
 import numpy as np
 import pytest
 from harness.emulated_rig import MIDDLES_DEG, hardware_bench, rad
+from harness.held_calibration import forget_limits, hold_calibration
 
 from so101_motion.calib.record import record, store
 from so101_motion.common.errors import (
     ConfigError,
     Interrupted,
     NoReply,
+    OtherCalibration,
     OutsideLimits,
 )
 from so101_motion.common.modes import Mode
@@ -93,7 +95,8 @@ def test_a_gripper_alone_can_be_joined_by_its_arm(tmp_path):
 # Calibration
 
 
-def filed(bench, **joints):
+def filed(bench, *, is_new=True, **joints):
+    """A file with these offsets; the servos hold no calibration, unless they are not new."""
     ends = {
         "shoulder_pan": (1000, 3000), "shoulder_lift": (900, 3100), "elbow_flex": (1000, 3000),
         "wrist_flex": (1000, 3000), "wrist_roll": (200, 3900), "gripper": (1950, 3300),
@@ -107,6 +110,8 @@ def filed(bench, **joints):
     }  # fmt: skip
     path = bench.port.parent / "calibration.json"
     store.save(path, entries)
+    if is_new:
+        forget_limits(bench.world)
     return path
 
 
@@ -118,15 +123,17 @@ def test_the_servos_registers_serve_when_there_is_no_file(bench):
     assert (pan.range_min, pan.range_max) == (737, 3452)
 
 
-def test_a_file_comes_first_and_the_servos_follow_it(bench):
+def test_servos_without_a_calibration_have_the_files_until_their_power_goes(bench):
     path = filed(bench)
     before = bench.q_deg
+    flash = [servo.memory.flash for servo in bench.world.servos]
     rig = bench.open(calibration_file=path)
     bench.advance(1.0)
 
     assert {setup.source for setup in rig.servos.setups.values()} == {"file"}
     assert memory(bench, "shoulder_pan").raw(emu.MIN_POSITION) == 1000
-    assert memory(bench, "shoulder_pan").raw(emu.LOCK) == 1
+    assert [servo.memory.flash for servo in bench.world.servos] == flash
+    assert "gripper: the servo holds no calibration" in " ".join(rig.servos.notes)
     assert rig.arm.state.q[0] == pytest.approx(rad(360.0 * 48 / 4096), abs=rad(0.5))
     assert bench.q_deg == pytest.approx(before, abs=0.5)
 
@@ -139,6 +146,25 @@ def test_another_homing_offset_moves_no_joint_even_if_it_is_driven(bench):
     bench.advance(1.0)
 
     assert bench.q_deg == pytest.approx(before, abs=0.6)
+    assert rig.arm.state.q[0] == pytest.approx(rad(360.0 * (48 - 200) / 4096), abs=rad(0.6))
+
+
+def test_another_calibration_is_refused_and_when_it_is_accepted_no_joint_moves(bench):
+    bench.open().close()
+    bench.advance(0.5)
+    before, file = bench.q_deg, filed(bench, is_new=False, shoulder_pan=200)
+    flash = [servo.memory.flash for servo in bench.world.servos]
+    with pytest.raises(OtherCalibration, match=r"homing_offset is 200.*so101 calibration write"):
+        bench.open(calibration_file=file)
+    looks = bench.open(servo_ids=None, gripper_id=None, timeout=None, calibration_file=file)
+    assert [servo.memory.flash for servo in bench.world.servos] == flash
+    kept = looks.write_calibration()
+    rig = bench.open(calibration_file=file)
+    bench.advance(1.0)
+
+    assert store.read(kept).calibration["shoulder_pan"].homing_offset == 0
+    assert memory(bench, "shoulder_pan").raw(emu.OFFSET) == 200
+    assert bench.q_deg == pytest.approx(before, abs=0.6), "it went on holding"
     assert rig.arm.state.q[0] == pytest.approx(rad(360.0 * (48 - 200) / 4096), abs=rad(0.6))
 
 
@@ -158,7 +184,7 @@ def test_a_bad_joint_of_a_file_gives_way_to_its_servo_and_a_bad_file_to_all(
     path.write_text(json.dumps(content))
     rig = bench.open(calibration_file=path)
 
-    found = {joint for joint, setup in rig.servos.setups.items() if setup.source == "registers"}
+    found = {joint for joint, setup in rig.servos.setups.items() if setup.source != "file"}
     assert found == from_servos
     assert "elbow_flex" in caplog.text
 
@@ -175,13 +201,16 @@ def test_a_component_that_brings_a_file_changes_angles_and_moves_nothing(bench):
     assert arm.arm.state.q_ref == pytest.approx(arm.arm.state.q, abs=rad(0.5))
 
 
-def test_reloading_takes_up_what_the_file_says_now(bench):
+def test_what_a_file_says_now_is_taken_up_when_its_user_accepts_it(bench):
     path = filed(bench)
     rig = bench.open(calibration_file=path)
     bench.advance(0.5)
     before, was = bench.q_deg, rig.arm.state.q[0]
     store.save(path, {"shoulder_pan": record.JointCalibration(id=1, range_min=900)})
-    rig.reload()
+    with pytest.raises(OtherCalibration, match="range_min is 900 in the calibration"):
+        rig.reload()
+    assert rig.arm.state.q[0] == pytest.approx(was, abs=rad(0.5)), "it goes on as before"
+    rig.write_calibration()
     bench.advance(1.0)
 
     assert rig.servos.calibration["shoulder_pan"].range_min == 900
@@ -319,6 +348,7 @@ def test_an_arm_is_opened_by_the_name_that_lerobot_gave_it(bench, tmp_path, monk
             }
         )
     )
+    hold_calibration(bench.world, store.load(file).calibration)
     with open_so101(str(bench.port), "mine", clock=bench.clock) as rig:
         assert rig.servos.calibration["shoulder_pan"].range_min == 1100
         assert middles_of(rig).shape == (5,)

@@ -33,7 +33,6 @@ def test_the_next_motion_of_a_machines_arm_brings_a_joint_in_as_the_alarm_says(t
         attributes = {"port": machine.port, "calibration_file": file}
         arm = machine.add(ARM, HARDWARE_ARM, "arm", attributes)
         assert machine.do(arm, "write_calibration")["success"]
-        assert machine.do(arm, "set_torque", enable=True)["success"]
         with MachineRig.connect(machine.address, arm="arm") as rig:
             for _ in range(100):  # the arm is opened after the file was stored
                 rig.refresh()
