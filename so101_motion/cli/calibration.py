@@ -1,7 +1,9 @@
-"""``so101 calibration …``: show, compare, import, export and restore calibration files."""
+"""``so101 calibration …``: what there is to do with calibration files and the servos' own."""
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,16 +26,18 @@ from so101_motion.common.errors import CalibrationError, OtherCalibration
 from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
+    from so101_motion.calib.procedure.verification import JointComparison, Verification
     from so101_motion.calib.record.compare import Difference
     from so101_motion.calib.record.record import Calibration
     from so101_motion.calib.record.store import Stored
     from so101_motion.calib.record.zero_report import ZeroReport
+    from so101_motion.cli.terminal import Terminal
     from so101_motion.setup.port_report import PortReport
 
 
 @click.group(cls=Verbs)
 def calibration() -> None:
-    """Show, compare, import, export and restore calibration files."""
+    """Show, compare, verify, import, export, restore and write calibration files."""
 
 
 @calibration.command()
@@ -193,31 +197,56 @@ def import_(
 @click.option(
     "--number", type=int, metavar="N", help="Which version; by default the newest that differs."
 )
+@port_option("Store it in the servos on this port as well")
+@click.option("--yes", is_flag=True, help="With --port: store without asking.")
 @dry_run_option
 @json_option
-def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None:
+def restore(
+    file: str, number: int | None, port: str | None, yes: bool, dry_run: bool, as_json: bool
+) -> None:
     """Restore the previous version of FILE; the present one is kept as a version.
 
-    The servos keep what they hold until "so101 calibration write FILE" stores it in them.
+    At a terminal you are asked whether to store it in the servos as well, if an arm has FILE.
     "so101 calibration show FILE" lists the versions.
     """
     from so101_motion.calib.record import store
+    from so101_motion.cli import port_choice
 
     path = store.resolve(file)
     if dry_run:
         _print_dry_run(replace(store.earlier(path, number), path=path), as_json)
         return
+    is_manned = sys.stdin is not None and sys.stdin.isatty()
+    if port is not None and not (yes or is_manned):
+        raise click.UsageError("there is nobody to ask; give --yes to store it in the servos")
+    if port is not None:
+        report: PortReport | None = port_choice.look_at(port)
+    else:
+        report = _arm_with(path) if is_manned and not as_json else None
     stored = store.restore(path, number)
     if as_json:
         print_json("calibration", facts(stored))
+    else:
+        click.echo(f"{stored.path} is restored:")
+        _table(stored.calibration)
+        _notes(stored)
+    if report is not None and (
+        yes or click.confirm(f"Store it in the servos on {report.port.name} too?", err=True)
+    ):
+        _write(stored, report)
         return
-    click.echo(f"{stored.path} is restored:")
-    _table(stored.calibration)
-    _notes(stored)
     click.echo(
         f"the servos are as before; to store it in them: so101 calibration write {stored.path}",
         err=True,
     )
+
+
+def _arm_with(path: Path) -> PortReport | None:
+    """The only arm whose servos hold the calibration in this file; None without one."""
+    from so101_motion.setup.discovery import discover
+
+    found = [report for report in discover().reports if report.calibration == path]
+    return found[0] if len(found) == 1 else None
 
 
 @calibration.command()
@@ -228,7 +257,7 @@ def write(file: str, port: str | None, yes: bool) -> None:
     """Store FILE in the servos; what they held is kept as a version of FILE.
 
     Use it if the arm is refused because its servos hold another calibration, and FILE is right.
-    Joints whose zero changes go limp: support the arm.
+    Held joints stay held where they are; one that is outside its new range goes limp.
     """
     from so101_motion.calib.record import store
     from so101_motion.cli import port_choice
@@ -238,6 +267,47 @@ def write(file: str, port: str | None, yes: bool) -> None:
     if not yes:
         _agree(f"Store {stored.path} in the servos on {report.port.name}? {_GO_LIMP}")
     _write(stored, report)
+
+
+@calibration.command()
+@click.argument("file", required=False, shell_complete=completed_files)
+@port_option("Serial port of the arm; by default the only one with an arm")
+@click.option("--yes", is_flag=True, help="Ask no questions; it ends after two minutes.")
+@json_option
+def verify(file: str | None, port: str | None, yes: bool, as_json: bool) -> None:
+    """Check a calibration: you lead the limp joints to their stops by hand.
+
+    It tells how far the stops are from those of FILE, in degrees, and takes two minutes. Nothing is
+    written. Without FILE it is the file that this arm has. Exit code 6 if they differ. wrist_roll
+    has no stops, so it is not checked.
+    """
+    from so101_motion.calib.procedure.verification import Verification
+    from so101_motion.calib.record import store
+    from so101_motion.cli import port_choice
+    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.terminal import Quit, Terminal
+
+    report = port_choice.find_arm(port)
+    stored = store.read(port_choice.calibration_file(file, report))
+    with (
+        quietly(),
+        port_choice.lent_bus(report, "verifying a calibration") as (_, lease),
+        Terminal(ask=not yes) as terminal,
+    ):
+        terminal.say(f"arm on {report.port.name}; {stored.path} is verified")
+        verification = Verification(stored.calibration, lease)
+        try:
+            rows = _led(verification, terminal)
+        except Quit:
+            raise SystemExit(STOPPED) from None
+    if as_json:
+        explained = [{name: getattr(row, name) for name in row.__slots__} for row in rows]
+        print_json("calibration-verify", {"file": str(stored.path), "joints": explained})
+    else:
+        for row in rows:
+            click.echo(f"{row.joint}: {row.sentence}")
+    if not all(row.agrees for row in rows):
+        raise SystemExit(CHECK_FAILED)
 
 
 @calibration.command()
@@ -277,7 +347,7 @@ def ask_and_write(other: OtherCalibration, port: str) -> None:
     _write(store.read(other.file), port_choice.look_at(port))
 
 
-_GO_LIMP = "Joints whose zero changes go limp: support the arm."
+_GO_LIMP = "A held joint that is outside its new range goes limp: support the arm."
 
 
 def _agree(question: str) -> None:
@@ -317,6 +387,48 @@ def facts(stored: Stored) -> dict[str, Any]:
 
 def _told(stored: Stored) -> list[str]:
     return [*stored.notes, stored.zero_note] if stored.zero_note else list(stored.notes)
+
+
+_AT_MOST = 120.0
+"""A verification without a person at the terminal ends after this time [s]."""
+
+_NOTHING_NEW = 3.0
+"""It ends when all joints were at both stops and none has gone farther for this long [s]."""
+
+
+def _led(verification: Verification, terminal: Terminal) -> tuple[JointComparison, ...]:
+    """Have the joints led to their stops; the comparison of each."""
+    from rich.text import Text
+
+    from so101_motion.calib.procedure.verification import Command
+    from so101_motion.cli.terminal import ENTER, keys_line, sentence
+
+    asks = "the joints are about to go limp: hold the arm with one hand"
+    keys = {"Enter": "release", "q": "stop"}
+
+    def picture() -> Text:
+        lines = [f"  {row.joint:<15}{row.sentence}" for row in verification.joints]
+        shown = Text("\n".join(["", *lines, "", sentence(asks), ""]))
+        return shown.append(keys_line(**keys)) if terminal.is_manned else shown
+
+    terminal.await_key(ENTER, picture)
+    verification.step(Command.RELEASE)
+    asks, keys["Enter"] = "lead every joint slowly to both its stops, in any order", "finish"
+    terminal.say(f"the joints are limp; {asks}")
+    told, began, since, pressed = verification.joints, time.monotonic(), time.monotonic(), ""
+    while pressed != ENTER:
+        rows, now = verification.joints, time.monotonic()
+        if [row.moved_deg for row in rows] != [row.moved_deg for row in told]:
+            told, since = rows, now
+        if all(row.agrees is not None for row in rows) and now - since > _NOTHING_NEW:
+            break
+        if not terminal.is_manned and now - began > _AT_MOST:
+            break
+        terminal.show(picture())
+        pressed = terminal.key(0.1)
+    verification.step(Command.END)
+    terminal.say("the joints stay limp")
+    return verification.joints
 
 
 # Output and reading

@@ -1,0 +1,160 @@
+"""Verify a calibration: lead the limp joints to their stops by hand, and compare the stops.
+
+Nothing is stored: torque goes off, and the servos are read. The homing offset that a servo holds is
+taken into account, so servos that hold another calibration can be compared as well. ``TABLE`` has
+every possible step, as in ``steps.py``; a step that fails leads nowhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+
+from so101_motion.calib.access import BusAccess
+from so101_motion.calib.procedure import jobs
+from so101_motion.calib.procedure.sampler import Sampler
+from so101_motion.calib.procedure.travel import TravelArc, around
+from so101_motion.calib.record.record import Calibration, JointCalibration
+from so101_motion.calib.record.zero import SWEPT
+from so101_motion.common.errors import CalibrationError
+from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
+
+DEG_PER_TICK = 360.0 / TICKS_PER_TURN
+
+SHORT_DEG = 3.0
+"""A joint has been at both stops if it moved at most so much less than in the calibration. Chosen,
+like the other two: a stop yields a little to a hand."""
+
+SAME_DEG = 2.0
+"""Largest shift of both stops that means nothing."""
+
+LONG_DEG = 5.0
+"""A joint that moves so much farther was not at its stops when it was calibrated."""
+
+
+class State(Enum):
+    """The state of a verification."""
+
+    READY = "ready"
+    LEADING = "leading"
+    ENDED = "ended"
+
+
+class Command(Enum):
+    """A command to a verification."""
+
+    RELEASE = "release"
+    END = "end"
+
+
+TABLE: dict[tuple[State, Command], State] = {
+    (State.READY, Command.RELEASE): State.LEADING,
+    (State.LEADING, Command.END): State.ENDED,
+}
+"""Every possible step; all others are refused."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointComparison:
+    """The stops of a joint, compared with its calibration.
+
+    Attributes:
+        joint: Its name.
+        moved_deg: How far it was led from end to end.
+        expected_deg: How far it goes in the calibration.
+        reads_deg: How much its angle reads too much under the calibration; None until it has been
+            at both stops.
+        agrees: Whether the calibration is right; None likewise.
+        sentence: All of this for people.
+    """
+
+    joint: str
+    moved_deg: float
+    expected_deg: float
+    reads_deg: float | None
+    agrees: bool | None
+    sentence: str
+
+
+def compared(
+    joint: str, entry: JointCalibration, arc: TravelArc | None, *, held_offset: int
+) -> JointComparison:
+    """Compare the travel of a joint with its calibration.
+
+    Args:
+        joint: Its name.
+        entry: Its calibration.
+        arc: How it was led, in its servo's ticks; None before it moved.
+        held_offset: The homing offset that its servo holds [tick].
+    """
+    span = entry.range_max - entry.range_min
+    expected, moved = span * DEG_PER_TICK, arc.travel * DEG_PER_TICK if arc is not None else 0.0
+    say = partial(JointComparison, joint=joint, moved_deg=moved, expected_deg=expected)
+    if arc is None or moved < expected - SHORT_DEG or arc.hole * DEG_PER_TICK > SHORT_DEG:
+        sentence = f"led through {moved:.0f} of {expected:.0f} deg; lead it to both stops"
+        return say(reads_deg=None, agrees=None, sentence=sentence)
+    lower = around(arc.lower + held_offset - entry.range_min - entry.homing_offset)
+    direction = -1.0 if entry.drive_mode else 1.0
+    reads = direction * (lower + (arc.travel - span) / 2.0) * DEG_PER_TICK
+    again = f"calibrate it: so101 calibrate --joint {joint}"
+    if moved - expected > LONG_DEG:
+        sentence = f"goes {moved - expected:.1f} deg farther than it was calibrated; {again}"
+        return say(reads_deg=reads, agrees=False, sentence=sentence)
+    if abs(reads) > SAME_DEG:
+        sentence = f"its stops read {reads:+.1f} deg beside the calibration's; {again}"
+        return say(reads_deg=reads, agrees=False, sentence=sentence)
+    return say(reads_deg=reads, agrees=True, sentence=f"right within {abs(reads):.1f} deg")
+
+
+class Verification:
+    """Compares a calibration with an arm whose joints a person leads.
+
+    Args:
+        calibration: The calibration. wrist_roll has no stops, so it is left out.
+        access: The bus.
+
+    Raises:
+        CalibrationError: It has no joint with stops.
+    """
+
+    def __init__(self, calibration: Calibration, access: BusAccess) -> None:
+        self._entries = {j: e for j, e in calibration.items() if j in (*SWEPT, GRIPPER_JOINT)}
+        if not self._entries:
+            raise CalibrationError(None, "it has no joint that has stops", "calibrate the arm")
+        self._access, self._joints = access, tuple(self._entries)
+        self._sampler = Sampler(access.clock, self._joints)
+        self._offsets: Mapping[str, int] = {}
+        self.state = State.READY
+
+    def step(self, command: Command) -> None:
+        """Release the joints and begin to record, or end.
+
+        Raises:
+            CalibrationError: The step is not possible now.
+            BusError: A servo does not answer.
+        """
+        then = TABLE.get((self.state, command))
+        if then is None:
+            reason = f'"{command.value}" is not possible in the state "{self.state.value}"'
+            raise CalibrationError(None, reason, "verify again")
+        if command is Command.RELEASE:
+            found = self._access.call(partial(jobs.find, joints=self._joints))
+            self._offsets = {joint: each.held.homing_offset for joint, each in found.items()}
+            self._access.call(jobs.let_go)
+            self._sampler.record()
+            self._access.watch(self._sampler)
+        else:
+            self._access.watch(None)
+        self.state = then
+
+    @property
+    def joints(self) -> tuple[JointComparison, ...]:
+        """What is known of each joint so far; never waits."""
+        arcs = self._sampler.seen.arcs
+        return tuple(
+            compared(joint, entry, arcs.get(joint), held_offset=self._offsets.get(joint, 0))
+            for joint, entry in self._entries.items()
+        )

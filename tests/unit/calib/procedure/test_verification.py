@@ -1,0 +1,80 @@
+from dataclasses import replace
+
+import pytest
+from harness.calibration_rig import LentArm, calibrate
+
+from so101_motion.calib.procedure.session import Session
+from so101_motion.calib.procedure.verification import Command, Verification
+from so101_motion.common.errors import CalibrationError
+
+
+@pytest.fixture
+def arm():
+    return LentArm()
+
+
+@pytest.fixture
+def calibration(arm, tmp_path):
+    return calibrate(Session(tmp_path / "arm.json"), arm).calibration
+
+
+def flash(arm):
+    return [servo.memory.flash for servo in arm.world.servos]
+
+
+def verified(calibration, arm, joints=None):
+    before, verification = flash(arm), Verification(calibration, arm)
+    verification.step(Command.RELEASE)
+    arm.sweep_all(joints)
+    verification.step(Command.END)
+    assert flash(arm) == before
+    return {each.joint: each for each in verification.joints}
+
+
+def test_a_right_calibration_agrees_with_all_stops(arm, calibration):
+    told = verified(calibration, arm)
+    assert [each.agrees for each in told.values()] == [True] * 5
+    assert "wrist_roll" not in told, "it has no stops"
+
+
+@pytest.mark.parametrize("drive_mode", [0, 1])
+def test_a_horn_that_was_mounted_anew_is_told_in_degrees(arm, calibration, drive_mode):
+    off = replace(calibration["elbow_flex"], drive_mode=drive_mode)
+    off = replace(off, homing_offset=off.homing_offset - 164)  # one tooth
+    told = verified({**calibration, "elbow_flex": off}, arm)
+    assert told["elbow_flex"].agrees is False
+    reads = -14.4 if drive_mode else 14.4
+    assert told["elbow_flex"].reads_deg == pytest.approx(reads, abs=0.3)
+    assert f"{reads:+.1f}"[:4] in told["elbow_flex"].sentence
+    assert "so101 calibrate --joint elbow_flex" in told["elbow_flex"].sentence
+
+
+def test_servos_that_hold_another_offset_are_compared_by_their_encoders(arm, calibration):
+    pan = calibration["shoulder_pan"]
+    same = replace(
+        pan,
+        homing_offset=pan.homing_offset + 300,
+        range_min=pan.range_min - 300,
+        range_max=pan.range_max - 300,
+    )
+    assert verified({"shoulder_pan": same}, arm)["shoulder_pan"].agrees
+
+
+def test_a_joint_that_was_not_at_both_stops_is_not_judged(arm, calibration):
+    told = verified(calibration, arm, ("shoulder_pan",))
+    assert told["shoulder_pan"].agrees
+    assert told["elbow_flex"].agrees is None
+    assert "lead it to both stops" in told["elbow_flex"].sentence
+
+
+def test_a_travel_that_was_recorded_too_short_is_named(arm, calibration):
+    lift = calibration["shoulder_lift"]
+    short = replace(lift, range_min=lift.range_min + 100)
+    told = verified({"shoulder_lift": short}, arm)["shoulder_lift"]
+    assert told.agrees is False
+    assert "farther than it was calibrated" in told.sentence
+
+
+def test_steps_out_of_order_are_refused(arm, calibration):
+    with pytest.raises(CalibrationError, match='"end" is not possible in the state "ready"'):
+        Verification(calibration, arm).step(Command.END)
