@@ -7,14 +7,17 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import Visit
 from harness.browser_user import Guest
 from harness.web_camera import web_camera
-from so101_viewer import Preview, Source, serve_source
+from so101_viewer import Preview, Source, serve, serve_source
 
+from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.errors import NoReply
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
@@ -321,3 +324,34 @@ def test_the_arm_follows_a_leader_on_a_second_port_until_stop(
     guest.page.wait_for_timeout(500)
     np.testing.assert_allclose(arm.state.q, there, atol=to_rad(1.0))
     assert guest.problems == []
+
+
+def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_the_page(
+    visit: Visit, tmp_path: Path
+) -> None:
+    entries = {
+        joint: JointCalibration(id=i, homing_offset=40 * (joint == "elbow_flex"))
+        for i, joint in enumerate(JOINTS, start=1)
+    }
+    file = tmp_path / "other.json"
+    store.save(file, entries)
+    servos = Servos(str(tmp_path / "arm"))
+    asked = ServoSettings(port=str(tmp_path / "arm"), timeout=None, calibration_file=file)
+    with open_hardware(asked, reply_timeout=0.3) as rig, serve(rig, port=0) as preview:
+        guest = visit()
+        guest.open(preview.url)
+        guest.until(lambda: guest.button("Hold").is_enabled())
+        guest.press("Hold")
+        guest.until(lambda: guest.says("is not the calibration that the servos on"))
+        assert rig.arm.state.mode is not Mode.HOLDING
+        guest.press("Store the file")
+        asks = guest.page.locator("#so101-buttons .asks")
+        guest.until(lambda: asks.count() == 1)
+        guest.page.wait_for_timeout(700)
+        asks.click()
+        guest.until(lambda: guest.button("Store the file").count() == 0)
+        guest.press("Hold")
+        guest.until(lambda: rig.arm.state.mode is Mode.HOLDING)
+        assert rig.servos.calibration["elbow_flex"].homing_offset == 40
+        guest.leave()
+    servos.close()

@@ -1,7 +1,8 @@
 """The buttons Hold, Guide by hand and Let go, and what the bar says about the arms.
 
 An arm that is disconnected keeps its last picture, in grey. When it is back nothing moves: it holds
-only after somebody presses Hold.
+only after somebody presses Hold. If its servos hold another calibration than the file, Hold is
+refused, and a fourth button stores the file in them.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from datetime import datetime
 from functools import partial
 from typing import Any
 
+from so101_motion.common.errors import OtherCalibration
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.rig.hardware_rig import HardwareRig
@@ -94,13 +96,16 @@ class HoldButtons(Part):
         self._context, self._rigs, self._fade = context, dict(rigs), fade
         self._lost_at: dict[str, datetime] = {}
         self._old_faults: dict[str, str | None] = {}  # of arms that are back after they were lost
+        self._refused: dict[str, OtherCalibration] = {}  # of arms whose servos hold another
         bar = self._bar = context.bar
         bar.title = title
         self._hold = self._button("Hold", lambda: self._each("hold", hold))
         self._guide = self._button("Guide by hand", guide)
         self._let_go = self._button("Let go", lambda: self._each("let go", _release))
         self._let_go.asks = texts.SINKS if len(rigs) == 1 else "All will sink. Let go?"
-        bar.buttons = (self._hold, self._guide, self._let_go)
+        self._accept = self._button("Store the file", lambda: self._each("store the file", _accept))
+        self._accept.why_not, self._accept.asks = None, "It may sink. Store it in the servos?"
+        self._buttons = bar.buttons = (self._hold, self._guide, self._let_go)
 
     def _button(self, label: str, command: Callable[[], None]) -> BarButton:
         button = self._context.gui.add_button(label, visible=False)
@@ -137,6 +142,10 @@ class HoldButtons(Part):
             if one
             else "; ".join(f"{name}: {words}" for name, words in states.items())
         )
+        for name, refused in self._refused.items():
+            text = f"{capital(str(refused))}; or press Store the file."
+            alerts.setdefault(Sentence(text=text, tone=Tone.BAD), []).append(self._called(name))
+        self._bar.buttons = (*self._buttons, *([self._accept] if self._refused else []))
         said_of = (texts.named(", ".join(names), said) for said, names in alerts.items())
         self._bar.alert(CONNECTION, list(said_of))
         connected = [mode for mode in modes.values() if mode is not None]
@@ -150,16 +159,22 @@ class HoldButtons(Part):
 
     def _each(self, what: str, call: Callable[[RigLike], None]) -> None:
         for name, rig in self._rigs.items():
-            arm = self._called(name)
-            self._in_background(f"{what} {arm}".strip(), partial(call, rig))
+            if call is not _accept or name in self._refused:
+                self._in_background(f"{what} {self._called(name)}".strip(), name, call, rig)
 
-    def _in_background(self, what: str, call: Callable[[], None]) -> None:
+    def _in_background(
+        self, what: str, name: str, call: Callable[[RigLike], None], rig: RigLike
+    ) -> None:
         def ended(done: Future[Any]) -> None:
             error = done.exception()
+            if isinstance(error, OtherCalibration):
+                self._refused[name] = error
+            elif error is None and call is not _release:
+                self._refused.pop(name, None)
             if error is not None:
                 self._context.events.add(f"Could not {what}: {error}", Tone.BAD)
 
-        self._context.in_background(call).add_done_callback(ended)
+        self._context.in_background(partial(call, rig)).add_done_callback(ended)
 
 
 def _why_not(modes: list[Mode], cannot: Mapping[Mode, str]) -> str | None:
@@ -171,6 +186,11 @@ def _why_not(modes: list[Mode], cannot: Mapping[Mode, str]) -> str | None:
 
 def _release(rig: RigLike) -> None:
     rig.arm.set_torque(False)
+
+
+def _accept(rig: RigLike) -> None:
+    if isinstance(rig, HardwareRig):
+        rig.write_calibration()
 
 
 def hold(rig: RigLike) -> None:

@@ -9,9 +9,10 @@ from collections.abc import Callable
 from concurrent.futures import Future
 
 from so101_motion.calib.procedure.steps import State
-from so101_motion.common.errors import So101Error
+from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.rig.protocols import RigLike
+from so101_motion.setup.calibrator import StepResult
 
 from ..page import texts
 from ..page.bar import BarButton
@@ -123,7 +124,11 @@ class SetupBar(Part):
     def _hold(self) -> None:
         target = self._can(0)
         if target is not None:
-            self._setup.do("holding the joints", target.hold)
+            self._setup.do("holding the joints", target.hold, self._held)
+
+    def _held(self, ended: object) -> None:
+        if isinstance(ended, StepResult) and ended.trouble:
+            self._setup.trouble = MotionError(ended.trouble)
 
     def _let_go(self) -> None:
         target = self._can(2)

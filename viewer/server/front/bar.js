@@ -120,7 +120,9 @@
       if (mode.textContent !== says) mode.textContent = says;
       if (title.textContent !== about) title.textContent = about;
       button.disabled = !link.connected || !board().stop;
-      (board().buttons ?? []).forEach(showButton);
+      const offered = board().buttons ?? [];
+      offered.forEach(showButton);
+      [...buttons.children].slice(offered.length).forEach((node) => node.remove());
       root.classList.toggle('so101-empty', !board().so101);
       root.classList.toggle('so101-watching', mine.controls === false);
       if (changed('alerts', wrong)) {
