@@ -328,8 +328,9 @@ def _other_calibration(
     return OtherCalibration(
         stored.path,
         f"{stored.path} is not the calibration that the servos on {bus.port.name} hold:"
-        f" {rows[0].sentence}{count}{whose}; if the file is right: so101 calibration write"
-        f" {stored.path} --port {bus.port.name}",
+        f" {rows[0].sentence}{count}{whose}; if the file is right, store it in the servos: so101"
+        f" calibration write {stored.path} --port {bus.port.name}, or on a Viam machine"
+        ' {"command": "write_calibration"}',
     )
 
 

@@ -2,14 +2,27 @@
 
 import json
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from harness.lerobot_data import swing, write_data_set
+from so101_viewer import serve
 
+from so101_motion.calib.record import store
 from so101_motion.cli.verbs import main as cli
+from so101_motion.common.errors import OtherCalibration
+from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.rig.hardware_rig import open_hardware, open_without_waiting
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.tasks.guided import GuidedPath
+from so101_motion.tasks.guided import files as guided_files
+from so101_motion.tasks.program import Program, Waypoint
+from so101_motion.tasks.program import files as program_files
 
 ROWS = {
     "shoulder_pan": (1, -100, 693, 3400),
@@ -21,9 +34,10 @@ ROWS = {
 }
 
 
-def file_of(path, shift):
+def file_of(path, shift, limit=0):
+    """A file with other offsets and limits than the servos hold [tick]."""
     rows = {
-        joint: {"id": i, "homing_offset": o + shift, "range_min": a, "range_max": b}
+        joint: {"id": i, "homing_offset": o + shift, "range_min": a + limit, "range_max": b - limit}
         for joint, (i, o, a, b) in ROWS.items()
     }
     path.write_text(json.dumps(rows))
@@ -52,26 +66,117 @@ def stored(emulator):
 
 
 GOAL = ("--joints", "0,-40,45,60,0")
+REFUSED = 4
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """What verbs need beside an arm: a program, a guided path and a data set."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    q = np.radians([[0, -45, 45, 60, 0], [0, -44, 45, 60, 0]])
+    waypoints = tuple(Waypoint(name=name, q=each) for name, each in zip("ab", q, strict=True))
+    program_files.write(Program(waypoints=waypoints), tmp_path / "program.json")
+    guided_files.write(GuidedPath(t=[0.0, 1.0], q=q, aperture=[0.2, 0.2]), tmp_path / "path.json")
+    write_data_set(tmp_path / "set", [swing(n=30)])
+
+
+LOOKS = (
+    ("status",),
+    ("ports",),
+    ("doctor",),
+    ("bench",),
+    ("viam", "config"),
+    ("plan", *GOAL),
+    ("calibrate", "--dry-run"),
+    ("setup", "--dry-run"),
+    ("setup", "--repair", "--dry-run"),
+    ("calibration", "diff", "other.json"),
+    ("identify", "--undo"),
+)
+MOVES = (
+    ("move", *GOAL),
+    ("run", "program.json"),
+    ("guide", "record", "new.json", "--seconds", "0.3"),
+    ("guide", "replay", "path.json"),
+    ("dataset", "replay", "set", "--episode", "0", "--units", "degrees"),
+    ("move-test",),
+    ("identify",),
+    ("teleop", "--follower", "sim", "--seconds", "0.3"),
+)
+
+
+def place(verb, tmp_path, file):
+    """The options of ``verb`` for the arm and its calibration."""
+    port = str(tmp_path / "arm")
+    if verb[0] == "teleop":
+        return ("--leader", port, "--leader-calibration", file)
+    takes_file = verb in MOVES or verb[0] in ("status", "plan", "doctor", "identify")
+    return ("--port", port, *(("--calibration", file) if takes_file else ()))
+
+
+@pytest.mark.parametrize("verb", LOOKS, ids=" ".join)
+def test_what_looks_at_an_arm_stores_nothing(arm, files, tmp_path, monkeypatch, verb):
+    monkeypatch.chdir(tmp_path)
+    file, before = file_of(tmp_path / "other.json", 30), stored(arm)
+    result = CliRunner().invoke(cli, [*verb, *place(verb, tmp_path, file)])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.output
+    assert stored(arm) == before
+
+
+@pytest.mark.parametrize("verb", MOVES, ids=" ".join)
+def test_what_moves_an_arm_refuses_another_calibration(arm, files, tmp_path, monkeypatch, verb):
+    monkeypatch.chdir(tmp_path)
+    file, before = file_of(tmp_path / "other.json", 30), stored(arm)
+    result = CliRunner().invoke(cli, [*verb, *place(verb, tmp_path, file), "--yes"])
+    assert result.exit_code == REFUSED, result.output
+    assert "so101 calibration write" in result.output
+    assert stored(arm) == before
 
 
 @pytest.mark.parametrize(
-    ("verb", "shift", "code", "stores"),
+    ("offset", "limit"),
     [
-        (("status",), 30, 0, False),
-        (("plan", *GOAL), 30, 0, False),
-        (("move", *GOAL, "--yes"), 30, 4, False),
-        (("move", *GOAL, "--yes"), 0, 0, False),
-        (("move", *GOAL, "--yes"), 1, 0, False),  # the published module is a tick off
+        (0, 0),
+        (1, 0),  # the published module is a tick off
+        (0, 30),  # the travels were recorded anew
     ],
 )
-def test_only_what_was_asked_for_is_stored(arm, tmp_path, verb, shift, code, stores):
-    file, before = file_of(tmp_path / "other.json", shift), stored(arm)
-    place = ("--port", str(tmp_path / "arm"), "--calibration", file)
-    result = CliRunner().invoke(cli, [*verb, *place])
-    assert result.exit_code == code or (code and result.exception), result.output
-    assert (stored(arm) != before) is stores
-    if shift > 1:
-        assert "so101 calibration write" in result.output + str(result.exception)
+def test_an_arm_that_is_moved_with_its_calibration_stores_nothing(arm, tmp_path, offset, limit):
+    file, before = file_of(tmp_path / "own.json", offset, limit), stored(arm)
+    verb = ("move", *GOAL)
+    result = CliRunner().invoke(cli, [*verb, *place(verb, tmp_path, file), "--yes"])
+    assert result.exit_code == 0, result.output
+    assert stored(arm) == before
+    with arm.world.lock:
+        assert arm.world.servo("elbow_flex").memory.raw(reg.MIN_POSITION) == 948 + limit
+
+
+def test_python_and_the_page_store_nothing(arm, tmp_path):
+    file, before = Path(file_of(tmp_path / "own.json", 0, 30)), stored(arm)
+    settings = ServoSettings(port=str(tmp_path / "arm"), calibration_file=file)
+    looks = replace(settings, timeout=None)
+    with open_hardware(looks) as rig, serve(rig, port=0):  # as "so101 view" does
+        assert stored(arm) == before
+    with open_hardware(settings.with_arm(SERVO_IDS)) as rig:
+        assert rig.servos.calibration["elbow_flex"].range_min == 978
+    other = replace(settings, calibration_file=Path(file_of(tmp_path / "other.json", 30)))
+    with pytest.raises(OtherCalibration, match=r"probably the arm of that file|another arm"):
+        open_hardware(other.with_arm(SERVO_IDS))
+    assert stored(arm) == before
+
+
+def test_a_module_refuses_another_calibration_and_says_how_to_accept_it(arm, tmp_path):
+    file, before = Path(file_of(tmp_path / "other.json", 30)), stored(arm)
+    settings = ServoSettings(port=str(tmp_path / "arm"), calibration_file=file)
+    with open_without_waiting(settings.with_arm(SERVO_IDS)) as rig:
+        rig.first_try.result(10.0)
+        assert "so101 calibration write" in rig.not_ready
+        assert '"command": "write_calibration"' in rig.not_ready
+        assert stored(arm) == before
+        kept = rig.write_calibration()
+        assert rig.not_ready is None
+        assert store.read(kept).calibration["elbow_flex"].homing_offset == -120
+    assert stored(arm) != before
 
 
 def test_a_written_calibration_can_be_put_back(arm, tmp_path):
