@@ -115,10 +115,11 @@ def check(
         open_data_set,
     )
 
+    data_set = open_data_set(path, side=side)
     report = check_data_set(
-        open_data_set(path, side=side),
+        data_set,
         units=units,
-        calibration=read_calibration(calibration_file),
+        calibration=read_calibration(calibration_file) or data_set.calibration,
         scene=None if scene_file is None else read_scene(scene_file),
         thresholds=Thresholds(speed=to_rad(speed)),
     )
@@ -171,7 +172,7 @@ def convert(
 
     data_set = open_data_set(path, side=side)
     units = _units_kind(data_set, units)
-    calibration = read_calibration(calibration_file)
+    calibration = read_calibration(calibration_file) or data_set.calibration
     other = read_calibration(to_calibration_file) or calibration
     source = exact_units_of(units, calibration, option="calibration")
     target = exact_units_of(to_units or units, other, option="to-calibration")
@@ -242,7 +243,7 @@ def replay(
 
     data_set = open_data_set(path, side=side)
     kind = _units_kind(data_set, units)
-    recorded = read_calibration(recorded_with)
+    recorded = read_calibration(recorded_with) or data_set.calibration
     scene = None if scene_file is None else read_scene(scene_file)
     with quietly(), _with_replay_caps(source).open() as rig:
         if scene is not None:

@@ -20,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from so101_motion.calib.record import zero_file
+from so101_motion.calib.record.versions import zero_path
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
@@ -78,7 +80,7 @@ def convert_data_set(
         ConfigError: The data set declares other units, the folder exists or cannot be written, or
             the source is broken.
     """
-    data_set.refuse_other_units(source.kind)
+    data_set.refuse_other_units(source)
     root = data_set.metadata.root.resolve()
     for pointer in data_set.metadata.lfs_pointers():
         raise refusal(pointer, why_broken(pointer))
@@ -157,6 +159,7 @@ class _Run:
         written |= set(self._write_statistics())
         content = {"schema": "so101/data-set-units/1", "units": self._declaration()}
         written.add(self._write_text(UNITS, json.dumps(content, indent=2)))
+        written |= self._write_calibration()
         self._copy_others(written, link=link)
 
     def _declaration(self) -> str | dict[str, str]:
@@ -166,6 +169,17 @@ class _Run:
         arms = {side: replace(self._set, side=side).declared for side in ("left", "right")}
         arms[self._set.side] = self._target.kind
         return {side: kind for side, kind in arms.items() if kind}
+
+    def _write_calibration(self) -> set[Path]:
+        """Write the new calibration, if it is known; one that is there already is left out."""
+        place, known = self._set.calibration_path.relative_to(self._root), self._target.calibration
+        beside = zero_path(place)
+        if known is not None:
+            entries = {joint: entry.to_json() for joint, entry in known.calibration.items()}
+            self._write_text(place, json.dumps(entries, indent=4))
+            zeros = zero_file.text((known.calibration, known.zeros))
+            self._write_text(beside, zeros.decode())
+        return {self._made(each) for each in (place, beside)}
 
     # Frames
 

@@ -16,10 +16,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from so101_motion.calib.record import store
+from so101_motion.calib.record.identity import encoder_zeros
 from so101_motion.calib.record.record import JOINTS
+from so101_motion.calib.record.store import Stored
 from so101_motion.common.errors import ConfigError, quoted
 from so101_motion.common.geometry import Array
 from so101_motion.tasks.datasets.metadata import (
+    CALIBRATION,
     EPISODES_2,
     EPISODES_3,
     OTHER_ARMS,
@@ -32,7 +36,7 @@ from so101_motion.tasks.datasets.metadata import (
     refusal,
 )
 from so101_motion.tasks.datasets.parquet import Reader, require
-from so101_motion.tasks.datasets.units import KINDS
+from so101_motion.tasks.datasets.units import KINDS, Units, units_of
 
 ACTION, STATE = "action", "observation.state"
 
@@ -99,15 +103,41 @@ class DataSet:
         kind = kind.get(self.side) if isinstance(kind, dict) else kind
         return kind if isinstance(kind, str) and kind in KINDS else ""
 
-    def refuse_other_units(self, kind: str) -> None:
-        """Refuse units that contradict those that the set itself declares.
+    @property
+    def calibration_path(self) -> Path:
+        """Where this arm's calibration is, if the set declares it."""
+        side = f"_{self.side}" if self.side else ""
+        return self.metadata.root / CALIBRATION.format(side=side)
+
+    @property
+    def calibration(self) -> Stored | None:
+        """The calibration that the numbers were made with; None if the set declares none.
+
+        Raises:
+            CalibrationError: It cannot be used.
+        """
+        path = self.calibration_path.resolve()
+        return store.read(path) if path.is_file() else None
+
+    def refuse_other_units(self, units: Units) -> None:
+        """Refuse units, or a calibration, that contradict what the set itself declares.
 
         Raises:
             ConfigError: They do.
+            CalibrationError: The declared calibration cannot be used.
         """
-        if self.declared not in ("", kind):
+        if self.declared not in ("", units.kind):
             reason = f"contradicts {UNITS} in the data set, which declares {self.declared}"
-            raise ConfigError("units", kind, reason)
+            raise ConfigError("units", units.kind, reason)
+        declared, given = self.calibration, units.calibration
+        if declared is None or given is None:
+            return
+        meant = units_of(units.kind, declared)
+        zeros = encoder_zeros(declared.calibration, declared.zeros)
+        same = np.allclose([units.factor, units.offset], [meant.factor, meant.offset], atol=1e-4)
+        if not same or zeros != encoder_zeros(given.calibration, given.zeros):
+            reason = f"is not that of the data set, {self.calibration_path}; leave it out"
+            raise ConfigError("calibration", str(given.path), reason)
 
     def angles(self, name: str) -> Iterator[tuple[int | None, ...]]:
         """The indices of ``JOINTS`` in a row of a column, for each set of angles in it.

@@ -30,6 +30,10 @@ EPISODES_3 = Path("meta/episodes")
 UNITS = Path("meta/so101_units.json")
 """The file that declares the units in a data set of ours; LeRobot ignores it."""
 
+CALIBRATION = "meta/so101_calibration{side}.json"
+"""The calibration that those numbers were made with, an ordinary calibration file; of two arms with
+``_left`` or ``_right`` before the suffix."""
+
 LARGEST_INFO = 4_000_000
 """Largest ``info.json`` that is read [byte]; with a dozen cameras it has 10,000. Chosen."""
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.calib.record.store import Stored
+from so101_motion.common.encoder_zeros import shift
 from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
@@ -128,7 +129,7 @@ def plan_episode(
             not increase, or a frame of it lacks a number.
         PlanningError: The first frame cannot be reached.
     """
-    data_set.refuse_other_units(units.kind)
+    data_set.refuse_other_units(units)
     episode = data_set.episode(number)
     steps = np.diff(episode.t)
     if not (np.isfinite(episode.t).all() and (steps > 0.0).all()):
@@ -140,6 +141,7 @@ def plan_episode(
     if of not in ("action", "state") or (of == "state" and state is None):
         raise ConfigError("of", of, "must be action, or state where the data set holds it")
     recorded = action if of == "action" or state is None else state
+    recorded[:, :5] += _moved_zeros(rig, data_set, units)
     begin = int(np.searchsorted(t, start - 1e-4))
     recorded, t = recorded[begin:], t[begin:]
     if not len(recorded):
@@ -168,6 +170,19 @@ def plan_episode(
         beyond={joint: n for joint, n in zip(ARM_JOINTS, over, strict=True) if n},
         doubts=guess.doubts(),
     )
+
+
+def _moved_zeros(rig: Rig, data_set: DataSet, units: Units) -> Array:
+    """What to add to the arm joints' angles, because this arm was calibrated anew, [rad].
+
+    Zeros that differ by more than those of one arm can are those of another arm, for which the
+    angles of the model count.
+    """
+    here, root = rig.connection.encoder_zeros, data_set.metadata.root
+    try:
+        return shift(units.encoder_zeros, here, what="the data set", file=root)
+    except ConfigError:
+        return np.zeros(5)
 
 
 def replay_episode(rig: Rig, replay: EpisodeReplay) -> ReplayOutcome:

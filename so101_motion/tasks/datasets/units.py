@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
+from so101_motion.calib.record.identity import encoder_zeros
 from so101_motion.calib.record.lerobot import STRETCHED, TURNED
 from so101_motion.calib.record.record import JOINTS, WIDEST, JointCalibration
 from so101_motion.calib.record.store import Stored
@@ -35,6 +36,7 @@ from so101_motion.calib.record.zero import (
     by_stops,
     expected_travel,
 )
+from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -68,6 +70,7 @@ class Units:
         upper: The upper end, shape (6,), [rad].
         zeros: Source of each arm joint's zero, as in ``Zero.by``, or ``"assumed"``.
         is_jaw_known: Whether a calibration gives the jaw's travel.
+        calibration: Of the arm that was recorded; None if it is not known.
     """
 
     kind: str
@@ -77,10 +80,19 @@ class Units:
     upper: Array
     zeros: tuple[str, ...]
     is_jaw_known: bool
+    calibration: Stored | None = None
 
     def __post_init__(self) -> None:
         for name in ("factor", "offset", "lower", "upper"):
             object.__setattr__(self, name, frozen_array(getattr(self, name), (6,)))
+
+    @property
+    def encoder_zeros(self) -> EncoderZeros | None:
+        """The zeros of the calibration; None unless all of the arm's joints are known."""
+        known = self.calibration
+        if known is None or not all(joint in known.calibration for joint in ARM_JOINTS):
+            return None
+        return encoder_zeros(known.calibration, known.zeros)
 
     def to_model(self, x: Array) -> Array:
         """Convert numbers of the data set to angles of the model [rad], shapes (n, 6)."""
@@ -113,6 +125,7 @@ def units_of(kind: str, calibration: Stored | None = None) -> Units:
         upper=np.array([each.upper for each in joints]),
         zeros=tuple(each.zero_by for each in joints[:5]),
         is_jaw_known=calibration is not None and GRIPPER_JOINT in calibration.calibration,
+        calibration=calibration,
     )
 
 

@@ -111,7 +111,11 @@ def test_a_data_set_is_written_anew_with_other_numbers_and_statistics(tmp_path, 
     assert check_data_set(new).why_units == "declared in meta/so101_units.json"
 
     here, there = ({p.relative_to(r) for p in r.rglob("*")} for r in (root, tmp_path / "new"))
-    assert there - here == {Path("meta/so101_units.json")}
+    ours = ("units", "calibration", "calibration.zero")
+    assert there - here == {Path(f"meta/so101_{name}.json") for name in ours}
+    declared = new.calibration
+    assert declared.calibration == target.calibration.calibration
+    assert declared.zeros == target.calibration.zeros
     assert not here - there
     action = np.concatenate(numbers_of(new)[0])
     stats = json.loads((tmp_path / "new/meta/stats.json").read_text())

@@ -1,18 +1,24 @@
 import json
 import threading
 from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from harness.lerobot_data import NAMES, late, swing, write_data_set
 
+from so101_motion.calib.record.identity import encoder_zeros
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.store import Stored
 from so101_motion.cli.verbs import main
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, Interrupted, PlanningError
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.datasets import (
+    convert_data_set,
     open_data_set,
     plan_episode,
     replay_episode,
@@ -198,3 +204,39 @@ def test_time_stamps_that_do_not_increase_and_other_units_are_refused(tmp_path, 
     (data_set.metadata.root / "meta/so101_units.json").write_text('{"units": "old"}')
     with pytest.raises(ConfigError, match="declares old"):
         plan_episode(rig, data_set, 0, units=MODEL)
+
+
+def calibration(name, *, off=0, horn=0):
+    """A calibration whose elbow has its zero ``off`` ticks, and all joints ``horn``, elsewhere."""
+    entries = {}
+    for i, joint in enumerate(JOINTS, start=1):
+        moved = off * (joint == "elbow_flex")
+        entries[joint] = JointCalibration(
+            id=i, homing_offset=horn, range_min=900 + moved, range_max=3100 + moved
+        )
+    return Stored(path=Path(name), calibration=entries, zeros={}, notes=())
+
+
+@pytest.mark.parametrize(
+    ("off", "horn", "moved_deg"),
+    [
+        (0, 0, 0.0),
+        (57, 0, -5.01),  # this arm was calibrated anew: it stands where it stood
+        (0, 700, 0.0),  # another arm: the model's angles count
+    ],
+)
+def test_a_data_set_knows_its_calibration(tmp_path, rig, monkeypatch, off, horn, moved_deg):
+    made = calibration("made.json")
+    units = units_of("degrees", made)
+    convert_data_set(set_of(tmp_path, swing(8)), tmp_path / "new", source=MODEL, target=units)
+    data_set = open_data_set(tmp_path / "new")
+    assert data_set.calibration.calibration == made.calibration
+    now = calibration("now.json", off=off, horn=horn)
+    here = replace(rig.connection, encoder_zeros=encoder_zeros(now.calibration, now.zeros))
+    monkeypatch.setattr(type(rig), "connection", here)
+    replay = plan_episode(rig, data_set, 0, units=units_of("degrees", data_set.calibration))
+    expected = swing(8)[:, :5] + np.array([0.0, 0.0, moved_deg, 0.0, 0.0])
+    assert np.degrees(replay.q) == pytest.approx(expected, abs=0.06)
+    if off:
+        with pytest.raises(ConfigError, match="is not that of the data set"):
+            plan_episode(rig, data_set, 0, units=units_of("degrees", now))
