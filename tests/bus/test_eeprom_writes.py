@@ -187,3 +187,19 @@ def test_a_written_calibration_can_be_put_back(arm, tmp_path):
     kept = result.output.split("so101 calibration write ")[1].split(" --port")[0]
     CliRunner().invoke(cli, ["calibration", "write", kept, "--port", port, "--yes"])
     assert stored(arm) == before
+
+
+def test_restoring_a_calibration_stores_it_in_servos_that_are_named(arm, tmp_path, files):
+    own, before = file_of(tmp_path / "own.json", 0), stored(arm)
+    runs = CliRunner()
+    place = ("--port", str(tmp_path / "arm"))
+    other = file_of(tmp_path / "other.json", 30)
+    assert not runs.invoke(cli, ["calibration", "import", other, "--file", own]).exit_code
+    assert not runs.invoke(cli, ["calibration", "write", own, *place, "--yes"]).exit_code
+    assert stored(arm) != before
+    result = runs.invoke(cli, ["calibration", "restore", own, *place])
+    assert result.exit_code == 2
+    assert "give --yes" in result.output
+    result = runs.invoke(cli, ["calibration", "restore", own, *place, "--yes"])
+    assert result.exit_code == 0, result.output
+    assert stored(arm) == before
