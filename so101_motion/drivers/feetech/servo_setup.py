@@ -1,10 +1,10 @@
 """Set up a servo: write those registers that differ from the values the driver needs.
 
-EEPROM: settings with which it would not move well (``servo_settings.py``) are set right, and it gets
-its homing offset and limits where a calibration is given, all until power-off: nothing is stored. A
-servo with a setting that forbids to move it is refused. RAM: the speed and acceleration caps and the torque
-limit. A servo that restarts forgets its RAM and comes up limp, with no cap at all, so this runs
-again whenever one was silent.
+EEPROM: settings with which it would not move well (``servo_settings.py``) are set right, and it
+gets its homing offset and limits where a calibration is given, all until power-off: nothing is
+stored. A servo with a setting that forbids to move it is refused. RAM: the speed and acceleration
+caps and the torque limit. A servo that restarts forgets its RAM and comes up limp, with no cap at
+all, so this runs again whenever one was silent.
 
 A servo that is driven stays driven, and its joint stays where it is, whatever is changed:
 
