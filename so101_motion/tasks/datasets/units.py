@@ -88,11 +88,14 @@ class Units:
 
     @property
     def encoder_zeros(self) -> EncoderZeros | None:
-        """The zeros of the calibration; None unless all of the arm's joints are known."""
+        """The zeros that its angles count from; None unless all of the arm's joints are known."""
         known = self.calibration
         if known is None or not all(joint in known.calibration for joint in ARM_JOINTS):
             return None
-        return encoder_zeros(known.calibration, known.zeros)
+        zeros = known.zeros
+        if self.kind in (DEGREES, RANGE):
+            zeros = {j: _zero(j, known.calibration[j], known)[0] for j in ARM_JOINTS}
+        return encoder_zeros(known.calibration, zeros)
 
     def to_model(self, x: Array) -> Array:
         """Convert numbers of the data set to angles of the model [rad], shapes (n, 6)."""

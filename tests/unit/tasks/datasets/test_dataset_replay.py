@@ -12,9 +12,11 @@ from harness.lerobot_data import NAMES, late, swing, write_data_set
 from so101_motion.calib.record.identity import encoder_zeros
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.store import Stored
+from so101_motion.calib.record.zero import Zero
 from so101_motion.cli.verbs import main
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, Interrupted, PlanningError
+from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.datasets import (
@@ -214,7 +216,8 @@ def calibration(name, *, off=0, horn=0):
         entries[joint] = JointCalibration(
             id=i, homing_offset=horn, range_min=900 + moved, range_max=3100 + moved
         )
-    return Stored(path=Path(name), calibration=entries, zeros={}, notes=())
+    zeros = dict.fromkeys(ARM_JOINTS, Zero(by="pose", angle=0.0))
+    return Stored(path=Path(name), calibration=entries, zeros=zeros, notes=())
 
 
 @pytest.mark.parametrize(
