@@ -13,6 +13,7 @@ A model belongs to one thread, like everything that holds Pinocchio's data.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
@@ -202,21 +203,34 @@ class CollisionModel:
         )
 
     def lacking(self, q: ArrayLike, q_jaw: float, margins: Array) -> Array:
-        """How much each pair is closer than its margin, both shape (len(pairs),), [m]; mostly 0."""
+        """How much each pair is closer than its margin, both shape (len(pairs),), [m]; mostly 0.
+
+        Infinite for pairs in contact of which the depth is not known.
+        """
         self.checkpoint()
         lack, widest = np.zeros(len(self.pairs)), float(margins.max(initial=0.0))
         near = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, widest)
         if near is not None:
-            rows, pairs = near[0], near[0][:, 0].astype(int)
-            lack[pairs] = np.maximum(margins[pairs] - rows[:, 1], 0.0)
-            return lack
+            return self.lack_in(near[0], margins)
         self._q[:5] = q
         self._q[5] = q_jaw
         # The others are further apart than the widest margin.
         for k in self._near_pairs(widest)(self._q):
             result = pin.computeDistance(self._bodies, self._distances, k)
-            lack[k] = max(margins[k] - self._found(k, result).distance, 0.0)
+            distance = self._found(k, result).distance
+            lack[k] = math.inf if self.unknown(k, distance) else max(margins[k] - distance, 0.0)
         return lack
+
+    def lack_in(self, rows: Array, margins: Array) -> Array:
+        """``lacking`` from the rows of ``near_bounds``, if they reach as far as the margins."""
+        lack, pairs = np.zeros(len(self.pairs)), rows[:, 0].astype(int)
+        lack[pairs] = np.maximum(margins[pairs] - rows[:, 1], 0.0)
+        lack[pairs[self.unknown(pairs, rows[:, 1])]] = math.inf
+        return lack
+
+    def unknown(self, pairs: Any, distances: Any) -> Any:
+        """Which of pairs, at such distances [m], overlap to a depth that is not known."""
+        return (distances == 0.0) & ~self.measured[pairs]
 
     def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool:
         """Whether at one of several configurations (n, 5) ``lacking`` exceeds ``lack`` [m]."""

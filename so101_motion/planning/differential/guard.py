@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -67,6 +68,8 @@ a hand of 2 N m, went 5 mm farther than that in the median, and 9 mm at most."""
 PLACES = 4
 """Approximate number of samples of a path at which it is checked whether bodies part; chosen."""
 
+_BACK_OUT = "how deep is not known, so let it back out slowly, or lead it by hand"
+
 _CLOSER = 1e-6
 """How much closer pairs that are too close already may come in one path [m]: rounding."""
 
@@ -75,7 +78,7 @@ class Guard:
     """Checks the next steps of an arm that follows a target.
 
     Pairs of bodies within their margin may only move apart, and overloaded joints may only get less
-    load.
+    load. An arm that is in a surface, of which nobody knows how deep, may not move at all.
 
     Args:
         collision: Checks for contact; used by the guard alone from now on.
@@ -89,6 +92,8 @@ class Guard:
             no more than ``admits`` allows for.
         against: Words for the obstacles and loads that kept the last ``within_reach`` from its
             target.
+        stuck: Words for the bodies that the arm is in, to an unknown depth, at the last look. Then
+            no step is admitted, because any may lead deeper.
     """
 
     def __init__(
@@ -120,6 +125,8 @@ class Guard:
         self._step = BoundedStep()
         self._words = dict[int, str]()  # by pair of bodies
         self.against: tuple[str, ...] = ()
+        self.stuck: tuple[str, ...] = ()
+        self._stuck_in: Any = None  # booleans by row
 
     @property
     def margin(self) -> float:
@@ -140,7 +147,12 @@ class Guard:
     def _find_near(self, q: Array, gap: float) -> None:
         near = self._collision.near_bounds(q, self._q_jaw(), within=self._range, gap=gap)
         self._looked, (self._rows, self._bounds) = q, near
-        self._free = min([self._range - self._widest, *self._bounds[:, -1].tolist()])
+        self._free, self.stuck = min([self._range - self._widest, *self._bounds[:, -1].tolist()]), ()
+        if self._free < 0.0:
+            pairs = self._rows[:, 0].astype(int)
+            self._stuck_in = self._collision.unknown(pairs, self._rows[:, 1])
+            called = map(self._called, pairs[self._stuck_in])
+            self.stuck = tuple(f"{a} in contact with {b}: {_BACK_OUT}" for a, b in called)
 
     def within_reach(self, q: Array, q_target: Array, others: Sequence[NearArms] = ()) -> Array:
         """The configuration nearest to a target that is probably free, shape (5,), [rad].
@@ -153,6 +165,9 @@ class Guard:
             others: Near bodies of other arms.
         """
         heavy = self._see(q)
+        if self.stuck:
+            self.against = self.stuck
+            return q
         bounds = [self._bounds, *(each.bounds for each in others)]
         if heavy:
             rows = [[*each.gradient, min(0.0, GAP - each.left), -np.inf] for each in heavy]
@@ -176,7 +191,8 @@ class Guard:
             others: Near bodies of other arms.
         """
         self._find_near(q, GUIDED_GAP)
-        bounds = np.concatenate([self._bounds, *(each.bounds for each in others)])
+        own = self._bounds[~self._stuck_in] if self.stuck else self._bounds
+        bounds = np.concatenate([own, *(each.bounds for each in others)])
         rates = np.where(np.abs(bounds[:, :5]) < ALONG, 0.0, bounds[:, :5])
         step, least = np.atleast_2d(q_guided - q), np.minimum(bounds[:, 5], 0.0)
         nearer = np.minimum(rates * step[:, None], 0.0)  # by each joint [m]
@@ -233,8 +249,12 @@ class Guard:
             return True
         margins = self._collision.margins + (self._bend + extra)
         lack = self._lacking(path[0], q_jaw, margins)
-        if not lack.any():
-            return False
+        return bool(lack.any()) and self._parts(path, q_jaw, margins, lack)
+
+    def _parts(self, path: Array, q_jaw: float, margins: Array, lack: Array) -> bool:
+        """Whether pairs that ``lack`` [m] of their margins where a path begins come no closer."""
+        if np.isinf(lack).any():
+            return bool((path == path[0]).all())
         places = path[: 0 : -max(1, len(path) // PLACES)]
         return not self._collision.lacks_more(places, q_jaw, margins, lack + _CLOSER)
 
@@ -257,10 +277,10 @@ class Guard:
         margins = CONTACT * collision.margins
         lack = collision.lacking(path[0], q_jaw, margins)
         if lack.any():
-            places = path[: 0 : -max(1, len(path) // PLACES)]
-            if not collision.lacks_more(places, q_jaw, margins, lack + _CLOSER):
+            if self._parts(path, q_jaw, margins, lack):
                 return None
-            worse = [collision.lacking(q, q_jaw, margins) - lack for q in places]
+            known = np.where(np.isinf(lack), 0.0, lack)
+            worse = [collision.lacking(q, q_jaw, margins) - known for q in path]
             k = int(np.argmax(np.max(worse, axis=0)))
         else:
             k = int(np.argmax(collision.lacking(blocked, q_jaw, margins)))
@@ -296,9 +316,7 @@ class Guard:
         seen = self._widest + INEXACT + AHEAD + self._bend <= self._range
         if self._looked is None or not seen or not np.array_equal(q, self._looked):
             return self._collision.lacking(q, q_jaw, margins)
-        lack, pairs = np.zeros(len(margins)), self._rows[:, 0].astype(int)
-        lack[pairs] = np.maximum(margins[pairs] - self._rows[:, 1], 0.0)
-        return lack
+        return self._collision.lack_in(self._rows, margins)
 
     def words(self, each: ClosePair | TorqueReserve | str) -> str:
         """Words for an obstacle or load, such as ``"the jaw close to the floor"``."""

@@ -128,7 +128,8 @@ class Servo:
     """Moves the arm towards targets, step by step. Belongs to one thread.
 
     A joint that starts outside its limits may stay there; bodies that are too close at the start
-    may only move apart, and joints that are overloaded there may only get less load.
+    may only move apart, and joints that are overloaded there may only get less load. Nothing moves
+    while the arm is in a surface, of which nobody knows how deep.
 
     Args:
         model: The arm.
@@ -224,6 +225,8 @@ class Servo:
         if self._last is None:
             return ()
         wanted, room = self._last
+        if self._guard.stuck:
+            return self._guard.stuck
         reasons = [word for i in range(5) if (word := self._limit_of(i, wanted.qd[i]))]
         for each, gain, least in zip(room.against, room.G @ wanted.qd, room.b, strict=True):
             if gain < least:
