@@ -309,8 +309,7 @@ class _Gathered:
         name, foot = obstacle.name, _foot(self._model, T)
         checkpoint()
         if isinstance(form, PointCloud):
-            cubes, inside = self._cubes(form, T, foot, checkpoint)
-            if len(cubes.middles):
+            for cubes, inside in self._cubes(form, T, foot, checkpoint):
                 self._stand(name, cubes, octree(*cubes), T, inside)
         elif isinstance(form, Mesh):
             for part in parts_of(form, foot):
@@ -349,8 +348,8 @@ class _Gathered:
 
     def _cubes(
         self, cloud: PointCloud, T: SE3, foot: Array, checkpoint: Checkpoint
-    ) -> tuple[Cubes, Inside | None]:
-        """The cubes of a cloud at ``T`` that the arm can come near, and what all of them enclose.
+    ) -> Iterator[tuple[Cubes, Inside | None]]:
+        """The cubes of a cloud at ``T`` that the arm can come near, of solids and of surfaces.
 
         Often they are a small part of it.
         """
@@ -359,13 +358,18 @@ class _Gathered:
         away = np.linalg.norm(cubes - centre, axis=1)
         near = cubes[away < farthest]
         if len(near) == 0:
-            return Cubes(near, cloud.resolution), None
+            return
         # What is partly out of reach is still closed.
         inside, hollow = enclosed(cubes[away < 2.0 * farthest], cloud.resolution, foot)
         hollow = hollow[np.linalg.norm(hollow - centre, axis=1) < farthest]
         hollow = cube_middles(cube_numbers(hollow, cloud.resolution), cloud.resolution)
         checkpoint()
-        return Cubes(np.concatenate([near, hollow]), cloud.resolution), inside
+        of_solid = inside.bounds(near)
+        if of_solid.any():
+            filled = np.concatenate([near[of_solid], hollow])
+            yield Cubes(filled, cloud.resolution), inside
+        if not of_solid.all():
+            yield Cubes(near[~of_solid], cloud.resolution), None
 
     def bodies(self, allowed: set[frozenset[str]], margin: float) -> Bodies:
         """The collected bodies, without the pairs that may touch."""

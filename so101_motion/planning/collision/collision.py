@@ -119,8 +119,6 @@ class CollisionModel:
         margin: Distance that must be kept from obstacles [m].
         pairs: The pairs of bodies that are checked, by name.
         margins: Distance that each pair must keep, shape (len(pairs),), [m].
-        measured: Whether the depth of each pair is the shortest way out, booleans, shape
-            (len(pairs),); it is not in what is no convex solid (``solids.py``).
         checkpoint: As given; code that uses this model calls it too.
         reach: For each arm joint, a bound on how far a point moves per angle, shape (5,), [m/rad].
     """
@@ -143,8 +141,8 @@ class CollisionModel:
         self._levers, self.reach = bodies.levers, bodies.levers.longest
         self._moved_by, self._swapped = bodies.moved_by, bodies.swapped
         self._insides, self._points = bodies.insides, lru_cache(maxsize=32)(self._points_in)
-        solids = (each.second not in self._insides for each in self._bodies.collisionPairs)
-        self.measured = np.fromiter(solids, bool, len(self.pairs))
+        surfaces = (each.second in self._insides for each in self._bodies.collisionPairs)
+        self._with_surface = np.fromiter(surfaces, bool, len(self.pairs))
         self._distances = pin.GeometryData(self._bodies)
         self._near_pairs = lru_cache(maxsize=4)(self._boxes_within)
         self._kept: list[Any] = []  # what the checks need alive
@@ -230,7 +228,26 @@ class CollisionModel:
 
     def unknown(self, pairs: Any, distances: Any) -> Any:
         """Which of pairs, at such distances [m], overlap to a depth that is not known."""
-        return (distances == 0.0) & ~self.measured[pairs]
+        return (distances == 0.0) & self._with_surface[pairs]
+
+    def in_surface(self, q: Array, q_jaw: float) -> Any:
+        """The pairs with a surface that the arm is in to an unknown depth, booleans by pair."""
+        numbers = np.arange(len(self.pairs))
+        found = numbers[self.unknown(numbers, self.distances(q, q_jaw))]
+        seconds = [each.second for each in self._bodies.collisionPairs]
+        return np.isin(seconds, [seconds[k] for k in found])
+
+    @property
+    def measured(self) -> Any:
+        """Whether the depth of each pair is the shortest way out, booleans, shape (len(pairs),).
+
+        It is not in what is no convex solid (``solids.py``).
+        """
+        known = {
+            body for body, each in self._insides.items() if each is not None and each.is_convex
+        }
+        seconds = (each.second for each in self._bodies.collisionPairs)
+        return ~self._with_surface | np.array([each in known for each in seconds], dtype=bool)
 
     def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool:
         """Whether at one of several configurations (n, 5) ``lacking`` exceeds ``lack`` [m]."""

@@ -7,7 +7,8 @@ foot of the arm is a room, and what encloses nothing is a surface only: how deep
 is not known.
 
 The depth of a body in a convex solid is the shortest way out, as for a box. In another solid it is
-the distance of the body's deepest point from the surface, known to about half a cell.
+the distance of the body's deepest point from the surface, known to about half a cell. It is not
+known either once that point is halfway through a wall: farther in it would not grow.
 """
 
 from __future__ import annotations
@@ -38,8 +39,14 @@ FINEST = 0.004
 MOST_CELLS = 1_000_000
 """Most cells of a grid. Chosen: searched in 20 ms."""
 
-RIB = 0.01
+RIB = 0.0125
 """A solid is filled so densely that no link finds room in it [m]; the thinnest is 15 mm."""
+
+SHALLOW = 1e-4
+"""Depth of a body that is only in the outer half of a solid's outermost cells [m]; chosen."""
+
+HALFWAY = 0.5
+"""Halfway through a wall the depth grows by less than this per distance; chosen."""
 
 SAMPLE = 0.008
 """Distance of the points of a body whose depth is looked up, besides its corners [m]; chosen."""
@@ -61,8 +68,19 @@ class Depth(NamedTuple):
     normal: Array
 
 
+def _spread(cells: Any, with_: Any) -> Any:
+    """Cells with those next to them, also across edges and corners, taken together."""
+    for axis in range(3):
+        here = np.moveaxis(cells, axis, 0)
+        beside = here.copy()
+        with_(beside[1:], here[:-1], out=beside[1:])
+        with_(beside[:-1], here[1:], out=beside[:-1])
+        cells = np.moveaxis(beside, 0, axis)
+    return cells
+
+
 class Inside:
-    """The inside of a surface: cells of a grid.
+    """The inside of a surface: cells of a grid, but for walls of one or two of them.
 
     Args:
         low: The corner of the grid, shape (3,), [m].
@@ -73,7 +91,8 @@ class Inside:
 
     def __init__(self, low: Array, edge: float, full: Any, skin: float) -> None:
         self.edge = edge
-        self._low, self._full, self._skin = low, full, skin
+        self._low, self._skin = low, skin
+        self._thick = _spread(_spread(full, np.logical_and), np.logical_or)
 
     def depth(self, body: Any, points: Callable[[], Array], R: Array, p: Array) -> Depth | None:
         """How deep a convex body is in it; None if not at all, or not known.
@@ -90,23 +109,35 @@ class Inside:
             at = points() @ R.T + p
             depths = self._look_up(field, at)
             k = int(np.argmax(depths))
-            if depths[k] > 0.0:
+            skin = self._skin * self.edge
+            if depths[k] > -0.999 * skin:
                 steps = 0.5 * self.edge * np.eye(3)
                 rise = self._look_up(field, at[k] + steps)
                 rise -= self._look_up(field, at[k] - steps)
                 length = float(np.linalg.norm(rise))
-                normal = rise / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
-                surface = at[k] - depths[k] * normal
-                found.append(Depth(float(depths[k]), at[k], surface, normal))
+                if length < HALFWAY * self.edge:
+                    return None
+                depth = max(float(depths[k]), SHALLOW * (1.0 + float(depths[k]) / skin))
+                normal = rise / length
+                found.append(Depth(depth, at[k], at[k] - depth * normal, normal))
         return max(found, default=None, key=lambda each: each.depth)
+
+    def bounds(self, points: Array) -> Any:
+        """Which points (n, 3) [m] are at the surface of a solid, not of a wall of two cells."""
+        at = np.floor((points - self._low) / self.edge).astype(int)
+        return _spread(self._thick, np.logical_or)[tuple(at.T)]
+
+    @property
+    def is_convex(self) -> bool:
+        """Whether the inside consists of convex solids."""
+        return self._parts[1] is None
 
     @cached_property
     def _parts(self) -> tuple[list[Any], Array | None]:
         """The convex parts, coal's, and the depth of the middles of the others' cells [m]."""
         from scipy import ndimage
 
-        # Walls of one or two cells have no depth.
-        thick = ndimage.binary_opening(self._full, np.ones((3, 3, 3)))
+        thick = self._thick
         label, _ = ndimage.label(thick)
         hulls, others = [], np.zeros_like(thick)
         for i, box in enumerate(ndimage.find_objects(label), 1):
@@ -165,7 +196,7 @@ class Part(NamedTuple):
 
 
 def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:
-    """The convex parts of a mesh, then the rest of it as one.
+    """The convex parts of a mesh, then other solids as one, and surfaces as another.
 
     Args:
         mesh: The mesh.
@@ -181,7 +212,7 @@ def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:
             points, _ = hull
             yield Part(_only(vertices, triangles), points, None)
     if rest:
-        yield _surface(_only(vertices, np.concatenate(rest)), foot)
+        yield from _others(_only(vertices, np.concatenate(rest)), foot)
 
 
 def _only(vertices: Array, triangles: Any) -> Mesh:
@@ -236,14 +267,18 @@ def _as_hull(vertices: Array, triangles: Any) -> tuple[Array, Array] | None:
 _AT_ONCE = 1024
 
 
-def _surface(mesh: Mesh, foot: Array) -> Part:
-    """A mesh with what it encloses."""
+def _others(mesh: Mesh, foot: Array) -> Iterator[Part]:
+    """A mesh with what it encloses, without the surfaces that bound no solid, and these."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     edge = max(FINEST, math.cbrt(float(np.prod(high - low + FINEST)) / MOST_CELLS))
-    inside, hollow = enclosed(_sampled(mesh, 0.5 * edge), edge, foot, skin=1.0)
-    if len(hollow) == 0:
-        return Part(mesh, None, None)
-    return Part(_ribbed(mesh, hollow, 0.45 * edge), None, inside)
+    points, triangle = _sampled(mesh, 0.5 * edge)
+    inside, hollow = enclosed(points, edge, foot, skin=1.0)
+    of_solid = np.bincount(triangle, inside.bounds(points), len(mesh.triangles)) > 0.0
+    if of_solid.any():
+        solid = _only(mesh.vertices, mesh.triangles[of_solid])
+        yield Part(_ribbed(solid, hollow, 0.45 * edge), None, inside)
+    if not of_solid.all():
+        yield Part(_only(mesh.vertices, mesh.triangles[~of_solid]), None, None)
 
 
 def filled(mesh: Mesh, hull: Array) -> Mesh:
@@ -263,17 +298,18 @@ def _ribbed(mesh: Mesh, middles: Array, size: float) -> Mesh:
     )
 
 
-def _sampled(mesh: Mesh, spacing: float) -> Array:
-    """Points on the triangles, no farther apart than ``spacing`` [m], shape (n, 3), [m]."""
+def _sampled(mesh: Mesh, spacing: float) -> tuple[Array, Any]:
+    """Points on the triangles, at most ``spacing`` [m] apart, (n, 3) [m]; each one's triangle."""
     corners = mesh.vertices[mesh.triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     steps = np.ceil(longest / spacing).astype(int).clip(1)
-    found = []
+    found, triangle = [], []
     for n in np.unique(steps):
         u, v = np.divmod(np.arange((n + 1) ** 2), n + 1)
         shares = np.column_stack([u, v, n - u - v])[u + v <= n] / n
         found.append(np.einsum("ij,kjc->kic", shares, corners[steps == n]).reshape(-1, 3))
-    return np.concatenate(found)
+        triangle.append(np.repeat(np.flatnonzero(steps == n), len(shares)))
+    return np.concatenate(found), np.concatenate(triangle)
 
 
 def enclosed(points: Array, edge: float, foot: Array, skin: float = 0.5) -> tuple[Inside, Array]:
@@ -314,7 +350,7 @@ def enclosed(points: Array, edge: float, foot: Array, skin: float = 0.5) -> tupl
 
 def points_in(body: Any) -> Array:
     """Points all over a convex body, coal's, its corners among them, shape (n, 3), [m]."""
-    from scipy.spatial import Delaunay
+    from scipy.spatial import ConvexHull
 
     if isinstance(body, coal.ConvexBase):
         corners = np.array(body.points())
@@ -328,7 +364,9 @@ def points_in(body: Any) -> Array:
     counts = np.ceil((high - low) / SAMPLE).astype(int).clip(1, 40)
     axes = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, counts, strict=True)]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return np.concatenate([corners, lattice[Delaunay(corners).find_simplex(lattice) >= 0]])
+    planes = ConvexHull(corners).equations
+    inside = (lattice @ planes[:, :3].T + planes[:, 3] <= 0.0).all(axis=1)
+    return np.concatenate([corners, lattice[inside]])
 
 
 _DIRECTIONS = np.array(

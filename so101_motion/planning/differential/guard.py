@@ -147,7 +147,10 @@ class Guard:
     def _find_near(self, q: Array, gap: float) -> None:
         near = self._collision.near_bounds(q, self._q_jaw(), within=self._range, gap=gap)
         self._looked, (self._rows, self._bounds) = q, near
-        self._free, self.stuck = min([self._range - self._widest, *self._bounds[:, -1].tolist()]), ()
+        self._free, self.stuck = (
+            min([self._range - self._widest, *self._bounds[:, -1].tolist()]),
+            (),
+        )
         if self._free < 0.0:
             pairs = self._rows[:, 0].astype(int)
             self._stuck_in = self._collision.unknown(pairs, self._rows[:, 1])

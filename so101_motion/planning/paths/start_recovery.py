@@ -115,11 +115,12 @@ def is_harmless(collision: CollisionModel, points: Array, q_jaw: float, judged: 
     columns = [np.interp(at, travelled, points[:, i]) for i in range(5)]
     # A pair must keep the distance it has gained, up to its margin.
     kept = np.full(len(collision.pairs), -math.inf)
-    pairs = zip(collision.pairs, collision.distances(points[0], q_jaw), strict=True)
-    surfaces = {second for (_, second), distance in pairs if distance == 0.0}
-    judged = judged & np.array([second not in surfaces for _, second in collision.pairs])
+    judged = judged & ~collision.in_surface(points[0], q_jaw)
+    numbers = np.arange(len(kept))
     for q in np.column_stack(columns):
-        distances = np.where(judged, collision.distances(q, q_jaw), math.inf)
+        distances = collision.distances(q, q_jaw)
+        distances[collision.unknown(numbers, distances)] = -math.inf
+        distances[~judged] = math.inf
         if np.any(distances < kept - CLOSER):
             return False
         kept = np.minimum(np.maximum(kept, distances), collision.margins)
