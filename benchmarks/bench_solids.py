@@ -80,7 +80,7 @@ def placements(count: int, random: np.random.Generator) -> dict[str, Any]:
     other = {"verdicts": 0, "ways out": 0, "depth, worst [mm]": 0.0}
     found = {name: dict(other) for name in ("mesh 12", "mesh 12288", "cloud")}
     for _ in range(count // PER_BLOCK):
-        size = 2 * CELL * random.integers(2, 11, 3)
+        size = 2.0 * CELL * np.asarray(random.integers(2, 11, 3), dtype=np.float64)
         near = random.uniform(MODEL.lower, MODEL.upper)
         T = SE3(turned(random), MODEL.frame(near).p)
         box = around(Box(size=size), T)

@@ -10,6 +10,7 @@ are counted by the distance that coal measures in a share of them.
 """
 
 import numpy as np
+from harness.coal_check import CoalJudge
 from harness.random_scenes import random_scene
 
 from so101_motion.planning.collision.collision import CollisionModel
@@ -52,7 +53,7 @@ def compare(rng, model, n):
     count = int(rng.choice([0, 2, 5, 12]))
     scene = random_scene(rng, margin, held=rng.random() < 0.4, count=count)
     ours = CollisionModel(model, scene)
-    judge = CollisionModel(model, scene, compiled=False)
+    judge = CoalJudge(model, scene)
     q_jaw = float(rng.choice([0.0, 0.5, 1.7]))
 
     def touching(q):
@@ -70,6 +71,6 @@ def compare(rng, model, n):
         "false_free": int(np.sum(~found & expected)),
         "false_touching": int(np.sum(found & ~expected)),
         "within_5_mm_estimated": round(float(np.mean(near)) * (n // 2)),
-        "by_coal": 0 if ours.batch is None else ours.batch.tally()[1],
+        "by_coal": ours.batch.tally()[1],
         "failures": [f"{len(wrong)} differ, such as {q[k].tolist()}" for k in wrong[:1]],
     }

@@ -5,6 +5,7 @@ from functools import cache
 import coal
 import numpy as np
 import so101_description
+from harness.coal_check import CoalJudge
 from harness.random_scenes import random_scene
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -57,7 +58,9 @@ def plan_or_refusal(planner, request):
 @settings(max_examples=60)
 def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, held, compiled):
     rng = np.random.default_rng(seed)
-    collision = CollisionModel(MODEL, random_scene(rng, margin, held=held), compiled=compiled)
+    collision = (CollisionModel if compiled else CoalJudge)(
+        MODEL, random_scene(rng, margin, held=held)
+    )
     for _ in range(20):
         q = random_configuration(rng)
         room = (collision.distances(q, q_jaw) - collision.margins).min()
@@ -69,7 +72,7 @@ def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, h
 @settings(max_examples=40)
 def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw, within, compiled):
     rng = np.random.default_rng(seed)
-    collision = CollisionModel(MODEL, random_scene(rng, held=True), compiled=compiled)
+    collision = (CollisionModel if compiled else CoalJudge)(MODEL, random_scene(rng, held=True))
     for _ in range(8):
         q = random_configuration(rng)
         distances = collision.distances(q, q_jaw)
@@ -92,7 +95,7 @@ def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw
 @settings(max_examples=40)
 def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, compiled):
     rng = np.random.default_rng(seed)
-    collision = CollisionModel(MODEL, random_scene(rng, held=True), compiled=compiled)
+    collision = (CollisionModel if compiled else CoalJudge)(MODEL, random_scene(rng, held=True))
     h = 1e-4
     for _ in range(5):
         q = random_configuration(rng)
@@ -113,7 +116,7 @@ def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, com
 @settings(max_examples=20)
 def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held, compiled):
     rng = np.random.default_rng(seed)
-    collision = CollisionModel(MODEL, random_scene(rng, held=held), compiled=compiled)
+    collision = (CollisionModel if compiled else CoalJudge)(MODEL, random_scene(rng, held=held))
     for _ in range(6):
         start, end = (
             free_configuration(rng, collision, q_jaw),

@@ -34,14 +34,19 @@ from so101_motion.planning.cell.pace import PacedArm, pace_on
 from so101_motion.planning.cell.team_requests import TeamMember
 from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
+from so101_motion.planning.collision.batch_check import MOST_ARMS
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.team_check import TeamArm, TeamCheck
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.motion_builder import joined
-from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds, compiled_shortened
+from so101_motion.planning.paths.compiled_search import (
+    CompiledSearch,
+    Deadline,
+    Seeds,
+    Space,
+    compiled_shortened,
+)
 from so101_motion.planning.paths.path import SPACING
-from so101_motion.planning.paths.rrt_connect import Deadline, Space, TreeSearch
-from so101_motion.planning.paths.shorten import shortened
 from so101_motion.planning.planner import CORNER, Planner
 from so101_motion.planning.planning_context import PlanningContext
 from so101_motion.planning.request import Plan
@@ -261,6 +266,13 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
         PlanningError: None was found in time, or one arm cannot do its part of it.
     """
     first = team[0].request
+    if len(team) > MOST_ARMS:
+        raise NoPath(
+            f"{len(team)} arms would have to move around each other at once, which is planned for"
+            f" {MOST_ARMS} at most; move some of them first",
+            where="path",
+            blockers=(),
+        )
     contexts = []
     for member in team:
         with member.named():
@@ -337,14 +349,9 @@ def _searched(
     space: Space, checker: TeamCheck, start: Array, goal: Array, seed: int, deadline: Deadline
 ) -> list[Array] | None:
     """A short path for all joints; None if none was found in time."""
-    compiled = checker.compiled()
-    if compiled is not None:
-        seeds = Seeds(seed)
-        found = CompiledSearch(space, compiled, start, [goal], seeds).run(deadline)
-        return found and compiled_shortened(found[0], compiled, seeds, deadline)
-    random = np.random.default_rng(seed)
-    found = TreeSearch(space, checker, start, [goal], random).run(deadline)
-    return found and shortened(found[0], checker, random, deadline)
+    compiled, seeds = checker.compiled(), Seeds(seed)
+    found = CompiledSearch(space, compiled, start, [goal], seeds).run(deadline)
+    return found and compiled_shortened(found[0], compiled, seeds, deadline)
 
 
 def _timed(

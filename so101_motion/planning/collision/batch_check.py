@@ -20,11 +20,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint
 from so101_motion.planning.collision.bodies import Bodies
 from so101_motion.planning.collision.continuous_check import Level, Touches
-from so101_motion.planning.collision.packed_bodies import packed, points_of
+from so101_motion.planning.collision.packed_bodies import packed
 from so101_motion.planning.native.library import native
-
-MOST_BODIES = 32
-"""With more moving bodies than this only coal is used; no arm has or holds as many."""
 
 MOST_ARMS = 8
 """Most arms of a team; as in ``native.h``."""
@@ -157,7 +154,7 @@ class BatchCheck:
     def first_blocked(
         self, levels: Levels, reach: Array, points: Array, q_jaw: float
     ) -> Array | None:
-        """Like ``continuous_check.first_blocked``."""
+        """Like ``CollisionModel.first_blocked``, for ``levels`` from the lowest margins up."""
         count, at = len(points), self._at_points
         if count <= FEW:
             self._points[:count] = points
@@ -183,7 +180,7 @@ class BatchCheck:
     def is_clear(
         self, levels: Levels, reach: Array, spacing: float, q_from: Array, q_to: Array, q_jaw: float
     ) -> bool:
-        """Like ``SampledCheck.is_clear``."""
+        """Like ``BatchSampledCheck.is_clear``."""
         self._points[0], self._points[1], self._reach[:] = q_from, q_to, reach
         clear = self.library.so101_is_clear(
             self.scene,
@@ -253,7 +250,7 @@ class Checker(ctypes.Structure):
 
 
 class BatchSampledCheck:
-    """``SampledCheck`` by the library, many configurations at a time.
+    """Checks configurations and, at samples or by proof, straight joint lines.
 
     Attributes:
         batch: The bodies in the library.
@@ -296,13 +293,6 @@ class BatchSampledCheck:
     def is_free(self, q: Array) -> bool:
         """Whether nothing is too close at joint angles ``q``, shape (5,), [rad]."""
         return not self.batch.touches(self._levels, q, self._q_jaw)
-
-    def first_free(self, configurations: Array) -> int | None:
-        """The first free one of several configurations (n, 5) [rad], None if none is."""
-        full = np.full((len(configurations), 6), self._q_jaw)
-        full[:, :5] = configurations
-        free = np.flatnonzero(np.logical_not(self.batch.touching(self._levels, full)))
-        return int(free[0]) if len(free) else None
 
     def is_clear(self, q_from: Array, q_to: Array) -> bool:
         """Whether no sample between two configurations touches; the two are not checked."""
@@ -398,14 +388,6 @@ def weakly(batch: BatchCheck) -> Callable[[Any, int], int]:
 def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
     """The address of an array's first element, for the library."""
     return ctypes.c_void_p(array.ctypes.data)
-
-
-def batch_check(model: Any, bodies: Bodies, floor_z: float | None) -> BatchCheck | None:
-    """The batch check of bodies; None if there are too many of them, or round ones that move."""
-    movers = [each for each in bodies.geometry.geometryObjects if each.parentJoint > 0]
-    if len(movers) >= MOST_BODIES or any(points_of(each.geometry) is None for each in movers):
-        return None
-    return BatchCheck(model, bodies, floor_z)
 
 
 def _argument(value: Any) -> Any:

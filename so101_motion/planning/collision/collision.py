@@ -5,8 +5,8 @@ Pinocchio is imported only in this folder and in ``kinematics``, coal only in th
 One configuration is one call into coal: kinematics, bounding boxes, and exact checks of the pairs
 whose boxes meet. A configuration is free if every pair keeps more than its margin apart. The jaw is
 placed by its own angle: an open gripper is wider. Whole motions are checked as described in
-``continuous_check.py``. If the compiled library is there, it checks many configurations at once,
-and coal decides only the close calls (``batch_check.py``).
+``continuous_check.py``. The compiled library checks many configurations at once, and coal decides
+only the close calls (``batch_check.py``).
 
 A model belongs to one thread, like everything that holds Pinocchio's data.
 """
@@ -29,15 +29,12 @@ from so101_motion.planning.collision.batch_check import (
     BatchCheck,
     BatchSampledCheck,
     Levels,
-    batch_check,
 )
 from so101_motion.planning.collision.bodies import NEAR, bodies_in
 from so101_motion.planning.collision.continuous_check import (
     WIDER,
     Level,
-    SampledCheck,
     Touches,
-    first_blocked,
     travel,
 )
 from so101_motion.planning.collision.scene import MARGIN, Scene
@@ -111,11 +108,10 @@ class CollisionModel:
         model: The arm.
         scene: Obstacles and held objects; just the floor by default.
         checkpoint: Called again and again during long computations.
-        compiled: Whether to use the compiled library, if it is there. The verdicts are the same.
 
     Attributes:
         scene: The scene.
-        batch: The check by the compiled library, if it is used.
+        batch: The check by the compiled library.
         margin: Distance that must be kept from obstacles [m].
         pairs: The pairs of bodies that are checked, by name.
         margins: Distance that each pair must keep, shape (len(pairs),), [m].
@@ -128,8 +124,6 @@ class CollisionModel:
         model: RobotModel,
         scene: Scene | None = None,
         checkpoint: Checkpoint = never_abandoned,
-        *,
-        compiled: bool = True,
     ) -> None:
         self.scene = scene or Scene()
         self.checkpoint = checkpoint
@@ -146,11 +140,8 @@ class CollisionModel:
         self._distances = pin.GeometryData(self._bodies)
         self._near_pairs = lru_cache(maxsize=4)(self._boxes_within)
         self._kept: list[Any] = []  # what the checks need alive
-        self.batch: BatchCheck | None = None
-        if compiled:
-            self.batch = batch_check(self._model, bodies, self.scene.floor_z)
-        if self.batch is not None:
-            self.batch.watch(checkpoint)
+        self.batch = BatchCheck(self._model, bodies, self.scene.floor_z)
+        self.batch.watch(checkpoint)
         self._wider = lru_cache(maxsize=8)(self._with_room)
         self._lenient = lru_cache(maxsize=1)(self._with_tolerance)
         self._bent = lru_cache(maxsize=16)(self._with_bend)
@@ -159,18 +150,12 @@ class CollisionModel:
         self._plain = self._proof(
             self._level(least), *(self._level(each, at_least=each) for each in clearances)
         )
-        self._touches = self._plain.levels[0].touches
         self._q = np.zeros(self._model.nq)
 
     def is_free(self, q: ArrayLike, q_jaw: float = 0.0) -> bool:
         """Whether every pair of bodies keeps more than its margin apart."""
         self.checkpoint()
-        if self.batch is not None:
-            assert self._plain.native is not None
-            return not self.batch.touches(self._plain.native, np.asarray(q), q_jaw)
-        self._q[:5] = q
-        self._q[5] = q_jaw
-        return not self._touches(self._q)
+        return not self.batch.touches(self._plain.native, np.asarray(q), q_jaw)
 
     def touching(
         self, configurations: Array, q_jaw: float | Array = 0.0, *, extra: float = 0.0
@@ -183,9 +168,7 @@ class CollisionModel:
         proof = self._wider(extra) if extra else self._plain
         q = np.empty((len(configurations), 6))
         q[:, :5], q[:, 5] = configurations, q_jaw
-        if self.batch is not None and proof.native is not None:
-            return self.batch.touching(proof.native, q)
-        return np.array([proof.levels[0].touches(each) for each in q], dtype=bool)
+        return self.batch.touching(proof.native, q)
 
     def distances(self, q: ArrayLike, q_jaw: float = 0.0) -> Array:
         """The distance of each pair, shape (len(pairs),), [m]; as in ``Clearance``."""
@@ -207,7 +190,7 @@ class CollisionModel:
         """
         self.checkpoint()
         lack, widest = np.zeros(len(self.pairs)), float(margins.max(initial=0.0))
-        near = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, widest)
+        near = self.batch.near(np.asarray(q), q_jaw, widest)
         if near is not None:
             return self.lack_in(near[0], margins)
         self._q[:5] = q
@@ -251,7 +234,7 @@ class CollisionModel:
 
     def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool:
         """Whether at one of several configurations (n, 5) ``lacking`` exceeds ``lack`` [m]."""
-        said = None if self.batch is None else self.batch.lacks_more(places, q_jaw, margins, lack)
+        said = self.batch.lacks_more(places, q_jaw, margins, lack)
         if said is not None:
             return said
         return any((self.lacking(q, q_jaw, margins) > lack).any() for q in places)
@@ -313,7 +296,7 @@ class CollisionModel:
         """
         if not 0.0 < within <= NEAR:
             raise ValueError(f"within must be more than 0 and at most {NEAR} m, got {within}")
-        said = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, within, gap)
+        said = self.batch.near(np.asarray(q), q_jaw, within, gap)
         if said is not None:
             return said
         rows = self._near_by_coal(q, q_jaw, within)
@@ -390,35 +373,27 @@ class CollisionModel:
                 by as much, and the proof holds for all such motions. Not with ``tolerance``.
             extra: Further widening of the margins [m]; with ``bend`` only.
         """
-        proof = self._plain
+        self.checkpoint()
+        proof, reach = self._proof_of(tolerance, bend, extra), self._levers.at(q_jaw)
+        return self.batch.first_blocked(proof.native, reach, points, q_jaw)
+
+    def _proof_of(self, tolerance: float, bend: float, extra: float) -> _Proof:
         if tolerance or bend:
-            proof = self._bent(bend, extra) if bend else self._lenient(tolerance)
-        reach = self._levers.at(q_jaw)
-        if self.batch is not None and proof.native is not None:
-            self.checkpoint()
-            return self.batch.first_blocked(proof.native, reach, points, q_jaw)
-        return first_blocked(proof.levels, reach, points, q_jaw, self.checkpoint)
+            return self._bent(bend, extra) if bend else self._lenient(tolerance)
+        return self._plain
 
     def sampled_check(
         self, q_jaw: float = 0.0, *, spacing: float, extra: float = 0.0
-    ) -> SampledCheck | BatchSampledCheck:
+    ) -> BatchSampledCheck:
         """A quicker check of motions at samples, which proves nothing between them.
 
         Args:
             spacing: Largest travel between two samples [m].
             extra: Distance that pairs must keep beyond their margins [m].
         """
+        self.checkpoint()
         proof, reach = self._wider(extra) if extra else self._plain, self._levers.at(q_jaw)
-        if self.batch is not None and proof.native is not None:
-            self.checkpoint()
-            return BatchSampledCheck(self.batch, proof.native, reach, q_jaw=q_jaw, spacing=spacing)
-        return SampledCheck(
-            proof.levels[0].touches,
-            reach,
-            q_jaw=q_jaw,
-            spacing=spacing,
-            checkpoint=self.checkpoint,
-        )
+        return BatchSampledCheck(self.batch, proof.native, reach, q_jaw=q_jaw, spacing=spacing)
 
     def _level(
         self, clearance: float, *, part: float = 1.0, extra: float = 0.0, at_least: float = 0.0
@@ -439,7 +414,7 @@ class CollisionModel:
         return partial(pin.computeCollisions, self._model, self._data, manager, stop_at_first)
 
     def _proof(self, *levels: Level) -> _Proof:
-        return _Proof(levels, None if self.batch is None else Levels(self.batch, levels))
+        return _Proof(levels, Levels(self.batch, levels))
 
     def _with_room(self, extra: float) -> _Proof:
         """A check of the margins plus ``extra`` [m]."""
@@ -498,7 +473,7 @@ class _Proof(NamedTuple):
     """The levels of a proof, from the margins up, and the same for the library."""
 
     levels: Sequence[Level]
-    native: Levels | None
+    native: Levels
 
 
 class _Found(NamedTuple):

@@ -19,9 +19,6 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.bodies import Bodies, Cubes, Hull, Standing
 from so101_motion.planning.collision.scene import FLOOR, LINKS, Box, Capsule, Mesh, Sphere
 
-MOST_POINTS = 512
-"""With more points in one moving body only coal is used; no arm has or holds as many."""
-
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 
@@ -98,8 +95,8 @@ def _starts(points: Sequence[Array]) -> NDArray[np.int32]:
     return np.cumsum([0, *(len(each) for each in points)]).astype(np.int32)
 
 
-def points_of(shape: Any) -> tuple[Array, float] | None:
-    """The points of a convex shape of coal's and the radius around them; None for other shapes."""
+def _points_of(shape: Any) -> tuple[Array, float]:
+    """The points of a convex shape of coal's and the radius around them."""
     radius = float(shape.getSweptSphereRadius())
     if isinstance(shape, coal.Box):
         return 2.0 * _CORNERS * np.array(shape.halfSide), radius
@@ -108,16 +105,12 @@ def points_of(shape: Any) -> tuple[Array, float] | None:
     if isinstance(shape, coal.Capsule):
         ends = np.outer((-1.0, 1.0), (0.0, 0.0, shape.halfLength))
         return ends, radius + float(shape.radius)
-    if isinstance(shape, coal.ConvexBase) and len(shape.points()) <= MOST_POINTS:
-        return np.array(shape.points()), radius
-    return None
+    return np.array(shape.points()), radius
 
 
 def _hull(body: Any) -> tuple[Array, float]:
     """The points of a body in its joint's frame, shape (n, 3), and the radius around them [m]."""
-    found = points_of(body.geometry)
-    assert found is not None
-    points, radius = found
+    points, radius = _points_of(body.geometry)
     T = body.placement
     return np.ascontiguousarray(points @ np.array(T.rotation).T + np.array(T.translation)), radius
 

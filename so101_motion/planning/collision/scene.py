@@ -31,6 +31,9 @@ LINKS = tuple(part.replace("_", " ") for part in so101_description.PARTS.values(
 HOLDERS = frozenset({"gripper", "jaw"})
 """The links that hold attached objects, and so may touch them."""
 
+MOST_HELD = 24
+"""Most things that an arm may hold; with its links as many as bits of a mask are left for them."""
+
 FLOOR_Z = -0.0024
 """Height of the table in the base frame [m]: the underside of the base plate, from the official
 model's lowest point."""
@@ -325,6 +328,9 @@ class Scene:
             raise ConfigError("floor_z", self.floor_z, "must be a finite height [m], or None")
         if not 0.0 < self.margin <= 0.1:
             raise ConfigError("margin", self.margin, "must be more than 0 and at most 0.1 m")
+        if len(self.attached) > MOST_HELD:
+            reason = f"are held; planned with at most {MOST_HELD}: join some of them in one mesh"
+            raise ConfigError("attached", f"{len(self.attached)} things", reason)
         self._check_names()
         object.__setattr__(self, "digest", _digest(self))
 

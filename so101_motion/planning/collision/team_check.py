@@ -15,8 +15,6 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.apart import are_apart, placement
 from so101_motion.planning.collision.arm_bodies import ArmBodies
 from so101_motion.planning.collision.batch_check import (
-    MOST_ARMS,
-    BatchSampledCheck,
     BatchTeamCheck,
     Couple,
 )
@@ -58,17 +56,14 @@ class TeamCheck:
             for (i, a), (j, b) in combinations(enumerate(arms), 2)
         ]
 
-    def compiled(self) -> BatchTeamCheck | None:
-        """This check for the library's search; None with too many arms."""
-        checks = [each for each in self._checks if isinstance(each, BatchSampledCheck)]
-        if len(checks) < len(self._arms) or len(checks) > MOST_ARMS:
-            return None
+    def compiled(self) -> BatchTeamCheck:
+        """This check for the library's search."""
         couples = []
         for i, j, T in self._pairs:
             a, b = self._arms[i].bodies, self._arms[j].bodies
             levers = a.levers_pointer, b.levers_pointer
             couples.append(Couple(i, j, a.handle, b.handle, *levers, tuple(placement(T))))
-        return BatchTeamCheck(checks, couples, self._room)
+        return BatchTeamCheck(self._checks, couples, self._room)
 
     def is_free(self, q: Array) -> bool:
         """Whether nothing is too near at ``q``."""
@@ -76,15 +71,6 @@ class TeamCheck:
         if not all(check.is_free(one) for check, one in zip(self._checks, each, strict=True)):
             return False
         return self._are_apart(q[None])
-
-    def first_free(self, configurations: Array) -> int | None:
-        """The first free one of several configurations (n, 5 k) [rad], None if none is."""
-        met = [
-            each.collision.touching(configurations[:, 5 * k : 5 * k + 5], each.q_jaw)
-            for k, each in enumerate(self._arms)
-        ]
-        alone = np.flatnonzero(np.logical_not(np.any(met, axis=0)))
-        return next((int(i) for i in alone if self._are_apart(configurations[i : i + 1])), None)
 
     def is_clear(self, q_from: Array, q_to: Array) -> bool:
         """Whether no sample of a line touches, and the arms are proven to stay apart."""

@@ -1,15 +1,18 @@
-"""Call the compiled search and shortening of paths in ``native/search.c``.
+"""Search for a collision-free path, and shorten it: ``native/search.c`` does both.
 
-They do the same as ``rrt_connect.py`` and ``shorten.py``, with the same checks but with their own
-random numbers: the same request and seed give the same path on every machine with the library, and
-another path without it.
+The same request and seed give the same path on every machine; only giving up depends on time.
+Distances are joint angles weighted by how far each joint moves the arm, so that a metre of motion
+counts the same for every joint.
 """
 
 from __future__ import annotations
 
 import ctypes
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +22,6 @@ from so101_motion.planning.collision.batch_check import (
     BatchTeamCheck,
     pointer,
 )
-from so101_motion.planning.paths.rrt_connect import Deadline, Space, Tree
 
 ROOM = 256
 """Initial room for the waypoints of a path while it is shortened; grows if needed."""
@@ -28,8 +30,51 @@ SEEDS = 64
 """Number of different seeds; a search uses a few."""
 
 
+STEP, TRIES = 0.20, 16
+"""As in the library: longest branch of a tree, as weighted distance [m], and tries at a time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Space:
+    """The space from which configurations are drawn.
+
+    Attributes:
+        lower: Smallest joint angles, shape (5,), [rad].
+        upper: Largest joint angles, shape (5,), [rad].
+        weights: How far each joint moves the arm per angle, shape (5,), [m/rad].
+    """
+
+    lower: Array
+    upper: Array
+    weights: Array
+
+    def around(self, first: Array, second: Array, distance: float) -> Space:
+        """The part within ``distance`` [rad] of two configurations (5,) in each joint."""
+        return replace(
+            self,
+            lower=np.maximum(self.lower, np.minimum(first, second) - distance),
+            upper=np.minimum(self.upper, np.maximum(first, second) + distance),
+        )
+
+
+class Deadline:
+    """The time at which a search ends.
+
+    Attributes:
+        budget: Time from its creation [s].
+    """
+
+    def __init__(self, budget: float) -> None:
+        self.budget = budget
+        self._end = time.perf_counter() + budget
+
+    def has_passed(self) -> bool:
+        """Whether the time is up."""
+        return time.perf_counter() > self._end
+
+
 class CompiledSearch:
-    """``TreeSearch``, compiled.
+    """One search, from a start to any of several goals.
 
     Args:
         space: The space from which configurations are drawn.
@@ -49,7 +94,6 @@ class CompiledSearch:
     ) -> None:
         self._space, self._checker, self._random = space, _team_of(checker), random
         self._library, self._joints = self._checker.library, len(space.lower)
-        self._roots = (1, len(goals))
         self._search = ctypes.c_void_p()
         given = (space.lower, space.upper, space.weights, q_start, *goals)
         packed = np.concatenate(given, dtype=np.float64)
@@ -92,11 +136,37 @@ class CompiledSearch:
         count = self._library.so101_search_tree(self._search, which, None, None)
         points, parents = np.empty((count, self._joints)), np.empty(count, dtype=np.int32)
         self._library.so101_search_tree(self._search, which, pointer(points), pointer(parents))
-        roots = self._roots[which]
-        tree = Tree(list(points[:roots]), self._space, self._random.generator)
-        for q, parent in zip(points[roots:], parents[roots:].tolist(), strict=True):
-            tree.add(q, parent)
-        return tree
+        return Tree(points, self._space, self._random.generator)
+
+
+class Tree(NamedTuple):
+    """Configurations that a search has reached.
+
+    Attributes:
+        points: The configurations, shape (count, n), [rad].
+        space: The space from which they were drawn.
+        random: Source of random numbers.
+    """
+
+    points: Array
+    space: Space
+    random: np.random.Generator
+
+    def spread(self) -> float:
+        """The largest share of any joint's range that the tree covers."""
+        extent = np.ptp(self.points, axis=0)
+        return float((extent / (self.space.upper - self.space.lower)).max())
+
+    def probe(self, checker: BatchSampledCheck) -> list[Array]:
+        """Try some branches; return the blocked ones, each of shape (2, n), [rad]."""
+        space, met = self.space, []
+        for q in self.random.uniform(space.lower, space.upper, (TRIES, len(space.lower))):
+            away = np.linalg.norm((self.points - q) * space.weights, axis=1)
+            origin = self.points[k := int(away.argmin())]
+            end = origin + min(1.0, STEP / max(float(away[k]), 1e-9)) * (q - origin)
+            if not (checker.is_free(end) and checker.is_clear(origin, end)):
+                met.append(np.array([origin, end]))
+        return met
 
 
 def compiled_shortened(
@@ -107,7 +177,10 @@ def compiled_shortened(
     *,
     only_skip: bool = False,
 ) -> list[Array]:
-    """``shortened``, or with ``only_skip`` ``skipped``, compiled."""
+    """A shorter path between the same ends; the best one so far when the deadline passes.
+
+    With ``only_skip`` pieces are only skipped, for a check that proves lines.
+    """
     team, given, seed = _team_of(checker), np.array(points), random.next()
     room, count = ROOM, 0
     while count == 0:  # too little room for the pieces of so long a path
@@ -149,7 +222,7 @@ class Seeds:
 
     @cached_property
     def generator(self) -> np.random.Generator:
-        """A source of random numbers for the code that is not compiled."""
+        """A source of random numbers for the code here."""
         return np.random.default_rng(self._seed)
 
 

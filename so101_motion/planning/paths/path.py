@@ -2,14 +2,13 @@
 
 How it works. Most paths are straight: of random pairs of free configurations in an empty scene,
 only one in two hundred is not. So the straight joint line to each goal is tried first, nearest goal
-first. Only then a path is searched (``rrt_connect.py``) and shortened (``shorten.py``). Both check
+first. Only then a path is searched and shortened (``compiled_search.py``). Both check
 samples and prove nothing, because they discard most of what they try. The final path is proven,
 edge by edge (``continuous_check.py``). Shortening keeps a little more than the margins, otherwise
 its paths would graze them and often fail the proof. An edge that still fails is replaced by a
 search between its ends in which every edge is proven.
 
-The same request with the same seed gives the same path; only giving up depends on time. With the
-compiled library, the search and the shortening are compiled as well (``compiled_search.py``).
+The same request with the same seed gives the same path; only giving up depends on time.
 """
 
 from __future__ import annotations
@@ -26,9 +25,14 @@ from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.planning.collision.batch_check import BatchSampledCheck
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds, compiled_shortened
-from so101_motion.planning.paths.rrt_connect import Deadline, LineChecker, Space, Tree, TreeSearch
-from so101_motion.planning.paths.shorten import shortened, skipped
+from so101_motion.planning.paths.compiled_search import (
+    CompiledSearch,
+    Deadline,
+    Seeds,
+    Space,
+    Tree,
+    compiled_shortened,
+)
 
 SPACING = 0.025
 """Travel between two samples [m]. Chosen: one in ten paths around a shelf then needs an edge
@@ -120,10 +124,7 @@ class PathFinder:
         look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
         points, index = self._searched(look, q_start, goals, random, deadline)
         wide = self._collision.sampled_check(self._q_jaw, spacing=SPACING, extra=ROOM)
-        if isinstance(wide, BatchSampledCheck):
-            points = compiled_shortened(points, wide, random, deadline)
-        else:
-            points = shortened(points, wide, random.generator, deadline)
+        points = compiled_shortened(points, wide, random, deadline)
         if not self._is_free(points):
             points = self._mended(points, random, deadline)
         return FreePath(waypoints=np.array(points), goal=index)
@@ -143,40 +144,33 @@ class PathFinder:
 
     def _detour(self, a: Array, b: Array, random: Seeds, deadline: Deadline) -> list[Array]:
         """Waypoints between two configurations near each other, every edge proven."""
-        look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
-        checker: LineChecker = (
-            look.proven()
-            if isinstance(look, BatchSampledCheck)
-            else _ProvenCheck(self._collision, self._q_jaw)
-        )
-        nearby = _search(self._space.around(a, b, NEARBY), checker, a, [b], random)
+        checker = self._collision.sampled_check(self._q_jaw, spacing=SPACING).proven()
+        nearby = CompiledSearch(self._space.around(a, b, NEARBY), checker, a, [b], random)
         found = nearby.run(deadline, TRIES_NEARBY) or self._searched(
             checker, a, [b], random, deadline
         )
-        if isinstance(checker, BatchSampledCheck):
-            return compiled_shortened(found[0], checker, random, deadline, only_skip=True)
-        return skipped(found[0], checker)
+        return compiled_shortened(found[0], checker, random, deadline, only_skip=True)
 
     def _searched(
         self,
-        checker: LineChecker,
+        checker: BatchSampledCheck,
         q_start: Array,
         goals: Sequence[Array],
         random: Seeds,
         deadline: Deadline,
     ) -> tuple[list[Array], int]:
-        search = _search(self._space, checker, q_start, goals, random)
+        search = CompiledSearch(self._space, checker, q_start, goals, random)
         found = search.run(deadline)
         if found is None:
             raise self._no_path(search, deadline)
         return found
 
-    def _no_path(self, search: TreeSearch | CompiledSearch, deadline: Deadline) -> NoPath:
+    def _no_path(self, search: CompiledSearch, deadline: Deadline) -> NoPath:
         if deadline.budget < BRIEF:
             message = f"no path found in {max(deadline.budget, 0.0):.3f} s; allow more time"
             return NoPath(message, where="path", blockers=())
         trees = search.from_start, search.from_goals
-        counts = [tree.count for tree in trees]
+        counts = [len(tree.points) for tree in trees]
         blockers = [self._blockers(tree) for tree in trees]
         shut_in = [tree.spread() < CONFINED for tree in trees]
         if shut_in[1] and not shut_in[0]:
@@ -202,7 +196,7 @@ class PathFinder:
         )
 
     def _blockers(self, tree: Tree) -> Counter[str]:
-        """Count the bodies that block further growth of a tree, which is grown for that."""
+        """Count the bodies that block further growth of a tree."""
         met: Counter[str] = Counter()
         look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
         for _ in range(PROBES):
@@ -213,35 +207,3 @@ class PathFinder:
                 if blocked is not None:
                     met[self._collision.clearance(blocked, self._q_jaw).second] += 1
         return met
-
-
-def _search(
-    space: Space,
-    checker: LineChecker,
-    q_start: Array,
-    goals: Sequence[Array],
-    random: Seeds,
-) -> TreeSearch | CompiledSearch:
-    if isinstance(checker, BatchSampledCheck):
-        return CompiledSearch(space, checker, q_start, goals, random)
-    return TreeSearch(space, checker, q_start, goals, random.generator)
-
-
-class _ProvenCheck:
-    """A ``LineChecker`` that proves lines."""
-
-    def __init__(self, collision: CollisionModel, q_jaw: float) -> None:
-        self._collision, self._q_jaw = collision, q_jaw
-
-    def is_free(self, q: Array) -> bool:
-        """Whether nothing is too close."""
-        return self._collision.is_free(q, self._q_jaw)
-
-    def first_free(self, configurations: Array) -> int | None:
-        """The first free one of several configurations (n, 5) [rad], None if none is."""
-        return next((k for k, q in enumerate(configurations) if self.is_free(q)), None)
-
-    def is_clear(self, q_from: Array, q_to: Array) -> bool:
-        """Whether the line between two configurations is proven free."""
-        points = np.array([q_from, q_to])
-        return self._collision.first_blocked(points, self._q_jaw) is None

@@ -223,7 +223,7 @@ class _Source:
             seed=problem,
             time_budget=NEVER,
         )
-        self._patience.reset(compiled=collision.batch is not None)
+        self._patience.reset()
         try:
             plan = planner.plan(request)
         except So101Error as error:

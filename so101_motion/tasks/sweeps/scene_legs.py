@@ -56,7 +56,7 @@ class SceneLegs:
     ) -> dict[str, Plan]:
         """Plan for the only arm."""
         ((name, goal),) = goals.items()
-        self._patience.reset(compiled=True)
+        self._patience.reset()
         request = PlanRequest(
             q_start=stands[name].q,
             goal=goal,

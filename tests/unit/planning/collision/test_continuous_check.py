@@ -4,15 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from harness.coal_check import first_blocked
 
-from so101_motion.planning.collision.continuous_check import (
-    CUT,
-    WIDER,
-    Level,
-    SampledCheck,
-    first_blocked,
-    travel,
-)
+from so101_motion.planning.collision.continuous_check import CUT, WIDER, Level, travel
 
 REACH = np.array([0.4, 0.3, 0.2, 0.1, 0.05])
 MARGIN = 0.003
@@ -118,50 +112,3 @@ def test_the_levels_are_such_that_cutting_a_part_needs_the_next_one():
     clearances = (MARGIN, *WIDER)
     for narrow, wide in pairwise(clearances):
         assert wide <= CUT * narrow * (1.0 + 1e-12)
-
-
-def look(clearance, spacing=0.02):
-    space = Space(clearance)
-    return space, SampledCheck(space.touches_within(MARGIN), REACH, q_jaw=0.3, spacing=spacing)
-
-
-def test_a_look_misses_nothing_that_is_wider_than_its_spacing():
-    rng = np.random.default_rng(2)
-    for _ in range(200):
-        begin = rng.uniform(0.0, TOTAL - 0.0201)
-        _, sight = look(wall(begin, begin + 0.0201))
-        assert not sight.is_clear(START, END)
-
-
-def test_a_look_leaves_out_the_ends_and_begins_in_the_middle():
-    space, sight = look(lambda q: 1.0)
-    assert sight.is_clear(START, END)
-    shares = [configuration[0] for configuration in space.asked]
-    assert shares[0] == pytest.approx(0.5, abs=0.02)
-    assert 0.0 < min(shares) < max(shares) < 1.0
-    ordered = np.sort(shares)
-    assert np.diff(ordered) == pytest.approx(np.full(len(shares) - 1, 1.0 / (len(shares) + 1)))
-    assert TOTAL / (len(shares) + 1) <= 0.02
-    assert {configuration[5] for configuration in space.asked} == {0.3}
-
-
-def test_a_line_shorter_than_the_spacing_is_seen_at_once():
-    space, sight = look(lambda q: -1.0)
-    assert sight.is_clear(START, START + 0.01 * END)
-    assert not space.asked
-
-
-def test_a_look_at_a_long_line_makes_room_for_it():
-    _, sight = look(lambda q: 1.0, spacing=1e-3)
-    assert sight.is_clear(START, END)
-    assert sight.is_clear(START, 0.5 * END)
-
-
-def test_the_first_free_posture_is_found():
-    _, sight = look(wall(0.0, 0.5 * TOTAL))
-    configurations = START + np.array([0.1, 0.4, 0.8, 0.9])[:, None] * (END - START)
-    assert sight.first_free(configurations) == 2
-    assert sight.first_free(configurations[:2]) is None
-    assert sight.first_free(configurations[:0]) is None
-    assert sight.is_free(configurations[2])
-    assert not sight.is_free(configurations[1])

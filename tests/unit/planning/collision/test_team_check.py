@@ -8,8 +8,13 @@ from harness.facing_arms import T_LEFT_RIGHT, Facing
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.collision.team_check import TeamArm, TeamCheck
-from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds, compiled_shortened
-from so101_motion.planning.paths.rrt_connect import Deadline, Space
+from so101_motion.planning.paths.compiled_search import (
+    CompiledSearch,
+    Deadline,
+    Seeds,
+    Space,
+    compiled_shortened,
+)
 
 
 def two_arms(facing, *, spacing=0.01, room=ROOM):

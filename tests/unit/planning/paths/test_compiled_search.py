@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from harness.coal_check import CoalJudge
 
 from so101_motion.common.errors import NoPath
 from so101_motion.common.geometry import SE3
@@ -10,9 +11,8 @@ from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
-from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds
+from so101_motion.planning.paths.compiled_search import CompiledSearch, Deadline, Seeds, Space
 from so101_motion.planning.paths.path import SPACING, PathFinder
-from so101_motion.planning.paths.rrt_connect import Deadline, Space
 
 POST = Scene(
     obstacles=(
@@ -37,7 +37,7 @@ def length(points):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_path_around_a_post_is_proven_by_coal_and_the_same_at_any_width(model, seed):
-    judge = CollisionModel(model, POST, compiled=False)
+    judge = CoalJudge(model, POST)
     found = []
     for lanes in (4, 8, 16):
         native().library.so101_start(lanes)
@@ -48,8 +48,7 @@ def test_a_path_around_a_post_is_proven_by_coal_and_the_same_at_any_width(model,
     assert len(found[0]) > 2
     for other in found[1:]:
         np.testing.assert_array_equal(found[0], other)
-    by_coal = PathFinder(model, judge, seed=seed).find(LEFT, [RIGHT], 10.0).waypoints
-    assert length(found[0]) < 1.5 * length(by_coal)
+    assert length(found[0]) < 3.6  # the straight line: 1.6
 
 
 def test_of_several_goals_the_one_that_is_reached_is_reported(model):

@@ -1,13 +1,12 @@
-from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from so101_motion.common.errors import NoPath
-from so101_motion.planning.collision.collision import Clearance, CollisionModel
-from so101_motion.planning.collision.continuous_check import SampledCheck
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.paths.compiled_search import Deadline, Space, Tree
 from so101_motion.planning.paths.path import PathFinder
 
 # Free at both ends, but the straight joint line dips into the table.
@@ -19,41 +18,9 @@ def model():
     return RobotModel.load()
 
 
-@pytest.fixture(scope="module", params=[True, False], ids=["compiled", "coal alone"])
-def collision(model, request):
-    return CollisionModel(model, compiled=request.param)
-
-
-class Wall:
-    """Surroundings in joint space: blocked where ``is_wall`` says so."""
-
-    reach = np.full(5, 0.3)
-    scene = Scene()
-
-    def __init__(self, is_wall):
-        self._is_wall = is_wall
-
-    def is_free(self, q, q_jaw):
-        return not self._is_wall(q)
-
-    def first_blocked(self, points, q_jaw):
-        for begin, end in pairwise(points):
-            for u in np.linspace(0.0, 1.0, 30):
-                q = begin + u * (end - begin)
-                if self._is_wall(q):
-                    return q
-        return None
-
-    def sampled_check(self, q_jaw, *, spacing, extra=0.0):
-        return SampledCheck(
-            lambda configuration: self._is_wall(configuration[:5]),
-            self.reach,
-            q_jaw=q_jaw,
-            spacing=spacing,
-        )
-
-    def clearance(self, q, q_jaw):
-        return Clearance(0.0, "gripper", "brick", 0.003, ("the gripper", "'brick'"))
+@pytest.fixture(scope="module")
+def collision(model):
+    return CollisionModel(model)
 
 
 def test_a_free_straight_line_is_taken(model, collision):
@@ -111,79 +78,22 @@ def test_goals_are_worked_out_only_as_far_as_they_are_needed(model, collision):
     assert asked == [0.1]
 
 
-def test_the_tree_of_all_goals_says_which_one_it_reached(model):
-    def is_wall(q):  # two rooms, joined only where the lift is high
-        return abs(q[0]) < 0.2 and q[1] < 1.0
-
-    goals = [np.array([0.8, -0.5, 0.0, 0.0, 0.0]), np.array([0.8, 0.5, 0.0, 0.0, 0.0])]
-    finder = PathFinder(model, Wall(is_wall), seed=3)
-    found = finder.find(np.array([-0.8, 0.0, 0.0, 0.0, 0.0]), goals, 5.0)
-    assert np.array_equal(found.waypoints[-1], goals[found.goal])
-
-
-def test_a_blocked_path_is_named(model):
-    finder = PathFinder(model, Wall(lambda q: abs(q[0]) < 0.2))
-    says = r"no path found in 0\.3 s .* the path between them is blocked, mostly by 'brick'"
-    with pytest.raises(NoPath, match=says) as caught:
-        finder.find(np.full(5, -0.8), [np.full(5, 0.8)], 0.3)
-    assert caught.value.where == "path"
-    assert caught.value.blockers == ("brick",)
+@pytest.mark.parametrize("shut_in", ["start", "goal"])
+def test_an_end_that_is_shut_in_is_named(model, collision, shut_in):
+    finder, random = PathFinder(model, collision), np.random.default_rng(0)
+    space = Space(lower=model.lower, upper=model.upper, weights=collision.reach)
+    wide = Tree(random.uniform(model.lower, model.upper, (100, 5)), space, random)
+    low = np.radians([0.0, 34.0, -14.0, 36.5, 0.0])  # the jaw just above the table
+    narrow = Tree(low[None], space, random)
+    ends = (narrow, wide) if shut_in == "start" else (wide, narrow)
+    search = SimpleNamespace(from_start=ends[0], from_goals=ends[1])
+    found = finder._no_path(search, Deadline(0.3))
+    assert found.where == shut_in
+    assert f"the {shut_in} is free but shut in, mostly by the floor: " in str(found)
+    assert found.blockers[0] == "floor"
 
 
-def test_why_a_brief_search_fails_is_not_looked_into(model):
-    looks = 0
-
-    def is_wall(q):
-        nonlocal looks
-        looks += 1
-        return abs(q[0]) < 0.2
-
-    finder = PathFinder(model, Wall(is_wall))
+def test_why_a_brief_search_fails_is_not_looked_into(model, collision):
+    start, goal = OVER_THE_TABLE
     with pytest.raises(NoPath, match=r"no path found in 0\.000 s; allow more time"):
-        finder.find(np.full(5, -0.8), [np.full(5, 0.8)], -1.0)
-    assert looks < 100
-
-
-def test_a_goal_that_is_shut_in_is_named(model):
-    goal = np.full(5, 0.5)
-    finder = PathFinder(model, Wall(lambda q: 0.1 < np.abs(q - goal).max() < 0.2))
-    with pytest.raises(NoPath, match="the goal is free but shut in, mostly by 'brick': ") as caught:
-        finder.find(np.full(5, -0.8), [goal], 0.3)
-    assert caught.value.where == "goal"
-
-
-def test_a_start_that_is_shut_in_is_named(model):
-    start = np.full(5, 0.5)
-    finder = PathFinder(model, Wall(lambda q: 0.1 < np.abs(q - start).max() < 0.2))
-    with pytest.raises(
-        NoPath, match="the start is free but shut in, mostly by 'brick': "
-    ) as caught:
-        finder.find(start, [np.full(5, -0.8)], 0.3)
-    assert caught.value.where == "start"
-
-
-def test_an_edge_that_does_not_stand_its_proof_is_replaced(model):
-    """Looks are 25 mm of travel apart; a thin wall with a gap is only seen by the proof."""
-
-    class ThinWall(Wall):
-        def __init__(self):
-            super().__init__(lambda q: abs(q[0]) < 0.01 and q[1] < 1.0)
-            self.proven = False
-
-        def sampled_check(self, q_jaw, *, spacing, extra=0.0):
-            return SampledCheck(
-                lambda configuration: False, self.reach, q_jaw=q_jaw, spacing=spacing
-            )
-
-        def first_blocked(self, points, q_jaw):
-            for begin, end in pairwise(points):
-                for u in np.linspace(0.0, 1.0, 200):
-                    q = begin + u * (end - begin)
-                    if self._is_wall(q):
-                        return q
-            return None
-
-    wall = ThinWall()
-    found = PathFinder(model, wall).find(np.full(5, -0.5), [np.full(5, 0.5)], 10.0)
-    assert wall.first_blocked(found.waypoints, 0.0) is None
-    assert found.waypoints[:, 1].max() > 0.9
+        PathFinder(model, collision).find(start, [goal], -1.0)
