@@ -312,11 +312,11 @@ def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
     scale = given.number("scale", 1.0, lower=1e-6, upper=1e6)
     if form == "box_mm":
         edges_mm = np.array(given.triple(form, _LARGEST_MM))
-        if not np.all(edges_mm > 0.0):
-            raise ConfigError(form, edges_mm.tolist(), "must be three lengths of more than 0 mm")
+        if not np.all(edges_mm >= 0.0):
+            raise ConfigError(form, edges_mm.tolist(), "must be three lengths of 0 mm or more")
         return Box(size=scale * to_m(edges_mm))
     if form == "sphere_radius_mm":
-        return Sphere(radius=scale * _length(given, form))
+        return Sphere(radius=scale * _length(given, form, may_be_0=True))
     if form == "capsule_radius_mm":
         radius, length = _length(given, form), _length(given, "capsule_length_mm")
         if length < 2.0 * radius:
@@ -342,11 +342,11 @@ def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
     )
 
 
-def _length(given: Attributes, key: str) -> float:
+def _length(given: Attributes, key: str, *, may_be_0: bool = False) -> float:
     if not given.given(key):
         raise ConfigError(key, None, "is missing")
     length_mm = given.number(key, 0.0, lower=0.0, upper=_LARGEST_MM, unit="mm")
-    if length_mm == 0.0:
+    if length_mm == 0.0 and not may_be_0:
         raise ConfigError(key, length_mm, "must be more than 0 mm")
     return to_m(length_mm)
 

@@ -1,14 +1,19 @@
 """Every reader of outside input: the inputs it is given, and the errors it may raise."""
 
 import asyncio
+import io
 import itertools
 import json
 import tempfile
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from google.protobuf import json_format
 from google.protobuf.message import DecodeError
 from google.protobuf.struct_pb2 import Struct
@@ -31,7 +36,7 @@ from so101_motion.drivers.emulator.hand import parse_script
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.files.scene_file import read_scene
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.collision.shape_files import read_shape
+from so101_motion.planning.collision.shape_files import file_mesh, read_cloud, read_shape
 from so101_motion.tasks.guided import GuidedPath
 from so101_motion.tasks.guided import files as guided_files
 from so101_motion.tasks.program import files as program_files
@@ -153,6 +158,37 @@ _PCD = (
 )
 _PCD_ASCII = _PCD + b"ascii\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
 _PCD_BINARY = _PCD + b"binary\n" + TRIANGLE.astype("<f4").tobytes()
+_PCD_PACKED = (  # field by field, 32 bytes and 16 as they are
+    _PCD
+    + b"binary_compressed\n"
+    + np.array([50, 48], "<u4").tobytes()
+    + b"\x1f"
+    + TRIANGLE.T.astype("<f4").tobytes()[:32]
+    + b"\x0f"
+    + TRIANGLE.T.astype("<f4").tobytes()[32:]
+)
+_XYZ = b"# x y z\n0 0 0\n0.1 0 0 255 0 0\n0 0.1 0\n0 0 0.1\n"
+_OBJ = b"o a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\nv 0 0 1\nf -1 -3 -4\n"
+_OFF = b"OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n4 0 1 2 3\n"
+
+
+def _glb():
+    return trimesh.Trimesh(TRIANGLE, [[0, 1, 2], [0, 1, 3]], process=False).export(file_type="glb")
+
+
+def _3mf():
+    model = (
+        '<model unit="millimeter"'
+        ' xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>'
+        '<object id="1" type="model"><mesh><vertices><vertex x="0" y="0" z="0"/>'
+        '<vertex x="9" y="0" z="0"/><vertex x="0" y="9" z="0"/></vertices>'
+        '<triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object></resources>'
+        '<build><item objectid="1"/></build></model>'
+    )
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as file:
+        file.writestr("3D/3dmodel.model", model)
+    return out.getvalue()
 
 
 def _guided_path(folder):
@@ -339,7 +375,13 @@ def all_readers(folder=None):
         Reader("attributes", _read_attributes(_KINDS), tuple(map(_json, _ATTRIBUTES))),
         Reader("world state", _read_world, (_world(_mesh(_PLY), _cloud(_PCD_BINARY)),)),
         Reader("mesh", _read_geometry(_mesh), (_STL, _PLY, _PLY_BINARY)),
-        Reader("cloud", _read_geometry(_cloud), (_PCD_ASCII, _PCD_BINARY)),
+        Reader("cloud", _read_geometry(_cloud), (_PCD_ASCII, _PCD_BINARY, _PCD_PACKED)),
+        Reader("xyz", partial(read_cloud, "xyz"), (_XYZ,)),
+        *(
+            Reader(kind, partial(file_mesh, kind), (seed,))
+            for kind, seed in (("obj", _OBJ), ("off", _OFF), ("glb", _glb()), ("3mf", _3mf()))
+            if kind != "3mf" or (find_spec("networkx") and find_spec("lxml"))  # it needs both
+        ),
         Reader("machine", _read_machine, (_json(_STATUS),)),
         Reader("machine configuration", _read_configuration, (_json(_CONFIGURATION),)),
         Reader("large message", _read_large, (_move(_mesh(_PLY_BINARY), _cloud(_PCD_BINARY)),)),

@@ -390,7 +390,7 @@ def _placed(name: str, pose: SE3) -> None:
 def refuse_odd_size(name: str, shape: Shape | ShapeFile) -> None:
     """Refuse a thing that is a speck, or as large as a house, because its unit is another one.
 
-    A point (a sphere without a radius) and a few points that were seen are no specks.
+    A point (a sphere or box without a size) and a few points that were seen are no specks.
 
     Raises:
         ConfigError: It is under 2 mm or over 10 m in all directions.
@@ -402,7 +402,7 @@ def refuse_odd_size(name: str, shape: Shape | ShapeFile) -> None:
         extent = np.ptp(points, axis=0)
         is_speck = isinstance(shape, Mesh) or len(points) >= FEW_POINTS
     elif isinstance(shape, Box):
-        extent, is_speck = shape.size, True
+        extent, is_speck = shape.size, bool(shape.size.any())
     else:
         extent = np.full(3, 2.0 * shape.radius)
         extent[2] = extent[2] if isinstance(shape, Sphere) else shape.length

@@ -394,6 +394,8 @@ def _by_trimesh(kind: str, data: bytes) -> tuple[Array, Any]:
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
     mesh = scene.to_mesh()
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    if np.any((mesh.faces < 0) | (mesh.faces >= len(vertices))):
+        raise ValueError(f"a face has a vertex that is none of the {len(vertices)}")
     if kind == "3mf":
         vertices = vertices * trimesh.units.unit_conversion(str(scene.units), "meters")
     elif kind != "off":  # y is up

@@ -11,6 +11,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.files.scene_file import (
     arms_from,
     arms_to,
+    obstacles_from,
     read_scene,
     scene_from,
     scene_to,
@@ -103,8 +104,8 @@ def test_a_mesh_file_is_read_in_millimetres(tmp_path):
         ({"obstacles": [{"name": "mug", "box": [1, 1, 1]}]}, 'of "mug"'),
         ({"obstacles": [{"name": "mug"}]}, "exactly one form"),
         ({"obstacles": [{"name": "m", "box_mm": [1, 2, 3], "sphere_radius_mm": 3}]}, "one form"),
-        ({"obstacles": [{"name": "mug", "box_mm": [10, 0, 10]}]}, '"box_mm"'),
-        ({"obstacles": [{"name": "mug", "sphere_radius_mm": 0}]}, '"sphere_radius_mm"'),
+        ({"obstacles": [{"name": "mug", "box_mm": [10, -1, 10]}]}, '"box_mm"'),
+        ({"obstacles": [{"name": "mug", "sphere_radius_mm": -1}]}, '"sphere_radius_mm"'),
         ({"obstacles": [{"name": "mug", "box_mm": [10, float("nan"), 10]}]}, "finite"),
         ({"obstacles": [{"name": "mug", "box_mm": [10, 10]}]}, "three numbers"),
         ({"obstacles": [{"box_mm": [10, 10, 10]}]}, "needs a name"),
@@ -260,3 +261,11 @@ def test_a_thing_over_10_m_in_all_directions_is_refused_until_its_scale_is_given
     assert scene_from({"obstacles": [entry | {"scale": 0.001}]})
     corners[3] = [0.0, 0.0, 9_000.0]  # a large table
     assert scene_from({"obstacles": [entry]})
+
+
+@pytest.mark.parametrize(
+    "form", [{"box_mm": [0, 20, 20]}, {"box_mm": [0, 0, 0]}, {"sphere_radius_mm": 0}]
+)
+def test_plates_lines_and_points_are_obstacles(form):
+    (obstacle,) = obstacles_from([{"name": "a", **form}])
+    assert obstacle.shape.fingerprint()

@@ -1,11 +1,14 @@
 """Files of meshes and point clouds: read as they are, or refused after their headers."""
 
+import io
 import struct
 import sys
 import time
+import zipfile
 
 import numpy as np
 import pytest
+import trimesh
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
@@ -312,3 +315,34 @@ def test_a_glb_is_in_metres_with_y_up_and_a_part_of_open_cascade_in_its_place(ge
     vertices = file_mesh("glb", data).vertices
     np.testing.assert_allclose(vertices.min(axis=0), [0.23, -0.06, 0.0], atol=1e-6)
     np.testing.assert_allclose(vertices.max(axis=0), [0.25, 0.06, 0.26], atol=1e-6)
+
+
+@pytest.mark.parametrize("corner", [b"-1", b"3"])
+def test_a_face_with_a_vertex_that_is_not_there_is_refused(corner):
+    file = b"OFF\n3 1 0\n0 0 0\n100 0 0\n0 100 0\n3 0 1 " + corner + b"\n"
+    with pytest.raises(ConfigError, match="none of the 3"):
+        file_mesh("off", file)
+
+
+def inches():
+    model = """<model unit="inch" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">
+    <resources><object id="1" type="model"><mesh><vertices><vertex x="0" y="0" z="0"/>
+    <vertex x="2" y="0" z="0"/><vertex x="0" y="1" z="0"/></vertices><triangles>
+    <triangle v1="0" v2="1" v3="2"/></triangles></mesh></object></resources>
+    <build><item objectid="1"/></build></model>"""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as opened:
+        opened.writestr("3D/3dmodel.model", model)
+    return file.getvalue()
+
+
+def test_3mf_is_read_in_its_unit_where_networkx_and_lxml_are_installed():
+    pytest.importorskip("networkx")
+    pytest.importorskip("lxml")
+    assert file_mesh("3mf", inches()).vertices.max(axis=0) == pytest.approx([0.0508, 0.0254, 0.0])
+
+
+def test_3mf_without_networkx_says_what_to_export(monkeypatch):
+    monkeypatch.setattr(trimesh, "available_formats", lambda: {"glb"})
+    with pytest.raises(ConfigError, match="export STL or GLB"):
+        file_mesh("3mf", inches())
