@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, TextIO
 
 import click
@@ -11,7 +11,6 @@ import click
 from so101_motion.cli.param_types import Finite
 from so101_motion.cli.shared import (
     CHECK_FAILED,
-    INTERRUPTED,
     STOPPED,
     dry_run_option,
     events_option,
@@ -102,7 +101,7 @@ def setup(
     from so101_motion.calib.motors import progress as kept
     from so101_motion.calib.motors.progress import SetupProgress
     from so101_motion.cli import port_choice
-    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.shared import leaving, quietly
     from so101_motion.cli.terminal import Quit, Terminal
     from so101_motion.setup.calibrator import Calibrator
     from so101_motion.setup.port_selection import own_folder
@@ -119,10 +118,8 @@ def setup(
         return
     if start_over:
         progress.clear()
-    with (
-        quietly(),
-        closing(Calibrator.open(name, port_choice.calibration_file(None, report))) as calibrator,
-    ):
+    opened = Calibrator.open(name, port_choice.calibration_file(None, report))
+    with quietly(), leaving(opened) as calibrator:
         motors = calibrator.motor_setup
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"motors on {name}", port=name)
@@ -137,9 +134,11 @@ def setup(
                     checked = motors.verify()
                 else:
                     checked = _walk(motors, terminal, progress, joints, within)
-            except (Quit, KeyboardInterrupt) as reason:
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt("the next so101 setup continues here") from None
+            except Quit:
                 terminal.say("stopped; the next so101 setup continues here", style="yellow")
-                raise SystemExit(STOPPED if isinstance(reason, Quit) else INTERRUPTED) from None
+                raise SystemExit(STOPPED) from None
         _conclude(name, motors.view, checked, as_json)
 
 

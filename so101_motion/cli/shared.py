@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import requires
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from so101_motion import __version__
+from so101_motion.common import interrupts
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.modes import Mode
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
     from so101_motion.rig.protocols import RigLike
     from so101_motion.tasks.program import Arms
+    from so101_motion.setup.calibrator import Calibrator
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R", bound="RigLike")
@@ -149,7 +152,7 @@ _DOES = {
     Mode.CALIBRATING: "is being calibrated",
 }
 
-_opened: list[tuple[str, RigLike]] = []
+_opened: list[Callable[[], str]] = []
 
 
 def forget_opened_arms() -> None:
@@ -159,13 +162,29 @@ def forget_opened_arms() -> None:
 
 def note_opened(what: str, rig: R) -> R:
     """Note that a verb has opened ``rig``, so that its end can tell what the arm does."""
-    _opened.append((what, rig))
+    _opened.append(partial(_state_of, what, rig))
     return rig
+
+
+@contextmanager
+def leaving(calibrator: Calibrator) -> Iterator[Calibrator]:
+    """Close ``calibrator`` after this block; if it was interrupted, its end tells of the torque."""
+    from so101_motion.setup.calibrator import about_torque
+
+    try:
+        yield calibrator
+    except BaseException:
+        if interrupts.first():
+            holds = calibrator.leave()
+            _opened.append(lambda: about_torque(holds))
+        raise
+    finally:
+        calibrator.close()
 
 
 def state_of_opened_arms() -> str:
     """What the arms that this verb has opened do, now that it ends; empty if it opened none."""
-    return "; ".join(_state_of(what, rig) for what, rig in _opened)
+    return "; ".join(tell() for tell in _opened)
 
 
 def _state_of(what: str, rig: RigLike) -> str:

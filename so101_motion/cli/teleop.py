@@ -155,6 +155,8 @@ def teleop(
             print_json("teleop", _facts(last, record))
         elif record is not None:
             click.echo(f"saved {record}", err=True)
+        if interrupts.first() and last.is_running:
+            return  # the end of every verb tells how a signal leaves the arms
         print_end(last, leading.arm.state.mode, following.arm.state.mode)
 
 
@@ -185,7 +187,6 @@ def _watch(session: Any, seconds: float | None) -> None:
             time.sleep(_EVERY if end is None else min(_EVERY, max(end - time.monotonic(), 0.0)))
     except KeyboardInterrupt:
         interrupts.taken()
-        click.echo("", err=True)
 
 
 def print_end(last: Status, leader: Mode, follower: Mode) -> None:

@@ -44,6 +44,9 @@ from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.joint_setup import JointSetup
 from so101_motion.rig.servo_driver import ServoSettings
 
+PUT_BACK = "the motors have their previous settings again"
+"""How an aborted calibration leaves them, for people."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepResult:
@@ -63,7 +66,7 @@ class StepResult:
     def put_back(self) -> str:
         """Text that says how the arm is left after an abort."""
         trouble = f". But: {self.trouble}" if self.trouble else ""
-        return f"the motors have their previous settings again; {about_torque(self.holds)}{trouble}"
+        return f"{PUT_BACK}; {about_torque(self.holds)}{trouble}"
 
 
 def about_torque(holds: bool | None) -> str:
@@ -262,11 +265,29 @@ class Calibrator:
     def close(self) -> None:
         """Abort a running calibration and close the port; waits for a running step."""
         with self._lock:
-            self._session.close()
-            self._give_back(hold=self._session.held_before)
+            self._end()
             self._rig.close()
 
+    def leave(self) -> bool | None:
+        """Like ``close``; returns whether any joint is driven, None if no servo answers."""
+        with self._lock:
+            self._end()
+            try:
+                loan = self._rig.lend_bus("its end")
+                try:
+                    return loan.call(jobs.is_driving)
+                finally:
+                    loan.abandon()
+            except So101Error:
+                return None
+            finally:
+                self._rig.close()
+
     # How
+
+    def _end(self) -> None:
+        self._session.close()
+        self._give_back(hold=self._session.held_before)
 
     def _file(self) -> Path:
         settings = self._rig.settings

@@ -53,6 +53,13 @@ def let_go(bus: Bus) -> None:
         bus.write(servo_id, reg.TORQUE_ENABLE, 0)
 
 
+def is_driving(bus: Bus) -> bool | None:
+    """Whether any servo drives its joint; None if none answers."""
+    row = reg.TORQUE_ENABLE
+    answers = bus.sync_read(tuple(SERVO_IDS.values()), row.address, row.size, tries=1 + RETRIES)
+    return any(row.decode(each.data) for each in answers.values()) if answers else None
+
+
 def require(bus: Bus, joints: Sequence[str]) -> None:
     """Check that the joints' servos answer."""
     answering = bus.answering(map(SERVO_IDS.__getitem__, joints))
