@@ -2,7 +2,7 @@
 
 Measured: process start to Ready, and to the first setpoint of a first move; MoveToPosition request
 to first setpoint on a warm module in real time; 200 MoveToPosition to random reachable points with
-the simulated clock driven; resident memory of the service and of its planning process.
+the simulated clock driven; memory of the service, and with its planning process.
 
 The first setpoint is seen by asking for the status about every millisecond, so its times include
 one such question: they are a little too long, never too short.
@@ -21,7 +21,7 @@ import numpy as np
 from viam.components.arm import Pose
 
 from benchmarks import _common
-from benchmarks._machine import memory
+from benchmarks._machine import memory, proportional
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_mm
 from so101_motion.planning.collision.collision import CollisionModel
@@ -102,11 +102,11 @@ async def latencies(points: Array) -> list[dict[str, Any]]:
 
 
 def memory_of(pid: int) -> list[dict[str, Any]]:
-    """Resident memory of the service, and of it with its planning process; what is loaded."""
+    """Memory of the service alone, and with its planning process; what is loaded."""
     threads = Path(f"/proc/{pid}/task").iterdir()
     children = [child for thread in threads for child in (thread / "children").read_text().split()]
     service = memory(pid)
-    together = service + sum(memory(int(child)) for child in children)
+    together = sum(map(proportional, (pid, *map(int, children))))
     maps = Path(f"/proc/{pid}/maps").read_text()
     heavy = [name for name in ("toppra", "matplotlib", "scipy") if f"/{name}/" in maps]
     return [

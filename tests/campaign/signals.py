@@ -1,8 +1,8 @@
 """Signals at random instants to verbs of the command line, on simulated and on emulated arms.
 
 Each verb is a process. At a random time after its first instruction it gets a signal, or three
-within 0.2 s. Laws: its exit code is 130; its last sentence, and no other, tells by what it was ended
-and how it leaves the arm; for the emulated servos that is true, and they are at rest.
+within 0.2 s. Laws: its exit code is 130; its last sentence, and no other, tells by what it was
+ended and how it leaves the arm; for the emulated servos that is true, and they are at rest.
 """
 
 import json
