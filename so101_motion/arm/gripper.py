@@ -27,6 +27,7 @@ from so101_motion.common.errors import (
     ConfigError,
     FollowingError,
     Interrupted,
+    NotHolding,
     So101Error,
 )
 from so101_motion.common.modes import HELD
@@ -131,6 +132,7 @@ class Gripper:
         opened: Jaw angle at aperture 1 [rad]; likewise.
         limits: How fast it moves, one joint; for motions that start from now on.
         feels: Whether an object stops the jaw; a simulated jaw closes through it.
+        is_there: Whether its servo was found when the arm was opened.
     """
 
     def __init__(self, executor: Executor) -> None:
@@ -141,7 +143,7 @@ class Gripper:
         self._grabs = False  # whether the latest motion is a grab
         self._stopped = 0  # the number of the newest stop
         self._force = 1.0
-        self.feels = True
+        self.feels = self.is_there = True
 
     @property
     def q_jaw(self) -> float:
@@ -338,6 +340,11 @@ class Gripper:
     def _following(
         self, limits: MotionLimits | None, **how: Unpack[FollowingSettings]
     ) -> Following:
+        if not self.is_there:
+            raise NotHolding(
+                "gripper did not answer when the arm was opened; check its cable and power, then"
+                " open the arm again"
+            )
         executor, ends = self._executor, sorted((self.closed, self.opened))
         return Following(
             q_start=[executor.state.q_jaw_ref],

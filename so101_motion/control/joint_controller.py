@@ -7,7 +7,7 @@ its one thread with the time and the number of the tick.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -400,19 +400,28 @@ class JointController:
         if self.mode is Mode.GUIDING and event is Event.MOVE and channel is Channel.ARM:
             raise NotHolding("the arm is guided by hand; leave manual mode first")
         if can(self.mode, event):
+            if event is Event.MOVE and channel is Channel.JAW:
+                self._refuse_silent_jaw()
             return
         self._refuse_lent()
         if self.mode is Mode.FAULT:
             raise NotHolding(f"the arm is in a fault: {self._fault}; clear it, then hold again")
         silent = sorted(self.state.reading.unanswered) if self.state else []
         if self.mode is Mode.LIMP and silent:
-            raise NotHolding(
-                f"{', '.join(silent)} does not answer; check its cable and the arm's power supply,"
-                " then let the arm hold"
-            )
+            raise NotHolding(_silent(silent))
         if self.mode is Mode.LIMP:
             raise NotHolding("the arm is limp; let it hold first (set_torque, or Hold on the page)")
         raise MotionError(refusal(self.mode, event))
+
+    def _refuse_silent_jaw(self) -> None:
+        """Refuse to move a jaw whose servo does not answer: where it stands is not known."""
+        is_silent = self.state is not None and GRIPPER_JOINT in self.state.reading.unanswered
+        for _ in range(2):  # one answer that was lost is no reason
+            if is_silent:
+                with self._failing():
+                    is_silent = GRIPPER_JOINT in self._driver.read().unanswered
+        if is_silent:
+            raise NotHolding(_silent([GRIPPER_JOINT]))
 
     def _refuse_lent(self) -> None:
         if self._lent_to is not None:
@@ -451,3 +460,10 @@ class JointController:
         if isinstance(error, FollowingError | ServoAlarm):
             self.recent.notify(error, error.recent)
         self.outcomes.conclude(future, error)
+
+
+def _silent(joints: Sequence[str]) -> str:
+    return (
+        f"{', '.join(joints)} does not answer; check its cable and the arm's power supply, then let"
+        " the arm hold"
+    )

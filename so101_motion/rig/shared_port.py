@@ -201,6 +201,7 @@ class SharedPort:
             self.rig.executor.set_stop_limits(stop)
             self.rig.arm.set_servo_strength([each.figures.torque for each in models])
         jaw = self.servos.setups.get(GRIPPER_JOINT)
+        self.rig.gripper.is_there = jaw is not None or not self.servos.setups
         if jaw is not None:
             self.rig.gripper.closed, self.rig.gripper.opened = jaw.map.lower, jaw.map.upper
 
