@@ -24,8 +24,8 @@ from so101_motion.common.modes import Mode
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
     from so101_motion.rig.protocols import RigLike
-    from so101_motion.tasks.program import Arms
     from so101_motion.setup.calibrator import Calibrator
+    from so101_motion.tasks.program import Arms
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R", bound="RigLike")

@@ -23,6 +23,7 @@ from campaign import (
     interleavings,
     lerobot_troubles,
     sessions,
+    signals,
     spoilt_arms,
     torn_answers,
     verdicts,
@@ -174,6 +175,11 @@ def trouble_lerobot(seed, seconds, count):
     return told
 
 
+def send_signals(seed, seconds, count):
+    """``count`` signals to verbs of the command line."""
+    return signals.run(seed, seconds=seconds, count=count)
+
+
 ENDLESS = 10**9
 PARTS = {
     "verdicts": (0.05, compare_verdicts, ENDLESS, 10_000_000),
@@ -183,6 +189,7 @@ PARTS = {
     "interleavings": (0.15, interleave(False), ENDLESS, 10_000),
     "faults": (0.15, interleave(True), ENDLESS, 7_200),
     "sessions": (0.2, play_sessions, ENDLESS, 200),
+    "signals": (0.1, send_signals, ENDLESS, 200 * len(signals.VERBS)),
     "lerobot": (0.05, trouble_lerobot, ENDLESS, 10_000),
     "spoilt arms": (0.05, spoilt_arms.run, ENDLESS, 2_000),
     "files": (0.0, attack_files, 100, 300),

@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +33,8 @@ def and_tell(on_hung):
 cli.interrupts.listen = and_tell
 cli.main()
 """
-HEARS = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-DEAF = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
-"""What a shell that starts it in the background, and ``nohup``, do."""
+HEARS = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+"""A test runner in the background ignores it, and so would its children."""
 
 KINDS = (["SIGINT"], ["SIGINT"] * 3, ["SIGTERM"], ["SIGHUP"], ["SIGTERM", "SIGINT", "SIGHUP"])
 WITHIN = 0.2  # [s], in which three signals come
@@ -103,7 +103,7 @@ def end(bench, verb, seed):
     rng = random.Random(seed)
     kind, after = rng.choice(KINDS), rng.uniform(0.0, bench.span)
     _, q_before = bench.servos()
-    command = [sys.executable, "-c", f"{HEARS}{LISTENS}", *bench.words(verb, rng)]
+    command = [sys.executable, "-c", HEARS + LISTENS, *bench.words(verb, rng)]
     env = {**os.environ, "XDG_DATA_HOME": str(bench.folder), "SO101_PORT": ""}
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, env=env, **pipes) as process:
@@ -147,20 +147,15 @@ def _lies(bench, last, q_before):
     return wrong
 
 
-def run(seed, *, count, verbs=tuple(VERBS), seconds=float("inf")):
-    """End each verb ``count`` times; how many ended how, and what was wrong."""
+def run(seed, *, seconds, count, verbs=tuple(VERBS)):
+    """Send ``count`` signals, to one verb after the other; how all ended, and what was wrong."""
     ends, failures, until = Counter(), [], time.monotonic() + seconds
-    with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(folder)
-        try:
-            for k in range(count):
-                for verb in verbs:
-                    if time.monotonic() > until:
-                        break
-                    wrong, last = end(bench, verb, f"{seed}-{verb}-{k}")
-                    state = last.partition("; ")[2].replace(str(folder), "") or last
-                    ends[f"{verb}: {state}"] += 1
-                    failures += [f"{verb}, seed {seed}-{k}: {text}" for text in wrong]
-        finally:
-            bench.close()
+    with tempfile.TemporaryDirectory() as folder, closing(Bench(folder)) as bench:
+        for k in range(count):
+            if time.monotonic() > until:
+                break
+            verb = verbs[k % len(verbs)]
+            wrong, last = end(bench, verb, f"{seed}-{k}")
+            ends[f"{verb}: {last.partition('; ')[2].replace(folder, '') or last}"] += 1
+            failures += [f"{verb}, seed {seed}-{k}: {text}" for text in wrong]
     return {"signals": ends.total(), "each": dict(sorted(ends.items())), "failures": failures}

@@ -23,12 +23,14 @@ from so101_motion.control.joint_group import Tolerances
 
 
 class TroubledArm:
-    """Mixed into a simulated arm: it can report alarms."""
+    """Mixed into a simulated arm: it can report alarms, and lose answers of the jaw."""
 
-    alarms = None
+    alarms, lost = None, 0
 
     def read(self):
-        return replace(super().read(), alarms=self.alarms or {})
+        self.lost, is_lost = max(self.lost - 1, 0), self.lost > 0
+        silent = frozenset({"gripper"} if is_lost else ())
+        return replace(super().read(), alarms=self.alarms or {}, unanswered=silent)
 
 
 @pytest.fixture
@@ -51,6 +53,21 @@ def test_it_opens_as_far_as_it_is_told(rig, gripper):
     assert rig.state.q_jaw == pytest.approx((JAW_CLOSED + JAW_OPEN) / 2, abs=1e-3)
     with pytest.raises(ConfigError):
         gripper.start_move(1.1)
+
+
+def test_a_jaw_that_does_not_answer_is_not_moved_and_told_as_that(rig, gripper, clock):
+    rig.arm.lost = 10**6
+    clock.advance(0.1)
+    refused = gripper.start_move(0.5).future
+    clock.advance(0.1)
+    with pytest.raises(NotHolding, match="gripper does not answer; check its cable"):
+        refused.result(timeout=0)
+    rig.arm.lost = 1  # one answer
+    clock.advance(0.0)
+    rig.after(3.0, gripper.start_move(0.5).future)
+    gripper.is_there = False
+    with pytest.raises(NotHolding, match="gripper did not answer when the arm was opened"):
+        gripper.start_move(0.1)
 
 
 def test_another_travel_is_another_aperture(rig, gripper):

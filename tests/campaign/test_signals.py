@@ -1,0 +1,27 @@
+"""A verb of each kind gets a signal; ``make campaign`` sends more, and 200 to each with FULL=1."""
+
+import random
+import signal
+import subprocess
+import sys
+
+from campaign.signals import LISTENS, VERBS, run
+
+
+def test_a_signal_at_any_instant_ends_a_verb_with_130_and_one_true_sentence(request):
+    seed = random.Random(request.config.option.hypothesis_seed).randrange(10**6)
+    told = run(seed, seconds=600.0, count=len(VERBS))
+    assert told["failures"] == []
+    assert told["signals"] == len(VERBS)
+
+
+def test_a_verb_that_nohup_has_started_outlives_its_terminal():
+    command = ["nohup", sys.executable, "-c", LISTENS, "demo", "--no-browser"]
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes) as verb:
+        verb.stdout.readline()
+        verb.send_signal(signal.SIGHUP)
+        assert b"open" in verb.stdout.readline()
+        verb.send_signal(signal.SIGTERM)
+        assert verb.communicate(timeout=60.0)[1].splitlines()[-1].startswith(b"ended by SIGTERM")
+    assert verb.returncode == 130
