@@ -411,7 +411,10 @@ def _led(verification: Verification, terminal: Terminal) -> tuple[JointCompariso
         shown = Text("\n".join(["", *lines, "", sentence(asks), ""]))
         return shown.append(keys_line(**keys)) if terminal.is_manned else shown
 
-    terminal.await_key(ENTER, picture)
+    while terminal.is_manned:
+        terminal.show(picture())
+        if terminal.key(0.1) == ENTER:
+            break
     verification.step(Command.RELEASE)
     asks, keys["Enter"] = "lead every joint slowly to both its stops, in any order", "finish"
     terminal.say(f"the joints are limp; {asks}")
