@@ -38,6 +38,7 @@ from benchmarks._common import from_tests, single_thread, summary, update, write
 from benchmarks.bench_cell import T_LEFT_RIGHT, Tasks
 from benchmarks.emulated_followings import emulated_followings
 from benchmarks.solids import Solids
+from so101_motion.arm.arm import SCENE
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import CellMember
 from so101_motion.arm.motion_handle import Motion
@@ -114,7 +115,7 @@ def guided(ticks: int, seed: int) -> list[dict[str, object]]:
         gc.collect()
         gc.freeze()
         while sum(map(len, took.values())) < ticks:
-            _finish(clock, arms["right"].start_unguarded_retarget(tasks.near()))
+            _finish(clock, arms["right"].retarget(tasks.near(), guard=None))
             q_jaw, other = arm.state.q_jaw_ref, arms["right"].state
             q_other = np.append(other.q_ref, other.q_jaw_ref)
             for k, q in enumerate(np.linspace(facing.ASIDE, tasks.near(), WAY)):
@@ -212,9 +213,11 @@ class FollowingPair:
 
     def _opened(self, rig: Rig, clock: ManualClock) -> Following:
         caps = MotionLimits.uniform(velocity=np.pi, acceleration=8.0, jerk=150.0)
-        how = rig.arm.open_following if self._guarded else rig.arm.open_unguarded_following
+        guard = SCENE if self._guarded else None
         with ThreadPoolExecutor(1) as threads:
-            done = threads.submit(how, limits=caps, stale_after=None, gate=10.0)
+            done = threads.submit(
+                rig.arm.follow, limits=caps, guard=guard, stale_after=None, gate=10.0
+            )
             while not done.done():
                 clock.advance(0.01)
         return done.result()

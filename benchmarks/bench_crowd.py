@@ -226,7 +226,7 @@ def by_themselves(crowd: Crowd, rounds: int) -> Counter[str]:
                     q = crowd.near(k)
                     if is_clear := _keeps_clear(crowd, k, q, under_way):
                         break
-                under_way[k] = rig.arm.start_move(JointGoal(q=q)), q, is_clear, 0.0
+                under_way[k] = rig.arm.move(JointGoal(q=q), wait=False), q, is_clear, 0.0
         pending = [each[0].future for each in under_way.values() if each[0].plan is None]
         if pending:  # planned in the time of this machine, not of theirs
             wait(pending, timeout=0.002)
@@ -252,7 +252,7 @@ def follow_targets(crowd: Crowd, ticks: int) -> Counter[str]:
         followings = [
             crowd.in_time(
                 threads,
-                lambda rig=rig: rig.arm.open_following(limits=CAPS, stale_after=None, gate=10.0),
+                lambda rig=rig: rig.arm.follow(limits=CAPS, stale_after=None, gate=10.0),
             )
             for rig in crowd.rigs
         ]

@@ -45,12 +45,12 @@ def held(seed: int, stiffness: float) -> tuple[list[float], float, float, bool]:
     ):
         rig = bench.open()
         bench.advance(0.5)
-        bench.finish(rig.gripper.start_move(0.8))
+        bench.finish(rig.gripper.move(0.8, wait=False))
         for servo in bench.world.servos:
             servo.drive.motor.ambient = servo.drive.motor.temperature = ROOM_C
         if stiffness:
             bench.world.put_object(WIDTH, stiffness)
-        bench.finish(rig.gripper.start_grab())
+        bench.finish(rig.gripper.grab(wait=False))
         bench.advance(1.0)
         torques: list[float] = []
         jaw = bench.world.servo("gripper").drive

@@ -147,7 +147,7 @@ def in_free_space(seed: int, poses: int) -> list[Felt]:
             for i, joint in enumerate(ARM_JOINTS):
                 number = 1000 * seed + 5 * k + i
                 plan, _ = _following.random_plan(guided.rig, number, waypoints=1)
-                guided.bench.finish(guided.rig.arm.start_execute(plan), at_most=60.0)
+                guided.bench.finish(guided.rig.arm.move(plan, wait=False), at_most=60.0)
                 guided.rig.arm.set_manual(True, replace(guided.rig.arm.compliance, wall=0.0))
                 hand, places = guided.lead(i, [FREE, 0.0], 5.0)
                 begin = hand.pulls[0][0]
@@ -174,7 +174,7 @@ def guided_far(seed: int, cases: int, held_kg: float, *, taken: bool) -> list[tu
         with guided_arm(1000 * seed + k, held_kg) as guided:
             arm = guided.rig.arm
             plan, _ = _following.random_plan(guided.rig, int(rng.integers(1 << 30)), waypoints=1)
-            guided.bench.finish(arm.start_execute(plan), at_most=60.0)
+            guided.bench.finish(arm.move(plan, wait=False), at_most=60.0)
             guided.bench.advance(1.0)
             arm.set_manual(True, replace(arm.compliance, wall=0.0))
             guided.bench.advance(0.3)
@@ -240,7 +240,7 @@ class OtherArm:
 
     def put(self) -> None:
         """Put the other arm there."""
-        self._guided.bench.finish(self._other.arm.start_unguarded_retarget(self._drawn))
+        self._guided.bench.finish(self._other.arm.retarget(self._drawn, guard=None))
         self._cell.add("other", self._other, _facing.T_LEFT_RIGHT)
         self._is_there = True
 
@@ -282,7 +282,7 @@ def into_contact(
             around.clear()
             number = int(rng.integers(1 << 30))
             plan, _ = _following.random_plan(guided.rig, number, waypoints=1)
-            guided.bench.finish(arm.start_execute(plan), at_most=60.0)
+            guided.bench.finish(arm.move(plan, wait=False), at_most=60.0)
             guided.bench.advance(0.5)
             found_way = _way_into_contact(guided, around, rng)
             if found_way is None:
@@ -296,7 +296,7 @@ def into_contact(
             found.append((min(rooms), rooms[-1], float(abs(places[-1][i] - let_go[i]))))
             arm.set_manual(False)
             around.clear()
-            guided.bench.finish(arm.start_unguarded_retarget(READY))  # out of contact
+            guided.bench.finish(arm.retarget(READY, guard=None))  # out of contact
     return found
 
 

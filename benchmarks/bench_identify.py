@@ -93,7 +93,7 @@ def tracking(bench: Any, file: Path, seed: int, plans: int) -> float:
     off = []
     for k in range(plans):
         plan, _ = _following.random_plan(rig, 100 * seed + k)
-        motion = rig.arm.start_execute(plan)
+        motion = rig.arm.move(plan, wait=False)
         while not motion.future.done():
             bench.advance(0.01)
             off.append(np.abs(bench.arm_deg(rig) - np.degrees(rig.arm.state.q_ref)))

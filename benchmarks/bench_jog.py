@@ -214,7 +214,7 @@ def rows(presses: int, *, draws: bool) -> list[dict[str, Any]]:
             rig.arm.set_torque(True)
             # Away from the folded pose, in which joints are near their stops.
             ready = next(pose.q for pose in POSES if pose.name == "ready")
-            rig.arm.start_move(JointGoal(q=ready)).result()
+            rig.arm.move(JointGoal(q=ready))
             speeds = Speeds(rig)
             messages = asyncio.run(jog(page.url, widgets, presses))
             rig.arm.stop()  # ends the jogging

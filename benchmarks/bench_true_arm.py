@@ -70,7 +70,7 @@ def seen(seed: int, plans: int, kind: ServoType) -> dict[str, list[float]]:
             rig.arm.set_acceleration(math.radians(acceleration))
             for k in range(plans):
                 plan, _ = _following.random_plan(rig, 100 * seed + k)
-                motion, off = rig.arm.start_execute(plan), 0.0
+                motion, off = rig.arm.move(plan, wait=False), 0.0
                 while not motion.future.done():
                     bench.advance(0.01)
                     q_ref = np.degrees(rig.arm.state.q_ref)

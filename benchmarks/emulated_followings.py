@@ -209,7 +209,7 @@ def followed(ticks: int, seed: int, velocity: float, acceleration: float) -> dic
 
 
 def _opened(arm: EmulatedArm, clock: ManualClock, caps: MotionLimits) -> Following:
-    how = partial(arm.rig.arm.open_following, limits=caps, stale_after=None, gate=10.0)
+    how = partial(arm.rig.arm.follow, limits=caps, stale_after=None, gate=10.0)
     with ThreadPoolExecutor(1) as threads:
         done = threads.submit(how)
         while not done.done():

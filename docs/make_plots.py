@@ -77,7 +77,7 @@ def stopped(rig: Rig, clock: ManualClock, plan: Plan) -> tuple[Array, Array]:
     Returns:
         Times since the first setpoint, shape (n,), [s]; joint angles, shape (n, 5), [rad].
     """
-    motion = rig.arm.start_execute(plan)
+    motion = rig.arm.move(plan, wait=False)
     sent: list[Array] = []
     while not sent or np.array_equal(sent[-1], plan.q_start):  # until it has begun
         clock.advance(TICK)

@@ -40,8 +40,8 @@ def in_simulation() -> None:
     ):
         teleop.start()
         for q in GUIDED_THROUGH:
-            leader.arm.start_move(so101.JointGoal(q=q)).result()
-            leader.gripper.start_move(0.5 + 0.5 * np.sign(q[0])).result()
+            leader.arm.move(so101.JointGoal(q=q))
+            leader.gripper.move(0.5 + 0.5 * np.sign(q[0]))
             off = come_together(teleop, leader, follower)
             print(f"leader at {np.round(to_deg(q)).astype(int)} deg, follower {off:.2f} deg off")
 

@@ -42,14 +42,14 @@ def visit(rig: so101.Rig, spot: tuple[float, float], aperture: float) -> None:
     """Down on a spot, move the jaw to an aperture, and up again."""
     p_tip = np.array([*spot, FLOOR_Z + GRIP_HEIGHT])
     approach = so101.ApproachGoal(T_base_tool=so101.SE3(DOWN, p_tip), hover=HOVER, frame="jaw_tip")
-    rig.arm.start_move(approach).result()
+    rig.arm.move(approach)
     reached = rig.arm.T_base("jaw_tip").p
     print(f"  jaw at ({', '.join(f'{x:.1f}' for x in to_mm(reached))}) mm")
-    rig.gripper.start_move(aperture).result()
+    rig.gripper.move(aperture)
     leave = so101.LineGoal(
         T_base_tool=so101.SE3(DOWN, p_tip + HOVER), metric=approach.metric, frame="jaw_tip"
     )
-    rig.arm.start_move(leave).result()
+    rig.arm.move(leave)
 
 
 def main() -> None:
@@ -61,7 +61,7 @@ def main() -> None:
     asked = parser.parse_args()
     begin, count = time.monotonic(), asked.rows * asked.columns
     with so101.open_simulated(speed=to_rad(asked.speed), acceleration=to_rad(500.0)) as rig:
-        rig.gripper.start_move(OPEN).result()
+        rig.gripper.move(OPEN)
         for number, spot in enumerate(places(asked.rows, asked.columns), start=1):
             print(f"cube {number} of {count}")
             visit(rig, CUBES_ARRIVE, CLOSED)

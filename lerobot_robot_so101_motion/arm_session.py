@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from so101_motion.arm.arm import SCENE
 from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.arm.motion_handle import Motion
@@ -214,7 +215,7 @@ class ArmSession:
             PlanningError: There is no path.
             So101Error: It did not arrive; the message says why.
         """
-        motion = self.rig.arm.start_move(JointGoal(q=q), limits=self._pace.approach)
+        motion = self.rig.arm.move(JointGoal(q=q), limits=self._pace.approach, wait=False)
         self._await(motion, within)
 
     def release_where_it_lies(self, poses: tuple[Array, ...]) -> bool:
@@ -254,7 +255,7 @@ class ArmSession:
             lying[i] -= np.sign(torque) * LOWERED_BY
             lying = np.clip(lying, *arm.range)
             with suppress(FollowingError):  # the arm lies on something
-                motion = arm.start_unguarded_retarget(lying, limits=LOWERING)
+                motion = arm.retarget(lying, limits=LOWERING, guard=None)
                 self._await(motion, REST_WITHIN)
 
     def _begin(self, q: Array) -> Following | None:
@@ -267,9 +268,11 @@ class ArmSession:
         if is_far and (self._trouble or (pace.guarded and not self._has_approached(goal))):
             return None
         self._trouble = ""
-        open_following = arm.open_following if pace.guarded else arm.open_unguarded_following
-        self._following = following = open_following(
-            limits=pace.full, approach=pace.approach, stale_after=pace.stale_after
+        self._following = following = arm.follow(
+            limits=pace.full,
+            guard=SCENE if pace.guarded else None,
+            approach=pace.approach,
+            stale_after=pace.stale_after,
         )
         return following
 
@@ -305,7 +308,7 @@ class ArmSession:
         if jaw is None or jaw.future.done():
             limits = self.rig.gripper.limits
             slow = limits.lowered_to(JAW_APPROACH * limits.velocity, limits.acceleration)
-            self._jaw = jaw = self.rig.gripper.open_following(
+            self._jaw = jaw = self.rig.gripper.follow(
                 approach=slow, stale_after=self._pace.stale_after
             )
         return jaw.aim(aperture)

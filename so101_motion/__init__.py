@@ -2,6 +2,10 @@
 
 The names that programs need are here; import everything else from its module. Importing this
 package is cheap: Pinocchio and ruckig are loaded when they are first needed.
+
+    with so101.open("sim") as rig:
+        rig.arm.move(so101.point(0.25, 0.12, 0.15))
+        rig.gripper.grab()
 """
 
 from importlib import import_module
@@ -11,10 +15,13 @@ if TYPE_CHECKING:
     from so101_motion.arm.cell import Cell as Cell
     from so101_motion.arm.jaw_following import JawFollowing as JawFollowing
     from so101_motion.arm.planning_worker import PlanningWorker as PlanningWorker
+    from so101_motion.common import errors as errors
     from so101_motion.common.errors import So101Error as So101Error
     from so101_motion.common.geometry import SE3 as SE3
     from so101_motion.common.state import JointState as JointState
     from so101_motion.control.following import Following as Following
+    from so101_motion.opening import open as open
+    from so101_motion.opening import point as point
     from so101_motion.planning.collision.collision import CollisionModel as CollisionModel
     from so101_motion.planning.collision.scene import Attached as Attached
     from so101_motion.planning.collision.scene import Box as Box
@@ -40,7 +47,6 @@ if TYPE_CHECKING:
     from so101_motion.planning.request import PlanRequest as PlanRequest
     from so101_motion.planning.timing.limits import MotionLimits as MotionLimits
     from so101_motion.rig.hardware_rig import open_hardware as open_hardware
-    from so101_motion.rig.hardware_rig import open_so101 as open_so101
     from so101_motion.rig.rig import Rig as Rig
     from so101_motion.rig.servo_driver import ServoSettings as ServoSettings
     from so101_motion.rig.simulated_rig import open_simulated as open_simulated
@@ -83,15 +89,22 @@ _HOMES = {
     "Sphere": "planning.collision.scene",
     "ToolPathGoal": "planning.goals",
     "middles_of": "tasks.teleop.local_arms",
+    "open": "opening",
     "open_hardware": "rig.hardware_rig",
-    "open_so101": "rig.hardware_rig",
     "open_simulated": "rig.simulated_rig",
+    "point": "opening",
 }
 
-__all__ = ["__version__", *_HOMES]
+__all__ = ["__version__", "errors", *_HOMES]
 
 
 def __getattr__(name: str) -> object:
+    if name == "errors":
+        return import_module("so101_motion.common.errors")
     if name in _HOMES:
         return getattr(import_module(f"so101_motion.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'so101_motion' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

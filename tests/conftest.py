@@ -207,7 +207,7 @@ class SimExecutor:
         qdd[:, 0] = np.pi * 60 * u * (1 - u) * (1 - 2 * u) / duration**2
         return Trajectory(dt=self.dt, q=q, qd=qd, qdd=qdd, duration=duration)
 
-    def open_stream(self):
+    def stream(self):
         """A stream that is played from now on."""
         return self.executor.play(Stream(q_start=self.state.q_ref, limits=self.limits, dt=self.dt))
 

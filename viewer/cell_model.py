@@ -148,7 +148,7 @@ class CellModel:
     def execute(self) -> None:
         """Move all arms along the plan that is shown."""
         if self._plan is not None and self._can_execute(self._screens()):
-            self._motions = self._cell.start_execute(self._plan.plans)
+            self._motions = self._cell.move(self._plan.plans, wait=False)
             for name, motion in self._motions.items():
                 self.arms[name].follow(motion)
             self._playback.seek(self._plan.duration)

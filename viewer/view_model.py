@@ -161,7 +161,7 @@ class ViewModel(TargetEditor):
     def execute(self) -> None:
         """Move the arm along the plan that is shown."""
         if self._plan is not None and self._can_execute():
-            self.follow(self._arm.start_execute(self._plan.plan))
+            self.follow(self._arm.move(self._plan.plan, wait=False))
 
     def follow(self, motion: Motion) -> None:
         """Show how the arm moves along the plan that is shown."""
@@ -173,7 +173,7 @@ class ViewModel(TargetEditor):
 
     def move_jaw(self, aperture: float) -> None:
         """Move the gripper at once: 0 closed, 1 open."""
-        self._gripper.start_move(aperture)
+        self._gripper.move(aperture, wait=False)
         if self._plan_is_current and self._motion is None:
             self.drop_plan(texts.JAW_MOVED)
 

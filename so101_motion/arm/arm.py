@@ -1,7 +1,7 @@
 """Plan for an arm, move it, retarget it, jog it and stop it.
 
-Any thread may call. A call that moves returns a ``Motion`` at once; waiting for it is the caller's
-choice. A new motion supersedes the one under way: that slows to rest and ends with
+Any thread may call. ``move`` waits until the arm has settled; with ``wait=False`` it returns the
+``Motion`` at once. A new motion supersedes the one under way: that slows to rest and ends with
 ``Interrupted("a newer motion")``, then the new one is planned from there. Only a retarget does not
 stop in between.
 """
@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import nullcontext, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Literal, Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import MotionQueue, Opening, wait_here
@@ -24,6 +25,7 @@ from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older, request_num
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import (
     SUPERSEDED,
+    ConfigError,
     InCollision,
     Interrupted,
     MotionError,
@@ -39,7 +41,7 @@ from so101_motion.control.following import STALE_AFTER, Following, FollowingSett
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
 from so101_motion.control.streamed_trajectory import Stream
-from so101_motion.planning.goals import Goal
+from so101_motion.planning.goals import Goal, JointGoal
 from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 
@@ -47,6 +49,11 @@ if TYPE_CHECKING:
     from so101_motion.arm.cell_member import CellMember
     from so101_motion.planning.collision.scene import Scene
 
+
+Guard = Literal["scene"]
+"""What a follow, stream or retarget keeps off: the arm itself, its scene, and other arms."""
+
+SCENE: Guard = "scene"
 
 PLANS = 3
 """How often a motion is planned at most while other arms keep getting in its way; chosen."""
@@ -82,7 +89,7 @@ class Arm(PlannedArm):
 
     def plan(
         self,
-        goal: Goal,
+        goal: Goal | ArrayLike,
         *,
         limits: MotionLimits | None = None,
         search: Search | None = None,
@@ -92,7 +99,7 @@ class Arm(PlannedArm):
         """Plan from the arm's present reference, or from ``q_start``; moves nothing.
 
         Args:
-            goal: What is wanted.
+            goal: What is wanted; or joint angles, shape (5,), [rad].
             limits: Caps of this motion; the arm's own if not given.
             search: Options of the search.
             q_start: Plan from here instead, shape (5,), [rad].
@@ -103,16 +110,49 @@ class Arm(PlannedArm):
             WorkerError: The planning process died, or was closed.
             Interrupted: The motion whose step called this was interrupted.
         """
-        request, planning = self._start_plan(goal, limits, search, q_start, q_jaw)
+        request, planning = self._start_plan(_goal(goal), limits, search, q_start, q_jaw)
         plan = wait_here(planning)
         self.newest = (request, plan)
         return plan
 
-    def start_move(
-        self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
+    def move(
+        self,
+        to: Goal | Plan | ArrayLike,
+        *,
+        limits: MotionLimits | None = None,
+        search: Search | None = None,
+        wait: bool = True,
     ) -> Motion:
-        """Plan and move; supersedes what is under way. Arguments as for ``plan``."""
-        return self.start_planned(partial(self.start_plan, goal, limits=limits, search=search))
+        """Move to a goal, or along a plan; supersedes what is under way.
+
+        Args:
+            to: A goal, which is planned for once the arm rests; joint angles, shape (5,), [rad]; or
+                a plan, if the arm is where it starts.
+            limits: Caps of this motion; the arm's own if not given. A plan has its own.
+            search: Options of the search; for a goal alone.
+            wait: Return when the arm has settled. With False the motion is returned at once, and
+                raises its errors from ``Motion.result``.
+
+        Raises:
+            PlanningError: Why there is no trajectory, with figures.
+            MotionError: The arm is not where the plan starts, or could not finish.
+            Interrupted: A newer motion or a stop ended it.
+        """
+        if isinstance(to, Plan):
+            if limits is not None or search is not None:
+                raise ConfigError(
+                    "limits" if search is None else "search",
+                    "given",
+                    "belongs to the planning of a goal; this plan is finished",
+                )
+            plan = to
+            motion = self._motions.start(lambda motion: self._execute(motion, plan))
+        else:
+            planning = partial(self.start_plan, _goal(to), limits=limits, search=search)
+            motion = self.start_planned(planning)
+        if wait:
+            motion.result()
+        return motion
 
     def consider(self, goal: Goal, *, search: Search | None = None) -> tuple[Motion, Future[Plan]]:
         """Plan for a motion that may be asked for next; the one under way goes on.
@@ -138,10 +178,6 @@ class Arm(PlannedArm):
 
         return self._motions.start(run)
 
-    def start_execute(self, plan: Plan) -> Motion:
-        """Move along this plan, if the arm is where it starts; supersedes what is under way."""
-        return self._motions.start(lambda motion: self._execute(motion, plan))
-
     def start_series(self, steps: Iterable[Plan | Callable[[Motion], None]]) -> Motion:
         """Move along several plans, one after the other; supersedes what is under way.
 
@@ -159,42 +195,70 @@ class Arm(PlannedArm):
 
         return self._motions.start(run)
 
-    def start_retarget(self, q_goal: Array, *, limits: MotionLimits | None = None) -> Motion:
+    def retarget(
+        self, q_goal: Array, *, limits: MotionLimits | None = None, guard: Guard | None = SCENE
+    ) -> Motion:
         """Move from the present motion straight to ``q_goal``, shape (5,), [rad], without a stop.
 
         For goals that come one by one, each replacing the one before. Nothing is planned: if an
         obstacle is in the way the arm stops short of it, and the motion raises what it was. A
-        planned motion comes to rest along its own path first.
+        planned motion comes to rest along its own path first. Never waits.
+
+        Args:
+            q_goal: Where to.
+            limits: Caps of the joints; the arm's own if not given.
+            guard: None to keep off nothing.
 
         Raises:
             OutsideLimits: The goal lies outside the joint limits.
         """
-        return self._retarget(q_goal, limits, guarded=True)
+        q_goal = self.model.within_limits(frozen_array(q_goal, (5,)))
+        self._range.check(q_goal)
+        make = self._maker(limits, guard=guard, stale_after=None, ends_there=True)
+        turn = partial(self._executor.turn, channel=Channel.ARM)
 
-    def start_unguarded_retarget(
-        self, q_goal: Array, *, limits: MotionLimits | None = None
-    ) -> Motion:
-        """Like ``start_retarget``, but nothing keeps the arm off itself or what is around it."""
-        return self._retarget(q_goal, limits, guarded=False)
+        def begin(motion: Motion) -> Future[None]:
+            must_hold, following = self._must_hold(), make()
+            following.aim(q_goal)
 
-    def start_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
+            def start() -> Future[None]:
+                if must_hold:
+                    self._executor.hold()  # before the turn, for requests are served in order
+                return turn(following)
+
+            return motion.begin(start, self._executor.interrupt)
+
+        if guard and not self._open_ended.has_guard(self._situation):
+            return self._motions.start(begin)  # has a thread, which can make one
+        return self._motions.take_over(begin)
+
+    def stream(self, *, limits: MotionLimits | None = None, guard: Guard | None = SCENE) -> Stream:
         """Open a stream of time-stamped points once the arm rests; supersedes what is under way.
 
-        The points are played as they come, within the limits. If they lead into contact with the
-        arm itself, the table, the scene (and what ``keep_off`` adds) or another arm of its cell,
-        the arm stops before that, and the stream's future raises what is in the way.
+        Blocks until points can be pushed. The points are played as they come, within the limits. If
+        they lead into contact with the arm itself, the table, the scene (and what ``keep_off``
+        adds) or another arm of its cell, the arm stops before that, and the stream's future raises
+        what is in the way.
+
+        Args:
+            limits: Caps of the joints; the arm's own if not given.
+            guard: None to keep off nothing.
+
+        Raises:
+            Interrupted: A newer motion or a stop was asked for meanwhile.
         """
-        return self._stream(limits, guarded=True)
+        return self.start_stream(limits=limits, guard=guard).opened.result()
 
-    def start_unguarded_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
-        """Like ``start_stream``, but nothing keeps the arm off itself or what is around it."""
-        return self._stream(limits, guarded=False)
+    def start_stream(
+        self, *, limits: MotionLimits | None = None, guard: Guard | None = SCENE
+    ) -> Opening[Stream]:
+        """Like ``stream``, but does not wait."""
+        caps = self.effective_limits(limits)
+        return self._open_source(
+            lambda: self._open_ended.stream(self._situation, caps, guarded=guard is not None)
+        )
 
-    def open_stream(self, *, limits: MotionLimits | None = None) -> Stream:
-        """Like ``start_stream``, but blocks until points can be pushed; raises as ``open_jog``."""
-        return self.start_stream(limits=limits).opened.result()
-
-    def open_jog(self, *, limits: MotionLimits | None = None, frame: str = "tool") -> Jog:
+    def jog(self, *, limits: MotionLimits | None = None, frame: str = "tool") -> Jog:
         """Jog the tool with velocities, poses and points; supersedes what is under way.
 
         Blocks until the arm rests. It keeps clear of itself, of the present scene, and of
@@ -214,10 +278,11 @@ class Arm(PlannedArm):
             lambda: self._open_ended.jog(self._situation, self.effective_limits(limits), frame)
         ).opened.result()
 
-    def open_following(
+    def follow(
         self,
         *,
         limits: MotionLimits | None = None,
+        guard: Guard | None = SCENE,
         approach: MotionLimits = APPROACH,
         gate: float = GATE,
         stale_after: float | None = STALE_AFTER,
@@ -232,6 +297,7 @@ class Arm(PlannedArm):
 
         Args:
             limits: Caps of the joints; the arm's own if not given.
+            guard: None to keep off nothing.
             approach: Caps while a first target is far.
             gate: A target is near when every joint is closer to it than this [rad].
             stale_after: After how long without a new target it brakes to rest [s]; None for never.
@@ -242,15 +308,10 @@ class Arm(PlannedArm):
             Interrupted: A newer motion or a stop was asked for meanwhile.
             MotionError: This arm cannot follow targets.
         """
-        return self._follow(
-            limits, guarded=True, approach=approach, gate=gate, stale_after=stale_after, each=each
+        make = self._maker(
+            limits, guard=guard, approach=approach, gate=gate, stale_after=stale_after, each=each
         )
-
-    def open_unguarded_following(
-        self, *, limits: MotionLimits | None = None, **how: Unpack[FollowingSettings]
-    ) -> Following:
-        """Like ``open_following``, but nothing keeps the arm off itself or what is around it."""
-        return self._follow(limits, guarded=False, **how)
+        return self._open_source(make).opened.result()
 
     def keep_off(self, own: Scene, around: Scene) -> None:
         """Let followings, streams and jogs keep off more than the arm's own scene, from now on.
@@ -346,47 +407,14 @@ class Arm(PlannedArm):
             execute = partial(self._executor.execute, trajectory, channel=Channel.ARM)
             motion.begin(execute, self._executor.interrupt).result()
 
-    def _follow(
-        self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]
-    ) -> Following:
-        how = {"approach": APPROACH, **how}
-        return self._open_source(self._maker(limits, guarded=guarded, **how)).opened.result()
-
-    def _stream(self, limits: MotionLimits | None, *, guarded: bool) -> Opening[Stream]:
-        caps = self.effective_limits(limits)
-        return self._open_source(
-            lambda: self._open_ended.stream(self._situation, caps, guarded=guarded)
-        )
-
     def _maker(
-        self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]
+        self, limits: MotionLimits | None, *, guard: Guard | None, **how: Unpack[FollowingSettings]
     ) -> Callable[[], Following]:
         caps = self.following_limits(limits)
         # The situation is that in which it begins: ``keep_off`` may be called before.
         return lambda: self._open_ended.following(
-            self._situation, caps, guarded=guarded, share=self.slowdown, **how
+            self._situation, caps, guarded=guard is not None, share=self.slowdown, **how
         )
-
-    def _retarget(self, q_goal: Array, limits: MotionLimits | None, *, guarded: bool) -> Motion:
-        q_goal = self.model.within_limits(frozen_array(q_goal, (5,)))
-        self._range.check(q_goal)
-        make = self._maker(limits, guarded=guarded, stale_after=None, ends_there=True)
-        turn = partial(self._executor.turn, channel=Channel.ARM)
-
-        def begin(motion: Motion) -> Future[None]:
-            must_hold, following = self._must_hold(), make()
-            following.aim(q_goal)
-
-            def start() -> Future[None]:
-                if must_hold:
-                    self._executor.hold()  # before the turn, for requests are served in order
-                return turn(following)
-
-            return motion.begin(start, self._executor.interrupt)
-
-        if guarded and not self._open_ended.has_guard(self._situation):
-            return self._motions.start(begin)  # has a thread, which can make one
-        return self._motions.take_over(begin)
 
     def _open_source(self, make: Callable[[], S]) -> Opening[S]:
         """Begin the open-ended motion that ``make`` prepares, once the arm rests."""
@@ -416,3 +444,17 @@ class Arm(PlannedArm):
         if state.mode is Mode.FAULT:
             raise NotHolding(f"the arm is in a fault: {state.fault}; clear it, then hold again")
         return self.is_movable_by_hand
+
+
+def _goal(to: Goal | ArrayLike) -> Goal:
+    """A goal as it is, or that of joint angles.
+
+    Raises:
+        ConfigError: These are not five.
+    """
+    if isinstance(to, Goal):
+        return to
+    q = np.asarray(to, dtype=np.float64)
+    if q.shape != (5,):
+        raise ConfigError("goal", to, "must be a goal, or five joint angles in radians")
+    return JointGoal(q=q)

@@ -152,13 +152,14 @@ class Cell:
         self._refuse_unknown(goals)
         return self._start(partial(self.start_plan, goals, scenes=scenes))
 
-    def start_execute(self, plans: Mapping[str, Plan]) -> dict[str, Motion]:
+    def move(self, plans: Mapping[str, Plan], *, wait: bool = True) -> dict[str, Motion]:
         """Move all arms along plans of ``plan_together``; supersedes what is under way.
 
         Stopping one arm ends the motion of all.
 
         Args:
             plans: The plan of each arm of the cell, by its name.
+            wait: Return when all have settled; with False return the motions at once.
 
         Returns:
             The motion of each arm. It raises ``MotionError`` if an arm is not where its plan
@@ -169,7 +170,11 @@ class Cell:
             ConfigError: These are not the arms of this cell.
         """
         self._refuse_other_than_all(plans)
-        return self._start(lambda: self.check_again(plans))
+        motions = self._start(lambda: self.check_again(plans))
+        if wait:
+            for motion in motions.values():
+                motion.result()
+        return motions
 
     def plan_handover(
         self,

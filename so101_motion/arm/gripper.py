@@ -90,10 +90,10 @@ class Jaw(Protocol):
     def is_holding(self) -> bool:
         """Whether the last grab got hold of something that is still there."""
 
-    def start_move(self, aperture: float) -> Motion:
+    def move(self, aperture: float, *, wait: bool = ...) -> Motion:
         """Open or close to ``aperture``."""
 
-    def start_grab(self, aperture: float = ...) -> Motion:
+    def grab(self, aperture: float = ..., *, wait: bool = ...) -> Motion:
         """Close until something is gripped or the jaw is closed."""
 
 
@@ -113,7 +113,7 @@ def move_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
     here = jaw.aperture
     if abs(aperture - here) <= SAME_APERTURE or (jaw.is_holding and aperture < here):
         return
-    moving = jaw.start_grab(aperture) if aperture < here else jaw.start_move(aperture)
+    moving = (jaw.grab if aperture < here else jaw.move)(aperture, wait=False)
     try:
         motion.wait_for(moving.future)
     except BaseException:
@@ -194,7 +194,9 @@ class Gripper:
         if self.is_holding and (latest is None or latest.future.done()):
             self.press()
 
-    def start_move(self, aperture: float, *, limits: MotionLimits | None = None) -> Motion:
+    def move(
+        self, aperture: float, *, limits: MotionLimits | None = None, wait: bool = True
+    ) -> Motion:
         """Open or close to ``aperture``.
 
         An object that it closes on is gripped, and ``is_holding`` becomes True; the motion then
@@ -203,22 +205,32 @@ class Gripper:
         Args:
             aperture: Where to, 0 closed to 1 open.
             limits: Caps of this motion; the gripper's own if None.
+            wait: Return when the jaw is there; with False return the motion at once.
 
         Raises:
             ConfigError: ``aperture`` is outside 0 to 1.
         """
-        return self._start(_JawMove(self.angle_of(aperture), limits, grabs=False))
+        motion = self._start(_JawMove(self.angle_of(aperture), limits, grabs=False))
+        if wait:
+            motion.result()
+        return motion
 
-    def start_grab(self, aperture: float = 0.0, *, limits: MotionLimits | None = None) -> Motion:
+    def grab(
+        self, aperture: float = 0.0, *, limits: MotionLimits | None = None, wait: bool = True
+    ) -> Motion:
         """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
 
         Args:
             aperture: The aperture that counts as closed.
             limits: Caps of this motion; the gripper's own if None.
+            wait: Return when that is so; with False return the motion at once.
         """
-        return self._start(_JawMove(self.angle_of(aperture), limits, grabs=True))
+        motion = self._start(_JawMove(self.angle_of(aperture), limits, grabs=True))
+        if wait:
+            motion.result()
+        return motion
 
-    def open_following(
+    def follow(
         self,
         *,
         limits: MotionLimits | None = None,

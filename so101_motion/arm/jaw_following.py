@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from so101_motion.common.errors import ConfigError, FollowingError, Interrupted, MotionError
 from so101_motion.common.geometry import is_finite
 from so101_motion.control.following import Following
+from so101_motion.control.open_ended_motion import EndsWithBlock
 from so101_motion.control.request_queue import running_future
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ LET_GO = 0.03
 more than a hand on a trigger trembles."""
 
 
-class JawFollowing:
-    """A jaw that follows apertures; made by ``Gripper.open_following``.
+class JawFollowing(EndsWithBlock):
+    """A jaw that follows apertures; made by ``Gripper.follow``.
 
     Args:
         gripper: Whose jaw.
@@ -109,6 +110,9 @@ class JawFollowing:
             elif not self.future.done():
                 self.future.set_result(None)
         return self.future
+
+    def _end_of_block(self) -> None:
+        self.close()
 
     @property
     def is_gripping(self) -> bool:

@@ -92,6 +92,16 @@ class PlannedArm(CappedJoints):
         """Whether the joints can be moved by hand: guided, or limp."""
         return self.state.mode in (Mode.GUIDING, Mode.LIMP)
 
+    @property
+    def q(self) -> Array:
+        """Where the joints are, measured, shape (5,), [rad]."""
+        return self.state.q
+
+    @property
+    def T_base_tool(self) -> SE3:
+        """Where the tool is now, from the measured joints; maps to the base frame."""
+        return self.T_base("tool")
+
     def T_base(self, frame: str = "tool") -> SE3:
         """Where ``frame`` is now, from the measured joints; maps to the base frame."""
         with self._kinematics:

@@ -144,7 +144,7 @@ def move(
             click.echo(line, err=True)
         if not yes:
             have_agreed("Move all of them?")
-        _wait_for_all(opened.cell, opened.cell.start_execute(plans))
+        _wait_for_all(opened.cell, opened.cell.move(plans, wait=False))
         reached = _joints_deg(opened.rigs)
     if as_json:
         print_json("cell-move", {"duration_s": duration, "joints_deg": reached})

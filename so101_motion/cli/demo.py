@@ -53,7 +53,7 @@ def _in_text() -> None:
         click.echo(plan_table(plan))
         click.echo("\nmoving ...", nl=False)
         sys.stdout.flush()
-        motion = rig.arm.start_execute(plan)
+        motion = rig.arm.move(plan, wait=False)
         with stops_on_ctrl_c(rig.arm):
             motion.result()
         p = to_mm(rig.arm.T_base().p)

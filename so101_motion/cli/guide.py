@@ -104,8 +104,10 @@ def _run_keys(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: flo
             if key == ENTER:
                 return
             if key in ("o", "c"):
-                move = rig.gripper.start_move if key == "o" else rig.gripper.start_grab
-                move(_OPEN if key == "o" else _CLOSED)
+                if key == "o":
+                    rig.gripper.move(_OPEN, wait=False)
+                else:
+                    rig.gripper.grab(_CLOSED, wait=False)
     except KeyboardInterrupt:
         interrupts.taken()
     except Quit:

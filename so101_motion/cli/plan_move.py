@@ -231,7 +231,7 @@ def move(
             click.echo(plan_table(found))
         if not yes:
             have_agreed(f"Move the {source.what} for {found.duration:.1f} s?")
-        motion = rig.arm.start_execute(found)
+        motion = rig.arm.move(found, wait=False)
         _wait(rig, motion, found)
         state = rig.arm.state
         off_deg = float(to_deg(np.max(np.abs(state.q - found.q_goal))))

@@ -39,7 +39,7 @@ _HELD_BELOW = 0.9  # share of the wanted speed below which something is said to 
 
 
 class Jog(OpenEndedMotion):
-    """Turns velocities, poses and points into setpoints; made by ``Arm.open_jog``.
+    """Turns velocities, poses and points into setpoints; made by ``Arm.jog``.
 
     Args:
         servo: Computes the steps; only this jog may use it from now on.

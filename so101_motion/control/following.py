@@ -101,7 +101,7 @@ class _Aim(NamedTuple):
 
 
 class Following(OpenEndedMotion):
-    """Takes targets and hands out setpoints; made by ``Arm.open_following``.
+    """Takes targets and hands out setpoints; made by ``Arm.follow``.
 
     Args:
         q_start: Where it begins, at rest, shape (n,), [rad].

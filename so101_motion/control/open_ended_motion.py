@@ -3,12 +3,36 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
+from typing import Self
 
 from so101_motion.common.errors import MotionError
 from so101_motion.control.request_queue import running_future
 
 
-class OpenEndedMotion:
+class EndsWithBlock:
+    """Ends a motion where its ``with`` block ends, waits for that, and raises why it ended early.
+
+    If the block raised, its error is the one that is raised.
+    """
+
+    future: Future[None]
+
+    def _end_of_block(self) -> None:
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if not self.future.done():
+            self._end_of_block()
+        if kind is None:
+            self.future.result()
+        else:
+            self.future.exception()
+
+
+class OpenEndedMotion(EndsWithBlock):
     """A motion that goes on until it is closed, stopped, or cannot go on.
 
     Args:
@@ -32,6 +56,9 @@ class OpenEndedMotion:
         """Slow to rest and end; may be called again."""
         self._closing = True
         return self.future
+
+    def _end_of_block(self) -> None:
+        self.close()
 
     def _refuse_if_over(self) -> None:
         """Refuse what is asked of a motion that has ended.

@@ -40,6 +40,7 @@ from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.motion_source import LOOK_AHEAD, PlannedMotion
+from so101_motion.control.open_ended_motion import EndsWithBlock
 from so101_motion.control.request_queue import running_future
 from so101_motion.planning.collision.course import stop_along, stop_time
 from so101_motion.planning.timing import online
@@ -86,8 +87,10 @@ class TimedPoint:
             raise ValueError(f"a point must be finite, got t = {self.t}, q = {self.q}")
 
 
-class Stream:
-    """Turns streamed points into setpoints; a ``MotionSource`` made by ``Arm.start_stream``.
+class Stream(EndsWithBlock):
+    """Turns streamed points into setpoints; a ``MotionSource`` made by ``Arm.stream``.
+
+    Leaving its ``with`` block finishes it.
 
     Args:
         q_start: The arm's reference when the stream opens, shape (5,), [rad].
@@ -179,6 +182,12 @@ class Stream:
             self._prime()
             self._finished = True
         return self.future
+
+    def _end_of_block(self) -> None:
+        if not len(self._knots[0]):
+            self.push([TimedPoint(t=0.0, q=self._q_start)])
+        if not self._finished:
+            self.finish()
 
     # The I/O thread
 

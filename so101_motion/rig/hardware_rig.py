@@ -248,24 +248,28 @@ def open_hardware(
 
 
 def open_so101(
-    port: str, calibration_id: str | None = None, *, clock: Clock | None = None
+    port: str, calibration: str | Path | None = None, *, clock: Clock | None = None
 ) -> HardwareRig:
     """Open a whole SO-101, arm and gripper, on a serial port; opening moves nothing.
 
     Args:
         port: The serial port.
-        calibration_id: LeRobot's name of the arm (``--robot.id``), to use LeRobot's calibration
-            file of it; None for the saved file that agrees with the servos, else their own.
+        calibration: A file, or the name that LeRobot knows the arm by (``--robot.id``); None for
+            the saved file that agrees with the servos, else their own.
         clock: As for ``open_hardware``, which raises further errors.
 
     Raises:
-        ConfigError: LeRobot has no calibration of that name.
+        ConfigError: There is no such calibration.
     """
-    file = None if calibration_id is None else lerobot.path_for(calibration_id)
+    file = None if calibration is None else Path(calibration)
     if file is not None and not file.is_file():
-        raise ConfigError(
-            "calibration_id", calibration_id, f"is no calibration of LeRobot; there is no {file}"
-        )
+        if file.parent != Path():
+            raise ConfigError("calibration", str(file), "is no file")
+        file = lerobot.path_for(str(calibration))
+        if not file.is_file():
+            raise ConfigError(
+                "calibration", str(calibration), f"is no file, nor is {file}, LeRobot's by that id"
+            )
     settings = ServoSettings(
         port=port, servo_ids=SERVO_IDS, gripper_id=GRIPPER_ID, calibration_file=file
     )

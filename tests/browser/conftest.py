@@ -47,9 +47,9 @@ def move_to(rig: Rig, q: np.ndarray) -> None:
     """Move the arm there; again where a busy machine had no time for its setpoints."""
     for _ in range(3):
         with suppress(MotionError):
-            rig.arm.start_move(JointGoal(q=q)).result(60.0)
+            rig.arm.move(JointGoal(q=q), wait=False).result(60.0)
             return
-    rig.arm.start_move(JointGoal(q=q)).result(60.0)
+    rig.arm.move(JointGoal(q=q), wait=False).result(60.0)
 
 
 def crawl_aside(rig: Rig) -> None:
@@ -57,7 +57,7 @@ def crawl_aside(rig: Rig) -> None:
     rig.arm.set_speed(to_rad(180.0))
     move_to(rig, HOME)
     rig.arm.set_speed(to_rad(3.0))
-    rig.arm.start_move(JointGoal(q=ASIDE))
+    rig.arm.move(JointGoal(q=ASIDE), wait=False)
 
 
 class Visit(Protocol):

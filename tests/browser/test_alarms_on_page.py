@@ -134,7 +134,7 @@ def test_a_joint_of_a_machine_outside_its_range_is_said_until_a_motion_has_broug
 
             with MachineRig.connect(machine.address, arm="arm") as other:
                 goal = JointGoal(q=other.state.q + np.radians([0.0, 0.0, 0.0, 0.0, 20.0]))
-                carried_out(lambda: other.arm.start_move(goal).result(60.0))
+                carried_out(lambda: other.arm.move(goal, wait=False).result(60.0))
             is_well_again(guest, "Outside its range")
             guest.until(lambda: guest.color_of(part("wrist_roll")) != in_alarm)
             assert guest.problems == []

@@ -237,7 +237,7 @@ def test_a_program_is_carried_out_step_by_step_as_its_list_says(
     guest: Guest, arm_on_port: HardwareRig, servos: Servos
 ) -> None:
     rig, page = arm_on_port, guest.page
-    rig.gripper.start_move(0.4).result(30.0)
+    rig.gripper.move(0.4, wait=False).result(30.0)
     page.get_by_role("tab", name="Program").click()
     if not guest.button("load").is_visible():  # a second attempt finds them
         page.get_by_text("Save and load").click()

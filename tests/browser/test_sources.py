@@ -184,7 +184,7 @@ def well(in_background: Guest, cable: Cable) -> Guest:
     """A window on the Events tab; the arm holds and nothing is wrong with it."""
     guest, arm = in_background, cable.rigs[-1].arm
     if arm.state.reading.out_of_range:
-        arm.start_move(JointGoal(q=np.zeros(5))).result(60.0)
+        arm.move(JointGoal(q=np.zeros(5)), wait=False).result(60.0)
     guest.page.get_by_role("tab", name="Events").click()
     guest.until(lambda: guest.alerts() == [] and not guest.has_badge())
     return guest
@@ -266,7 +266,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
     model = RobotModel.load()
     with running_machine(resources=PAIR) as machine:
         with MachineRig.connect(machine.address, arm="arm") as other:
-            other.arm.start_move(JointGoal(q=BEGIN)).result(60.0)
+            other.arm.move(JointGoal(q=BEGIN), wait=False).result(60.0)
         source = Source(
             title=f"Arm of machine {machine.address}",
             open=lambda: MachineRig.connect(machine.address, arm="arm"),
@@ -298,7 +298,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             before = hand(guest)
             with MachineRig.connect(machine.address, arm="leader") as leader:
                 goal = JointGoal(q=np.radians([20.0, -10.0, 5.0, 5.0, 0.0]))
-                leader.arm.start_move(goal).result(60.0)
+                leader.arm.move(goal, wait=False).result(60.0)
                 p_leader = model.frame(leader.arm.state.q, "gripper_link").p
             guest.until(lambda: np.allclose(hand(guest), p_leader, atol=0.005))
             assert not np.allclose(before, p_leader, atol=0.02)

@@ -35,7 +35,7 @@ def test_an_arm_leaves_its_table_by_itself_when_asked_to(tmp_path, planning_proc
         with pytest.raises(InCollision, match="leave_contact"):
             bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
         q_start = rig.arm.state.q
-        motion = rig.arm.start_move(LeaveContactGoal())
+        motion = rig.arm.move(LeaveContactGoal(), wait=False)
         bench.under_way(motion, rig)
         bench.advance(0.5)
         assert np.abs(rig.arm.state.qd).max() < 1.2 * DEPARTURE_SPEED

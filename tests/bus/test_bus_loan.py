@@ -58,11 +58,11 @@ def test_lending_moves_nothing_and_other_requests_are_refused_with_the_reason(be
     before = bench.q_deg
     rig.lend_bus("calibration")
     for ask in (
-        lambda: bench.finish(rig.arm.start_move(goal_of(20))),
-        lambda: bench.finish(rig.arm.start_retarget(np.zeros(5))),
-        rig.arm.open_stream,
-        lambda: bench.finish(rig.gripper.start_move(0.5)),
-        lambda: bench.finish(rig.gripper.start_grab()),
+        lambda: bench.finish(rig.arm.move(goal_of(20), wait=False)),
+        lambda: bench.finish(rig.arm.retarget(np.zeros(5))),
+        rig.arm.stream,
+        lambda: bench.finish(rig.gripper.move(0.5, wait=False)),
+        lambda: bench.finish(rig.gripper.grab(wait=False)),
         lambda: rig.arm.set_manual(True),
         lambda: rig.arm.set_manual(False),
         lambda: rig.executor.release().result(),
@@ -346,7 +346,7 @@ def test_a_fresh_kit_can_be_opened_and_its_bus_lent(tmp_path, ids):
         loan.give_back()
         bench.advance(0.5)
         with pytest.raises(MotionError, match="configure an arm or a gripper"):
-            bench.finish(rig.arm.start_move(goal_of(20)))
+            bench.finish(rig.arm.move(goal_of(20), wait=False))
 
 
 def test_an_arm_that_no_component_uses_is_held_for_a_borrower_that_asks_for_it(bench):

@@ -140,9 +140,7 @@ def test_an_arm_that_a_strong_hand_leads_into_another_says_what_it_touches(arms,
 
 def test_an_arm_that_follows_targets_stays_off_one_that_a_hand_guides(arms, beside, clock):
     guided = arms[0]
-    following = in_time(
-        clock, lambda: beside.arm.open_following(limits=FAST, stale_after=None, gate=10.0)
-    )
+    following = in_time(clock, lambda: beside.arm.follow(limits=FAST, stale_after=None, gate=10.0))
     reach, away = np.radians([0.0, 0.0, 10.0, 60.0, 0.0]), Q_BESIDE
     there, held, nearest = np.degrees(guided.world.q), set(), np.inf
     there[0] = 10.0

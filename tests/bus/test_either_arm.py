@@ -122,15 +122,15 @@ def test_a_stop_brings_it_to_rest_where_it_is(bench, rig):
 
 def test_a_goal_outside_the_limits_is_refused(rig):
     with pytest.raises(OutsideLimits, match="shoulder_pan"):
-        rig.arm.start_retarget(np.radians([170.0, 0, 0, 0, 0]))
+        rig.arm.retarget(np.radians([170.0, 0, 0, 0, 0]))
     assert not rig.arm.is_moving
 
 
 def test_it_turns_to_a_new_goal_on_the_way(bench, rig):
     start, goal = np.degrees(rig.arm.state.q), near(rig, 1, 0, 0, 0, 0)
-    first = rig.arm.start_retarget(np.radians(goal))
+    first = rig.arm.retarget(np.radians(goal))
     bench.under_way(first, rig, 0.2)
-    second = rig.arm.start_retarget(np.radians(start))
+    second = rig.arm.retarget(np.radians(start))
     with pytest.raises(Interrupted, match="a newer motion"):
         bench.finish(first)
     bench.finish(second)
@@ -142,9 +142,9 @@ def test_it_turns_to_a_new_goal_on_the_way(bench, rig):
 
 
 def test_the_jaw_opens_and_closes(bench, rig):
-    bench.finish(rig.gripper.start_move(0.9))
+    bench.finish(rig.gripper.move(0.9, wait=False))
     assert rig.gripper.aperture == pytest.approx(0.9, abs=0.02)
-    bench.finish(rig.gripper.start_grab())
+    bench.finish(rig.gripper.grab(wait=False))
     assert rig.gripper.aperture < 0.05
     assert not rig.gripper.is_holding
 
@@ -152,7 +152,7 @@ def test_the_jaw_opens_and_closes(bench, rig):
 def test_arm_and_jaw_move_together_and_a_stop_of_the_jaw_leaves_the_arm_alone(bench, rig):
     start, goal = np.degrees(rig.arm.state.q), near(rig, 1, 0, 0, 0, 0)
     arm = bench.go(rig, *goal)
-    jaw = rig.gripper.start_move(0.9)
+    jaw = rig.gripper.move(0.9, wait=False)
     bench.under_way(arm, rig, 0.3)
     bench.finish(rig.executor.stop(Channel.JAW))
     with pytest.raises(Interrupted):
@@ -161,5 +161,5 @@ def test_arm_and_jaw_move_together_and_a_stop_of_the_jaw_leaves_the_arm_alone(be
 
     assert rig.gripper.aperture < 0.9
     assert bench.arm_deg(rig) == pytest.approx(goal, abs=0.35)
-    bench.finish(rig.gripper.start_grab())
+    bench.finish(rig.gripper.grab(wait=False))
     bench.finish(bench.go(rig, *start))

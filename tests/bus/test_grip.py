@@ -14,7 +14,7 @@ FOAM, PLASTIC, WOOD = 5.0, 120.0, 600.0  # [N m/rad at the jaw], chosen
 def opened(bench):
     rig = bench.open()
     bench.advance(0.5)
-    bench.finish(rig.gripper.start_move(0.8))
+    bench.finish(rig.gripper.move(0.8, wait=False))
     return rig
 
 
@@ -27,7 +27,7 @@ def test_a_grip_is_steady_and_stays_cool(tmp_path, stiffness, kind):
     with hardware_bench(tmp_path, reply_timeout=2.0, kind=kind) as bench:
         rig = opened(bench)
         bench.world.put_object(0.03, stiffness)
-        bench.finish(rig.gripper.start_grab())
+        bench.finish(rig.gripper.grab(wait=False))
         bench.advance(1.0)
         drive = bench.world.servo("gripper").drive
         forces = []
@@ -44,7 +44,7 @@ def test_a_grip_is_steady_and_stays_cool(tmp_path, stiffness, kind):
 def test_a_jaw_that_closes_on_nothing_rests(tmp_path):
     with hardware_bench(tmp_path, reply_timeout=2.0) as bench:
         rig = opened(bench)
-        bench.finish(rig.gripper.start_grab())
+        bench.finish(rig.gripper.grab(wait=False))
         bench.advance(1.0)
         assert not rig.gripper.is_holding
         assert abs(bench.world.servo("gripper").drive.duty) < 0.05

@@ -59,12 +59,12 @@ def rig(bench):
 
 
 def test_the_arm_replays_a_taught_path_and_the_jaw_grips(bench, rig):
-    bench.finish(rig.gripper.start_move(0.7))
+    bench.finish(rig.gripper.move(0.7, wait=False))
     recorder = PathRecorder(rig.executor, rig.gripper)
     lead(bench)
     bench.advance(3.4)
     lead(bench, NUDGE)  # as a person does who has only two hands
-    bench.finish(rig.gripper.start_grab())
+    bench.finish(rig.gripper.grab(wait=False))
     path = recorder.end()
     end = bench.arm_deg(rig)
     rig.arm.set_manual(False)
@@ -75,7 +75,7 @@ def test_the_arm_replays_a_taught_path_and_the_jaw_grips(bench, rig):
     closing = np.degrees(path.q[path.aperture < 0.6])
     assert np.ptp(closing, axis=0).max() > 0.5, "and yet the jaw closes at its own speed"
 
-    bench.finish(rig.gripper.start_move(0.7))
+    bench.finish(rig.gripper.move(0.7, wait=False))
     bench.world.put_object(0.03)
     replay = plan_replay(rig.arm, path, gripper=rig.gripper)
     assert replay.duration < path.duration + 4.0, (

@@ -76,7 +76,7 @@ def test_a_stop_and_a_motion_end_it(bench, rig):
     assert rig.arm.state.mode is Mode.HOLDING
     assert limits(bench)[:5] == [1000] * 5
     rig.arm.set_manual(True)
-    bench.finish(rig.arm.start_retarget(np.zeros(5)))
+    bench.finish(rig.arm.retarget(np.zeros(5)))
 
     assert np.degrees(rig.arm.state.q[0]) == pytest.approx(0.0, abs=0.5)
 
@@ -105,10 +105,10 @@ def test_motions_and_lending_are_refused_while_a_hand_guides_the_arm(bench, rig)
 
 
 def test_the_jaw_opens_and_closes_while_the_arm_is_guided(bench, rig):
-    bench.finish(rig.gripper.start_move(0.5))
+    bench.finish(rig.gripper.move(0.5, wait=False))
     assert rig.gripper.aperture == pytest.approx(0.5, abs=0.02)
     assert rig.arm.state.mode is Mode.GUIDING
-    motion = rig.gripper.start_move(0.9)
+    motion = rig.gripper.move(0.9, wait=False)
     bench.advance(0.2)
     with pytest.raises(MotionError, match="jaw is moving"):
         bench.finish(rig.executor.release())
@@ -119,7 +119,7 @@ def test_the_jaw_opens_and_closes_while_the_arm_is_guided(bench, rig):
 
 
 def test_a_stop_of_the_jaw_leaves_the_arm_guided(bench, rig):
-    motion = rig.gripper.start_move(0.9)
+    motion = rig.gripper.move(0.9, wait=False)
     bench.advance(0.2)
     bench.finish(rig.executor.stop(Channel.JAW))
     with pytest.raises(Interrupted):

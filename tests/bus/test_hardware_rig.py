@@ -224,7 +224,7 @@ def test_goals_outside_the_calibrated_range_are_refused(bench):
     with pytest.raises(OutsideLimits, match=r"shoulder_pan.*calibrated range"):
         bench.finish(bench.go(rig, 95, 0, 0, 0, 0))
     with pytest.raises(OutsideLimits, match="shoulder_pan"):
-        rig.arm.start_retarget(np.radians([95.0, 0, 0, 0, 0]))
+        rig.arm.retarget(np.radians([95.0, 0, 0, 0, 0]))
 
     assert not rig.arm.is_moving
 
@@ -235,9 +235,9 @@ def test_goals_outside_the_calibrated_range_are_refused(bench):
 @pytest.mark.parametrize("width_mm", [5, 20, 60])
 def test_it_stops_at_what_it_grabs_and_holds_it_gently(bench, width_mm):
     rig = bench.open()
-    bench.finish(rig.gripper.start_move(0.95))
+    bench.finish(rig.gripper.move(0.95, wait=False))
     bench.world.put_object(width_mm / 1000.0)
-    bench.finish(rig.gripper.start_grab())
+    bench.finish(rig.gripper.grab(wait=False))
     bench.advance(5.0)
     jaw = rig.servos.health[5]
 
@@ -269,7 +269,7 @@ def test_a_stop_brakes_each_joint_no_harder_than_its_servo_does(tmp_path, planni
 def test_a_stop_of_the_gripper_leaves_the_arm_alone(bench):
     rig = bench.open()
     arm = bench.go(rig, 30, 0, 0, 0, 0)
-    jaw = rig.gripper.start_move(0.9)
+    jaw = rig.gripper.move(0.9, wait=False)
     bench.under_way(arm, rig, 0.4)
     bench.finish(rig.executor.stop(Channel.JAW))
     with pytest.raises(Interrupted):
@@ -281,8 +281,8 @@ def test_a_stop_of_the_gripper_leaves_the_arm_alone(bench):
 
 def test_a_grab_whose_position_cannot_be_read_is_an_error(bench):
     rig = bench.open()
-    bench.finish(rig.gripper.start_move(0.9))
-    grab = rig.gripper.start_grab()
+    bench.finish(rig.gripper.move(0.9, wait=False))
+    grab = rig.gripper.grab(wait=False)
     bench.advance(0.2)
     bench.world.disconnect("gripper")
     with pytest.raises(NoReply, match="gripper"):
@@ -293,9 +293,9 @@ def test_a_grab_whose_position_cannot_be_read_is_an_error(bench):
 
 def test_what_is_held_is_still_held_after_the_cable_was_out(bench):
     rig = bench.open()
-    bench.finish(rig.gripper.start_move(0.6))
+    bench.finish(rig.gripper.move(0.6, wait=False))
     bench.world.put_object(0.02)
-    bench.finish(rig.gripper.start_grab())
+    bench.finish(rig.gripper.grab(wait=False))
     bench.emulator.unplug()
     bench.advance(1.0)
     bench.emulator.plug()

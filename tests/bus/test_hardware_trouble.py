@@ -87,7 +87,7 @@ def test_a_hot_servo_ends_the_motion_by_name_and_refuses_until_it_is_cool(bench)
     assert len(caught.value.recent) > 10
     with pytest.raises(ServoAlarm, match="elbow_flex"):
         bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
-    bench.finish(rig.gripper.start_move(0.5))  # nothing else is lost
+    bench.finish(rig.gripper.move(0.5, wait=False))  # nothing else is lost
     bench.world.warm("elbow_flex", 30.0)
     bench.advance(1.0)
     bench.finish(bench.go(rig, 0, 0, 0, 0, 0))

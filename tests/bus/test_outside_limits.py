@@ -120,7 +120,7 @@ def test_one_that_is_pushed_inside_by_hand_is_held_when_it_is_asked_for(bench):
     bench.advance(0.5)
     assert torque(bench, 1) == 0, "nobody has asked"
     q = rig.arm.state.q
-    bench.finish(rig.arm.start_retarget(q))
+    bench.finish(rig.arm.retarget(q))
     bench.advance(0.5)
 
     assert torque(bench, 1) == 1
@@ -174,7 +174,7 @@ def test_a_jaw_outside_comes_in_when_it_is_moved_and_not_when_the_arm_is(bench):
     jaw = bench.q_deg[5]
     bench.finish(bench.go(rig, *(np.degrees(rig.arm.state.q_ref) + 10.0)))
     assert bench.q_deg[5] == pytest.approx(jaw, abs=0.5)
-    motion = rig.gripper.start_move(0.3)
+    motion = rig.gripper.move(0.3, wait=False)
     assert max(speeds(bench, 5, 0.4)) < CRAWL_DEG
     bench.finish(motion)
 
@@ -184,7 +184,7 @@ def test_a_jaw_outside_comes_in_when_it_is_moved_and_not_when_the_arm_is(bench):
 def test_a_joint_of_the_arm_outside_is_left_alone_by_a_motion_of_the_jaw(bench):
     rig = bench.open(calibration_file=filed(bench, shoulder_pan=(2130, 3000)))
     bench.advance(0.5)
-    bench.finish(rig.gripper.start_move(0.5))
+    bench.finish(rig.gripper.move(0.5, wait=False))
 
     assert torque(bench, 1) == 0
     assert bench.q_deg[0] == pytest.approx(0.0, abs=0.5)
@@ -232,7 +232,7 @@ def test_one_far_outside_is_not_brought_in_unseen(bench):
     bench.advance(0.5)
     for begin in (
         lambda: bench.go(rig, *(np.degrees(rig.arm.state.q_ref) + 10.0)),
-        lambda: rig.arm.start_retarget(rig.arm.state.q_ref),
+        lambda: rig.arm.retarget(rig.arm.state.q_ref),
     ):
         with pytest.raises(MotionError, match=r"shoulder_pan is 31 deg outside.*calibrate"):
             bench.finish(begin())
@@ -243,7 +243,7 @@ def test_one_far_outside_is_not_brought_in_unseen(bench):
 def test_nothing_is_streamed_to_an_arm_with_a_joint_outside(bench):
     rig = bench.open(calibration_file=filed(bench, shoulder_pan=(2130, 3000)))
     bench.advance(0.5)
-    stream = rig.arm.open_stream()
+    stream = rig.arm.stream()
     with pytest.raises(MotionError, match="nothing can be streamed"):
         bench.finish(stream.future)
 

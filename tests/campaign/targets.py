@@ -131,7 +131,7 @@ def attack(folder, *, seed, count, fast=False):
         if fast:
             arm.set_speed(math.pi)
             arm.set_acceleration(math.radians(500.0))
-        following = arm.open_following(approach=arm.limits if fast else APPROACH)
+        following = arm.follow(approach=arm.limits if fast else APPROACH)
         begin, q_before = bench.clock.now(), READY
         while sum(outcome.targets.values()) < count and not outcome.broken:
             kind, cycles, targets = leader.bout()

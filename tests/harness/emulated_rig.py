@@ -178,7 +178,7 @@ class HardwareBench:
         """Begin to move to joint angles; the motion, once it is under way."""
         goal = JointGoal(q=np.radians(np.array(degrees, dtype=float)))
         plan = rig.arm.plan(goal)
-        return rig.arm.start_execute(plan)
+        return rig.arm.move(plan, wait=False)
 
     def under_way(self, motion, rig, seconds=0.3):
         """Let a motion get going."""
@@ -249,7 +249,7 @@ class ArmBench:
 
     def go(self, rig, *degrees):
         goal = JointGoal(q=np.radians(np.array(degrees, dtype=float)))
-        return rig.arm.start_execute(rig.arm.plan(goal))
+        return rig.arm.move(rig.arm.plan(goal), wait=False)
 
     def under_way(self, motion, rig, seconds=0.3):
         while not (rig.arm.is_moving or motion.future.done()):

@@ -143,7 +143,7 @@ class FakeArm:
         q = goal.q if isinstance(goal, JointGoal) else np.append(goal.T_base_tool.p, np.zeros(2))
         return straight(self.state.q_ref, q)
 
-    def start_execute(self, plan: FakePlan) -> Any:
+    def move(self, plan: FakePlan, *, wait: bool) -> Any:
         self.executed.append(plan)
         self.motion = SimpleNamespace(future=Future())
         return self.motion
@@ -154,7 +154,7 @@ class FakeGripper:
         self.apertures: list[float] = []
         self.is_holding = False
 
-    def start_move(self, aperture: float) -> None:
+    def move(self, aperture: float, *, wait: bool) -> None:
         self.apertures.append(aperture)
 
 

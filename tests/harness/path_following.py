@@ -45,7 +45,7 @@ def random_plan(rig, seed, waypoints=4, middle=MIDDLE_DEG, reach=REACH_DEG):
 
 def follow(bench, rig, plan, path):
     """Move the arm along ``plan``, through the waypoints ``path`` [deg]."""
-    motion = rig.arm.start_execute(plan)
+    motion = rig.arm.move(plan, wait=False)
     rows, times = [], []
     while not motion.future.done():
         bench.advance(_TICK)

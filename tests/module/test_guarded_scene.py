@@ -148,7 +148,7 @@ async def goes_to(leader, pan):
     """Let the leader turn its pan, slowly enough for a follower on a busy machine."""
     slowly = leader.limits.lowered_to(to_rad(20.0), to_rad(100.0))
     goal = JointGoal(q=np.radians([pan, 0.0, 0.0, 0.0, 0.0]))
-    await asyncio.wrap_future(leader.start_move(goal, limits=slowly).future)
+    await asyncio.wrap_future(leader.move(goal, limits=slowly, wait=False).future)
 
 
 async def test_a_follower_keeps_off_a_component_until_it_is_gone(machine):

@@ -43,7 +43,7 @@ def test_the_next_motion_of_a_machines_arm_brings_a_joint_in_as_the_alarm_says(t
             assert joint == "wrist_roll"
             assert limit - rig.state.q[4] == pytest.approx(to_rad(OUTSIDE * 360 / 4096), abs=0.02)
             goal = rig.state.q + np.radians([0.0, 0.0, 0.0, 0.0, 20.0])
-            carried_out(lambda: rig.arm.start_move(JointGoal(q=goal)).result(60.0))
+            carried_out(lambda: rig.arm.move(JointGoal(q=goal), wait=False).result(60.0))
             rig.refresh()
             assert rig.state.reading.out_of_range == {}
             assert rig.state.q == pytest.approx(goal, abs=to_rad(2.0))

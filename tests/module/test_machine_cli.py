@@ -55,9 +55,9 @@ def test_a_machines_arm_is_moved_as_any_other(machine):
 def test_a_machines_arm_is_stopped_whoever_moves_it(machine):
     with MachineRig.connect(machine.address) as rig:
         here = JointGoal(q=np.radians([0.0, -40.0, 40.0, 40.0, 0.0]))
-        carried_out(lambda: rig.arm.start_move(here).result(60.0))
+        carried_out(lambda: rig.arm.move(here, wait=False).result(60.0))
         rig.arm.set_speed(np.radians(5.0))  # the command has 18 s for its connection
-        motion = rig.arm.start_move(JointGoal(q=np.radians([100.0, -40.0, 40.0, 40.0, 0.0])))
+        motion = rig.arm.move(JointGoal(q=np.radians([100.0, -40.0, 40.0, 40.0, 0.0])), wait=False)
         until(lambda: rig.arm.state.q[0] > np.radians(1.0) or motion.future.done())
         result = run("stop", "--machine", machine.address)
         assert result.exit_code == 0, result.output

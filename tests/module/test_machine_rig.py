@@ -74,14 +74,14 @@ def pause():
 
 
 def move_to(rig, q):
-    carried_out(lambda: rig.arm.start_move(JointGoal(q=q)).result(60.0))
+    carried_out(lambda: rig.arm.move(JointGoal(q=q), wait=False).result(60.0))
 
 
 def under_way(rig):
     """A long, slow motion that is visibly moving."""
     rig.arm.set_speed(np.radians(15.0))
     for _ in range(10):
-        motion = rig.arm.start_move(JointGoal(q=FAR))
+        motion = rig.arm.move(JointGoal(q=FAR), wait=False)
         begin = rig.arm.state.q
         until(lambda begin=begin, motion=motion: has_gone(rig, begin) or motion.future.done())
         if not (motion.future.done() and stood_still(motion.future.exception())):
@@ -111,7 +111,7 @@ def test_a_plan_made_here_moves_the_machines_arm(rig):
         move_to(rig, READY)
         plan = rig.arm.plan(JointGoal(q=LEFT))
         begin = time.monotonic()
-        rig.arm.start_execute(plan).result(60.0)
+        rig.arm.move(plan, wait=False).result(60.0)
         return plan, time.monotonic() - begin
 
     plan, took = carried_out(execute)
@@ -128,7 +128,7 @@ def test_the_path_is_followed_not_only_its_end(rig):
     def execute():
         move_to(rig, READY)
         plan = rig.arm.plan(PathGoal(waypoints=np.array([corner, LEFT])))
-        seen, motion = [], rig.arm.start_execute(plan)
+        seen, motion = [], rig.arm.move(plan, wait=False)
         while not motion.future.done():
             seen.append(rig.arm.state.q)
             pause()
@@ -184,9 +184,9 @@ def test_a_newer_motion_takes_over(rig):
 
 def test_retargeting_turns_without_a_stop(rig):
     move_to(rig, RIGHT)
-    rig.arm.start_retarget(LEFT)
+    rig.arm.retarget(LEFT)
     until(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
-    rig.arm.start_retarget(READY).result(60.0)
+    rig.arm.retarget(READY).result(60.0)
     np.testing.assert_allclose(rig.arm.state.q, READY, atol=np.radians(0.05))
 
 
@@ -201,20 +201,20 @@ def test_another_clients_motion_is_seen(machine, rig):
 
 
 def test_the_jaw_opens_and_closes(rig):
-    rig.gripper.start_move(0.8).result(60.0)
+    rig.gripper.move(0.8, wait=False).result(60.0)
     assert rig.gripper.aperture == pytest.approx(0.8, abs=0.01)
     assert rig.arm.state.q_jaw == pytest.approx(rig.gripper.q_jaw)
-    rig.gripper.start_grab().result(60.0)
+    rig.gripper.grab(wait=False).result(60.0)
     assert rig.gripper.aperture == pytest.approx(0.0, abs=0.01)
     assert not rig.gripper.is_holding
     with pytest.raises(ConfigError, match="aperture"):
-        rig.gripper.start_move(1.5)
+        rig.gripper.move(1.5, wait=False)
 
 
 def test_a_jaw_that_is_stopped_stays(rig):
     for _ in range(20):  # once, unless the jaw is open before a busy machine has stopped it
-        rig.gripper.start_grab().result(60.0)
-        motion = rig.gripper.start_move(1.0)
+        rig.gripper.grab(wait=False).result(60.0)
+        motion = rig.gripper.move(1.0, wait=False)
         until(lambda: rig.gripper.aperture > 0.1)
         rig.gripper.stop()
         if motion.future.exception(60.0) is not None and rig.gripper.aperture < 0.95:
@@ -236,7 +236,7 @@ def test_a_lost_machine_is_reported_and_found_again_and_nothing_moves(machine, r
     with pytest.raises(MachineUnavailable):
         rig.arm.stop()
     with pytest.raises(MachineUnavailable):
-        rig.arm.start_move(JointGoal(q=READY)).result(60.0)
+        rig.arm.move(JointGoal(q=READY), wait=False).result(60.0)
     machine.mend()
     until(lambda: rig.connection.is_up)
     assert rig.connection.words(rig.clock.now()) == "connected"
@@ -262,7 +262,7 @@ def test_so_does_one_that_only_sent_a_goal(machine, rig):
     move_to(rig, RIGHT)
     with MachineRig.connect(machine.address) as other:
         other.arm.set_speed(np.radians(15.0))
-        other.arm.start_retarget(FAR)
+        other.arm.retarget(FAR)
         until(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
     until(lambda: not rig.arm.state.arm_moving)
     assert rig.arm.state.q[0] < FAR[0] - np.radians(5.0)
@@ -287,11 +287,11 @@ def test_commands_go_to_any_resource_and_refusals_come_back_in_its_words(rig):
 
 
 def test_what_cannot_be_done_over_the_network_is_refused(rig):
-    for call in (rig.arm.open_stream, rig.arm.open_jog):
+    for call in (rig.arm.stream, rig.arm.jog):
         with pytest.raises(MotionError, match="machine"):
             call()
     with pytest.raises(OutsideLimits):
-        rig.arm.start_retarget(np.radians([0.0, -45.0, 45.0, 60.0, 400.0]))
+        rig.arm.retarget(np.radians([0.0, -45.0, 45.0, 60.0, 400.0]))
 
 
 def test_plans_use_the_obstacles_floor_and_caps_of_the_module():
@@ -312,7 +312,7 @@ def test_plans_use_the_obstacles_floor_and_caps_of_the_module():
             rig.arm.plan(PoseGoal.at_point(np.array([0.25, 0.0, 0.05])))
         assert not rig.has_gripper
         with pytest.raises(ConfigError, match="the machine has none"):
-            rig.gripper.start_move(0.5).result(60.0)
+            rig.gripper.move(0.5, wait=False).result(60.0)
         rig.gripper.stop()  # as the page's Stop does: nothing to stop is no error
 
 
@@ -358,7 +358,7 @@ def test_a_module_that_takes_no_trajectory_gets_the_corners_of_the_path(rig, mon
     monkeypatch.setattr(ArmClient, "move_through_joint_positions", note)
     corner = READY + np.radians([25.0, 0.0, -20.0, 0.0, 0.0])
     plan = rig.arm.plan(PathGoal(waypoints=np.array([corner, LEFT])))
-    rig.arm.start_execute(plan).result(60.0)
+    rig.arm.move(plan, wait=False).result(60.0)
     assert not rig.takes_streams
     assert all(len(each) == 1 for each in sent)
     assert 2 <= len(sent) <= 8

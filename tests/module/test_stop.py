@@ -124,7 +124,7 @@ async def test_the_first_cycle_after_a_stop_is_slower_whatever_is_being_planned(
         await asyncio.wait(plans)
         arm.rig.arm.set_speed(math.radians(5.0))  # at cruise after 0.07 s
         for k in range(STOPS):
-            arm.rig.arm.start_unguarded_retarget(np.radians([60.0 if k % 2 else -60.0, 0, 0, 0, 0]))
+            arm.rig.arm.retarget(np.radians([60.0 if k % 2 else -60.0, 0, 0, 0, 0]), guard=None)
             clock.advance(0.08 + 1e-4 * (k % 100))
             before = abs(executor.state.qd_ref[0])
             stop = asyncio.ensure_future(arm.stop())
@@ -242,7 +242,7 @@ async def test_a_jog_aborts_what_is_under_way_and_ends_with_a_stop(arm, client, 
     call = asyncio.ensure_future(SOURCES[source](client, motion))
     await until(lambda: arm.rig.arm.is_moving or call.done())
     await advance(client, 0.3)
-    jog = await in_time(client, asyncio.to_thread(arm.rig.arm.open_jog))
+    jog = await in_time(client, asyncio.to_thread(arm.rig.arm.jog))
     assert (await error_of(call)).status is Status.ABORTED
     await client.stop()
     with pytest.raises(Interrupted) as caught:
@@ -251,7 +251,7 @@ async def test_a_jog_aborts_what_is_under_way_and_ends_with_a_stop(arm, client, 
 
 
 async def test_a_move_takes_over_from_a_jog(arm, client):
-    jog = await in_time(client, asyncio.to_thread(arm.rig.arm.open_jog))
+    jog = await in_time(client, asyncio.to_thread(arm.rig.arm.jog))
     await in_time(client, client.move_to_joint_positions(joints(HOME)))
     with pytest.raises(Interrupted) as caught:
         await asyncio.wrap_future(jog.future)

@@ -2,8 +2,8 @@
 
 The browser repeats what is held (``server/front/jog.js``). Without a repeat for ``DEADMAN`` it
 counts as let go: the window has lost its focus or its network, or the browser hangs. The thread
-``so101-viewer-jog`` leads the arm through the guarded motions of ``Arm.open_following`` and
-``Arm.open_jog``. Stop and any other motion end it.
+``so101-viewer-jog`` leads the arm through the guarded motions of ``Arm.follow`` and
+``Arm.jog``. Stop and any other motion end it.
 """
 
 from __future__ import annotations
@@ -228,8 +228,8 @@ class Jogging:
     def _open(self, mode: str) -> _Lead:
         arm = self._rig.arm
         if mode in (BASE, TOOL):
-            return _ToolLead(arm.open_jog(), in_tool=mode == TOOL)
-        following = arm.open_following(
+            return _ToolLead(arm.jog(), in_tool=mode == TOOL)
+        following = arm.follow(
             limits=_capped(arm.limits, self.speed), approach=_capped(APPROACH, self.speed)
         )
         return _TargetLead(following, self._target) if mode == ARROWS else _JointLead(following)
@@ -265,7 +265,9 @@ class Jogging:
             self._jaw_motion.interrupt("jog")
             self._jaw_motion = None
         if way != 0.0:
-            self._jaw_motion = gripper.start_move(1.0) if way > 0.0 else gripper.start_grab()
+            self._jaw_motion = (
+                gripper.move(1.0, wait=False) if way > 0.0 else gripper.grab(wait=False)
+            )
 
 
 def _capped(limits: MotionLimits, speed: str) -> MotionLimits:

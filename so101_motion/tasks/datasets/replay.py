@@ -192,11 +192,11 @@ def replay_episode(rig: Rig, replay: EpisodeReplay) -> ReplayOutcome:
         Interrupted: It was stopped, or another motion took over.
         So101Error: It ended early for another reason; the arm holds.
     """
-    rig.arm.start_execute(replay.approach).result()
+    rig.arm.move(replay.approach)
     jaw = jaw_of(rig) if replay.aperture is not None else None
     run = _Run(rig, replay)
-    following = rig.arm.open_following(approach=_gentle(rig.arm.limits), each=run.aim)
-    hand = None if jaw is None else jaw.open_following(each=run.aim_jaw)
+    following = rig.arm.follow(approach=_gentle(rig.arm.limits), each=run.aim)
+    hand = None if jaw is None else jaw.follow(each=run.aim_jaw)
     try:
         _wait_for(following.future)
     finally:

@@ -90,7 +90,7 @@ class _JawRun:
         """Start the jaw; a jaw that grips and is not to open keeps its grip."""
         if self._gripper.is_holding and self._aperture.max() <= self._gripper.aperture:
             return
-        self._following = self._gripper.open_following(each=self._aim)
+        self._following = self._gripper.follow(each=self._aim)
 
     def end(self, motion: Motion) -> None:
         """Wait for the jaw, because the arm has arrived."""

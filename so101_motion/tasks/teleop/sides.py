@@ -19,7 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from so101_motion.arm.arm import Arm
+from so101_motion.arm.arm import SCENE, Arm
 from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.common.clock import Clock
@@ -274,9 +274,11 @@ class LocalFollower(Follower):
         for executor in self._arm.executors:
             if executor.state.mode in (Mode.LIMP, Mode.GUIDING, Mode.FAULT):
                 executor.hold().result()
-        follow = arm.open_following if self._guarded else arm.open_unguarded_following
-        self._following = follow(
-            limits=pilot.pace.full, approach=pilot.pace.approach, each=partial(self._lead, pilot)
+        self._following = arm.follow(
+            limits=pilot.pace.full,
+            guard=SCENE if self._guarded else None,
+            approach=pilot.pace.approach,
+            each=partial(self._lead, pilot),
         )
         if self._jaw is None or self._jaw.future.done():
             self.recover()
@@ -311,7 +313,7 @@ class LocalFollower(Follower):
             raise NotHolding("the follower's jaw does not hold; let its servos hold first")
         limits = jaw.gripper.limits
         slow = limits.lowered_to(JAW_APPROACH * limits.velocity, limits.acceleration)
-        self._jaw = jaw.gripper.open_following(approach=slow)
+        self._jaw = jaw.gripper.follow(approach=slow)
 
     @property
     def needs_recovery(self) -> bool:

@@ -128,7 +128,7 @@ class MachineExecutor(MotionRunner):
         """
         raise MotionError(
             "the arm of a machine cannot be jogged, streamed to or made to follow targets over the"
-            " network; plan a motion, or send goals with start_retarget"
+            " network; plan a motion, or send goals with retarget"
         )
 
     def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:

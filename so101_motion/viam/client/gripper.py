@@ -66,29 +66,30 @@ class MachineGripper(MotionRunner):
         """The jaw angle [rad] that an aperture stands for, over the jaw's full travel."""
         return JAW_CLOSED + aperture * (JAW_OPEN - JAW_CLOSED)
 
-    def start_move(self, aperture: float) -> Motion:
+    def move(self, aperture: float, *, wait: bool = True) -> Motion:
         """Open or close to ``aperture``.
 
         Raises:
             ConfigError: Outside 0 to 1.
         """
         checked_number("aperture", aperture, lower=0.0, upper=1.0)
-        return self._send({"command": "set_position", "percentage": 100.0 * aperture})
+        return self._send({"command": "set_position", "percentage": 100.0 * aperture}, wait)
 
-    def start_grab(self, aperture: float = 0.0) -> Motion:
+    def grab(self, aperture: float = 0.0, *, wait: bool = True) -> Motion:
         """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
 
         Args:
             aperture: Ignored, because the machine decides itself what counts as closed.
+            wait: As for ``move``.
         """
-        return self._send(None)
+        return self._send(None, wait)
 
     def stop(self) -> None:
         """Slow to rest; returns when the jaw is at rest. The arm is left alone."""
         self.bring_to_rest("stop").result()
 
-    def _send(self, command: Mapping[str, Any] | None) -> Motion:
-        """Send ``command``, or a grab, and wait until the jaw rests."""
+    def _send(self, command: Mapping[str, Any] | None, wait: bool) -> Motion:
+        """Send ``command``, or a grab; the motion ends when the jaw rests."""
 
         async def move() -> None:
             gripper = self._find()
@@ -102,6 +103,8 @@ class MachineGripper(MotionRunner):
         motion = Motion()
         running = motion.begin(lambda: self.begin(move), self.interrupt)
         running.add_done_callback(motion.take_outcome)
+        if wait:
+            motion.result()
         return motion
 
     async def _brake(self) -> None:

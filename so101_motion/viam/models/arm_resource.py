@@ -23,6 +23,7 @@ from viam.components.arm import Arm, JointPositions, KinematicsFileFormat, Mesh,
 from viam.proto.common import Geometry, PoseInFrame
 from viam.services.motion import Motion as MotionService
 
+from so101_motion.arm.arm import SCENE
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.common.attributes import Attributes, checked_number
@@ -113,8 +114,9 @@ class ArmResource(Configured, Arm):
         self.here[self.short_name] = self
         self._arm = rig.arm
         self.config, arm = config, rig.arm
-        self._retarget = arm.start_retarget if config.guarded else arm.start_unguarded_retarget
-        self._start_stream = arm.start_stream if config.guarded else arm.start_unguarded_stream
+        guard = SCENE if config.guarded else None
+        self._retarget = partial(arm.retarget, guard=guard)
+        self._start_stream = partial(arm.start_stream, guard=guard)
         self._ignored = OptionWarnings(self.logger)
         machine = MachineBodies(
             self.short_name, config.ignored, self.here, GripperResource.here, self.cell
@@ -280,7 +282,7 @@ class ArmResource(Configured, Arm):
                 return
             if interpolate:
                 goal = PathGoal(waypoints=waypoints)
-                motion = self._arm.start_move(goal, limits=limits)
+                motion = self._arm.move(goal, limits=limits, wait=False)
             else:
                 await self.guarded_scene.known()
                 motion = self._retarget(waypoints[-1], limits=limits)

@@ -118,7 +118,7 @@ class HardwareGripper(GripperResource):
         with grpc_statuses():
             await out_of_fault(self.rig)
             closed = self._closed_percent / 100.0
-            await wait_for_arrival(self._watched(self._gripper.start_grab(closed)))
+            await wait_for_arrival(self._watched(self._gripper.grab(closed, wait=False)))
             return self._gripper.is_holding
 
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
@@ -138,8 +138,8 @@ class HardwareGripper(GripperResource):
         closes = aperture < self._gripper.aperture
         if not closes:
             await self._unload()
-        start = self._gripper.start_grab if closes else self._gripper.start_move
-        return self._watched(start(aperture))
+        go = self._gripper.grab if closes else self._gripper.move
+        return self._watched(go(aperture, wait=False))
 
     async def _unload(self) -> None:
         """Clear an overload of the jaw's servo, so that it can open.
@@ -151,7 +151,7 @@ class HardwareGripper(GripperResource):
             return
         with suppress(ServoAlarm):
             here = min(max(self._gripper.aperture, 0.0), 1.0)
-            await wait_for_arrival(self._watched(self._gripper.start_move(here)))
+            await wait_for_arrival(self._watched(self._gripper.move(here, wait=False)))
         for _ in range(10):
             if GRIPPER_JOINT not in self.rig.arm.state.reading.alarms:
                 return

@@ -197,7 +197,7 @@ class So101Motion(ServiceForAnArm, MotionService):
                 f"the arm is {to_deg(off):.1f} deg away from the first of these steps; plan again"
             )
         if len(waypoints) > 1:
-            motion = arm.start_move(PathGoal(waypoints=waypoints[1:]))
+            motion = arm.move(PathGoal(waypoints=waypoints[1:]), wait=False)
             await self._seen_through(resource, motion)
 
     # Steps of a request

@@ -73,7 +73,7 @@ class SimulatedGripper(GripperResource):
 
     def _start(self, aperture: float) -> Motion:
         self._target = aperture
-        return self._watched(self._gripper.start_move(aperture))
+        return self._watched(self._gripper.move(aperture, wait=False))
 
     async def stop(self, **kwargs: Any) -> None:
         """Slow to rest and stay there; returns when the jaw is at rest."""

@@ -76,8 +76,8 @@ class JawServoCommands:
             limits = replace(limits, velocity=np.minimum(asked, limits.velocity))
         await out_of_fault(self._rig)
         # An object in the way of a closing jaw is gripped, not crushed.
-        start = jaw.start_grab if aperture < jaw.aperture else jaw.start_move
-        self._latest = start(aperture, limits=limits)
+        go = jaw.grab if aperture < jaw.aperture else jaw.move
+        self._latest = go(aperture, limits=limits, wait=False)
         log_failure_of(self._latest, self._logger)
         return echo
 

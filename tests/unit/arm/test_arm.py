@@ -3,6 +3,7 @@
 import math
 import threading
 from concurrent.futures import Future
+from functools import partial
 
 import numpy as np
 import pytest
@@ -87,14 +88,14 @@ def test_planning_moves_nothing(arm, clock):
 
 def test_a_pose_is_reached(arm, clock):
     p_goal = np.array([0.25, 0.12, 0.15])
-    finish(clock, arm.start_move(PoseGoal.at_point(p_goal)))
+    finish(clock, arm.move(PoseGoal.at_point(p_goal), wait=False))
     assert np.linalg.norm(arm.T_base("tool").p - p_goal) <= 2e-4
     assert not arm.is_moving
 
 
 def test_exactly_the_plan_is_executed(arm, clock):
     plan = arm.plan(JointGoal(q=READY))
-    motion = arm.start_execute(plan)
+    motion = arm.move(plan, wait=False)
     finish(clock, motion)
     assert motion.plan is plan
     np.testing.assert_allclose(arm.state.q, READY, atol=1e-3)
@@ -102,16 +103,16 @@ def test_exactly_the_plan_is_executed(arm, clock):
 
 def test_a_plan_from_elsewhere_is_refused(arm, clock):
     plan = arm.plan(JointGoal(q=READY))
-    finish(clock, arm.start_move(JointGoal(q=ASIDE)))
+    finish(clock, arm.move(JointGoal(q=ASIDE), wait=False))
     with pytest.raises(MotionError, match="away from where this plan starts; plan again"):
-        finish(clock, arm.start_execute(plan))
+        finish(clock, arm.move(plan, wait=False))
 
 
 def test_a_newer_motion_supersedes(arm, clock):
-    first = arm.start_move(JointGoal(q=READY))
+    first = arm.move(JointGoal(q=READY), wait=False)
     run_until(clock, lambda: arm.is_moving)
     clock.advance(0.2)
-    second = arm.start_move(JointGoal(q=ASIDE))
+    second = arm.move(JointGoal(q=ASIDE), wait=False)
     finish(clock, second)
     with pytest.raises(Interrupted, match="a newer motion"):
         first.result()
@@ -119,8 +120,8 @@ def test_a_newer_motion_supersedes(arm, clock):
 
 
 def test_interrupting_a_superseded_motion_leaves_its_successor_alone(arm, clock):
-    first = arm.start_move(JointGoal(q=READY))
-    second = arm.start_move(JointGoal(q=ASIDE))
+    first = arm.move(JointGoal(q=READY), wait=False)
+    second = arm.move(JointGoal(q=ASIDE), wait=False)
     run_until(clock, first.future.done)
     first.interrupt("cancelled")
     finish(clock, second)
@@ -128,7 +129,7 @@ def test_interrupting_a_superseded_motion_leaves_its_successor_alone(arm, clock)
 
 
 def test_stop_ends_the_motion_at_rest_on_the_path(arm, clock):
-    motion = arm.start_move(JointGoal(q=READY))
+    motion = arm.move(JointGoal(q=READY), wait=False)
     run_until(clock, lambda: arm.is_moving)
     clock.advance(0.3)
     in_time(clock, arm.stop)
@@ -140,7 +141,7 @@ def test_stop_ends_the_motion_at_rest_on_the_path(arm, clock):
 
 
 def test_stop_ends_a_motion_that_is_still_being_planned(arm, clock):
-    motion = arm.start_move(JointGoal(q=READY))
+    motion = arm.move(JointGoal(q=READY), wait=False)
     in_time(clock, arm.stop)
     run_until(clock, motion.future.done)
     with pytest.raises(Interrupted):
@@ -148,10 +149,10 @@ def test_stop_ends_a_motion_that_is_still_being_planned(arm, clock):
 
 
 def test_retargeting_turns_without_stopping(arm, clock):
-    first = arm.start_retarget(np.array([1.0, 0.0, 0.0, 0.0, 0.0]))
+    first = arm.retarget(np.array([1.0, 0.0, 0.0, 0.0, 0.0]))
     run_until(clock, lambda: arm.is_moving)
     clock.advance(0.5)
-    second = arm.start_retarget(np.array([1.2, 0.0, 0.0, 0.0, 0.0]))
+    second = arm.retarget(np.array([1.2, 0.0, 0.0, 0.0, 0.0]))
     clock.advance(0.05)
     with pytest.raises(Interrupted, match="a newer motion"):
         first.result()
@@ -161,21 +162,21 @@ def test_retargeting_turns_without_stopping(arm, clock):
 
 
 def test_a_retarget_into_the_table_stops_short_of_it_and_says_what_it_was(arm, clock):
-    finish(clock, arm.start_move(JointGoal(q=READY)))
+    finish(clock, arm.move(JointGoal(q=READY), wait=False))
     down = np.radians([0.0, 60.0, 0.0, 40.0, 0.0])
-    motion = arm.start_retarget(down)
+    motion = arm.retarget(down)
     with pytest.raises(
         MotionError, match=r"short of where it was sent, with .* close to the floor"
     ):
         finish(clock, motion)
     assert arm.T_base("jaw_tip").p[2] > 0.0
-    finish(clock, arm.start_unguarded_retarget(down))
+    finish(clock, arm.retarget(down, guard=None))
     assert arm.T_base("jaw_tip").p[2] < 0.0
 
 
 def test_an_arm_that_follows_stays_off_the_table_and_slides_along_it(arm, clock):
-    finish(clock, arm.start_move(JointGoal(q=READY)))
-    following = in_time(clock, arm.open_following)
+    finish(clock, arm.move(JointGoal(q=READY), wait=False))
+    following = in_time(clock, arm.follow)
     heights = []
     for k in range(700):
         following.aim(np.radians([40.0 if k > 300 else -40.0, 60.0, 0.0, 40.0, 0.0]))
@@ -188,7 +189,7 @@ def test_an_arm_that_follows_stays_off_the_table_and_slides_along_it(arm, clock)
 
 
 def test_an_unguarded_following_goes_where_it_is_sent(arm, clock):
-    following = in_time(clock, arm.open_unguarded_following)
+    following = in_time(clock, partial(arm.follow, guard=None))
     for _ in range(400):
         following.aim(np.radians([0.0, 60.0, 0.0, 40.0, 0.0]))
         clock.advance(0.01)
@@ -198,13 +199,13 @@ def test_an_unguarded_following_goes_where_it_is_sent(arm, clock):
 
 def test_a_retarget_outside_the_limits_is_refused_and_nothing_changes(arm, clock):
     with pytest.raises(OutsideLimits, match="elbow_flex = 95"):
-        arm.start_retarget(np.radians([0.0, 0.0, 95.0, 0.0, 0.0]))
-    finish(clock, arm.start_move(JointGoal(q=READY)))
+        arm.retarget(np.radians([0.0, 0.0, 95.0, 0.0, 0.0]))
+    finish(clock, arm.move(JointGoal(q=READY), wait=False))
 
 
 def test_waypoints_are_passed_without_stopping(arm, clock):
     halfway = 0.5 * READY + np.radians([5.0, 0.0, 0.0, 0.0, 0.0])
-    motion = arm.start_move(PathGoal(waypoints=np.array([halfway, READY])))
+    motion = arm.move(PathGoal(waypoints=np.array([halfway, READY])), wait=False)
     finish(clock, motion)
     trajectory = motion.plan.trajectory
     nearest = np.argmin(np.max(np.abs(trajectory.q - halfway), axis=1))
@@ -215,7 +216,7 @@ def test_waypoints_are_passed_without_stopping(arm, clock):
 def test_a_motion_leaves_manual_mode_from_where_the_arm_was_put(arm, clock):
     in_time(clock, lambda: arm.set_manual(True))
     assert arm.is_movable_by_hand
-    finish(clock, arm.start_move(JointGoal(q=READY)))
+    finish(clock, arm.move(JointGoal(q=READY), wait=False))
     assert not arm.is_movable_by_hand
 
 
@@ -306,7 +307,7 @@ def test_closing_an_arm_ends_what_it_plans_and_then_refuses_to_move(clock):
     with pytest.raises(Interrupted, match="shutdown"):
         motion.result(0.0)
     with pytest.raises(MotionError, match="closed"):
-        rig.arm.start_move(JointGoal(q=READY))
+        rig.arm.move(JointGoal(q=READY), wait=False)
 
 
 @pytest.fixture
@@ -314,7 +315,7 @@ def late_move(arm, clock):
     """A move that is asked for but cannot begin before ``gate`` is set."""
     gate = threading.Event()
     arm.start_series([lambda motion: gate.wait(60.0)])
-    yield gate, arm.start_move(JointGoal(q=READY))
+    yield gate, arm.move(JointGoal(q=READY), wait=False)
     gate.set()
 
 
@@ -336,7 +337,7 @@ def test_a_move_that_was_ended_takes_no_hold_of_an_arm_that_was_let_go(
 
 def test_a_move_that_was_superseded_does_not_stop_what_superseded_it(arm, clock, late_move) -> None:
     gate, move = late_move
-    retarget = arm.start_retarget(ASIDE)
+    retarget = arm.retarget(ASIDE)
     gate.set()
     with pytest.raises(Interrupted, match="a newer motion"):
         finish(clock, move)
@@ -345,7 +346,7 @@ def test_a_move_that_was_superseded_does_not_stop_what_superseded_it(arm, clock,
 
 
 def test_letting_go_stops_a_jaw_that_follows(rig, arm, clock):
-    jaw = rig.gripper.open_following()
+    jaw = rig.gripper.follow()
     clock.advance(0.1)
     in_time(clock, lambda: arm.set_torque(False))
     assert arm.state.mode is Mode.LIMP
@@ -362,6 +363,6 @@ def test_a_motion_that_is_given_up_while_it_is_prepared_holds_no_limp_arm(arm, c
 
     monkeypatch.setattr(Motion, "begin", given_up)
     with pytest.raises(Interrupted):
-        finish(clock, arm.start_retarget(READY))
+        finish(clock, arm.retarget(READY))
     clock.advance(0.2)
     assert arm.state.mode is Mode.LIMP

@@ -42,10 +42,10 @@ def test_a_move_that_begins_while_another_arm_moves_arrives_without_coming_near(
     facing = Facing(seed)
     starts, goals = crossing_task(facing)
     pair = pair_of(facing, *starts)
-    first = pair.left.start_move(JointGoal(q=goals[0]))
+    first = pair.left.move(JointGoal(q=goals[0]), wait=False)
     while not pair.left.is_moving:
         pair.advance()
-    second = pair.right.start_move(JointGoal(q=goals[1]))
+    second = pair.right.move(JointGoal(q=goals[1]), wait=False)
     pair.finish(first, second)
     first.result()
     second.result()
@@ -59,11 +59,11 @@ def test_an_arm_that_waits_longer_than_planned_says_so_once_and_for_whom(pair_of
     starts, goals = crossing_task(facing)
     pair = pair_of(facing, goals[0], starts[1])
     plan = pair.right.plan(JointGoal(q=goals[1]))
-    pair.finish(pair.left.start_move(JointGoal(q=starts[0])))
-    first = pair.left.start_move(JointGoal(q=goals[0]))
+    pair.finish(pair.left.move(JointGoal(q=starts[0]), wait=False))
+    first = pair.left.move(JointGoal(q=goals[0]), wait=False)
     while not pair.left.is_moving:
         pair.advance(0.0)
-    second = pair.right.start_execute(plan)
+    second = pair.right.move(plan, wait=False)
     while not (pair.right.is_moving or second.future.done()):
         pair.advance(0.0)
     pair.finish(first, second)
@@ -96,7 +96,7 @@ def test_an_arm_that_is_stopped_in_the_way_stops_the_other_and_says_so(pair_of):
         pair = pair_of(facing, *starts)
         motions = []
         for arm, q in zip((pair.left, pair.right), goals, strict=True):
-            motions.append(arm.start_move(JointGoal(q=q)))
+            motions.append(arm.move(JointGoal(q=q), wait=False))
             while not arm.is_moving:
                 pair.advance(0.0)  # no time passes while it is planned
         for _ in range(ticks):
@@ -126,7 +126,7 @@ def test_an_unguarded_retarget_into_another_arm_is_stopped_and_names_it(pair_of)
         if facing.are_apart(q_left, q_right, 0.05) and not facing.are_apart(q_goal, q_right, 0.005):
             break
     pair = pair_of(facing, q_left, q_right)
-    motion = pair.left.start_unguarded_retarget(q_goal)
+    motion = pair.left.retarget(q_goal, guard=None)
     pair.finish(motion)
     with pytest.raises(MotionError, match="right's"):
         motion.result()
@@ -156,7 +156,7 @@ def test_arms_that_are_too_near_already_may_part(pair_of):
     q_goal = facing.near()
     while not facing.are_apart(q_goal, q_right, 0.05):
         q_goal = facing.near()
-    motion = pair.left.start_move(JointGoal(q=q_goal))
+    motion = pair.left.move(JointGoal(q=q_goal), wait=False)
     pair.finish(motion, room=0.002)
     motion.result()
 
@@ -169,7 +169,7 @@ def test_arms_that_touch_at_the_start_are_told_to_be_moved_apart():
         cell.add("left", left, SE3.identity())
         cell.add("right", right, SE3.from_rpy((0.0, 0.0, np.pi), (0.72, 0.0, 0.0)))
         goal = JointGoal(q=np.radians([60.0, 0.0, 0.0, 0.0, 0.0]))
-        motion = left.arm.start_move(goal)
+        motion = left.arm.move(goal, wait=False)
         wait([motion.future], timeout=60.0)
         says = "at the start the jaw is 0 mm from right's jaw; move one of the arms away by hand"
         with pytest.raises(InCollision, match=says) as caught:
@@ -193,7 +193,7 @@ def test_one_stop_brings_all_arms_to_rest(pair_of):
     facing = Facing(28)
     starts, goals = facing.task()
     pair = pair_of(facing, *starts)
-    motion = pair.left.start_move(JointGoal(q=goals[0]))
+    motion = pair.left.move(JointGoal(q=goals[0]), wait=False)
     while not pair.left.is_moving:
         pair.advance()
     stops = [member.arm.start_stop() for member in pair.cell.members.values()]
@@ -318,7 +318,7 @@ def planned_pair(pair_of):
 
 def test_a_common_motion_that_was_looked_at_is_carried_out_as_it_is(pair_of):
     pair, plans = planned_pair(pair_of)
-    motions = pair.cell.start_execute(plans)
+    motions = pair.cell.move(plans, wait=False)
     pair.finish(*motions.values())
     for name, motion in motions.items():
         motion.result()
@@ -330,7 +330,7 @@ def test_a_common_motion_is_refused_when_an_arm_holds_more_than_it_was_planned_f
     pair, plans = planned_pair(pair_of)
     plank = Attached(name="plank", shape=Box(size=[0.02, 0.02, 0.5]), T_tool_object=SE3.identity())
     pair.right.scene = Scene(attached=(plank,), floor_z=None)
-    motions = pair.cell.start_execute(plans)
+    motions = pair.cell.move(plans, wait=False)
     ends = [
         motion.future.exception() for motion in motions.values()
     ]  # the first ends those of the others
@@ -341,7 +341,7 @@ def test_a_common_motion_is_refused_when_an_arm_holds_more_than_it_was_planned_f
 def test_a_common_motion_needs_a_plan_for_every_arm(pair_of):
     pair, plans = planned_pair(pair_of)
     with pytest.raises(ConfigError, match='none for "right"'):
-        pair.cell.start_execute({"left": plans["left"]})
+        pair.cell.move({"left": plans["left"]}, wait=False)
 
 
 def test_arms_that_are_not_there_cannot_be_moved_together(pair_of):

@@ -30,7 +30,7 @@ def test_followings_with_targets_in_each_other_hold_and_go_on_when_they_can(pair
     starts, goals = crossing_task(facing)
     pair = pair_of(facing, *starts)
     followings = [
-        in_time(clock, partial(arm.open_following, limits=FAST, stale_after=None))
+        in_time(clock, partial(arm.follow, limits=FAST, stale_after=None))
         for arm in (pair.left, pair.right)
     ]
     held = set()
@@ -56,7 +56,7 @@ def test_a_jog_towards_another_arm_slows_down_before_it_and_slides_along_it_at_a
     pair_in_the_way, clock
 ):
     pair = pair_in_the_way
-    jog = in_time(clock, pair.left.open_jog)
+    jog = in_time(clock, pair.left.jog)
     begin, nearest = pair.left.T_base("tool").p, np.inf
     for _ in range(400):
         jog.twist((0.04, 0.03, 0.0))
@@ -85,7 +85,7 @@ def test_an_arm_with_a_following_that_has_no_target_yet_is_seen_where_it_stands(
     in_time(clock, partial(arm.set_torque, False))
     in_time(clock, left.executor.call(lambda driver: driver.push(there)).result)
     in_time(clock, partial(arm.set_torque, True))
-    in_time(clock, arm.open_following)
+    in_time(clock, arm.follow)
 
     crossing = online.point_to_point(beside, beyond, pair.right.limits, 0.01)
     moving = right.executor.execute(crossing)
@@ -98,7 +98,7 @@ def test_an_arm_with_a_following_that_has_no_target_yet_is_seen_where_it_stands(
 def test_two_jogs_towards_each_other_hold_and_part_again(pair_of, clock):
     starts = np.radians([[55.0, -60.0, 60.0, 45.0, 0.0], [-55.0, -60.0, 60.0, 45.0, 0.0]])
     pair = pair_of(Facing(0), *starts)
-    jogs = [in_time(clock, arm.open_jog) for arm in (pair.left, pair.right)]
+    jogs = [in_time(clock, arm.jog) for arm in (pair.left, pair.right)]
     held, nearest = set(), np.inf
     for k in range(500):
         for jog in jogs:  # first each towards the other's base
@@ -114,7 +114,7 @@ def test_two_jogs_towards_each_other_hold_and_part_again(pair_of, clock):
 
 def test_a_stream_into_another_arm_ends_before_it(pair_in_the_way, clock):
     pair = pair_in_the_way
-    stream = in_time(clock, pair.left.open_stream)
+    stream = in_time(clock, pair.left.stream)
     q, share = pair.left.state.q_ref, np.linspace(0.0, 1.0, 301)
     turn = np.radians(-80.0) * (10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5)
     stream.push(
@@ -133,13 +133,13 @@ def pair_up_close(pair_of, clock):
     """The left arm followed a target up to the right one, and braked into what must stay free."""
     starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [80.0, -60.0, 60.0, 40.0, 0.0]])
     pair = pair_of(Facing(0), *starts)
-    approach = in_time(clock, partial(pair.left.open_unguarded_following, limits=FAST, gate=9.0))
+    approach = in_time(clock, partial(pair.left.follow, guard=None, limits=FAST, gate=9.0))
     for _ in range(60):
         approach.aim(np.radians([0.0, 10.0, 0.0, 0.0, 0.0]))
         pair.clock.advance(0.01)
     assert any("right's" in each for each in approach.held_by)
     assert 0.7 * GUARDED < pair.gap() < GUARDED
-    pair.following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
+    pair.following = in_time(clock, partial(pair.left.follow, limits=FAST, gate=9.0))
     return pair
 
 
@@ -148,7 +148,7 @@ def test_an_arm_that_came_up_to_another_backs_out_slowly_and_goes_where_it_is_se
 ):
     pair = pair_up_close
     begin = pair.gap()
-    motion = pair.left.start_move(JointGoal(q=np.radians([-60.0, -40.0, 50.0, 40.0, 0.0])))
+    motion = pair.left.move(JointGoal(q=np.radians([-60.0, -40.0, 50.0, 40.0, 0.0])), wait=False)
     while not motion.future.done():
         pair.clock.advance(0.01)
         assert pair.gap() > begin - 2.0 * PARTING
@@ -178,7 +178,7 @@ def test_an_arm_that_came_up_to_another_follows_a_target_away_and_no_nearer(pair
 def test_an_arm_that_follows_a_target_into_another_slides_along_it(pair_of, clock):
     starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [0.0, -60.0, 60.0, 40.0, 0.0]])
     pair = pair_of(Facing(0), *starts)
-    following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
+    following = in_time(clock, partial(pair.left.follow, limits=FAST, gate=9.0))
     wanted, nearest = np.radians([50.0, -10.0, 30.0, 20.0, 40.0]), np.inf
     for _ in range(300):  # the target of pan is in the right arm, the others need not stop for that
         following.aim(wanted)

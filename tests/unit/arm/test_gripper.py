@@ -47,12 +47,12 @@ def gripper(rig):
 
 
 def test_it_opens_as_far_as_it_is_told(rig, gripper):
-    rig.after(3.0, gripper.start_move(0.5).future)
+    rig.after(3.0, gripper.move(0.5, wait=False).future)
 
     assert gripper.aperture == pytest.approx(0.5, abs=1e-3)
     assert rig.state.q_jaw == pytest.approx((JAW_CLOSED + JAW_OPEN) / 2, abs=1e-3)
     with pytest.raises(ConfigError):
-        gripper.start_move(1.1)
+        gripper.move(1.1, wait=False)
 
 
 def test_a_jaw_that_does_not_answer_is_not_moved_and_told_as_that(rig, gripper, clock):
@@ -72,22 +72,22 @@ def test_a_jaw_that_does_not_answer_is_not_moved_and_told_as_that(rig, gripper, 
 
 def test_another_travel_is_another_aperture(rig, gripper):
     gripper.closed, gripper.opened = to_rad(0.0), to_rad(50.0)
-    rig.after(3.0, gripper.start_move(1.0).future)
+    rig.after(3.0, gripper.move(1.0, wait=False).future)
 
     assert rig.state.q_jaw == pytest.approx(to_rad(50.0), abs=1e-3)
 
 
 def test_a_grab_that_meets_nothing_closes(rig, gripper):
-    rig.after(3.0, gripper.start_move(0.5).future)
-    rig.after(3.0, gripper.start_grab().future)
+    rig.after(3.0, gripper.move(0.5, wait=False).future)
+    rig.after(3.0, gripper.grab(wait=False).future)
 
     assert gripper.aperture == pytest.approx(0.0, abs=1e-3)
     assert not gripper.is_holding
 
 
 def test_a_grab_that_meets_something_presses_a_little_and_holds(rig, gripper):
-    rig.after(3.0, gripper.start_move(0.5).future)
-    grab = gripper.start_grab()
+    rig.after(3.0, gripper.move(0.5, wait=False).future)
+    grab = gripper.grab(wait=False)
     rig.clock.advance(0.1)
     rig.arm.jam("gripper")
     rig.after(3.0, grab.future)
@@ -99,10 +99,10 @@ def test_a_grab_that_meets_something_presses_a_little_and_holds(rig, gripper):
     assert not gripper.is_holding
 
 
-@pytest.mark.parametrize("starts", [Gripper.start_grab, Gripper.start_move])
+@pytest.mark.parametrize("starts", [Gripper.grab, Gripper.move])
 def test_a_jaw_that_was_only_late_closes_all_the_way(rig, gripper, starts):
-    rig.after(3.0, gripper.start_move(0.9).future)
-    closing = starts(gripper, 0.1)
+    rig.after(3.0, gripper.move(0.9, wait=False).future)
+    closing = starts(gripper, 0.1, wait=False)
     for _ in range(2):  # as often as servos or their bus falter
         rig.clock.advance(0.15)
         rig.arm.jam("gripper")
@@ -117,8 +117,8 @@ def test_a_jaw_that_was_only_late_closes_all_the_way(rig, gripper, starts):
 
 def test_a_grip_presses_as_gently_as_it_is_told_also_while_it_holds(rig, gripper):
     gripper.set_force(GENTLEST)
-    rig.after(3.0, gripper.start_move(0.5).future)
-    grab = gripper.start_grab()
+    rig.after(3.0, gripper.move(0.5, wait=False).future)
+    grab = gripper.grab(wait=False)
     rig.clock.advance(0.1)
     rig.arm.jam("gripper")
     rig.after(3.0, grab.future)
@@ -135,26 +135,26 @@ def test_a_grip_presses_as_gently_as_it_is_told_also_while_it_holds(rig, gripper
 def test_a_jaw_stopped_near_its_end_counts_as_closed(rig, gripper):
     gripper.closed = JAW_CLOSED - to_rad(1.0)
     rig.arm.jam("gripper")
-    rig.after(3.0, gripper.start_grab().future)
+    rig.after(3.0, gripper.grab(wait=False).future)
 
     assert not gripper.is_holding
 
 
 def test_an_opening_jaw_holds_nothing(rig, gripper):
-    rig.after(3.0, gripper.start_move(0.3).future)
+    rig.after(3.0, gripper.move(0.3, wait=False).future)
     rig.arm.jam("gripper")
-    rig.after(3.0, gripper.start_grab().future)
+    rig.after(3.0, gripper.grab(wait=False).future)
     assert gripper.is_holding
-    gripper.start_move(0.6)
+    gripper.move(0.6, wait=False)
 
     assert not gripper.is_holding
 
 
 def test_a_newer_motion_is_not_undone_by_the_grip_of_the_older(rig, gripper):
-    rig.after(3.0, gripper.start_move(0.5).future)
-    grab = gripper.start_grab()
+    rig.after(3.0, gripper.move(0.5, wait=False).future)
+    grab = gripper.grab(wait=False)
     rig.clock.advance(0.1)
-    rig.after(3.0, gripper.start_move(0.9).future)
+    rig.after(3.0, gripper.move(0.9, wait=False).future)
 
     assert isinstance(grab.future.exception(timeout=0), Interrupted)
     assert gripper.aperture == pytest.approx(0.9, abs=1e-3)
@@ -163,13 +163,13 @@ def test_a_newer_motion_is_not_undone_by_the_grip_of_the_older(rig, gripper):
 def test_a_limp_jaw_cannot_be_moved(rig, gripper):
     rig.after(0.1, rig.executor.release())
 
-    assert isinstance(rig.error_after(0.1, gripper.start_grab().future), NotHolding)
+    assert isinstance(rig.error_after(0.1, gripper.grab(wait=False).future), NotHolding)
     assert not gripper.is_holding
 
 
 def test_an_alarm_of_the_jaw_ends_its_motion_and_not_the_arm_s(rig, gripper):
     arm = rig.executor.execute(rig.to_goal([0.5, 0, 0, 0, 0]))
-    jaw = gripper.start_move(1.0)
+    jaw = gripper.move(1.0, wait=False)
     rig.clock.advance(0.1)
     rig.arm.alarms = {"gripper": "71 degC"}
     error = rig.error_after(1.0, jaw.future)
@@ -192,8 +192,8 @@ def test_new_angles_for_old_places_move_nothing(rig):
 
 
 def test_a_stop_of_a_grab_that_has_just_met_something_presses_no_further(rig, gripper):
-    rig.after(3.0, gripper.start_move(0.5).future)
-    grab = gripper.start_grab()
+    rig.after(3.0, gripper.move(0.5, wait=False).future)
+    grab = gripper.grab(wait=False)
     rig.clock.advance(0.1)
     rig.arm.jam("gripper")
     while not rig.executor.state.jaw_moving or rig.executor.state.mode.value != "stopping":
@@ -208,8 +208,8 @@ def test_a_stop_of_a_grab_that_has_just_met_something_presses_no_further(rig, gr
 def test_a_start_move_that_closes_on_something_grips_it_and_says_that_it_did_not_arrive(
     rig, gripper
 ):
-    rig.after(3.0, gripper.start_move(0.5).future)
-    closing = gripper.start_move(0.1)
+    rig.after(3.0, gripper.move(0.5, wait=False).future)
+    closing = gripper.move(0.1, wait=False)
     rig.clock.advance(0.1)
     rig.arm.jam("gripper")
     error = rig.error_after(3.0, closing.future)
@@ -219,8 +219,8 @@ def test_a_start_move_that_closes_on_something_grips_it_and_says_that_it_did_not
 
 
 def test_a_start_move_that_is_blocked_while_it_opens_grips_nothing(rig, gripper):
-    rig.after(3.0, gripper.start_move(0.3).future)
-    opening = gripper.start_move(0.9)
+    rig.after(3.0, gripper.move(0.3, wait=False).future)
+    opening = gripper.move(0.9, wait=False)
     rig.clock.advance(0.1)
     rig.arm.jam("gripper")
     assert isinstance(rig.error_after(3.0, opening.future), FollowingError)
@@ -237,7 +237,7 @@ def lead(rig, jaw, aperture, seconds):
 
 
 def test_the_jaw_follows_apertures_and_rests_when_they_cease(rig, gripper):
-    jaw = gripper.open_following()
+    jaw = gripper.follow()
     assert jaw.aim(0.6) == 0.6
     lead(rig, jaw, 0.6, 2.0)
     assert gripper.aperture == pytest.approx(0.6, abs=1e-3)
@@ -266,7 +266,7 @@ def test_an_aperture_that_is_asked_for_while_a_following_begins_is_taken(gripper
 
 
 def test_a_jaw_that_follows_grips_what_it_meets_and_lets_go(rig, gripper):
-    jaw = gripper.open_following()
+    jaw = gripper.follow()
     lead(rig, jaw, 0.6, 2.0)
     lead(rig, jaw, 0.0, 0.1)
     rig.arm.jam("gripper")
@@ -281,8 +281,8 @@ def test_a_jaw_that_follows_grips_what_it_meets_and_lets_go(rig, gripper):
 
 
 def test_a_jaw_that_follows_makes_way_with_the_reason(rig, gripper):
-    jaw = gripper.open_following()
-    newer = gripper.start_move(0.3)
+    jaw = gripper.follow()
+    newer = gripper.move(0.3, wait=False)
     rig.after(3.0, newer.future)
     assert jaw.future.exception(timeout=0).by == "a newer motion"
     with pytest.raises(Interrupted):
@@ -290,7 +290,7 @@ def test_a_jaw_that_follows_makes_way_with_the_reason(rig, gripper):
 
 
 def test_a_stop_of_a_jaw_that_grips_ends_its_following(rig, gripper):
-    jaw = gripper.open_following()
+    jaw = gripper.follow()
     lead(rig, jaw, 0.6, 2.0)
     lead(rig, jaw, 0.0, 0.1)
     rig.arm.jam("gripper")
@@ -320,15 +320,15 @@ def test_a_jaw_that_is_stopped_before_it_follows_does_not_follow(rig, gripper):
         called.append(jaw.aim(1.0))
 
     with pytest.raises(Interrupted):
-        gripper.open_following(each=widen, stale_after=None)
+        gripper.follow(each=widen, stale_after=None)
     rig.clock.advance(1.0)
     assert called == []
     assert gripper.aperture == before
 
 
 def test_a_motion_that_could_not_begin_keeps_no_grip_from_changing(rig, gripper, monkeypatch):
-    rig.after(3.0, gripper.start_move(0.5).future)
-    grab = gripper.start_grab()
+    rig.after(3.0, gripper.move(0.5, wait=False).future)
+    grab = gripper.grab(wait=False)
     rig.clock.advance(0.1)
     rig.arm.jam("gripper")
     rig.after(2.0, grab.future)
@@ -336,14 +336,14 @@ def test_a_motion_that_could_not_begin_keeps_no_grip_from_changing(rig, gripper,
     with monkeypatch.context() as patch:
         patch.setattr(rig.executor, "turn", Mock(side_effect=MotionError("no")))
         with pytest.raises(MotionError):
-            gripper.start_grab()
+            gripper.grab(wait=False)
     gripper.set_force(GENTLEST)
     rig.clock.advance(1.0)
     assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(GENTLEST * SQUEEZE, abs=1e-3)
 
 
 def test_a_jaw_that_grips_does_not_open_after_its_following_has_ended(rig, gripper):
-    jaw = gripper.open_following()
+    jaw = gripper.follow()
     lead(rig, jaw, 0.6, 2.0)
     lead(rig, jaw, 0.0, 0.1)
     rig.arm.jam("gripper")

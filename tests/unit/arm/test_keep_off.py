@@ -63,17 +63,17 @@ def lead(arm, clock, following, q, seconds=4.0):
 
 def test_a_retarget_stops_short_of_it_and_names_it_until_it_is_gone(arm, around, clock):
     arm.keep_off(arm.scene, around)
-    motion = arm.start_retarget(RIGHT)
+    motion = arm.retarget(RIGHT)
     with pytest.raises(MotionError, match="close to 'crate'"):
         finish(clock, motion.future)
     assert arm.state.q[0] > 0.1
     arm.keep_off(arm.scene, arm.scene)
-    finish(clock, arm.start_retarget(RIGHT).future)
+    finish(clock, arm.retarget(RIGHT).future)
     assert arm.state.q == pytest.approx(RIGHT, abs=1e-3)
 
 
 def test_a_following_under_way_keeps_off_what_comes_and_passes_where_it_was(arm, around, clock):
-    following = in_time(clock, arm.open_following)
+    following = in_time(clock, arm.follow)
     lead(arm, clock, following, LEFT, seconds=0.2)
     arm.keep_off(arm.scene, around)
     assert lead(arm, clock, following, RIGHT) > 0.0
@@ -87,8 +87,8 @@ def test_a_following_under_way_keeps_off_what_comes_and_passes_where_it_was(arm,
 def test_an_arm_that_is_in_it_follows_targets_out_and_no_deeper(arm, around, clock):
     """The crate comes to where the arm is."""
     inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
-    finish(clock, arm.start_retarget(inside).future)
-    following = in_time(clock, arm.open_following)
+    finish(clock, arm.retarget(inside).future)
+    following = in_time(clock, arm.follow)
     lead(arm, clock, following, inside, seconds=0.2)
     arm.keep_off(arm.scene, around)
     before = clearance(arm)
@@ -102,20 +102,20 @@ def test_an_arm_that_is_in_it_follows_targets_out_and_no_deeper(arm, around, clo
 
 def test_a_retarget_leads_out_of_it_too(arm, around, clock):
     inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
-    finish(clock, arm.start_retarget(inside).future)
+    finish(clock, arm.retarget(inside).future)
     arm.keep_off(arm.scene, around)
-    finish(clock, arm.start_retarget(LEFT).future)
+    finish(clock, arm.retarget(LEFT).future)
     assert arm.state.q == pytest.approx(LEFT, abs=1e-3)
 
 
 def test_beside_another_scene_of_the_arm_it_does_not_count(arm, around, clock):
     arm.keep_off(Scene(floor_z=-0.1), around)
-    finish(clock, arm.start_retarget(RIGHT).future)
+    finish(clock, arm.retarget(RIGHT).future)
 
 
 def test_a_jog_keeps_off_it(arm, around, clock):
     arm.keep_off(arm.scene, around)
-    jog = in_time(clock, arm.open_jog)
+    jog = in_time(clock, arm.jog)
     beyond = arm.model.frame(RIGHT).p
     for _ in range(500):
         jog.to_point(beyond)
@@ -126,7 +126,7 @@ def test_a_jog_keeps_off_it(arm, around, clock):
 
 
 def test_a_jog_under_way_keeps_off_what_comes_and_passes_where_it_was(arm, around, clock):
-    jog = in_time(clock, arm.open_jog)
+    jog = in_time(clock, arm.jog)
     beyond = arm.model.frame(RIGHT).p
 
     def jogged(seconds):
@@ -149,8 +149,8 @@ def test_a_jog_under_way_keeps_off_what_comes_and_passes_where_it_was(arm, aroun
 
 def test_a_jog_that_something_comes_over_goes_out_of_it(arm, around, clock):
     inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
-    finish(clock, arm.start_retarget(inside).future)
-    jog = in_time(clock, arm.open_jog)
+    finish(clock, arm.retarget(inside).future)
+    jog = in_time(clock, arm.jog)
     arm.keep_off(arm.scene, around)
     before = clearance(arm)
     for _ in range(600):
@@ -162,7 +162,7 @@ def test_a_jog_that_something_comes_over_goes_out_of_it(arm, around, clock):
 
 
 def test_what_is_held_longer_counts_for_a_jog_under_way(arm, around, clock):
-    jog = in_time(clock, arm.open_jog)
+    jog = in_time(clock, arm.jog)
     far = SE3.from_translation((0.0, 0.0, 0.3))
     pole = Attached(name="pole", shape=Box(size=(0.01, 0.01, 0.4)), T_tool_object=far)
     arm.keep_off(arm.scene, replace(around, attached=(pole,)))
@@ -180,22 +180,22 @@ def test_plans_do_not_know_it(arm, around):
 
 def test_what_is_held_longer_counts_from_the_next_following_on(arm, around, clock):
     """The one under way may not look often enough at something that moves so far."""
-    following = in_time(clock, arm.open_following)
+    following = in_time(clock, arm.follow)
     before = following.guard
     far = SE3.from_translation((0.0, 0.0, 0.3))
     pole = Attached(name="pole", shape=Box(size=(0.01, 0.01, 0.4)), T_tool_object=far)
     arm.keep_off(arm.scene, replace(around, attached=(pole,)))
     assert following.guard is before
-    newer = in_time(clock, arm.open_following)
+    newer = in_time(clock, arm.follow)
     assert newer.guard is not before
     finish(clock, newer.close())
 
 
 def test_an_arm_says_what_it_touches_where_it_was_measured(arm, around, clock):
     inside = np.array([0.1, 1.0, 1.0, 1.0, 1.0]) * LEFT
-    finish(clock, arm.start_retarget(inside).future)
+    finish(clock, arm.retarget(inside).future)
     assert arm.touching() == ""
     arm.keep_off(arm.scene, around)
     assert arm.touching().endswith(" close to 'crate'")
-    finish(clock, arm.start_retarget(LEFT).future)
+    finish(clock, arm.retarget(LEFT).future)
     assert arm.touching() == ""

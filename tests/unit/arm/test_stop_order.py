@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
+from functools import partial
 
 import pytest
 
@@ -62,11 +63,15 @@ def test_a_jaw_begins_nothing_that_was_asked_for_before_its_stop(make_sim):
         stopping = beside.submit(gripper.stop)
         while not stopping.done():
             sim.clock.advance(0.01)
-    for begin in (lambda: gripper.start_move(0.5), gripper.start_grab, gripper.open_following):
+    for begin in (
+        partial(gripper.move, 0.5, wait=False),
+        partial(gripper.grab, wait=False),
+        gripper.follow,
+    ):
         with pytest.raises(Interrupted):
             request.run(begin)
     assert not gripper.is_moving
-    sim.after(3.0, requested().run(gripper.start_move, 0.5).future)
+    sim.after(3.0, requested().run(partial(gripper.move, 0.5, wait=False)).future)
 
 
 def test_manual_mode_that_was_asked_for_before_a_stop_does_not_begin_after_it():

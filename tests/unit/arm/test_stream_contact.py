@@ -57,7 +57,7 @@ class Played:
     """
 
     def __init__(self, arm, clock, points, *, ahead=2.0):
-        self.stream, self.nearest = in_time(clock, arm.open_stream), np.inf
+        self.stream, self.nearest = in_time(clock, arm.stream), np.inf
         self.q, t, sent = [], 0.0, 0
         while not self.stream.future.done():
             while sent < len(points) and points[sent].t < t + ahead:
@@ -148,7 +148,7 @@ def test_an_arm_in_contact_is_streamed_out_but_no_deeper(arm, clock):
 
 
 def test_what_comes_while_it_is_played_stops_it(arm, clock):
-    stream = in_time(clock, arm.open_stream)
+    stream = in_time(clock, arm.stream)
     stream.push(swing(LEFT, RIGHT, 8.0))
     for _ in range(100):
         clock.advance(0.01)
@@ -162,7 +162,7 @@ def test_what_comes_while_it_is_played_stops_it(arm, clock):
 
 def test_an_unguarded_stream_is_not_stopped(arm, clock):
     arm.scene = arm.scene.with_obstacles([CRATE])
-    stream = in_time(clock, lambda: arm.start_unguarded_stream().opened.result())
+    stream = in_time(clock, lambda: arm.start_stream(guard=None).opened.result())
     stream.push(swing(LEFT, RIGHT, 4.0))
     stream.finish()
     while not stream.future.done():

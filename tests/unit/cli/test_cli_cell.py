@@ -108,7 +108,7 @@ def test_the_motion_that_was_agreed_to_runs_or_none(tmp_path, opened_cells):
 
     def move_one_away():
         right = opened_cells[-1].rigs["right"].arm
-        right.start_move(JointGoal(q=right.state.q_ref + 0.05)).result()
+        right.move(JointGoal(q=right.state.q_ref + 0.05))
 
     result = CliRunner().invoke(main, asked, input=io.BufferedReader(AnswersYes(move_one_away)))
     assert result.exit_code != 0

@@ -185,7 +185,7 @@ def test_a_point_that_is_none_is_refused(sim_ready, bad) -> None:
 def test_the_arm_is_jogged_past_nothing_in_its_scene(clock) -> None:
     with open_simulated(clock=clock, q_start=READY) as rig:
         arm = rig.arm
-        jog = arm.open_jog()
+        jog = arm.jog()
         for _ in range(60):
             jog.twist([0.0, 0.0, -0.08])
             clock.advance(0.05)
@@ -193,14 +193,14 @@ def test_the_arm_is_jogged_past_nothing_in_its_scene(clock) -> None:
         assert CollisionModel(arm.model, arm.scene).clearance(arm.state.q_ref).distance > 0.003
         assert "the floor" in " ".join(jog.held_by)
         with pytest.raises(ConfigError, match="not fixed to the gripper"):
-            arm.open_jog(frame="elbow")
+            arm.jog(frame="elbow")
 
 
 def test_the_arm_is_jogged_no_further_than_it_can_hold_what_it_carries(clock) -> None:
     with open_simulated(clock=clock, q_start=READY) as rig:
         arm = rig.arm
         arm.set_load(LoadConfig(mass=0.2))
-        jog = arm.open_jog()
+        jog = arm.jog()
         for _ in range(40):
             jog.twist([0.1, 0.0, 0.0])
             clock.advance(0.1)
@@ -236,11 +236,11 @@ def test_a_stop_that_fails_leaves_nobody_waiting_and_nothing_moving(sim_ready, c
 
 def test_a_jog_that_makes_way_says_for_what(clock) -> None:
     with open_simulated(clock=clock, q_start=READY) as rig:
-        jog = rig.arm.open_jog()
+        jog = rig.arm.jog()
         for _ in range(5):
             jog.twist([0.05, 0.0, 0.0])
             clock.advance(0.05)
-        motion = rig.arm.start_retarget(READY)
+        motion = rig.arm.retarget(READY)
         while not motion.future.done():
             clock.advance(0.05)
         assert jog.future.exception().by == "a newer motion"

@@ -37,7 +37,7 @@ def test_limp_joints_refuse_to_move(sim):
     for future in (
         sim.executor.execute(sim.to_goal(Q_GOAL)),
         retarget(sim.executor, Q_GOAL, sim.limits),
-        sim.open_stream().future,
+        sim.stream().future,
     ):
         with pytest.raises(NotHolding, match="the arm is limp; let it hold first"):
             sim.after(0.0, future)
@@ -78,7 +78,7 @@ def test_a_guided_arm_is_looked_at_in_every_tick_and_refuses_to_move(sim):
     for future in (
         sim.executor.execute(sim.to_goal(Q_GOAL)),
         retarget(sim.executor, Q_GOAL, sim.limits),
-        sim.open_stream().future,
+        sim.stream().future,
     ):
         with pytest.raises(NotHolding, match="guided by hand; leave manual mode first"):
             sim.after(0.02, future)

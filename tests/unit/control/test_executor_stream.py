@@ -27,7 +27,7 @@ def assert_within_limits(sim, limits):
 
 
 def test_points_arriving_while_the_arm_moves_are_followed_to_the_end(sim):
-    stream = sim.open_stream()
+    stream = sim.stream()
     todo = batches()
     stream.push(todo[0])
     for batch in todo[1:]:
@@ -41,7 +41,7 @@ def test_points_arriving_while_the_arm_moves_are_followed_to_the_end(sim):
 
 
 def test_a_stream_pushed_whole_and_finished_at_once_is_played(sim):
-    stream = sim.open_stream()
+    stream = sim.stream()
     for batch in batches():
         stream.push(batch)
     sim.after(4.0, stream.finish())
@@ -49,7 +49,7 @@ def test_a_stream_pushed_whole_and_finished_at_once_is_played(sim):
 
 
 def test_an_opened_stream_holds_still_until_points_come(sim):
-    stream = sim.open_stream()
+    stream = sim.stream()
     sim.clock.advance(1.0)
     assert sim.state.arm_moving
     np.testing.assert_array_equal(sim.state.q, np.zeros(5))
@@ -59,7 +59,7 @@ def test_an_opened_stream_holds_still_until_points_come(sim):
 
 
 def test_two_points_are_enough(sim):
-    stream = sim.open_stream()
+    stream = sim.stream()
     stream.push([TimedPoint(t=0.0, q=np.zeros(5)), TimedPoint(t=1.0, q=TRAVEL)])
     sim.after(4.0, stream.finish())
     np.testing.assert_allclose(sim.state.q, TRAVEL, atol=1e-4)
@@ -67,7 +67,7 @@ def test_two_points_are_enough(sim):
 
 
 def test_a_stream_that_runs_dry_slows_down_holds_and_says_so(sim):
-    stream = sim.open_stream()
+    stream = sim.stream()
     todo = batches()
     for batch in todo[:5]:
         stream.push(batch)
@@ -82,7 +82,7 @@ def test_a_stream_that_runs_dry_slows_down_holds_and_says_so(sim):
 
 
 def test_a_stream_can_be_stopped(sim):
-    stream = sim.open_stream()
+    stream = sim.stream()
     for batch in batches():
         stream.push(batch)
     sim.clock.advance(1.0)
@@ -92,7 +92,7 @@ def test_a_stream_can_be_stopped(sim):
 
 
 def test_a_stream_can_be_superseded_without_stopping(sim):
-    stream = sim.open_stream()
+    stream = sim.stream()
     for batch in batches():
         stream.push(batch)
     sim.clock.advance(1.0)
@@ -103,14 +103,14 @@ def test_a_stream_can_be_superseded_without_stopping(sim):
 
 def test_a_stream_is_refused_while_the_arm_moves(sim):
     move = sim.executor.execute(online.point_to_point(np.zeros(5), TRAVEL, sim.limits, sim.dt))
-    stream = sim.open_stream()
+    stream = sim.stream()
     with pytest.raises(MotionError, match="another motion of the arm is under way"):
         sim.after(0.1, stream.future)
     sim.after(5.0, move)
 
 
 def test_a_stream_that_ends_at_speed_comes_to_rest_at_its_last_point(sim):
-    stream = sim.open_stream()
+    stream = sim.stream()
     t = np.arange(0.0, 1.01, 0.02)
     q = (0.5 * np.minimum(t, 0.4) ** 2 / 0.4 + np.maximum(t - 0.4, 0.0))[:, None] * np.ones(5)
     stream.push([TimedPoint(t=float(at), q=where) for at, where in zip(t, q, strict=True)])

@@ -49,7 +49,7 @@ def test_a_hand_that_rests_costs_nothing_and_the_end_is_kept(guided):
 
 def test_the_jaw_is_taken_down_too(guided):
     recorder = recorded(guided, guided.rig.gripper)
-    motion = guided.rig.gripper.start_move(0.6)
+    motion = guided.rig.gripper.move(0.6, wait=False)
     guided.finish(motion)
     path = recorder.end()
     assert path.aperture[0] == pytest.approx(0.0, abs=1e-6)

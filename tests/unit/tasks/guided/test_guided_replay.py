@@ -94,7 +94,7 @@ def test_a_recording_is_replayed_from_anywhere(guest):
     guest.lead(HERE)
     recorder = PathRecorder(rig.executor, rig.gripper)
     guest.lead(*LOOP[:2])
-    grab = rig.gripper.start_move(0.7)
+    grab = rig.gripper.move(0.7, wait=False)
     guest.finish(grab)
     guest.lead(*LOOP[2:])
     path = recorder.end()
@@ -192,7 +192,7 @@ def test_a_stop_ends_it_anywhere_and_the_jaw_stops_too(guest, seconds):
 
 def test_a_joint_that_does_not_follow_ends_it(guest):
     path = path_through(HERE, *LOOP)
-    guest.finish(guest.rig.arm.start_retarget(np.radians(HERE)))
+    guest.finish(guest.rig.arm.retarget(np.radians(HERE)))
     guest.rig.executor.call(lambda driver: driver.jam("shoulder_pan")).result()
     motion = start_replay(guest.rig.arm, None, plan_replay(guest.rig.arm, path))
     with pytest.raises(FollowingError, match="shoulder_pan"):
@@ -201,7 +201,7 @@ def test_a_joint_that_does_not_follow_ends_it(guest):
 
 def test_an_arm_that_was_moved_since_does_not_jump(guest):
     replay = plan_replay(guest.rig.arm, path_through(HERE, *LOOP))
-    guest.finish(guest.rig.arm.start_retarget(np.radians([5.0, 0.0, 0.0, 0.0, 0.0])))
+    guest.finish(guest.rig.arm.retarget(np.radians([5.0, 0.0, 0.0, 0.0, 0.0])))
     motion = start_replay(guest.rig.arm, None, replay)
     with pytest.raises(MotionError, match="plan again"):
         guest.finish(motion)

@@ -208,7 +208,7 @@ def test_an_endless_run_goes_on_until_it_is_stopped(rig: Rig, clock: PausesKnown
 def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig, clock: PausesKnown) -> None:
     run = start(rig, program(at(A, pause=5.0), at(B)))
     until(rig, lambda: run.where.doing == "pausing")
-    newer = rig.arm.start_move(JointGoal(q=np.zeros(5)))
+    newer = rig.arm.move(JointGoal(q=np.zeros(5)), wait=False)
     until(rig, run.future.done)
     error = run.future.exception()
     assert isinstance(error, Interrupted)
@@ -221,7 +221,7 @@ def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(
     rig: Rig, clock: PausesKnown
 ) -> None:
     rehearsal = rehearse(Solo.of(rig), program(at(A, "aside")))
-    moved = rig.arm.start_move(JointGoal(q=B))
+    moved = rig.arm.move(JointGoal(q=B), wait=False)
     until(rig, moved.future.done)
     run = start_program(Solo.of(rig), rehearsal)
     until(rig, run.future.done)
@@ -236,7 +236,7 @@ def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew(
     rehearsal = rehearse(Solo.of(rig), program(at(A, pause=1.0), at(B)))
     run = start_program(Solo.of(rig), rehearsal)
     until(rig, lambda: run.where.doing == "pausing")
-    rig.gripper.start_move(0.5)
+    rig.gripper.move(0.5, wait=False)
     until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
     finish(rig, run)
     assert run.leg.plan is not rehearsal.legs[1].plan
@@ -362,7 +362,7 @@ def test_a_passed_waypoint_behind_something_is_reached_around_it(
     ahead = SE3.from_translation(rig.arm.model.frame(np.zeros(5), "jaw_tip").p)
     shape = Capsule(radius=0.02, length=0.5)
     post = Obstacle(name="post", shape=shape, T_base_obstacle=ahead)
-    moved = rig.arm.start_move(JointGoal(q=aside))
+    moved = rig.arm.move(JointGoal(q=aside), wait=False)
     until(rig, moved.future.done)
     rig.arm.scene = rig.arm.scene.with_obstacles([post])
     (leg,) = rehearse(Solo.of(rig), program(*passing(-aside, A * [-1, 1, 1, 1, 1]))).legs
@@ -403,7 +403,7 @@ def test_a_leg_with_passed_waypoints_is_planned_anew_as_a_whole(
     rehearsal = rehearse(Solo.of(rig), program(at(A, pause=1.0), *passing(*AROUND[1:])))
     run = start_program(Solo.of(rig), rehearsal)
     until(rig, lambda: run.where.doing == "pausing")
-    rig.gripper.start_move(0.5)
+    rig.gripper.move(0.5, wait=False)
     until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
     finish(rig, run)
     assert run.leg.plan is not rehearsal.legs[1].plan

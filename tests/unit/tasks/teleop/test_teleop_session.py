@@ -133,7 +133,7 @@ def test_a_leader_that_is_not_let_go_of_may_be_moved_by_a_program():
         both.start()
         both.advance(0.2)
         assert not both.teleop.status.leader_is_limp
-        motion = both.leader.arm.start_retarget(0.5 * AWAY)
+        motion = both.leader.arm.retarget(0.5 * AWAY)
         both.advance(3.0)
         assert motion.future.done()
         assert both.phase is Phase.MIRRORING
@@ -146,7 +146,7 @@ def test_another_motion_of_the_follower_ends_the_session():
     with pair() as both:
         both.start()
         both.advance(0.2)
-        motion = both.follower.arm.start_retarget(0.3 * AWAY)
+        motion = both.follower.arm.retarget(0.3 * AWAY)
         both.advance(3.0)
         assert motion.future.exception() is None
         both.until_ended_by("a newer motion")
@@ -157,7 +157,7 @@ def test_a_planned_motion_of_the_follower_ends_the_session_with_the_same_reason(
     with pair() as both:
         both.start()
         both.advance(0.2)
-        motion = both.follower.arm.start_move(JointGoal(q=0.3 * AWAY))
+        motion = both.follower.arm.move(JointGoal(q=0.3 * AWAY), wait=False)
         while not motion.future.done():
             both.advance(0.05)
         assert motion.future.exception() is None

@@ -101,7 +101,7 @@ def test_stop_ends_it_for_all_arms(bench):
 def test_a_plan_is_dropped_when_an_arm_has_moved(bench):
     bench.record(first=aside(55.0))
     assert bench.planned()
-    bench.opened.rigs[SECOND].arm.start_move(JointGoal(q=aside(50.0)))
+    bench.opened.rigs[SECOND].arm.move(JointGoal(q=aside(50.0)), wait=False)
     bench.move(lambda: bench.says("arm 2: The arm has moved."))
     assert not bench.model.can_run
     assert bench.model.timeline is None

@@ -366,8 +366,8 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(tab: Tab, change: str) ->
     tab.record(A)
     tab.plan()
     changes: dict[str, Callable[[], object]] = {
-        "arm": lambda: tab.rig.arm.start_move(JointGoal(q=B)),
-        "jaw": lambda: tab.rig.gripper.start_move(1.0),
+        "arm": lambda: tab.rig.arm.move(JointGoal(q=B), wait=False),
+        "jaw": lambda: tab.rig.gripper.move(1.0, wait=False),
         "speed": lambda: tab.rig.arm.set_speed(1.0),
         "scene": lambda: setattr(tab.rig.arm, "scene", Scene()),
         "program": lambda: tab.model.set_rounds(None),

@@ -301,7 +301,7 @@ def test_a_plan_is_dropped_when_the_arm_was_moved(bench: Bench) -> None:
     bench.record()
     teaching.plan()
     bench.until(lambda: teaching.can_run)
-    bench.machine.arm.start_move(JointGoal(q=np.zeros(5)))
+    bench.machine.arm.move(JointGoal(q=np.zeros(5)), wait=False)
     bench.until(lambda: teaching.sentence is ARM_MOVED)
     assert not teaching.can_run
 

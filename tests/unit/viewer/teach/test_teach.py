@@ -166,7 +166,7 @@ def test_a_replay_is_planned_anew_when_the_arm_was_moved(bench: Bench) -> None:
     bench.record()
     teaching.plan()
     bench.taught(lambda: teaching.can_run)
-    moving = bench.rig.arm.start_move(_joints(np.zeros(5)))
+    moving = bench.rig.arm.move(_joints(np.zeros(5)), wait=False)
     bench.taught(moving.future.done)
     bench.taught(lambda: teaching.sentence is ARM_MOVED)
     assert not teaching.can_run

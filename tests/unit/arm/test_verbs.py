@@ -1,0 +1,112 @@
+"""What somebody who guesses types: ``so101.open``, ``move``, ``follow`` in a ``with`` block."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import so101_motion as so101
+from so101_motion.common.clock import ManualClock
+
+
+@pytest.fixture
+def rig():
+    """A simulated arm whose time passes by itself."""
+    clock, over = ManualClock(), threading.Event()
+
+    def pass_time():
+        while not over.wait(1e-4):
+            clock.advance(0.02)
+
+    with so101.open_simulated(clock=clock) as rig, ThreadPoolExecutor(1) as beside:
+        beside.submit(pass_time)
+        yield rig
+        over.set()
+
+
+def test_sim_opens_a_simulated_arm_that_moves_nothing():
+    with so101.open("sim") as rig:
+        assert rig.connection.is_simulated
+        assert not rig.arm.is_moving
+        np.testing.assert_array_equal(rig.arm.q, np.zeros(5))
+
+
+@pytest.mark.parametrize("arm", ["sim", "viam://127.0.0.1:1"])
+def test_a_calibration_is_refused_for_an_arm_on_no_port(arm):
+    with pytest.raises(so101.errors.ConfigError, match=r"calibration.*serial port"):
+        so101.open(arm, calibration="mine")
+
+
+@pytest.mark.parametrize(("calibration", "why"), [("nobodys", "nor is"), ("no/file", "no file")])
+def test_a_calibration_that_is_nowhere_is_refused_before_the_port_is_opened(
+    calibration, why, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
+    with pytest.raises(so101.errors.ConfigError, match=why):
+        so101.open(str(tmp_path / "port"), calibration=calibration)
+
+
+def test_a_machine_that_cannot_be_reached_is_named():
+    with pytest.raises(so101.errors.MachineUnavailable, match=r"127\.0\.0\.1:1"):
+        so101.open("viam://127.0.0.1:1")
+
+
+def test_move_waits_for_goals_plans_and_joint_angles(rig):
+    rig.arm.move(so101.point(0.25, 0.12, 0.15))
+    np.testing.assert_allclose(rig.arm.T_base_tool.p, [0.25, 0.12, 0.15], atol=1e-3)
+    plan = rig.arm.plan(so101.JointGoal(q=np.full(5, 0.2)))
+    rig.arm.move(plan)
+    np.testing.assert_allclose(rig.arm.q, np.full(5, 0.2), atol=1e-3)
+    rig.arm.move([0.0, -0.5, 0.5, 0.0, 0.0])
+    np.testing.assert_allclose(rig.arm.q, [0.0, -0.5, 0.5, 0.0, 0.0], atol=1e-3)
+
+
+def test_a_move_that_does_not_wait_can_be_stopped(rig):
+    motion = rig.arm.move(np.full(5, 1.0), wait=False)
+    rig.arm.stop()
+    with pytest.raises(so101.errors.Interrupted):
+        motion.result()
+
+
+def test_limits_of_a_finished_plan_are_refused(rig):
+    plan = rig.arm.plan([0.1] * 5)
+    caps = so101.MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=9.0)
+    with pytest.raises(so101.errors.ConfigError, match=r"limits.*this plan is finished"):
+        rig.arm.move(plan, limits=caps)
+
+
+def test_three_angles_are_no_joint_angles(rig):
+    with pytest.raises(so101.errors.ConfigError, match="five joint angles in radians"):
+        rig.arm.move([0.1, 0.2, 0.3])
+
+
+def test_the_jaw_moves_and_grabs(rig):
+    rig.gripper.move(0.5)
+    assert rig.gripper.aperture == pytest.approx(0.5, abs=1e-3)
+    rig.gripper.grab()
+    assert rig.gripper.aperture == pytest.approx(0.0, abs=1e-2)
+
+
+@pytest.mark.parametrize("opened", ["follow", "jog", "stream"])
+def test_leaving_the_block_brings_the_arm_to_rest(rig, opened):
+    with getattr(rig.arm, opened)() as source:
+        if opened == "follow":
+            source.aim([0.3, -0.3, 0.3, 0.0, 0.0])
+    assert source.future.done()
+    assert not rig.arm.is_moving
+
+
+def test_an_error_in_the_block_is_the_one_that_is_raised(rig):
+    with pytest.raises(ZeroDivisionError), rig.arm.follow() as following:
+        following.aim([0.0, 0.0, 0.0, 0.0, 1 / 0])
+    assert following.future.done()
+
+
+def test_a_following_that_was_ended_earlier_raises_why(rig):
+    with pytest.raises(so101.errors.Interrupted), rig.arm.follow():
+        rig.arm.stop()
+
+
+def test_the_names_are_shown():
+    assert {"open", "point", "errors", "PoseGoal"} <= set(dir(so101))
