@@ -17,7 +17,7 @@ import argparse
 import math
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -112,7 +112,7 @@ def _opened(bench: Any, file: Path) -> Any:
     return rig
 
 
-def errors(true: ServoFigures, found: ServoFigures, lash: float) -> dict[str, float]:
+def errors(true: ServoFigures, found: ServoFigures) -> dict[str, float]:
     """Errors of the predictions, as shares of the true values."""
     is_, seems = (ServoModel(STS3215_12V, 32, figures=each) for each in (true, found))
 
@@ -126,7 +126,7 @@ def errors(true: ServoFigures, found: ServoFigures, lash: float) -> dict[str, fl
         "droop": share(droop(seems), droop(is_)),
         "break-away": share(seems.kind.break_away, is_.kind.break_away),
         "lag": share(seems.lag, is_.lag),
-        "play": math.nan if found.play is None else share(found.play, lash),
+        "play": math.nan if found.play is None else share(found.play, is_.kind.play),
     }
 
 
@@ -147,9 +147,7 @@ def found_by(seed: int) -> dict[str, Any]:
     found = carrying.found.load
     assert found is not None
     place = np.linalg.norm(np.array(found.com) - place_in_hand(RobotModel.load()))
-    by_joint = {
-        joint: errors(is_, servos[joint], lash) for joint, (is_, lash) in true_figures(seed).items()
-    }
+    by_joint = {joint: errors(is_, servos[joint]) for joint, is_ in true_figures(seed).items()}
     return {
         "figures": {joint: asdict(each) for joint, each in servos.items()},
         "joints": by_joint, "took": travel.took, "speed": max(travel.speed, again.speed),
@@ -158,16 +156,16 @@ def found_by(seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def true_figures(seed: int) -> dict[str, tuple[ServoFigures, float]]:
-    """An arm's true servo figures and their play [rad]."""
+def true_figures(seed: int) -> dict[str, ServoFigures]:
+    """An arm's true servo figures."""
     found = {}
     for joint, kind in list(differing_servos(SO101, STS3215_12V, spread=0.2, seed=seed))[:5]:
-        own = ServoFigures(
+        found[joint.name] = ServoFigures(
             torque=kind.torque_per_volt / STS3215_12V.torque_per_volt,
             friction=kind.coulomb / STS3215_12V.coulomb,
             dead_time=kind.goal_delay / STS3215_12V.goal_delay,
+            play=kind.play,
         )
-        found[joint.name] = (own, joint.lash)
     return found
 
 
@@ -194,8 +192,8 @@ def followed(seed: int, plans: int, known: dict[str, Any] | None) -> float:
         return tracking(bench, file, seed, plans)
 
 
-def _as_json(figures: dict[str, tuple[ServoFigures, float]]) -> dict[str, Any]:
-    return {joint: asdict(replace(own, play=lash)) for joint, (own, lash) in figures.items()}
+def _as_json(figures: dict[str, ServoFigures]) -> dict[str, Any]:
+    return {joint: asdict(own) for joint, own in figures.items()}
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
 """Compare the emulated arm with a recorded one: ``python -m benchmarks.bench_real_arm FILE.npz``.
 
 Each motion is simulated whole, from its first measured position at rest and the goals that were
-sent. ``--arm delivered`` is the arm of ``so101 emulate``; the default is the kind that the
-recordings in ``docs/emulator.md`` call for (``RECORDED``). The format is that of
+sent. ``--arm`` is the rated voltage of the emulated servos; 7.4 V by default, which the recordings
+in ``docs/emulator.md`` call for. The format is that of
 ``benchmarks/emulated_arm.py``.
 
 Prints, for each joint and for each motion, the mean of |emulated - measured| after one constant a
@@ -177,7 +177,7 @@ def main() -> None:
     """Simulate and compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("recordings", type=Path)
-    parser.add_argument("--arm", choices=sorted(ARMS), default="recorded")
+    parser.add_argument("--arm", choices=sorted(ARMS), default="7.4")
     parser.add_argument("--save", metavar="WORDS", help="whose recordings; writes the figures")
     asked = parser.parse_args()
     recordings = load(asked.recordings)

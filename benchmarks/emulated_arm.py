@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import repeat
 from pathlib import Path
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.electric import Supply
-from so101_motion.drivers.emulator.joint_figures import SO101, TICKS_PER_RAD, Joint
+from so101_motion.drivers.emulator.joint_figures import SO101, TICKS_PER_RAD
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.emulator.world import World
 from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoType
@@ -39,46 +39,19 @@ class Arm:
 
     Attributes:
         kind: The type of its servos.
-        joints: Its joints.
         gains: Registers 21 and 22 (P and D).
-        read_age: How old each servo's position is at its time stamp, shape (6,), [s].
+        read_age: How old each servo's position is at its time stamp, shape (6,), [s]. Chosen: the
+            servos were read one after the other, a millisecond each; with 3 ms each, every joint
+            would begin a step later than recorded.
     """
 
-    kind: ServoType = STS3215_12V
-    joints: tuple[Joint, ...] = SO101
+    kind: ServoType
     gains: tuple[int, int] = (16, 32)
-    read_age: tuple[float, ...] = field(default=(0.018, 0.015, 0.012, 0.009, 0.006, 0.003))
+    read_age: tuple[float, ...] = (0.006, 0.005, 0.004, 0.003, 0.002, 0.001)
 
 
-_UNLIMITED = 1e6  # [tick/s^2]
-
-RECORDED = Arm(
-    kind=replace(
-        STS3215_7V4,
-        name="STS3215-C001, as recorded",
-        armature=0.0126,
-        viscous=0.0,
-        coulomb=0.106,
-        load_external=0.208,
-        load_motor=0.179,
-        still_external=0.145,
-        stribeck_speed=0.374,
-        goal_delay=0.0,
-    ),
-    joints=tuple(
-        replace(each, acceleration_offset=_UNLIMITED, acceleration_ceiling=_UNLIMITED, lash=0.0104)
-        for each in SO101
-    ),
-)
-"""A real arm's servos (Apache-2.0 recordings of the sage project, February 2026; 25 motions).
-
-That they are 7.4 V servos at 7.4 V is a finding: with the 12 V type, which those on a pendulum are,
-the same fit is half as far off again, and other voltages are worse. Nothing limits the acceleration
-of their set-points. Friction, inertia and play were fitted on ten of the motions.
-"""
-
-ARMS = {"delivered": Arm(), "recorded": RECORDED}
-"""The arm that ``so101 emulate`` is, and the one on record."""
+ARMS = {"7.4": Arm(kind=STS3215_7V4), "12": Arm(kind=STS3215_12V)}
+"""By the supply that its servos are made for [V]."""
 
 
 def load(file: Path) -> dict[str, dict[str, Array]]:
@@ -106,9 +79,7 @@ def emulate_one(recording: Recording, arm: Arm) -> Array:
     """One recording, whole, from its first measured position at rest."""
     command, times = _in_joint_angles(recording["command"]), recording["t_s"]
     begins = _in_joint_angles(recording["position"][:1])[0]
-    servos = [
-        Servo(joint, arm.kind, q=float(q)) for joint, q in zip(arm.joints, begins, strict=True)
-    ]
+    servos = [Servo(joint, arm.kind, q=float(q)) for joint, q in zip(SO101, begins, strict=True)]
     world = World(servos, gravity=_model().gravity_torque, supply=Supply(arm.kind.volts))
     for servo in servos:
         for row, value in (

@@ -20,7 +20,6 @@ from so101_motion.drivers.emulator.world import World
 from so101_motion.drivers.servo_types import STS3215_12V, ServoType
 
 _CENTRE = 2048
-_UNLIMITED = 1e6  # [tick/s^2]: the recorded set-points show no limit of acceleration
 
 
 def emulate(recordings: Recordings, kind: ServoType = STS3215_12V) -> Array:
@@ -66,8 +65,6 @@ def _pendulum(recording: Recordings, kind: ServoType) -> World:
         lower=-math.pi,
         upper=math.pi,
         inertia=(mass + arm / 3.0) * length**2,
-        acceleration_offset=_UNLIMITED,
-        acceleration_ceiling=_UNLIMITED,
     )
     servo = Servo(joint, kind, q=float(recording.position[0, 0]))
     weight = GRAVITY * (mass + arm / 2.0) * length

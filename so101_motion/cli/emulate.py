@@ -57,6 +57,13 @@ from so101_motion.common import interrupts
     metavar="FILE",
     help="Servos as so101 identify found them: the file beside the calibration.",
 )
+@click.option(
+    "--volts",
+    type=click.Choice(["12", "7.4"]),
+    default="12",
+    show_default=True,
+    help="Servos of this kind, at their rated supply: fitted on a pendulum, or on an arm.",
+)
 @click.option("--fault", "faults", multiple=True, help="Such as dead:3 or unplug@4+2; repeatable.")
 @click.option(
     "--goal-torque/--no-goal-torque",
@@ -80,6 +87,7 @@ def emulate(
     spread: float,
     seed: int,
     like: Path | None,
+    volts: str,
     faults: tuple[str, ...],
     goal_torque: bool,
     hand: TextIO | None,
@@ -100,6 +108,7 @@ def emulate(
     from so101_motion.common.named_poses import POSES
     from so101_motion.drivers.emulator import emulator, pty_port, run
     from so101_motion.drivers.emulator import faults as fault_names
+    from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V
     from so101_motion.planning.kinematics.model import RobotModel
 
     twin = None if like is None else servo_file.read_file(like)
@@ -113,6 +122,7 @@ def emulate(
         q_start=(*folded.tolist(), 0.0) if nobody_holds_it else (0.0,) * 6,
         spread=spread,
         seed=seed,
+        kind=STS3215_7V4 if volts == "7.4" else STS3215_12V,
         figures={} if twin is None else twin.servos,
         goal_enables_torque=goal_torque,
         pacing=pty_port.Pacing(realtime=realtime, latency=latency),

@@ -6,6 +6,7 @@ differ from its type (``emulator/spread.py``), as each real one does.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 START_DUTY = 0.016
@@ -38,6 +39,7 @@ class ServoType:
         loop_delay: From a measured position to the duty it causes [s].
         duty_shape: Exponent from demanded duty to motor voltage; below 1 small duties do more.
         max_voltage_raw: Factory value of register 14 [0.1 V].
+        play: Between gears and output [rad].
     """
 
     name: str
@@ -58,6 +60,7 @@ class ServoType:
     loop_delay: float
     duty_shape: float
     max_voltage_raw: int
+    play: float = math.radians(0.85)
 
     @property
     def break_away(self) -> float:
@@ -73,15 +76,20 @@ STS3215_12V = ServoType(
 )  # fmt: skip
 """Fitted by ``benchmarks.fit_servo`` on 480 recordings of one servo on a pendulum (kscalelabs,
 March 2025); ``docs/emulator.md`` says how well. ``resistance`` follows from the other two: torque
-and back-EMF have the same constant. ``goal_delay`` includes what the recorder's own loop took."""
+and back-EMF have the same constant. ``goal_delay`` includes what the recorder's own loop took.
+Play: 0.8 to 0.9 deg measured on arms (robonine), 0.5 specified; a pendulum always loads its
+gears."""
 
 STS3215_7V4 = ServoType(
     name="STS3215-C001", volts=7.4, torque_per_volt=1.265 / 2.45, back_emf=1.265, resistance=2.45,
-    armature=0.0235, viscous=0.031, coulomb=0.053, load_external=0.212, load_motor=0.212,
-    still_external=0.0, still_motor=0.0, stribeck_speed=1.0, speed_limit=5.087, goal_delay=0.0049,
-    loop_delay=0.0, duty_shape=1.0, max_voltage_raw=80,
+    armature=0.0131, viscous=0.003, coulomb=0.117, load_external=0.195, load_motor=0.1766,
+    still_external=0.1476, still_motor=0.0, stribeck_speed=0.38, speed_limit=11.5, goal_delay=0.0,
+    loop_delay=0.0, duty_shape=1.0, max_voltage_raw=80, play=0.006,
 )  # fmt: skip
-"""Published by Rhoban (bam, Apache-2.0); the speed limit is that of the 12 V type."""
+"""Motor: published by Rhoban (bam, Apache-2.0). Friction, inertia and play: fitted on recordings of
+an arm (isaac-sim2real/sage, commit 4ffd2627, Apache-2.0); ``docs/emulator.md`` says how well. Its
+set-points go at the speed of register 84 as delivered and without a delay: it answers sooner than
+they would otherwise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,6 +121,7 @@ class ServoFigures:
             torque_per_volt=kind.torque_per_volt * self.torque,
             goal_delay=kind.goal_delay * self.dead_time,
             loop_delay=kind.loop_delay * self.dead_time,
+            play=kind.play if self.play is None else self.play,
         )
 
 

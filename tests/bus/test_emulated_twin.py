@@ -1,4 +1,4 @@
-"""``so101 emulate --like FILE``: an emulated arm whose servos are those of an identified arm."""
+"""``so101 emulate``: an arm with 7.4 V servos, or with those of an identified arm (``--like``)."""
 
 import subprocess
 import sys
@@ -43,6 +43,12 @@ def short_of_goal(bus, servo_id):
         if at != before:
             rests_since = time.monotonic()
     return goal - at
+
+
+def test_servos_for_7_4_volts_report_their_supply_and_its_limit(tmp_path):
+    with emulated(tmp_path / "arm", "--volts", "7.4") as bus:
+        assert bus.read(GRIPPER, reg.PRESENT_VOLTAGE) in (73, 74)
+        assert bus.read(GRIPPER, reg.MAX_VOLTAGE) == 80
 
 
 def test_a_twin_has_the_servos_of_the_file_and_no_others(tmp_path, monkeypatch):

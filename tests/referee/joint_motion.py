@@ -108,7 +108,7 @@ class JointMotion:
 
     @property
     def _play(self):
-        return self._servo.joint.lash * 2048.0 / math.pi  # [tick]
+        return self._servo.drive.motor.kind.play * 2048.0 / math.pi  # [tick]
 
 
 def _slope(samples, t):

@@ -95,19 +95,20 @@ def unrounded(
     record: JointRecord, figures: ServoFigures, weight: Array, play: float | None = None
 ) -> Array:
     """The same before the encoder rounds it to whole ticks; arguments as for ``predicted``."""
-    usual = SO101[record.index]
-    play = figures.play if play is None else play
+    if play is not None:
+        figures = replace(figures, play=play)
     joint = replace(
-        usual,
+        SO101[record.index],
         lower=-math.pi, upper=math.pi, zero_ticks=round(record.zero_ticks),
-        direction=record.direction, lash=usual.lash if play is None else play,
-        acceleration_slope=0.0, acceleration_ceiling=math.inf,
-        acceleration_offset=record.acceleration * TICKS_PER_RAD,
+        direction=record.direction,
+        acceleration_slope=record.acceleration * TICKS_PER_RAD, acceleration_offset=0.0,
+        acceleration_ceiling=math.inf,
     )  # fmt: skip
     q = record.direction * (float(record.ticks[0]) - joint.zero_ticks) / TICKS_PER_RAD
     servo = Servo(joint, figures.of(record.kind), q=q)
     servo.memory.keep(reg.P_GAIN, record.p_gain)
     servo.write(bytes((reg.P_GAIN.address, record.p_gain)))
+    servo.write(bytes((reg.ACCELERATION.address, 1)))
     drive, found, at = servo.drive, np.empty(len(record.t)), 0
     origin = drive.encoder - drive.position
     between = 0.5 * (weight + np.append(weight[1:], weight[-1]))  # until the next sample

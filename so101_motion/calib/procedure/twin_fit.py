@@ -38,7 +38,6 @@ from numpy.typing import NDArray
 
 from so101_motion.calib.procedure.servo_twin import JointRecord, unrounded
 from so101_motion.common.geometry import Array
-from so101_motion.drivers.emulator.joint_figures import SO101
 from so101_motion.drivers.servo_types import ServoFigures
 
 OPEN = 0.04
@@ -81,7 +80,7 @@ class TwinFit:
     def __init__(self, record: JointRecord, weight: Array) -> None:
         self._record, self._weight = record, weight
         self._delay = record.kind.goal_delay * _MS
-        self._play = SO101[record.index].lash
+        self._play = record.kind.play
         self._twins: list[Array] = []
         self._off: list[Array] = []
 

@@ -73,7 +73,7 @@ class Drive:
         self._joint = joint
         lower, upper = sorted((self.to_ticks(joint.lower), self.to_ticks(joint.upper)))
         self.shaft = Shaft(
-            kind, inertia=joint.inertia, lash=joint.lash, lower=lower, upper=upper,
+            kind, inertia=joint.inertia, lower=lower, upper=upper,
             at=self.to_ticks(q),
         )  # fmt: skip
         self.motor = Motor(kind)

@@ -111,9 +111,7 @@ def build_world(
         zip(differing, options.q_start, strict=True), start=1
     ):
         if joint.name in options.figures:
-            own = options.figures[joint.name]
-            kind = own.of(options.kind)
-            joint = joint if own.play is None else replace(joint, lash=own.play)
+            kind = options.figures[joint.name].of(options.kind)
         factory = {
             reg.ID: options.ids.get(place, place),
             reg.MAX_VOLTAGE: options.kind.max_voltage_raw,

@@ -1,4 +1,4 @@
-"""Figures of the joints of an emulated SO-101: stops, inertia, acceleration, play and zeros.
+"""Figures of the joints of an emulated SO-101: stops, inertia, acceleration and zeros.
 
 Those of its servos are in ``servo_types.py``. Each figure says whether it was fitted on recordings,
 measured on arms, printed in a datasheet or chosen. No emulated figure has been compared with an
@@ -38,7 +38,6 @@ class Joint:
         acceleration_offset: Profile acceleration at register 41 = 0, extrapolated [tick/s^2].
         acceleration_ceiling: Largest profile acceleration, with register 85 as delivered
             [tick/s^2].
-        lash: Play between gears and output shaft [rad].
         zero_ticks: Encoder reading at joint angle zero, homing offset not applied.
         direction: +1 if the encoder counts up with the joint angle, else -1.
     """
@@ -50,7 +49,6 @@ class Joint:
     acceleration_slope: float = 108.4
     acceleration_offset: float = 386.0
     acceleration_ceiling: float = 6507.0
-    lash: float = math.radians(0.85)
     zero_ticks: int = 2048
     direction: int = 1
 
@@ -80,5 +78,4 @@ SO101 = (
 )
 """The follower arm. Stops: first contact of the official solids, agreeing with public
 calibrations. Acceleration: measured on joints 1-3 of one arm (12 V, firmware 3.10, by the authors
-of viam-devrel/so-101); the others get the mean of the three. Lash: 0.8-0.9 deg measured
-(robonine), 0.5 specified."""
+of viam-devrel/so-101); the others get the mean of the three."""

@@ -42,7 +42,6 @@ class Shaft:
     Args:
         kind: Motor and gears.
         inertia: Of the links [kg m^2].
-        lash: Play [rad].
         lower: A stop [tick].
         upper: A stop [tick].
         at: Where it starts, at rest [tick].
@@ -64,12 +63,12 @@ class Shaft:
     )  # fmt: skip
 
     def __init__(
-        self, kind: ServoType, *, inertia: float, lash: float, lower: float, upper: float, at: float
+        self, kind: ServoType, *, inertia: float, lower: float, upper: float, at: float
     ) -> None:
         self.put(at)
         self.lower, self.upper = lower, upper
         self.lower_stiffness = self.upper_stiffness = STOP_STIFFNESS
-        self._half_play = lash * TICKS_PER_RAD / 2.0
+        self._half_play = kind.play * TICKS_PER_RAD / 2.0
         mass = inertia + kind.armature
         self._push = DT * TICKS_PER_RAD / mass  # speed a torque of 1 N m gives in one step
         self._drive = kind.torque_per_volt

@@ -44,13 +44,19 @@ def settings_from(memory: Memory) -> Settings:
     )
 
 
+_UNLIMITED = 1e6
+"""An acceleration that reaches any speed at once [tick/s^2]."""
+
+
 def plan_profile(memory: Memory, joint: Joint, profile: Profile, *, top_speed: float) -> None:
     """Set the profile's acceleration, cruising speed and floor from the registers.
 
-    The firmware's manual says 100 tick/s^2 per unit and caps register 41 at register 85. The
-    measured line has another slope, an offset and a ceiling, and those are used here. The ceiling
-    was measured with register 85 as delivered; a larger register 85 raises it in proportion, which
-    is chosen, not measured.
+    With register 41 at 0 nothing limits the acceleration: recordings of an arm and of a pendulum
+    both contradict the ceiling that register 85 would set (``benchmarks.bench_real_arm``). Else the
+    firmware's manual says 100 tick/s^2 per unit and caps register 41 at register 85. The measured
+    line has another slope, an offset and a ceiling, and those are used here. The ceiling was
+    measured with register 85 as delivered; a larger register 85 raises it in proportion, which is
+    chosen, not measured.
 
     Args:
         memory: The registers.
@@ -60,15 +66,15 @@ def plan_profile(memory: Memory, joint: Joint, profile: Profile, *, top_speed: f
     """
     value = memory.value
     top, units = value(reg.MAX_ACCELERATION), value(reg.ACCELERATION)
-    if not units:
-        units = top * value(reg.ACCELERATION_FACTOR)
-    elif top and units > top:
+    if top and units > top:
         units = top
         memory.set(reg.ACCELERATION, top)
-    profile.acceleration = min(
-        joint.acceleration_slope * units + joint.acceleration_offset,
-        joint.acceleration_ceiling * max(top / reg.MAX_ACCELERATION.default, 1.0),
-    )
+    profile.acceleration = _UNLIMITED
+    if units:
+        profile.acceleration = min(
+            joint.acceleration_slope * units + joint.acceleration_offset,
+            joint.acceleration_ceiling * max(top / reg.MAX_ACCELERATION.default, 1.0),
+        )
     profile.floor = SLOWEST * value(reg.MIN_SPEED)
     cap, speed = _top_speed(memory, top_speed), abs(_goal_speed(memory))
     if speed:

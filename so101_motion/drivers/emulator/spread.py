@@ -31,6 +31,8 @@ def differing_servos(
 
     for joint in joints:
         friction, dead_time, torque = factor(), factor(), factor()
-        own = ServoFigures(torque=torque, friction=friction, dead_time=dead_time)
         zero = joint.zero_ticks + round(_ZERO_TICKS * rng.uniform(-spread, spread))
-        yield replace(joint, lash=joint.lash * factor(), zero_ticks=zero), own.of(kind)
+        own = ServoFigures(
+            torque=torque, friction=friction, dead_time=dead_time, play=kind.play * factor()
+        )
+        yield replace(joint, zero_ticks=zero), own.of(kind)

@@ -112,7 +112,6 @@ def test_phase_bits_decide_what_speed_means(bench, phase, speed, per_second):
         (2, 56, 5282),
         (3, 64, 7140),
         (1, 100, 7099),  # and flat beyond
-        (1, 0, 7099),  # zero is maximum
     ],
 )
 def test_acceleration_has_the_measured_slopes_and_knees(bench, servo_id, units, acceleration):
@@ -123,6 +122,13 @@ def test_acceleration_has_the_measured_slopes_and_knees(bench, servo_id, units, 
     bench.advance(0.1)
     gained = bench.read(servo_id, reg.PROFILE_SPEED) - early
     assert gained == pytest.approx(acceleration * 0.1, rel=0.01)
+
+
+def test_without_an_acceleration_the_set_point_reaches_its_speed_at_once(bench):
+    bench.write(1, reg.GOAL_VELOCITY, 1000)
+    bench.write(1, reg.GOAL_POSITION, 3000)
+    bench.advance(0.03)
+    assert bench.read(1, reg.PROFILE_SPEED) == 1000
 
 
 def test_raising_the_acceleration_limit_raises_the_knee(bench):

@@ -59,7 +59,7 @@ def test_top_speed_is_that_of_the_motor_whatever_is_asked(bench):
     for _ in range(50):
         bench.advance(0.02)
         fastest = max(fastest, bench.read(1, reg.PRESENT_VELOCITY))
-    assert 2500 <= fastest <= 3100  # measured in a joint: about 2700 tick/s
+    assert 2500 <= fastest <= 3300  # measured in a loaded joint: about 2700 tick/s
 
 
 def test_moving_rises_within_two_milliseconds_and_falls_when_the_joint_rests(bench):
@@ -198,7 +198,7 @@ def test_object_stops_the_jaw_and_is_felt(bench):
     bench.advance(1.5)
     held_at = bench.world.q[5]
     # The tips are 20 mm apart at 3.4 deg; the jaw squeezes a little further.
-    assert math.radians(1.0) < held_at < math.radians(4.5)
+    assert math.radians(0.8) < held_at < math.radians(4.5)
     assert bench.read(6, reg.PRESENT_LOAD) > 400
     bench.world.take_object()
     bench.advance(1.0)
@@ -263,12 +263,12 @@ def test_fitted_servo_at_rest_is_not_computed(make_bench, raised_arm):
 def test_servos_of_an_arm_differ_as_the_seed_says(make_bench):
     def figures(**options):
         servos = make_bench(**options).world.servos
-        return [(s.joint.lash, s.joint.zero_ticks) for s in servos]
+        return [(s.drive.motor.kind.play, s.joint.zero_ticks) for s in servos]
 
     assert figures(spread=0.2, seed=7) == figures(spread=0.2, seed=7)
     assert figures(spread=0.2, seed=7) != figures(spread=0.2, seed=8)
     assert len(set(figures(spread=0.2, seed=7))) == 6
     assert figures(seed=7) == figures()
-    for lash, zero in figures(spread=0.2, seed=7):
-        assert lash == pytest.approx(SO101[0].lash, rel=0.2)
+    for play, zero in figures(spread=0.2, seed=7):
+        assert play == pytest.approx(STS3215_12V.play, rel=0.2)
         assert zero == pytest.approx(2048, abs=20)
