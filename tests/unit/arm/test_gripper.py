@@ -58,16 +58,16 @@ def test_it_opens_as_far_as_it_is_told(rig, gripper):
 def test_a_jaw_that_does_not_answer_is_not_moved_and_told_as_that(rig, gripper, clock):
     rig.arm.lost = 10**6
     clock.advance(0.1)
-    refused = gripper.start_move(0.5).future
+    refused = gripper.move(0.5, wait=False).future
     clock.advance(0.1)
     with pytest.raises(NotHolding, match="gripper does not answer; check its cable"):
         refused.result(timeout=0)
     rig.arm.lost = 1  # one answer
     clock.advance(0.0)
-    rig.after(3.0, gripper.start_move(0.5).future)
+    rig.after(3.0, gripper.move(0.5, wait=False).future)
     gripper.is_there = False
     with pytest.raises(NotHolding, match="gripper did not answer when the arm was opened"):
-        gripper.start_move(0.1)
+        gripper.move(0.1, wait=False)
 
 
 def test_another_travel_is_another_aperture(rig, gripper):
