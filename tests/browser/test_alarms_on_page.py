@@ -121,13 +121,15 @@ def test_a_joint_of_a_machine_outside_its_range_is_said_until_a_motion_has_broug
     attributes = {"calibration_file": str(tmp_path / "calibration.json")}
     with running_machine(emulated=True) as machine:
         machine.remove(ARM, "arm")
-        machine.add(ARM, HARDWARE_ARM, "arm", {"port": machine.port, **attributes})
+        arm = machine.add(ARM, HARDWARE_ARM, "arm", {"port": machine.port, **attributes})
         source = Source(
             title="Arm of a machine", open=lambda: MachineRig.connect(machine.address, arm="arm")
         )
         with serve_source(source, port=0) as preview:
             guest = visit(SMALL)
             guest.open(preview.url)
+            sees_one_alarm(guest, "is not the calibration that the servos")
+            assert machine.do(arm, "write_calibration")["success"]
             text = sees_one_alarm(guest, "Outside its range: wrist_roll by 9°, limit ")
             assert text.endswith("The next motion brings it back slowly.")
             in_alarm = guest.color_of(part("wrist_roll"))

@@ -13,6 +13,7 @@ from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.servo_judgement import judge
 
 from .screen_state import Sentence, Tone
+from .texts import capital
 
 SILENCE = "silence"
 """The cause of an alarm about servos that do not answer."""
@@ -58,14 +59,19 @@ def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
     return tuple(_alarm(cause, cases) for cause, cases in found.items())
 
 
-def state_alarms(state: JointState, uncalibrated: Iterable[str]) -> tuple[Alarm, ...]:
+def state_alarms(
+    state: JointState, uncalibrated: Iterable[str], not_ready: str = ""
+) -> tuple[Alarm, ...]:
     """What is wrong with the joints' places and calibration.
 
     Args:
         state: The arm.
         uncalibrated: The joints that were never calibrated.
+        not_ready: Why a machine does not drive the arm; empty when it does.
     """
     found = []
+    if not_ready:
+        found.append(_warm("not ready", (), f"{capital(not_ready)}."))
     unknown = tuple(uncalibrated)
     if unknown:
         text = (

@@ -47,6 +47,7 @@ class Health:
         port_losses: How often the port went away; None when there is no port or it is unknown.
         uncalibrated: The joints that were never calibrated.
         last_failure: The file with the second before the last failure; None when there is none.
+        not_ready: Why a machine does not drive its arm; empty when it does, or cannot be asked.
     """
 
     servos: tuple[JointHealth, ...]
@@ -56,6 +57,7 @@ class Health:
     port_losses: int | None
     uncalibrated: tuple[str, ...] = ()
     last_failure: str | None = None
+    not_ready: str = ""
 
 
 def read_health(rig: RigLike) -> Health:
@@ -63,6 +65,7 @@ def read_health(rig: RigLike) -> Health:
     servos: tuple[JointHealth, ...]
     silence, losses, failure = None, None, None
     uncalibrated: tuple[str, ...] = ()
+    not_ready = ""
     period = rig.executor.dt if isinstance(rig, Rig) else None
     if isinstance(rig, HardwareRig):
         servos = rig.servos.health
@@ -77,6 +80,7 @@ def read_health(rig: RigLike) -> Health:
         status = getattr(rig, "status", {})
         reported, unknown = status.get("health"), status.get("uncalibrated")
         servos = tuple(_from_status(reported)) if isinstance(reported, Mapping) else ()
+        not_ready = str(status.get("not_ready") or "")
         uncalibrated = tuple(map(str, unknown)) if isinstance(unknown, list) else ()
         if not servos:
             silence = "The machine's arm reports no servo health."
@@ -88,6 +92,7 @@ def read_health(rig: RigLike) -> Health:
         port_losses=losses,
         uncalibrated=uncalibrated,
         last_failure=None if failure is None else str(failure),
+        not_ready=not_ready,
     )
 
 

@@ -75,7 +75,7 @@ class HealthPart(Part):
         if rig.connection.problem is None:
             found = (
                 *servo_alarms(health.servos),
-                *state_alarms(state, health.uncalibrated),
+                *state_alarms(state, health.uncalibrated, health.not_ready),
                 *self._late.alarm(time.monotonic(), health.late_ticks),
             )
         self._tell(not_said_yet(found, state))
