@@ -75,7 +75,7 @@ def files(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     q = np.radians([[0, -45, 45, 60, 0], [0, -44, 45, 60, 0]])
     waypoints = tuple(Waypoint(name=name, q=each) for name, each in zip("ab", q, strict=True))
-    program_files.write(Program(waypoints=waypoints), tmp_path / "program.json")
+    program_files.write(Program.of_waypoints(waypoints), tmp_path / "program.json")
     guided_files.write(GuidedPath(t=[0.0, 1.0], q=q, aperture=[0.2, 0.2]), tmp_path / "path.json")
     write_data_set(tmp_path / "set", [swing(n=30)])
 

@@ -134,14 +134,14 @@ def added(module, api, configured):
 async def test_a_newcomer_gets_from_a_box_of_parts_to_a_moving_arm(person):
     told = await person.runs(
         "setup", "--yes", "--within", "100", "--json",
-        then=((PLUG_IN, person.plugs), ("put all six", person.chains)),
+        then=((PLUG_IN, person.plugs), ("Put all six", person.chains)),
     )  # fmt: skip
     assert told["ok"]
     assert [motor["joint"] for motor in told["motors"]] == list(reversed(JOINTS))
 
     told = await person.runs(
         "calibrate", "--yes", "--json",
-        then=(("hold every joint", person.holds_up), ("move every joint", person.sweeps)),
+        then=(("Hold every joint", person.holds_up), ("Move every joint", person.sweeps)),
     )  # fmt: skip
     assert told["holds"]
     check_calibration(told)

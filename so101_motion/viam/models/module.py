@@ -45,7 +45,7 @@ from so101_motion.viam.requests.request_guard import guard
 LATER = (
     "so101_motion.setup.identify",
     "so101_motion.tasks.program",
-    "so101_motion.viam.requests.calibration_commands",
+    "so101_motion.setup.calibration_operation",
 )
 """Imported a while after the first resource was added: the first requests need not wait for them.
 They are imported where they are used, too, should that be earlier."""
