@@ -17,6 +17,7 @@ import numpy as np
 
 from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.errors import (
+    BusError,
     FollowingError,
     MotionError,
     NotHolding,
@@ -421,7 +422,7 @@ class JointController:
                 with self._failing():
                     is_silent = GRIPPER_JOINT in self._driver.read().unanswered
         if is_silent:
-            raise NotHolding(_silent([GRIPPER_JOINT]))
+            raise BusError(_silent([GRIPPER_JOINT]))
 
     def _refuse_lent(self) -> None:
         if self._lent_to is not None:

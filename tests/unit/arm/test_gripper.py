@@ -11,6 +11,7 @@ from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gr
 from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import (
+    BusError,
     ConfigError,
     FollowingError,
     Interrupted,
@@ -60,7 +61,7 @@ def test_a_jaw_that_does_not_answer_is_not_moved_and_told_as_that(rig, gripper, 
     clock.advance(0.1)
     refused = gripper.move(0.5, wait=False).future
     clock.advance(0.1)
-    with pytest.raises(NotHolding, match="gripper does not answer; check its cable"):
+    with pytest.raises(BusError, match="gripper does not answer; check its cable"):
         refused.result(timeout=0)
     rig.arm.lost = 1  # one answer
     clock.advance(0.0)
