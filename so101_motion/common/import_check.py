@@ -17,8 +17,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 NEEDED = (
-    *("click", "coal", "google.protobuf", "grpclib", "h2", "mapbox_earcut", "numpy", "osqp"),
-    *("pinocchio", "plyfile", "rich", "ruckig", "serial", "trimesh", "viam.module.module"),
+    *("click", "coal", "google.protobuf", "grpclib", "h2", "mapbox_earcut", "msgspec"),
+    *("numpy", "osqp", "pinocchio", "plyfile", "rich", "ruckig", "serial", "trimesh"),
+    "viam.module.module",
     *(("toppra",) if (sys.platform, platform.machine()) == ("linux", "x86_64") else ()),
 )
 """Packages that the module, the library and the command line import."""

@@ -81,6 +81,9 @@ class Cable:
             aside = 2048 + OUTSIDE  # the hand holds it at 2048
             calibration["wrist_roll"] = replace(calibration["wrist_roll"], range_min=aside)
             store.save(file, calibration)
+            looks = ServoSettings(port=self.port, calibration_file=file)
+            with open_hardware(looks, reply_timeout=patience) as rig:
+                rig.write_calibration()
         settings = replace(settings, calibration_file=file)
         self.rigs.append(open_hardware(settings, reply_timeout=patience))
         return self.rigs[-1]

@@ -27,6 +27,7 @@ ONE_OF_EACH = [
     errors.BusError("no reply"),
     errors.PortUnavailable("/dev/ttyACM0", "in use by another program; end it first"),
     errors.NotReady("servo 3 does not answer, tried for 12 s"),
+    errors.NotPossibleNow("save", "the travels are not known yet"),
     errors.NoReply("silent", servo_id=3, register="present_position"),
     errors.CorruptReply("garbled", raw=b"\xff\xff\x03"),
     errors.ServoFault("overloaded", servo_id=3, flags=0x20),
