@@ -9,6 +9,7 @@ import viser
 
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.operation import Operation, View
+from so101_motion.setup.checkup import Check
 from so101_motion.setup.setup_steps import CHAIN, MOTORS, SetupStep
 
 from ..page.operation_panel import OperationPanel
@@ -34,6 +35,7 @@ class OperationPage(StepPage):
     ) -> None:
         super().__init__(setup, step)
         self._of, self._aborted = operation, aborted
+        self._checked: Check | None = None
         self._panel = OperationPanel(
             setup.context, self._operation, worker=setup, draw=self._draw, hides_cancel=True
         )
@@ -46,8 +48,9 @@ class OperationPage(StepPage):
         """Do nothing; the panel shows the operation as it is."""
 
     def refresh(self) -> bool:
-        """Look at the operation."""
-        return self._panel.refresh()
+        """Look at the operation, and at what keeps its step from being left: it may come later."""
+        before, self._checked = self._checked, self.check()
+        return self._panel.refresh() or self._checked != before
 
     def show(self) -> None:
         """Show it."""
