@@ -188,6 +188,8 @@ def state_of_opened_arms() -> str:
 
 
 def _state_of(what: str, rig: RigLike) -> str:
+    from so101_motion.rig.hardware_rig import HardwareRig
+
     try:
         rig.close()  # where it was not closed yet, this waits until the arm rests
         state = rig.arm.state
@@ -195,6 +197,8 @@ def _state_of(what: str, rig: RigLike) -> str:
         return f"what the {what} does is not known: {error}"
     if state.mode is Mode.FAULT:
         return f"the {what} is in a fault and may not hold: {state.fault}"
+    if state.mode is Mode.LIMP and isinstance(rig, HardwareRig) and rig.held is not False:
+        return f"the {what} " + ("holds, as it was found" if rig.held else "is as it was found")
     return f"the {what} {_DOES[state.mode]}"
 
 

@@ -39,6 +39,7 @@ class HardwareRig(Rig):
     Attributes:
         servos: The servos; some of its methods may be called from any thread.
         first_try: Done when the servos have been looked for once, found or not.
+        held: Whether any servo held its joint when this share was closed; None if none answered.
     """
 
     def __init__(self, shared: SharedPort, asked: ServoSettings) -> None:
@@ -52,6 +53,7 @@ class HardwareRig(Rig):
         self.first_try.set_result(None)
         self._lease: BusLease | None = None
         self._closed = False
+        self.held: bool | None = None
 
     @property
     def users(self) -> int:
@@ -201,7 +203,7 @@ class HardwareRig(Rig):
         with _hardware_lock:
             if self._closed:
                 return
-            self._closed = True
+            self._closed, self.held = True, self.servos.holds
             is_last = self._shared.leave(self._asked)
         # Outside the lock: the arm may have to come to rest, and others open other ports meanwhile.
         if is_last:
