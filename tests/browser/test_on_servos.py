@@ -41,8 +41,8 @@ PLACES = {
     )
 }
 NEAR = to_rad(2.0)
-PROGRAM = Program(
-    waypoints=(
+PROGRAM = Program.of_waypoints(
+    (
         Waypoint(name="A", q=PLACES["A"], aperture=1.0),
         Waypoint(name="B", q=PLACES["B"], aperture=0.0, pause=0.6, speed=0.4),
         Waypoint(name="C", q=PLACES["C"], pause=0.6),

@@ -8,7 +8,7 @@ import pytest
 from benchmarks import bench_real_arm
 from benchmarks.emulated_arm import ARMS, emulate_one, load
 
-RECORDED = ARMS["recorded"]
+RECORDED = ARMS["7.4"]
 RATE = 50.0
 ZERO = np.array([23.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * np.pi / 2048.0
 """How far the recorded calibration is off, in whole ticks [rad]."""
