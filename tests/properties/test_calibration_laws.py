@@ -94,7 +94,8 @@ offsets = st.fixed_dictionaries({joint: st.integers(-2047, 2047) for joint in JO
 shares = st.fixed_dictionaries({joint: st.floats(0.0, 1.0) for joint in JOINTS})
 
 
-# Under load the bus, whose patience is real time, took an answer of another read (seen twice).
+# One answer in a sync read is lost for some examples (seeds 2 and 8), and a sweep of 700 ticks a
+# sample bears no loss; why it is lost is not known.
 @pytest.mark.flaky(reruns=2, only_rerun=".")
 @settings(max_examples=30)
 @given(mounted, offsets, shares)
