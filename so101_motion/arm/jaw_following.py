@@ -111,9 +111,6 @@ class JawFollowing(EndsWithBlock):
                 self.future.set_result(None)
         return self.future
 
-    def _end_of_block(self) -> None:
-        self.close()
-
     @property
     def is_gripping(self) -> bool:
         """Whether it has closed on something that is still there."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from concurrent.futures import Future
 from typing import Self
 
@@ -9,7 +10,7 @@ from so101_motion.common.errors import MotionError
 from so101_motion.control.request_queue import running_future
 
 
-class EndsWithBlock:
+class EndsWithBlock(ABC):
     """Ends a motion where its ``with`` block ends, waits for that, and raises why it ended early.
 
     If the block raised, its error is the one that is raised.
@@ -17,15 +18,16 @@ class EndsWithBlock:
 
     future: Future[None]
 
-    def _end_of_block(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def close(self) -> Future[None]:
+        """Come to rest and end; may be called again."""
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if not self.future.done():
-            self._end_of_block()
+            self.close()
         if kind is None:
             self.future.result()
         else:
@@ -56,9 +58,6 @@ class OpenEndedMotion(EndsWithBlock):
         """Slow to rest and end; may be called again."""
         self._closing = True
         return self.future
-
-    def _end_of_block(self) -> None:
-        self.close()
 
     def _refuse_if_over(self) -> None:
         """Refuse what is asked of a motion that has ended.

@@ -183,11 +183,13 @@ class Stream(EndsWithBlock):
             self._finished = True
         return self.future
 
-    def _end_of_block(self) -> None:
+    def close(self) -> Future[None]:
+        """Finish it if that is not done yet; without points the arm stays where it is."""
+        if self.future.done() or self._finished:
+            return self.future
         if not len(self._knots[0]):
             self.push([TimedPoint(t=0.0, q=self._q_start)])
-        if not self._finished:
-            self.finish()
+        return self.finish()
 
     # The I/O thread
 
