@@ -150,7 +150,7 @@ async def on_own_module() -> AsyncIterator[Robot]:
     )
     channel = Channel(path=str(socket))
     try:
-        async with asyncio.timeout(30.0):
+        async with asyncio.timeout(120.0):
             while not socket.exists():
                 if process.returncode is not None:
                     raise RuntimeError(f"the module ended at once, code {process.returncode}")

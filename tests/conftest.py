@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from harness import lanes
+from harness.heard_port import hear_terminals_of_this_process
 from hypothesis import settings
 from referee import refereed
 
@@ -117,6 +118,13 @@ def referee(request):
     meant = {rule for mark in request.node.iter_markers("breaks") for rule in mark.args}
     with refereed(meant) as referee:
         yield referee
+
+
+@pytest.fixture(autouse=True, scope="session")
+def emulated_servos_of_this_process_are_always_heard():
+    with pytest.MonkeyPatch.context() as patch:
+        hear_terminals_of_this_process(patch)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -1,18 +1,21 @@
 """A pseudo-terminal with emulated servos that never misses an answer, however busy the machine is.
 
 The port is the driver's own on a real pseudo-terminal. Its client lets the servos answer on its own
-thread as soon as it has written, so it waits for no other thread: only for bytes that the terminal
-still holds. If there are none, it reports silence at once. A silent servo therefore costs no time,
-and a busy machine loses no answer.
+thread as soon as it has written. So it waits for no other thread, only for bytes that the terminal
+still holds, or that are due on an emulated wire before the client gives up. If there are none, it
+reports silence at once: a silent servo costs no time, and a busy machine loses no answer.
 """
 
+import os
 import time
+import weakref
 from functools import partial
 
 from so101_motion.drivers.emulator.emulator import Emulator
 from so101_motion.drivers.emulator.pty_port import PtyPort
 from so101_motion.drivers.emulator.world import no_gravity
 from so101_motion.drivers.port.serial_port import PortOpener, SerialPort
+from so101_motion.setup.discovery import discover
 
 _PATIENCE = 60.0  # [s] for bytes that are on their way through the terminal
 
@@ -32,12 +35,10 @@ class HeardPort(SerialPort):
         self._terminal.serve_now()
 
     def read(self, until):
-        is_held_back = self._terminal.serve_now()
-        if self._is_arriving:
-            until = time.monotonic() + _PATIENCE
-        elif not is_held_back:
-            return b""
-        return self._take(until)
+        due = self._terminal.serve_now()
+        if self._is_arriving or due <= until:
+            return self._take(time.monotonic() + _PATIENCE)
+        return b""
 
     def discard(self):
         # All is counted that is taken; what a flush dropped would be waited for.
@@ -56,6 +57,32 @@ class HeardPort(SerialPort):
         data = super().read(until)
         self._taken += len(data)
         return data
+
+
+_terminals = weakref.WeakSet()
+"""All terminals of this process."""
+
+
+def open_heard(name, baud=1_000_000):
+    """Opens a port: a terminal of this process as a ``HeardPort``, any other as it is."""
+    device = os.path.realpath(name)
+    for terminal in tuple(_terminals):
+        if terminal.device == device:
+            return HeardPort(name, baud, terminal=terminal)
+    return SerialPort(name, baud)
+
+
+def hear_terminals_of_this_process(patch):
+    """From now on, whatever the product opens by name is opened by ``open_heard``."""
+    init = PtyPort.__init__
+
+    def noted(self, *args, **options):
+        init(self, *args, **options)
+        _terminals.add(self)
+
+    patch.setattr(PtyPort, "__init__", noted)
+    patch.setattr(PortOpener.__init__, "__defaults__", (1_000_000, open_heard))
+    patch.setitem(discover.__kwdefaults__, "open_port", open_heard)
 
 
 class HeardEmulator(Emulator):

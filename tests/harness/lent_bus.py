@@ -8,7 +8,7 @@ from contextlib import nullcontext
 import pytest
 
 from so101_motion.calib.motors.motor_setup import MotorSetup
-from so101_motion.common.clock import ManualClock, MonotonicClock
+from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import MotorSetupError, PortUnavailable
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
@@ -16,7 +16,6 @@ from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.emulator.faults import WireFaults
-from so101_motion.drivers.port.serial_port import SerialPort
 
 APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
 """Joint angles [rad] that differ, as those of loose servos do; twins are noticed by that."""
@@ -137,31 +136,6 @@ class LentBus:
 
     def whole_arm(self):
         self.plug(1, 2, 3, 4, 5, 6)
-
-
-PATIENCE = 0.03
-"""Above what a busy machine takes to run the emulator's thread [s]."""
-
-
-class PortAccess:
-    """Fits ``BusAccess``."""
-
-    def __init__(self, port, baud=1_000_000):
-        self.port, self.clock = port, MonotonicClock()
-        self._bus = Bus(SerialPort(port, baud), reply_timeout=PATIENCE)
-
-    def call(self, job):
-        return job(self._bus)
-
-    def watch(self, job):
-        raise NotImplementedError
-
-    def at_baud(self, baud):
-        self._bus.close()
-        self._bus = Bus(SerialPort(self.port, baud), reply_timeout=PATIENCE)
-
-    def close(self):
-        self._bus.close()
 
 
 def loose(servo_id=1, baud=1_000_000, place=6, **options):

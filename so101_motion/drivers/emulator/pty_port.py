@@ -23,6 +23,7 @@ import contextlib
 import ctypes
 import fcntl
 import heapq
+import math
 import os
 import select
 import struct
@@ -158,11 +159,16 @@ class PtyPort:
         self._thread.start()
 
     @property
+    def device(self) -> str:
+        """The terminal's present name; empty while unplugged."""
+        return self._terminal.name if self._terminal is not None else ""
+
+    @property
     def port(self) -> str:
         """The name to open."""
         if self._link is not None:
             return str(self._link)
-        return self._terminal.name if self._terminal is not None else ""
+        return self.device
 
     # -- from outside ---------------------------------------------------------------------------
 
@@ -194,17 +200,21 @@ class PtyPort:
         self._is_left_to_client = left
         self._wake()
 
-    def serve_now(self) -> bool:
-        """Answer written bytes in the calling thread; return whether a reply is still due."""
+    def serve_now(self) -> float:
+        """Answer written bytes in the calling thread; return when the next reply is due.
+
+        Returns:
+            By ``time.monotonic`` [s]; infinite when none is due.
+        """
         with self._lock:
             if self._terminal is not None:
                 with contextlib.suppress(BlockingIOError):
                     self._receive(self._terminal)
                 self._deliver(self._terminal)
-            is_held_back = bool(self._due)
-        if is_held_back:
+            due = self._due[0][0] + self._pacing.latency if self._due else math.inf
+        if due < math.inf:
             self._wake()  # the thread delivers it
-        return is_held_back
+        return due
 
     def close(self) -> None:
         """End the thread and remove the port."""

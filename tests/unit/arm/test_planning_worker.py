@@ -424,7 +424,7 @@ def test_an_easy_request_never_waits_for_a_hard_one(shared):
             hard.append(shared.plan(endless_request(), owner="a"))
         begin = time.monotonic()
         assert shared.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), owner="b").result(60.0).duration
-        assert time.monotonic() < begin + 5.0, "not the 60 s of one of them"
+        assert time.monotonic() < begin + 30.0, "not the 60 s of one of them"
     assert not any(each.done() for each in hard)
     wait_until(lambda: len(shared.pids) == SHARE)
     main, *copies = shared.pids

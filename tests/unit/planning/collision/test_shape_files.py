@@ -109,7 +109,7 @@ def test_too_much_is_refused_from_the_head_alone(kind, data, says):
     begin = time.thread_time()
     with pytest.raises(ConfigError, match=says):
         shape_file(kind, data, name="part")
-    assert time.thread_time() - begin < 0.1
+    assert time.thread_time() - begin < 1.0
 
 
 def test_too_many_triangles_as_text_are_refused_when_they_are_read():

@@ -264,7 +264,7 @@ async def test_more_geometries_than_can_be_planned_around_are_refused_before_the
     begin = time.thread_time()
     with pytest.raises(ConfigError, match=f"{MOST_THINGS} that are planned around"):
         await scene_with(Scene(), many, Frames("arm", TOOL))
-    assert time.thread_time() - begin < 0.1
+    assert time.thread_time() - begin < 1.0
 
 
 async def test_a_scene_is_built_while_the_loop_goes_on():
