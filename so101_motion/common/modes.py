@@ -26,6 +26,9 @@ class Mode(Enum):
     FAULT = "fault"
 
 
+LONGEST_GUIDING = 86400.0
+"""Longest time manual mode can be limited to [s]; chosen, a day."""
+
 HELD = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
 """The modes in which all joints are held."""
 

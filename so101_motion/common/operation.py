@@ -13,8 +13,9 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple, Protocol
 
 from so101_motion.common.attributes import Attributes, suggest
 from so101_motion.common.errors import ConfigError, NotPossibleNow
@@ -47,6 +48,18 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Input:
+    """A value that a person gives with a command; its argument is what is shown at first.
+
+    Attributes:
+        choices: What may be chosen; empty to let it be typed.
+    """
+
+    label: str
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Offer:
     """A command that a person may give now: a button on a page, a key in a terminal.
 
@@ -54,6 +67,7 @@ class Offer:
         command: Its name, for ``ask``.
         title: What it does, such as ``"Write id 6 to this motor"``.
         arguments: Its arguments.
+        inputs: Those that a person may change; surfaces without fields give them as they are.
         why_not: Why it cannot be given now; None if it can.
         key: The key for it in a terminal; the first offer has Enter.
         asks: A question to be answered first; empty for none.
@@ -66,6 +80,7 @@ class Offer:
     command: str
     title: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Mapping[str, Input] = field(default_factory=dict)
     why_not: str | None = None
     key: str = ""
     asks: str = ""
@@ -83,13 +98,15 @@ class Picture:
         ghost: The same of a transparent arm to be matched; empty for none.
         lit: The joints whose links are highlighted.
         note: How exact it is; empty when it is exact.
+        line: Places of the tool in the base frame [m]; empty for no line.
     """
 
-    q: tuple[float, ...]
+    q: tuple[float, ...] = ()
     ghost: tuple[float, ...] = ()
     lit: tuple[str, ...] = ()
     lit_tone: Tone = "busy"
     note: str = ""
+    line: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,7 +186,30 @@ class Operation(ABC):
         """End it; anything half-way is undone."""
 
 
-Command = Callable[..., Mapping[str, Any] | None]
+class Moving(Protocol):
+    """A motion under way; see ``arm/motion_handle.py``."""
+
+    future: Future[None]
+
+    def result(self) -> None:
+        """Wait until it is over."""
+
+    def interrupt(self, by: str) -> None:
+        """End it early."""
+
+
+class Started(NamedTuple):
+    """What a command returns that has started a motion; it ends with it.
+
+    Attributes:
+        answer: Returns the command's answer, once the motion has arrived.
+    """
+
+    motion: Moving
+    answer: Callable[[], Mapping[str, Any]]
+
+
+Command = Callable[..., Mapping[str, Any] | Started | None]
 """Carries out a command. Its annotated parameters are the command's arguments: ``str``, ``bool``,
 ``float``, ``int | None`` or ``tuple[str, ...]``; those without default must be given."""
 
@@ -198,6 +238,14 @@ class LocalOperation(Operation):
 
     def ask(self, command: str, /, **arguments: Any) -> Mapping[str, Any]:
         """Carry out a command; see ``Operation.ask``."""
+        answer = self.begin(command, **arguments)
+        if isinstance(answer, Started):
+            answer.motion.result()
+            return answer.answer()
+        return answer
+
+    def begin(self, command: str, /, **arguments: Any) -> Mapping[str, Any] | Started:
+        """Carry out a command, but do not wait for a motion that it starts."""
         if command not in self.commands:
             raise ConfigError("command", command, suggest(command, self.commands))
         run = self.commands[command]

@@ -33,13 +33,14 @@ class RemoteOperation(Operation):
         send: Sends a request to it, such as a DoCommand, and returns the answer; raises
             ``So101Error``.
         name: The operation's name over there.
+        period: How often its view is read while somebody looks at it [s].
 
     Raises:
         So101Error: It does not answer, or has no such operation.
     """
 
-    def __init__(self, send: Callable[[Json], Json], name: str) -> None:
-        self._send, self._name = send, name
+    def __init__(self, send: Callable[[Json], Json], name: str, *, period: float = PERIOD) -> None:
+        self._send, self._name, self._period = send, name, period
         self._view, self._seen_at = self._read(), time.monotonic()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._watch, name=f"so101-{name}", daemon=True)
@@ -72,7 +73,7 @@ class RemoteOperation(Operation):
         return msgspec.json.decode(self._send(self._request)["view"], type=View)
 
     def _watch(self) -> None:
-        while not self._closing.wait(PERIOD):
+        while not self._closing.wait(self._period):
             if time.monotonic() - self._seen_at < _SEEN:
                 self._look()
 

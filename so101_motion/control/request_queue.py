@@ -10,10 +10,12 @@ import threading
 from collections.abc import Callable, Collection
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from so101_motion.common.errors import Interrupted
 from so101_motion.control.joint_group import Channel
+
+T = TypeVar("T")
 
 
 def running_future() -> Future[Any]:
@@ -21,6 +23,23 @@ def running_future() -> Future[Any]:
     future: Future[Any] = Future()
     future.set_running_or_notify_cancel()
     return future
+
+
+def own_thread(job: Callable[[], T]) -> Future[T]:
+    """Run ``job``, which may block, in a thread of its own.
+
+    A pool has few threads, and computations may occupy them all.
+    """
+    done: Future[T] = running_future()
+
+    def run() -> None:
+        try:
+            done.set_result(job())
+        except BaseException as error:  # raised where the job is awaited
+            done.set_exception(error)
+
+    threading.Thread(target=run, name="so101-job").start()
+    return done
 
 
 @dataclass(frozen=True, slots=True)

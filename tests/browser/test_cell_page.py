@@ -256,7 +256,7 @@ def test_a_path_is_taught_to_one_arm_while_the_other_holds(guest: Guest, arms: C
     arm_tab(guest, "arm 2").click()
     start = second.arm.state.q
     guest.press("Record a path")
-    guest.until(lambda: guest.says("Recording, "))
+    guest.until(lambda: guest.says('Recording "path", '))
     assert second.arm.state.mode is Mode.GUIDING
     assert first.arm.state.mode is Mode.HOLDING
     for share in np.linspace(0.0, 1.0, 8):

@@ -327,12 +327,9 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
                 else:
                     assert not np.allclose(hand(guest), taught, atol=0.005)
 
-            guest.page.get_by_text("Save and load").filter(visible=True).click()
             guest.fields("Saved").filter(visible=True).first.click()
             guest.page.get_by_role("option", name="wave").click()
             guest.page.wait_for_timeout(100)  # the page sends one message per panel every 50 ms
-            guest.button("load").filter(visible=True).first.click()
-            guest.until(lambda: guest.says('"wave" is chosen.'))
             guest.press("Plan replay")
             guest.until(lambda: guest.says("s along it. Press Replay."))
             assert not guest.says("then 0.0 s along it")
@@ -343,11 +340,11 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             assert min(np.linalg.norm(p - turn) for p in seen) < 0.03
             guest.until(lambda: np.allclose(hand(guest), end, atol=0.005))
             kept = tmp_path / "paths" / "wave.json"
-            guest.button("delete").filter(visible=True).first.click()
-            guest.until(lambda: guest.says("Deleted wave."))
+            guest.press("Delete")
+            guest.until(lambda: guest.says('"wave" is deleted.'))
             assert not kept.exists()
-            guest.button("undo").filter(visible=True).last.click()
-            guest.until(lambda: guest.says("Undone: the saved files are as before."))
+            guest.press("Bring back wave")
+            guest.until(lambda: guest.says('"wave" is there again.'))
             assert kept.exists()
             machine.cut()
             guest.until(lambda: guest.says("Lost the machine"))

@@ -9,21 +9,45 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import viser
 
-from so101_motion.common.errors import So101Error
-from so101_motion.common.operation import Offer, Operation, View
+from so101_motion.common.operation import Input, Offer, Operation, View
 
-from . import cards
+from . import cards, texts
 from .asking_button import AskingButton
 from .page_context import PageContext
 from .part import Part
-from .texts import capital
+from .shared_fields import SharedField
 from .worker import Worker
 
 _PERIOD = 0.07
 """Time between two pictures [s]; chosen: hands are slow, and browsers on phones are as well."""
+
+
+_NONE = "none"
+
+
+class _Field:
+    """A value that a person gives, the same in every window; a new proposal replaces it."""
+
+    def __init__(self, widget: Any, context: PageContext) -> None:
+        self.widget, self.value, self._proposed = widget, "", ""
+        self._shared = SharedField(widget, self._take, context, shown=str)
+
+    def _take(self, value: str) -> None:
+        self.value = value
+
+    def show(self, wanted: Input, proposed: str, order: int) -> None:
+        """Show it among the buttons."""
+        choices = wanted.choices or (_NONE,)
+        if isinstance(self.widget, viser.GuiDropdownHandle) and self.widget.options != choices:
+            self.widget.options, self._proposed = choices, ""
+        if proposed != self._proposed:
+            self.value = self._proposed = proposed
+        self._shared.show(self.value or ("" if not wanted.choices else wanted.choices[0]))
+        self.widget.order = order
 
 
 class OperationPanel(Part):
@@ -53,6 +77,7 @@ class OperationPanel(Part):
         self._due = 0.0
         self._offers: dict[str, Offer] = {}
         self._buttons: dict[str, viser.GuiButtonHandle | AskingButton] = {}
+        self._fields: dict[str, _Field] = {}
 
     def build(self, gui: viser.GuiApi) -> None:
         """Make the widgets, where the caller has put the cursor."""
@@ -80,7 +105,7 @@ class OperationPanel(Part):
         view = self._view
         if view is None:
             return
-        self._head.content = cards.instruction(view.title, capital(view.text))
+        self._head.content = cards.instruction(view.title, texts.capital(view.text))
         self._trouble.content = self._wrong(view)
         self._rows.content = cards.rows(view.columns, view.rows) if view.rows else ""
         self._foot.content = self._words(view)
@@ -106,7 +131,7 @@ class OperationPanel(Part):
             html += cards.going_on(f"{due.title} in {due.due_in:.1f} s")
         first = next((o for o in view.offers if not o.is_look), None)
         if first is not None and first.why_not and not view.trouble:
-            html += cards.note(f"{first.title}: {capital(first.why_not)}")
+            html += cards.note(f"{first.title}: {texts.capital(first.why_not)}")
         return html
 
     def _wrong(self, view: View) -> str:
@@ -117,9 +142,7 @@ class OperationPanel(Part):
         if self._own is None and trouble == str(self._worker.trouble):
             return ""  # the page that has the worker shows it
         if self._own is not None and self._own.trouble is not None:
-            error = self._own.trouble
-            inside = f"internal error: {error!r}; see the log"
-            trouble = trouble or (str(error) if isinstance(error, So101Error) else inside)
+            trouble = trouble or texts.ended(self._own.trouble).text
         return cards.failed(trouble) if trouble else ""
 
     def _show_buttons(self, view: View) -> None:
@@ -134,7 +157,17 @@ class OperationPanel(Part):
                 with self._folder:
                     self._buttons[slot] = self._new_button(slot, offer)
         first = view.offers[0] if view.offers else None
-        places = {slot: place for place, slot in enumerate(self._offers)}
+        places: dict[str, int] = {}
+        shown = {field.label for offer in view.offers for field in offer.inputs.values()}
+        for slot, offer in self._offers.items():
+            for name, field in offer.inputs.items():
+                if field.label in shown:
+                    shown.remove(field.label)
+                    places[f"field {field.label}"] = len(places)
+                    self._show_field(field, str(offer.arguments.get(name, "")), len(places))
+            places[slot] = len(places) + 1
+        for label, known in self._fields.items():
+            known.widget.visible = f"field {label}" in places
         for slot, button in self._buttons.items():
             here = self._offers.get(slot)
             button.order = places.get(slot, len(places))
@@ -148,6 +181,19 @@ class OperationPanel(Part):
                 is_usual = here is first and not here.cancels and not view.is_over
                 button.color = "green" if is_usual else "gray"
                 button.disabled = here.why_not is not None or bool(self._worker.doing)
+
+    def _show_field(self, wanted: Input, value: str, order: int) -> None:
+        known = self._fields.get(wanted.label)
+        if known is None:
+            gui = self._context.gui
+            with self._folder:
+                widget = (
+                    gui.add_dropdown(wanted.label, wanted.choices or (_NONE,))
+                    if wanted.choices or value
+                    else gui.add_text(wanted.label, value)
+                )
+            known = self._fields[wanted.label] = _Field(widget, self._context)
+        known.show(wanted, value, order)
 
     def _new_button(self, slot: str, offer: Offer) -> viser.GuiButtonHandle | AskingButton:
         press = partial(self._press, slot)
@@ -166,7 +212,8 @@ class OperationPanel(Part):
         operation = self._operation()
         if operation is None:
             return
-        ask = partial(operation.ask, offer.command, **offer.arguments)
+        typed = {name: self._fields[field.label].value for name, field in offer.inputs.items()}
+        ask = partial(operation.ask, offer.command, **{**offer.arguments, **typed})
         if offer.is_look:
             self._worker.watch(ask)
         else:

@@ -141,19 +141,6 @@ def listed(folder: Path) -> list[SavedPath]:
     return found
 
 
-def delete(file: Path) -> None:
-    """Delete a path's file.
-
-    Raises:
-        ConfigError: There is none, or it cannot be removed.
-    """
-    _read(file)  # refuses files that are not ours
-    try:
-        file.unlink()
-    except OSError as error:
-        raise ConfigError("path", str(file), f"cannot be removed: {error.strerror}") from error
-
-
 def set_aside(file: Path) -> str:
     """Delete a path, but keep its file for ``restore``; the last ``KEPT`` are kept.
 

@@ -26,9 +26,12 @@ from viam.services.motion import Motion as MotionService
 from so101_motion.arm.arm import SCENE
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import wait_here
+from so101_motion.calib.record import store
 from so101_motion.common.attributes import Attributes, checked_number
 from so101_motion.common.errors import SUPERSEDED, ConfigError, Interrupted, MotionError, So101Error
 from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.modes import LONGEST_GUIDING
+from so101_motion.common.operation import Moving
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files.scene_file import obstacles_from
@@ -36,6 +39,7 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal, JointGoal, LeaveContactGoal, PathGoal, PoseGoal
 from so101_motion.planning.request import Plan, Search
 from so101_motion.rig.rig import Rig
+from so101_motion.tasks.guided.teaching import TAUGHT, TeachingOperation
 from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, compliance
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
@@ -59,8 +63,8 @@ from so101_motion.viam.requests.commands import (
     motion_params,
     planning_commands,
 )
-from so101_motion.viam.requests.guided import PathCommands
-from so101_motion.viam.requests.manual import LONGEST, ManualMode
+from so101_motion.viam.requests.manual import ManualMode
+from so101_motion.viam.requests.operation_commands import operation_commands
 from so101_motion.viam.requests.programs import ProgramCommands
 from so101_motion.viam.requests.streaming import played
 from so101_motion.viam.surroundings.guarded_scene import GuardedScene
@@ -125,14 +129,18 @@ class ArmResource(Configured, Arm):
         around = self.surroundings = Surroundings(machine, senses, self.logger)
         self.guarded_scene = GuardedScene(arm, around, self.logger, is_used=config.guarded)
         self._manual = ManualMode(arm, self.logger, self.guarded_scene)
-        self.paths = PathCommands(self)
+        self.teaching = TeachingOperation(rig, partial(store.resolve, "paths"), self._set_manual)
         self._ended_by = ""  # why no other motion may begin
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
             "exit_manual_mode": self._exit_manual_mode,
             **planning_commands(arm, around.standing),
             "leave_contact": self._leave_contact,
-            **self.paths.commands,
+            **operation_commands(
+                {"teaching": self.teaching},
+                {key: ("teaching", key) for key in TAUGHT},
+                arrived=self.arrived,
+            ),
             **ProgramCommands(self).commands,
         }
 
@@ -372,7 +380,7 @@ class ArmResource(Configured, Arm):
         motion.interrupt(by)
         await self._come_to_rest(over)
 
-    async def arrived(self, motion: Motion) -> None:
+    async def arrived(self, motion: Moving) -> None:
         """Wait until a motion of this arm has arrived; a cancelled wait ends it first."""
         await await_motion.wait_for_arrival(motion, self._come_to_rest)
 
@@ -381,6 +389,11 @@ class ArmResource(Configured, Arm):
         await await_motion.rest(over)
 
     # Manual mode
+
+    def _set_manual(self, enabled: bool, enabled_for: float) -> None:
+        """Switch manual mode; for a thread that answers a request."""
+        switching = self.set_manual_mode(enabled, enabled_for)
+        asyncio.run_coroutine_threadsafe(switching, self._loop).result()
 
     async def set_manual_mode(
         self, manual_mode: bool, enabled_for: float = 0, **kwargs: Any
@@ -438,6 +451,7 @@ class ArmResource(Configured, Arm):
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
         """Carry out a command of the published module or of ours."""
+        self._loop = asyncio.get_running_loop()
         with grpc_statuses():
             name = command.get("command")
             if isinstance(name, str) and name in self.NEEDS_SERVOS:
@@ -455,7 +469,7 @@ class ArmResource(Configured, Arm):
 
     async def _enter_manual_mode(self, given: Attributes) -> dict[str, Any]:
         wanted = compliance(given, self._arm.compliance)
-        seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
+        seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST_GUIDING, unit="s")
         await self.ready()
         await self._manual.set(True, seconds, wanted)
         return {"mode": "manual"}
@@ -469,7 +483,7 @@ class ArmResource(Configured, Arm):
         if self.here.get(self.short_name) is self:
             del self.here[self.short_name]
         self._manual.forget()
-        await self.paths.close()
+        await await_motion.run_to_end(self.teaching.close)
         await self.guarded_scene.close()
         await self.surroundings.close()
         await await_motion.in_own_thread(self._leave)

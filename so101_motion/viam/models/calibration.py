@@ -70,7 +70,7 @@ class So101Calibration(Configured, Sensor):
                 calibrator.motor_setup, is_busy=lambda: calibrator.is_under_way
             ),
         }
-        self._commands = operation_commands(operations, COMMANDS)
+        self._commands = operation_commands(operations, COMMANDS, beside={"success": True})
 
     @classmethod
     def build(

@@ -53,8 +53,8 @@ class HardwareArm(ArmResource):
     NEEDS_SERVOS = frozenset(
         {
             "enter_manual_mode", "exit_manual_mode", "get_calibration", "get_planning_setup",
-            "get_surroundings", "identify", "ping", "record_path", "replay_path", "run_program",
-            "servo_capabilities",
+            "get_surroundings", "identify", "operation", "ping", "record_path", "replay_path",
+            "run_program", "servo_capabilities",
             "servo_move", "servo_moving", "servo_position", "servo_stop", "servo_wait_stop",
             "set_torque", "set_torque_limit",
         }

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import threading
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import Interrupted
-from so101_motion.control.request_queue import running_future
+from so101_motion.common.operation import Moving
+from so101_motion.control.request_queue import own_thread
 
 T = TypeVar("T")
 
@@ -25,7 +25,7 @@ Rest = Callable[[asyncio.Future[None]], Awaitable[None]]
 """Waits until a motion that is being ended is over, also if it failed."""
 
 
-async def wait_for_arrival(motion: Motion, come_to_rest: Rest | None = None) -> None:
+async def wait_for_arrival(motion: Moving, come_to_rest: Rest | None = None) -> None:
     """Wait until the arm has arrived; when the wait is cancelled, stop this motion first.
 
     Args:
@@ -56,23 +56,6 @@ async def rest(future: asyncio.Future[Any]) -> None:
     future.exception()  # read, so that asyncio does not report it as never retrieved
     if cancelled is not None:
         raise cancelled
-
-
-def own_thread(job: Callable[[], T]) -> Future[T]:
-    """Run ``job``, which may block, in a thread of its own.
-
-    The threads of ``asyncio.to_thread`` are few, and computations may occupy them all.
-    """
-    done: Future[T] = running_future()
-
-    def run() -> None:
-        try:
-            done.set_result(job())
-        except BaseException as error:  # raised where the job is awaited
-            done.set_exception(error)
-
-    threading.Thread(target=run, name="so101-job").start()
-    return done
 
 
 def in_own_thread(job: Callable[[], T]) -> asyncio.Future[T]:

@@ -16,15 +16,12 @@ from so101_motion.arm.arm import Arm
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import Interrupted, So101Error, SurroundingsUnknown
-from so101_motion.common.modes import Mode
+from so101_motion.common.modes import LONGEST_GUIDING, Mode
 from so101_motion.viam.requests.await_motion import in_own_thread, wait_to_end
 from so101_motion.viam.surroundings.guarded_scene import GuardedScene
 
 LOOK_EVERY = 0.5
 """Time between two looks at what a guided arm touches [s]; chosen."""
-
-LONGEST = 86400.0
-"""Longest time manual mode can be limited to [s]; chosen, a day."""
 
 
 class ManualMode:
@@ -59,10 +56,10 @@ class ManualMode:
             compliance: How it yields; the arm's own setting by default.
 
         Raises:
-            ConfigError: ``enabled_for`` is negative or more than ``LONGEST``.
+            ConfigError: ``enabled_for`` is negative or more than ``LONGEST_GUIDING``.
             So101Error: The joints could not be switched.
         """
-        checked_number("enabled_for", enabled_for, lower=0.0, upper=LONGEST, unit="s")
+        checked_number("enabled_for", enabled_for, lower=0.0, upper=LONGEST_GUIDING, unit="s")
         async with self._one_at_a_time:
             await wait_to_end(self._switch(enabled, enabled_for, compliance))
 

@@ -4,12 +4,14 @@ Each command of an operation is a DoCommand under its published key. Any operati
 whole as well, which is what ``RemoteOperation`` does: ``{"command": "operation", "name": ...}``
 answers its view as JSON, and with ``ask`` and ``arguments`` carries out a command.
 
-Each command runs in a thread, because it may wait, and is finished even if the client goes away.
+Each command runs in a thread, because it may wait, and is finished even if the client goes away. A
+motion that it has started ends then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
+from contextvars import copy_context
 from functools import partial
 from typing import Any
 
@@ -17,36 +19,52 @@ import msgspec
 
 from so101_motion.common.attributes import Attributes, suggest
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.operation import LocalOperation, arguments_of
-from so101_motion.viam.requests.await_motion import run_to_end
+from so101_motion.common.operation import LocalOperation, Moving, Started, arguments_of
+from so101_motion.viam.requests.await_motion import run_to_end, wait_for_arrival
 from so101_motion.viam.requests.commands import Command, Taking
+
+_Arrived = Callable[[Moving], Awaitable[None]]
 
 
 def operation_commands(
-    operations: Mapping[str, LocalOperation], published: Mapping[str, tuple[str, str]]
+    operations: Mapping[str, LocalOperation],
+    published: Mapping[str, tuple[str, str]],
+    *,
+    beside: Mapping[str, Any] | None = None,
+    arrived: _Arrived = wait_for_arrival,
 ) -> dict[str, Command]:
     """The DoCommands of operations.
 
     Args:
         operations: The operations by name.
         published: For each key an operation's name and its command.
+        beside: What the answers of published keys have as well.
+        arrived: Waits for a motion that a command has started; a cancelled wait ends the motion.
     """
     answers: dict[str, Command] = {}
     for key, (name, command) in published.items():
         names = tuple(arguments_of(operations[name].commands[command]))
-        answers[key] = Taking(partial(_ask, operations[name], command), names)
-    whole = partial(_whole, operations)
+        ask = partial(_ask, operations[name], command, arrived, beside or {})
+        answers[key] = Taking(ask, names)
+    whole = partial(_whole, operations, arrived)
     return {**answers, "operation": Taking(whole, ("name", "ask", "arguments"))}
 
 
-async def _ask(operation: LocalOperation, command: str, given: Attributes) -> dict[str, Any]:
+async def _ask(
+    operation: LocalOperation,
+    command: str,
+    arrived: _Arrived,
+    beside: Mapping[str, Any],
+    given: Attributes,
+) -> dict[str, Any]:
     values = {key: given.raw(key) for key in arguments_of(operation.commands[command])}
     known = {key: value for key, value in values.items() if given.given(key)}
-    answer = await run_to_end(lambda: operation.ask(command, **known))
-    return {"success": True, **answer}
+    return {**beside, **await _answer(operation, command, known, arrived)}
 
 
-async def _whole(operations: Mapping[str, LocalOperation], given: Attributes) -> dict[str, Any]:
+async def _whole(
+    operations: Mapping[str, LocalOperation], arrived: _Arrived, given: Attributes
+) -> dict[str, Any]:
     name = given.text("name", "")
     if name not in operations:
         raise ConfigError("name", name, suggest(name, operations))
@@ -57,7 +75,19 @@ async def _whole(operations: Mapping[str, LocalOperation], given: Attributes) ->
     if not isinstance(arguments, Mapping):
         raise ConfigError("arguments", arguments, "must be an object")
     command = given.text("ask", "")
-    return {"answer": _text(await run_to_end(lambda: operation.ask(command, **arguments)))}
+    return {"answer": _text(await _answer(operation, command, arguments, arrived))}
+
+
+async def _answer(
+    operation: LocalOperation, command: str, arguments: Mapping[str, Any], arrived: _Arrived
+) -> Mapping[str, Any]:
+    # in the request's context, so that a motion is refused if the arm was stopped meanwhile
+    begin = partial(copy_context().run, partial(operation.begin, command, **arguments))
+    answer = await run_to_end(begin)
+    if isinstance(answer, Started):
+        await arrived(answer.motion)
+        return answer.answer()
+    return answer
 
 
 def _text(value: object) -> str:

@@ -86,7 +86,7 @@ def kettle():
 @pytest.fixture
 def send(kettle):
     keys = {"pour": ("kettle", "fill"), "boil": ("kettle", "boil")}
-    return over_the_wire(operation_commands({"kettle": kettle}, keys))
+    return over_the_wire(operation_commands({"kettle": kettle}, keys, beside={"success": True}))
 
 
 def test_commands_are_docommands_under_their_published_keys(kettle, send):

@@ -57,15 +57,15 @@ def test_a_path_that_is_there_is_not_lost_by_accident(tmp_path):
         files.write(WAVE.taken(slice(0, 1)), file)
     files.write(WAVE.taken(slice(0, 1)), file, replace=True)
     assert len(files.read(file)) == 1
-    files.delete(file)
+    files.set_aside(file)
     with pytest.raises(ConfigError, match="no such path"):
-        files.delete(file)
+        files.set_aside(file)
 
 
 def test_nobody_else_s_file_is_removed(tmp_path):
     (tmp_path / "arm.json").write_text("{}")
     with pytest.raises(ConfigError, match="is not a file of guided path"):
-        files.delete(tmp_path / "arm.json")
+        files.set_aside(tmp_path / "arm.json")
     assert files.listed(tmp_path) == []
 
 
