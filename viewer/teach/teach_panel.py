@@ -72,10 +72,7 @@ class TeachPart(Part):
 
     def _open(self, rig: RigLike) -> Future[Operation] | None:
         if isinstance(rig, MachineRig):
-            send = partial(_send, rig)
-            return self._context.in_background(
-                lambda: RemoteOperation(send, "teaching", period=_PERIOD)
-            )
+            return self._context.in_background(partial(teaching_on, rig))
         if not isinstance(rig, Rig):
             return None
         local: Future[Operation] = Future()
@@ -150,9 +147,18 @@ class TeachPart(Part):
             teaching.close()
 
 
-def _send(rig: MachineRig, request: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Send a request of the operation; what moves the arm is a motion that Stop here ends."""
-    if request.get("ask") == "run":
-        rig.start_request(request).result()
-        return {"answer": "{}"}
-    return rig.do_command(rig.arm_name, request)
+def teaching_on(rig: MachineRig) -> Operation:
+    """The teaching of a machine's arm; a replay is a motion that Stop here ends.
+
+    Raises:
+        MachineRefused: It is not an arm of this module.
+        MachineUnavailable: It does not answer.
+    """
+
+    def send(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        if request.get("ask") == "run":
+            rig.start_request(request).result()
+            return {"answer": "{}"}
+        return rig.do_command(rig.arm_name, request)
+
+    return RemoteOperation(send, "teaching", period=_PERIOD)
