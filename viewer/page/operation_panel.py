@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextvars import copy_context
 from functools import partial
 from typing import Any
 
 import viser
 
+from so101_motion.arm.stop_order import mark_request
 from so101_motion.common.operation import Input, Offer, Operation, View
 
 from . import cards, texts
@@ -213,7 +215,11 @@ class OperationPanel(Part):
         if operation is None:
             return
         typed = {name: self._fields[field.label].value for name, field in offer.inputs.items()}
-        ask = partial(operation.ask, offer.command, **{**offer.arguments, **typed})
+        asked = copy_context()  # a stop before the worker gets to it ends it
+        asked.run(mark_request)
+        ask = partial(
+            asked.run, partial(operation.ask, offer.command, **{**offer.arguments, **typed})
+        )
         if offer.is_look:
             self._worker.watch(ask)
         else:

@@ -14,6 +14,7 @@ from so101_viewer.page.operation_panel import OperationPanel
 from so101_viewer.server.guarded_server import start_guarded
 from so101_viewer.server.host import Host
 
+from so101_motion.arm.stop_order import NUMBERS, is_older
 from so101_motion.cli.operation_terminal import OperationTerminal
 from so101_motion.cli.terminal import Quit, Terminal
 from so101_motion.common.errors import ConfigError, MachineRefused, NotPossibleNow, So101Error
@@ -57,6 +58,7 @@ class Kettle(LocalOperation):
 
     def boil(self):
         self.state = "done"
+        self.can_be_stopped = is_older(next(NUMBERS))
         self.say("the tea is ready", "good")
 
     def empty(self):
@@ -201,6 +203,7 @@ def test_it_is_a_panel_of_the_page(kettle, send, is_remote):
         hand.expect("it would overflow")
         hand.press("Boil")
         hand.until(lambda: kettle.state == "done", "boiling")
+        assert kettle.can_be_stopped, "a stop that comes after the press ends what it begins"
     finally:
         host.close()
         operation.close()
