@@ -9,23 +9,26 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
+import viser
+
 from so101_motion.common.geometry import SE3
 from so101_motion.files import user_storage
 from so101_motion.planning.request import Plan
 from so101_motion.rig.cell_rigs import CellRigs
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
+from so101_motion.setup.identify_operation import IdentifyOperation
 from so101_motion.tasks.program import ARM, Solo
 from so101_motion.viam.client import MachineRig
 
 from .page import texts
 from .page.events import ArmEvents
-from .page.page_context import ArmContext
+from .page.operation_panel import OperationPanel
+from .page.page_context import ArmContext, PageContext
 from .page.screen_state import Sentence, Tone
 from .panels.camera_panel import CameraPart
 from .panels.health_panel import EventsPart, HealthPart
 from .panels.hold_buttons import HoldButtons
-from .panels.identify_panel import IdentifyPart
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
 from .panels.share_panel import SharePart, SharingArm
@@ -91,7 +94,7 @@ class Preview(SearchingPage):
         events = EventsPart(context, panel)
         panel.dock_below(move.panel)
         servos = [
-            IdentifyPart(host.arm_context(rig), rig, panel)
+            _servos(context, rig, panel)
             for rig in rigs.values()
             if cell is None and isinstance(rig, HardwareRig)
         ]
@@ -203,3 +206,12 @@ def serve_source(
     except BaseException:
         server.close()
         raise
+
+
+def _servos(context: PageContext, rig: HardwareRig, panel: viser.PanelHandle) -> OperationPanel:
+    """The Servos tab: identify this arm's servos, and weigh what it carries."""
+    operation = IdentifyOperation(rig)
+    servos = OperationPanel(context, lambda: operation)
+    with panel.add_tab("Servos", viser.Icon.RULER_MEASURE):
+        servos.build(context.gui)
+    return servos

@@ -6,16 +6,16 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from harness.emulated_rig import MIDDLES_DEG, TIMEOUT, ModelBench, arm_client, hardware_bench
-from so101_viewer.page.identifying import Identifying
 
 from so101_motion.calib.record import servo_file, store
 from so101_motion.calib.record.servo_file import ServoRecord
-from so101_motion.common.errors import Interrupted, MotionError
+from so101_motion.common.errors import Interrupted, MotionError, NotPossibleNow
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.planning.goals import JointGoal
 from so101_motion.setup.identify import SWEEPS, Identification
+from so101_motion.setup.identify_operation import IdentifyOperation
 
 PAN = ServoFigures(torque=0.9, friction=1.2, dead_time=1.1)
 ZEROS = dict(zip(ARM_JOINTS, np.radians(MIDDLES_DEG), strict=True))
@@ -153,25 +153,25 @@ def test_a_joint_that_did_not_answer_for_a_while_moves_again_or_gets_no_figures(
             assert rig.arm.state.t - begin > 1.3 * outline.duration
 
 
-def test_the_page_plans_first_moves_when_told_to_and_stops(bench, rig):
-    page = Identifying(rig)
-    page.move(carrying=False)
-    assert not page.doing, "nothing was outlined, so nothing moves"
+def test_the_operation_plans_first_moves_when_told_to_and_stops(bench, rig):
+    operation = IdentifyOperation(rig)
+    with pytest.raises(NotPossibleNow):
+        operation.ask("move")
     before = bench.q_deg
-    page.plan()
-    page.wait()
-    assert "shoulder_pan from" in page.outline.sentence
+    operation.ask("plan")
+    assert "shoulder_pan from" in operation.view.text
     assert bench.q_deg == pytest.approx(before, abs=0.2)
-    page.move(carrying=False)
-    while not rig.arm.is_moving:
-        assert page.doing
-        bench.advance(0.01)
-    rig.arm.start_stop()
-    while page.doing:
-        bench.advance(0.01)
-    assert isinstance(page.trouble, Interrupted)
-    assert page.report is None
-    page.close()
+    with ThreadPoolExecutor(1) as pool:
+        moving = pool.submit(operation.ask, "move", carrying=False)
+        while not rig.arm.is_moving:
+            assert not moving.done()
+            bench.advance(0.01)
+        rig.arm.start_stop()
+        while not moving.done():
+            bench.advance(0.01)
+    assert isinstance(moving.exception(), Interrupted)
+    assert operation.view.state == "idle"
+    operation.close()
 
 
 def test_an_emulated_arm_has_the_servos_of_a_file():

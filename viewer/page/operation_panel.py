@@ -107,16 +107,19 @@ class OperationPanel(Part):
         view = self._view
         if view is None:
             return
-        self._head.content = cards.instruction(view.title, texts.capital(view.text))
         self._trouble.content = self._wrong(view)
         self._rows.content = cards.rows(view.columns, view.rows) if view.rows else ""
         self._foot.content = self._words(view)
         self._show_buttons(view)
         self._draw(view)
+        self._head.content = cards.instruction(view.title, texts.capital(view.text))
 
     def close(self) -> None:
-        """End the panel's own worker; the operation is closed by its owner."""
+        """End the panel's own worker, after closing the operation; else its owner does both."""
         if self._own is not None:
+            operation = self._operation()
+            if operation is not None:
+                operation.close()
             self._own.end()
 
     # Helpers

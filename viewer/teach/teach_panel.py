@@ -142,9 +142,6 @@ class TeachPart(Part):
         if self.leading is not None:
             self.leading.close()
         self._panel.close()
-        teaching = self._teaching()
-        if teaching is not None:
-            teaching.close()
 
 
 def teaching_on(rig: MachineRig) -> Operation:
