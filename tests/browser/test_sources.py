@@ -313,6 +313,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
                 with MachineRig.connect(machine.address, arm="arm") as other:
                     other.do_command("arm", {"set_speed": speed})
                 before = hand(guest)
+                guest.until(lambda: guest.button("Plan replay").is_enabled())
                 guest.press("Plan replay")
                 guest.until(lambda: guest.says("s to its start, then 0.0 s along it"))
                 np.testing.assert_allclose(hand(guest), before, atol=1e-3)  # nothing moves yet
