@@ -19,19 +19,7 @@ from so101_motion.cli.shared import (
 )
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from so101_motion.viam.migration import MigratedResource, Migration
-
-_STYLES = {
-    "kept": "green",
-    "no effect": "dim",
-    "new": "cyan",
-    "unsupported": "yellow",
-    "wrong": "red",
-}
-
-_WIDTH = 120  # columns of a comparison that goes into a file; chosen
+    from so101_motion.viam.migration import Migration
 
 
 @click.group(cls=Verbs)
@@ -41,17 +29,14 @@ def viam() -> None:
 
 @viam.command("import")
 @click.argument("file", type=click.File(encoding="utf-8"))
-@click.option(
-    "--new", "with_new", is_flag=True, help="Also list the attributes that only this module has."
-)
 @json_option
-def import_(file: TextIO, with_new: bool, as_json: bool) -> None:
+def import_(file: TextIO, as_json: bool) -> None:
     """Read a machine's configuration and print it rewritten for this module.
 
     FILE is the machine's JSON (Configure, then JSON, in Viam's app; or /etc/viam.json), or - to
     read it from stdin. It is never changed, and keys in it are not printed. The components and
-    services to paste are printed on stdout; a comparison, and how to go back, on stderr. Exit code
-    6 if a part of it cannot be used.
+    services to paste are printed on stdout; notes, and how to go back, on stderr. Exit code 6 if a
+    part of it cannot be used.
 
     \b
     so101 viam import machine.json
@@ -63,7 +48,7 @@ def import_(file: TextIO, with_new: bool, as_json: bool) -> None:
     if as_json:
         print_json("viam-import", _facts(migration))
     else:
-        _compare(migration, with_new=with_new)
+        _tell(migration)
         click.echo(json.dumps(migration.configuration(), indent=2))
     if any(part.problem for part in migration.parts):
         raise SystemExit(CHECK_FAILED)
@@ -115,51 +100,19 @@ def _content(file: TextIO) -> object:
         raise ConfigError("configuration", file.name, f"is not JSON: {error}") from error
 
 
-def _compare(migration: Migration, *, with_new: bool) -> None:
-    from rich.console import Console
-
+def _tell(migration: Migration) -> None:
     from so101_motion.cli.terminal import echo
 
-    console = Console(stderr=True, highlight=False)
-    if not console.is_terminal:
-        console.width = _WIDTH
     for part in migration.parts:
-        console.print()
-        console.print(part.name or "(no name)", style="bold", end="  ")
-        console.print(part.model, style="dim", markup=False)
-        table = _table(part, with_new=with_new)
-        if table.row_count:
-            console.print(table)
-        if part.problem:
-            echo(f"error: {part.problem}", indent="  ", err=True)
-        if part.calibration:
-            echo(f"calibration: {part.calibration}", indent="  ", err=True)
-        for line in part.differences:
-            echo(f"differs: {line}", indent="  ", err=True)
-    console.print()
+        for word, lines in (("error", (part.problem,)), ("note", part.notes)):
+            for line in filter(None, lines):
+                echo(f"{word}: {part.name or part.model}: {line}", err=True)
     for note in migration.notes:
         echo(f"note: {note}", err=True)
-    click.echo("to go back:", err=True)
+    click.echo("what behaves differently here: docs/migrating.md; to go back:", err=True)
     for line in migration.steps_back():
         echo(f"- {line}", indent="  ", err=True)
     click.echo("replace the entries of these names with the following; leave the rest:", err=True)
-
-
-def _table(part: MigratedResource, *, with_new: bool) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
-    from so101_motion.viam.migration import Outcome
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 2))
-    table.add_column("attribute", header_style="dim", no_wrap=True)
-    for heading in ("published module", "here", ""):
-        table.add_column(heading, header_style="dim", overflow="fold")
-    for row in part.rows:
-        if row.outcome is not Outcome.NEW or with_new:
-            outcome = Text(row.outcome.value, style=_STYLES[row.outcome.value])
-            table.add_row(Text(row.attribute), Text(row.there), Text(row.here), outcome)
-    return table
 
 
 def _facts(migration: Migration) -> dict[str, Any]:
@@ -168,18 +121,8 @@ def _facts(migration: Migration) -> dict[str, Any]:
             {
                 "name": part.name,
                 "model": part.model,
-                "attributes": [
-                    {
-                        "name": row.attribute,
-                        "there": row.there,
-                        "here": row.here,
-                        "fate": row.outcome.value,
-                    }
-                    for row in part.rows
-                ],
                 "problem": part.problem,
-                "differences": list(part.differences),
-                "calibration": part.calibration,
+                "notes": list(part.notes),
             }
             for part in migration.parts
         ],

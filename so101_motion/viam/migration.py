@@ -1,8 +1,8 @@
 """Migrate a machine's configuration from the published ``devrel:so101`` to this module.
 
-The configuration is read, never changed: each attribute is listed with its meaning here, and the
-same resources are written for this module, ready to paste. Names, models and attributes stay. Keys
-and other modules in the configuration are never shown; of an unknown attribute only the name is.
+The configuration is read, never changed: the same resources are written for this module, ready to
+paste. Names, models and attributes stay. Keys and other modules in the configuration are never
+shown; of an unknown attribute only the name is.
 
 Two generations of the published module are in use: the gripper of the older one has a port of its
 own, that of the newer one names its arm. Both are understood.
@@ -14,54 +14,22 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from enum import Enum
-from pathlib import Path
 from typing import Any
 
-from so101_motion.calib.record import store
 from so101_motion.common.attributes import misspelt, suggest
-from so101_motion.common.errors import CalibrationError, ConfigError
+from so101_motion.common.errors import ConfigError
 from so101_motion.viam.ignored_attributes import names_of_the_family
-from so101_motion.viam.published_models import MEANINGS, MODELS, OURS, Model
+from so101_motion.viam.published_models import MODELS, OURS
 from so101_motion.viam.suggested_config import own_module
 
 FAMILY = "devrel:so101:"
 """The beginning of the model names of both modules."""
-
-_MEANINGLESS = "this model has no such attribute: left out, and ignored if it stays"
 
 _VERSION = re.compile(r"(\d+)\.(\d+)\.(\d+)(?:-rc\.?(\d+))?")
 _LAST_MIDDLE = (0, 9, 0, 2)  # the last version whose zero is the middle of the travel: 0.9.0-rc2
 
 PUBLISHED = "devrel:so101-arm"
 """The published module's id in the registry."""
-
-
-class Outcome(Enum):
-    """What happens to an attribute."""
-
-    KEPT = "kept"
-    IDLE = "no effect"
-    NEW = "new"
-    UNSUPPORTED = "unsupported"
-    WRONG = "wrong"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MigratedAttribute:
-    """An attribute before and after the migration.
-
-    Attributes:
-        attribute: Its name.
-        there: Its value in the configuration, as JSON; empty for a new one.
-        here: Its meaning here; for a new one its default and use.
-        outcome: What happens to it.
-    """
-
-    attribute: str
-    there: str
-    here: str
-    outcome: Outcome
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,20 +40,16 @@ class MigratedResource:
         kind: ``"components"`` or ``"services"``.
         name: As configured.
         model: As configured.
-        rows: Its attributes: those given, then those that are new here.
         problem: Why it cannot be used as it is; empty if it can.
-        differences: What behaves differently here, and why, a line each.
-        calibration: Whether its calibration file can be used; empty if it names none.
+        notes: What becomes of its attributes, where that is not the same as before; a line each.
         config: The resource's configuration for this module.
     """
 
     kind: str
     name: str
     model: str
-    rows: tuple[MigratedAttribute, ...]
     problem: str
-    differences: tuple[str, ...]
-    calibration: str
+    notes: tuple[str, ...]
     config: Mapping[str, Any]
 
 
@@ -211,33 +175,12 @@ def _notes(whole: Mapping[str, Any], parts: tuple[MigratedResource, ...]) -> tup
             "viam-server cannot start this installation as a module; unpack the module's archive"
             ' on the machine and add it under "modules", with its run.sh as "executable_path"'
         )
-    if any(part.calibration for part in parts):
+    if any("calibration_file" in part.config["attributes"] for part in parts):
         notes.append(
             "keep the module's name: viam-server names the directory of the calibration files after"
             " it"
         )
-    return (*notes, *_about_files(parts))
-
-
-def _about_files(parts: tuple[MigratedResource, ...]) -> Iterator[str]:
-    """A note for each port whose components name different calibration files."""
-    by_port: dict[str, list[tuple[MigratedResource, str]]] = {}
-    for part in parts:
-        given = part.config["attributes"]
-        port, file = given.get("port"), given.get("calibration_file")
-        if isinstance(port, str) and isinstance(file, str) and file and not given.get("arm"):
-            by_port.setdefault(port, []).append((part, file))
-    for port, named in by_port.items():
-        if len({file for _, file in named}) == 1:
-            continue
-        arms = [file for part, file in named if part.model == f"{FAMILY}arm"]
-        used = f"{arms[0]}, the arm's," if arms else f"{named[0][1]}, or the first that is loaded,"
-        listed = ", ".join(f"{part.name} {file}" for part, file in named)
-        yield (
-            f"components on {port} name different calibration files: {listed}. {used} is used for"
-            " all; in the published module the last that was loaded was. Give all of them the same"
-            " calibration_file"
-        )
+    return tuple(notes)
 
 
 # One resource
@@ -249,32 +192,39 @@ def _part(kind: str, entry: Mapping[str, Any], zero: str | None) -> MigratedReso
     if not isinstance(given, Mapping):
         given = {}
     known = MODELS.get(model.removeprefix(FAMILY))
-    kept, added, problem = {}, dict[str, str](), ""
-    notes: tuple[str, ...] = ()
+    kept, problem, notes = dict[str, Any](), "", list[str]()
     if known is None:
         hint = suggest(model.removeprefix(FAMILY), MODELS)
         problem = f'"{model}" is not a model of this module; {hint}'
     else:
-        kept = {key: value for key, value in given.items() if key in known.names}
-        if zero and "joint_zero" in known.names and "joint_zero" not in given:
-            added["joint_zero"] = zero
-            notes = (
+        names = [each.name for each in known.rows()]
+        kept = {key: value for key, value in given.items() if key in names}
+        for key in (each for each in given if each not in names):  # its value may be a secret
+            meant = misspelt(key, names, names_of_the_family())
+            hint = f'did you mean "{meant}"?' if meant else "ignored if it stays"
+            notes.append(f'"{key}" is no attribute of this model: left out; {hint}')
+        notes += [
+            f'"{each.name}": {each.idle}'
+            for each in known.rows()
+            if each.idle and each.name in kept
+        ]
+        if zero and "joint_zero" in names and "joint_zero" not in given:
+            kept["joint_zero"] = zero
+            notes.append(
                 f'"joint_zero": "{zero}" is added: so your version of the published module counts'
                 " joint angles, and those that you have kept go on meaning the same",
             )
         try:
-            notes += getattr(known.config.from_attributes(kept), "notes", ())
+            notes += getattr(known.from_attributes(kept), "notes", ())
         except ConfigError as error:
             problem = str(error)
     return MigratedResource(
         kind=kind,
         name=str(entry.get("name", "")),
         model=model,
-        rows=(*_given(given, known, problem), *_new({**given, **added}, known)) if known else (),
         problem=problem,
-        differences=(*known.differences(given), *notes) if known else (),
-        calibration=_calibration({**given, **added}) if known else "",
-        config=_config(kind, entry, model, {**kept, **added}),
+        notes=tuple(notes),
+        config=_config(kind, entry, model, kept),
     )
 
 
@@ -293,49 +243,3 @@ def _config(
         if key in entry:
             config[key] = entry[key]
     return config
-
-
-def _given(given: Mapping[str, Any], known: Model, problem: str) -> Iterator[MigratedAttribute]:
-    rows = {each.name: each for each in known.config.rows()}
-    for key, value in given.items():
-        if key not in rows:
-            meant = misspelt(key, rows, names_of_the_family())
-            yield MigratedAttribute(
-                attribute=key,
-                there="(given)",  # an unknown value may be a secret
-                here=f'unknown, left out; did you mean "{meant}"?' if meant else _MEANINGLESS,
-                outcome=Outcome.UNSUPPORTED,
-            )
-            continue
-        outcome, here = Outcome.KEPT, MEANINGS.get(key, lambda _: "the same")(value)
-        if rows[key].idle:
-            outcome, here = Outcome.IDLE, rows[key].idle
-        if problem.startswith(f'"{key}"'):
-            outcome, here = Outcome.WRONG, problem.partition(": ")[2]
-        yield MigratedAttribute(attribute=key, there=json.dumps(value), here=here, outcome=outcome)
-
-
-def _new(given: Mapping[str, Any], known: Model) -> Iterator[MigratedAttribute]:
-    for each in known.config.rows():
-        if each.ours and each.name not in given:
-            here = f"{each.without}: {each.use}".replace("`", "")
-            yield MigratedAttribute(attribute=each.name, there="", here=here, outcome=Outcome.NEW)
-
-
-def _calibration(given: Mapping[str, Any]) -> str:
-    """Whether the calibration file can be used, as a sentence; empty without one."""
-    name = given.get("calibration_file")
-    if not isinstance(name, str) or not name:
-        return ""
-    try:
-        path = store.resolve(name)
-        if not path.exists():
-            where = "" if Path(name).is_absolute() else " in the directory of the module's data"
-            return f"{name} is{where} on the machine; run this there, beside the file, to check it"
-        found = store.read(path)
-    except CalibrationError as error:
-        return f"{name} cannot be used: {error}"
-    how = "can be used in part" if found.refused else "is good"
-    doubt = found.zero_note if "joint_zero" not in given else ""
-    told = (*found.notes, doubt) if doubt else found.notes
-    return "; ".join((f"{found.path} {how}: {len(found.calibration)} joints", *told))

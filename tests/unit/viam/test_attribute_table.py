@@ -29,7 +29,7 @@ def form(each):
 def table_of(model):
     """The table that the documentation has to have."""
     rows = []
-    for each in MODELS[model].config.rows():
+    for each in MODELS[model].rows():
         more = f"; [more]({each.link})" if each.link else ""
         default = f"`{each.without}`" if each.options else each.without
         rows.append(f"| `{each.name}` | {form(each)} | {default} | {each.use}{more} |\n")

@@ -7,7 +7,7 @@ import pytest
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.viam import migration
-from so101_motion.viam.migration import PUBLISHED, Outcome, migrate
+from so101_motion.viam.migration import PUBLISHED, migrate
 from so101_motion.viam.published_models import MODELS
 
 ROOT = Path(__file__).parents[3]
@@ -38,16 +38,12 @@ def part(model, attributes, name="it", **more):
     return {"name": name, "api": api, "model": model, "attributes": attributes, **more}
 
 
-def fates(found):
-    return {row.attribute: row.outcome for row in found.rows if row.outcome is not Outcome.NEW}
-
-
 @pytest.mark.parametrize("model", MODELS)
 def test_the_table_knows_the_attributes_that_the_models_take(model):
     with pytest.raises(ConfigError) as caught:
-        MODELS[model].config.from_attributes({"no such attribute": 1})
+        MODELS[model].from_attributes({"no such attribute": 1})
     listed = str(caught.value).partition("known: ")[2]
-    assert set(filter(None, listed.split(", "))) == set(MODELS[model].names)
+    assert set(filter(None, listed.split(", "))) == {each.name for each in MODELS[model].rows()}
 
 
 def test_what_is_known_stays_and_what_is_not_is_named():
@@ -62,16 +58,9 @@ def test_what_is_known_stays_and_what_is_not_is_named():
         )
     )  # fmt: skip
     (arm,) = found.parts
-    assert fates(arm) == {
-        "port": Outcome.KEPT,
-        "timeout": Outcome.KEPT,
-        "mesh_decimation_ratios": Outcome.IDLE,
-        "spped": Outcome.UNSUPPORTED,
-    }
-    rows = {row.attribute: row for row in arm.rows}
-    assert rows["timeout"].here.startswith("5 s")
-    assert "speed_degs_per_sec" in rows["spped"].here
-    assert rows["floor_z_mm"].outcome is Outcome.NEW
+    told = "\n".join(arm.notes)
+    assert '"mesh_decimation_ratios": ' in told
+    assert '"spped" is no attribute of this model: left out; did you mean "speed_degs' in told
     assert not arm.problem
     assert arm.config["attributes"] == {
         "port": "/dev/a", "timeout": 5_000_000_000, "mesh_decimation_ratios": [0.5],
@@ -84,10 +73,7 @@ def test_what_is_known_stays_and_what_is_not_is_named():
 def test_what_another_model_has_is_left_out_without_a_suggestion():
     given = {"port": "/dev/a", "servo_id": 6, "leader_arm": "one", "note": "mine"}
     (arm,) = migrate(part("devrel:so101:arm", given)).parts
-    rows = {row.attribute: row for row in arm.rows}
-    for name in ("servo_id", "leader_arm", "note"):
-        assert rows[name].outcome is Outcome.UNSUPPORTED
-        assert "ignored if it stays" in rows[name].here
+    assert [line.endswith("ignored if it stays") for line in arm.notes] == [True] * 3
     assert arm.config["attributes"] == {"port": "/dev/a"}
 
 
@@ -102,7 +88,7 @@ def test_the_zero_of_joints_is_that_of_the_version_in_use(version, zero):
     content["modules"][0]["version"] = version
     (found,) = migrate(content).parts
     assert found.config["attributes"]["joint_zero"] == zero
-    assert any(f'"joint_zero": "{zero}" is added' in line for line in found.differences)
+    assert any(f'"joint_zero": "{zero}" is added' in line for line in found.notes)
     assert "joint_zero" not in migrate(arm).parts[0].config["attributes"]
 
 
@@ -117,13 +103,11 @@ def test_both_generations_of_the_gripper_are_understood():
     older = part("devrel:so101:gripper", {"port": "/dev/a", "servo_id": 6}, "old")
     newer = part("devrel:so101:gripper", {"arm": "arm"}, "new")
     for found in migrate(machine(older, newer)).parts:
-        assert not found.problem
-        assert set(fates(found).values()) == {Outcome.KEPT}
+        assert (found.problem, found.notes) == ("", ())
 
 
 def test_an_invalid_value_is_wrong():
     (found,) = migrate(machine(part("devrel:so101:gripper", {"arm": "a", "servo_id": 9}))).parts
-    assert fates(found)["servo_id"] is Outcome.WRONG
     assert "1 to 6" in found.problem
 
 
@@ -156,59 +140,6 @@ def test_the_module_keeps_its_name_for_its_data():
     (module,) = found.configuration()["modules"]
     assert module["name"] == "arms"
     assert module["type"] == "local"
-
-
-def test_a_calibration_file_that_is_here_is_checked(tmp_path, monkeypatch):
-    monkeypatch.delenv("VIAM_MODULE_DATA", raising=False)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bad.json").write_text('{"elbow_flex": {"id": "three"}}')
-    (tmp_path / "good.json").write_text(
-        '{"elbow_flex": {"id": 3, "drive_mode": 0, "homing_offset": 12, "range_min": 900,'
-        ' "range_max": 3000}}'
-    )
-    told = {}
-    for name in ("bad.json", "good.json", "none.json", "/nowhere/none.json"):
-        entry = part("devrel:so101:arm", {"port": "/dev/a", "calibration_file": name})
-        told[name] = migrate(machine(entry)).parts[0].calibration
-    assert "cannot be used" in told["bad.json"]
-    assert "is good: 1 joints" in told["good.json"]
-    assert "directory of the module's data" in told["none.json"]
-    assert "run this there" in told["/nowhere/none.json"]
-
-
-def on_port(model, name, file, port="/dev/a", **more):
-    named = {} if file is None else {"calibration_file": file}
-    return part(f"devrel:so101:{model}", {"port": port, **named, **more}, name)
-
-
-def about_files(*components):
-    notes = migrate(machine(*components)).notes
-    return [note for note in notes if "different calibration files" in note]
-
-
-def test_a_port_whose_components_name_different_files_is_told():
-    arm, sensor = on_port("arm", "left", "a.json"), on_port("calibration", "sensor", "b.json")
-    (note,) = about_files(
-        sensor, arm, on_port("arm", "right", "a.json", "/dev/b"), on_port("gripper", "hand", None)
-    )
-    assert "/dev/a name different calibration files: sensor b.json, left a.json" in note
-    assert "a.json, the arm's, is used for all" in note
-    assert "the same calibration_file" in note
-    (note,) = about_files(sensor, on_port("gripper", "hand", "c.json"))
-    assert "b.json, or the first that is loaded, is used" in note
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        on_port("calibration", "sensor", "a.json"),
-        on_port("calibration", "sensor", None),
-        on_port("calibration", "sensor", "b.json", "/dev/b"),
-        on_port("gripper", "hand", "b.json", arm="left"),  # it has the arm's
-    ],
-)
-def test_files_that_do_not_differ_are_not_told(other):
-    assert not about_files(on_port("arm", "left", "a.json"), other)
 
 
 @pytest.mark.parametrize(
