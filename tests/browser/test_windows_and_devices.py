@@ -14,7 +14,6 @@ from harness.browser_user import HOME, Guest
 from harness.web_camera import web_camera
 from playwright.sync_api import Locator
 from so101_viewer import Preview, Source, serve, serve_source
-from so101_viewer.server import control
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
@@ -78,17 +77,8 @@ def test_stop_works_in_every_window(second: Guest, crawl: Callable[[], None], ri
     second.until(lambda: second.says("Stop pressed in window 2"))
 
 
-def test_control_goes_over_only_when_it_is_let_go(
-    guest: Guest, second: Guest, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(control, "PATIENCE", 300.0)  # a busy page answers late
-    second.press("Ask for control")
-    guest.until(lambda: guest.button("Keep").count() == 1)
-    guest.press("Keep")
-    second.until(lambda: second.button("Ask for control").count() == 1)
-    second.press("Ask for control")
-    guest.until(lambda: guest.button("Hand over").count() == 1)
-    guest.press("Hand over")
+def test_control_goes_to_the_window_that_takes_it(guest: Guest, second: Guest) -> None:
+    second.press("Take control")
     guest.until(lambda: guest.says("Window 2 has control. Stop works here too"))
     second.press("Plan")
     second.until(lambda: second.button("Execute").is_enabled())

@@ -18,18 +18,17 @@ from ..cell_model import CellModel
 from ..page.front_tab import Drawn
 from ..page.page_context import PageContext
 from ..page.part import Part
-from ..page.screen_state import Screen, Sentence, Tone
+from ..page.screen_state import Screen, Tone
 from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, Views, set_up_view
 from ..scene.click import hit
-from ..scene.measuring import Measuring
 from ..scene.reach_view import ReachView
 from ..scene.stage import Stage
 from ..view_model import ViewModel
 from .arm_panel import ArmPanel, docked_left
 from .common_plan_panel import CommonPlanPanel
-from .plan_panel import MEASURES, SELECTS, PlanPanel
+from .plan_panel import SELECTS, PlanPanel
 from .poses import PoseList
 
 _WORDS_EVERY = 3
@@ -113,7 +112,6 @@ class MovePart(Part):
         views, robot = Views(context.server, sight, follows=is_one), RobotModel.load()
         context.bar.views = views.buttons
         context.leave_open(*(button for _, button in views.buttons))
-        self._measuring, self._measures = Measuring(context.server.scene), False
         self._reach = ReachView(context.server.scene, robot, atlas) if is_one else None
         self.nodes = {name: "" if is_one else f"/arms/{k}" for k, name in enumerate(self.pages)}
         self._stages = {}
@@ -136,16 +134,12 @@ class MovePart(Part):
             )
 
     def _set_click(self, does: str) -> None:
-        self._measures = does == MEASURES
-        self._measuring.clear()
         for stage in self._stages.values():
             stage.set_clickable(does != SELECTS)
 
     def _clicked(self, p_from: Array, along: Array) -> None:
         met = hit(self._arm.scene, p_from, along)
-        if met is not None and self._measures:
-            self._first.tell(Sentence(text=self._measuring.take(met)))
-        elif met is not None:
+        if met is not None:
             self._first.set_target_above(met)
 
     def _dragged(self, name: str, p_base: Array) -> None:

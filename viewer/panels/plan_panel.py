@@ -13,7 +13,6 @@ from ..page.page_context import PageContext
 from ..page.screen_state import PlanView, Screen
 from ..page.tracking import Tracking
 from ..view_model import ViewModel
-from .comparison import Comparison
 from .plan_controls import PlanControls
 from .plots import PlanPlots
 from .pose_folder import PoseFolder
@@ -23,13 +22,11 @@ from .target_controls import TargetControls
 _PLOT_SIZE = (390, 305)  # between the panels of the narrowest window that has both
 _MARGIN = 12
 
-_LINES = 8
-"""Lines reserved for two plans side by side: seven figures, and one for a clearance with long
-names."""
+_LINES = 7
+"""Lines reserved for six figures, and a clearance with long names."""
 
-SELECTS, AIMS, MEASURES = "selects", "sets the target", "measures"
-CLICKS = (SELECTS, AIMS, MEASURES)
-"""What a click in the picture does."""
+SELECTS = "selects"
+"""What a click in the picture does unless it sets the target."""
 
 
 def plots_panel(gui: viser.GuiApi) -> viser.PanelHandle:
@@ -45,7 +42,7 @@ class PlanPanel:
     """The Move tab, and the panel with the plots of the newest plan.
 
     Args:
-        on_click: Called with what clicks in the picture do, one of ``CLICKS``.
+        on_click: Called with what clicks in the picture do, ``SELECTS`` or another.
 
     What is used for every motion comes first, so that Plan and Execute are seen on a phone without
     scrolling.
@@ -73,16 +70,15 @@ class PlanPanel:
             context.on_press(self._back_out, page.plan_back_out)
             self._plan.add_timeline()
             self._facts = gui.add_html(markup.facts(texts.NO_FACTS, lines=_LINES))
-            self._comparison = Comparison(context)
             self._plan.add_caps()
             gui.add_divider()
             self._target.add_jaw()
             gui.add_divider()
             click = gui.add_dropdown(
                 "A click",
-                CLICKS,
+                (SELECTS, "sets the target"),
                 hint="On the table or an object. A target is set 20 mm above it, from above where"
-                " that can be reached; two clicks measure the distance between them.",
+                " that can be reached.",
             )
             context.on_entry(click, on_click)
             self._target.add_choices()
@@ -108,10 +104,10 @@ class PlanPanel:
         if screen.tracking is not None and screen.tracking is not self._tracking:
             self._tracking = screen.tracking
             self._plots.show_tracking(screen.tracking, screen.tracked)
-        has_plan = screen.plan_is_current
-        self._plots.name(screen.plan, is_current=has_plan)
-        self._comparison.show(screen.plan if has_plan else None)
-        self._facts.content = markup.facts(self._comparison.rows(), lines=_LINES)
+        plan = screen.plan if screen.plan_is_current else None
+        self._plots.name(screen.plan, is_current=plan is not None)
+        figures = texts.NO_FACTS if plan is None else texts.plan_facts(plan)
+        self._facts.content = markup.facts(figures, lines=_LINES)
         self._plan.show(screen, self._plots.uuids)
 
     def _show_plan(self, view: PlanView, bounds: tuple[Array, Array]) -> None:

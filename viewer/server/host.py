@@ -167,7 +167,6 @@ class Host:
             if self._closing.is_set():
                 return
             try:
-                self.windows.refresh()
                 acted = self._commands.run()
                 news = [part for part in self._parts if part.refresh() or acted]
                 if news:

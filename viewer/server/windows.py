@@ -1,9 +1,9 @@
-"""Keep track of the open browser windows and tell each whether it is in control.
+"""Keep track of the open browser windows and let one of them act: the one in control.
 
-When control is shared or asked for, each window has a line over the picture with buttons to ask or
-to answer; our front end shows it (``front/bar.js``). viser ignores a window until it has drawn its
-first picture, but its buttons, Stop among them, are there before; so here a window counts from its
-connection on.
+The first window has control; any other takes it with a button, and whoever lost it is told. Stop
+needs no control. Each window has a line over the picture that says who has it; our front end shows
+it (``front/bar.js``). viser ignores a window until it has drawn its first picture, but its buttons,
+Stop among them, are there before; so here a window counts from its connection on.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from viser import _messages
 from viser.infra import ClientId, WebsockClientConnection
 
 from ..page.bar import board, uuid_of
-from .control import PATIENCE, Role, WindowControl, WindowStatus
 from .control_filter import ControlFilter
 
 _QUIET = 3.0
 """A window that is refused again within this time is not notified again [s]."""
 
-_ASK, _LET_GO, _KEEP = "Ask for control", "Hand over", "Keep"
+_TAKE = "Take control"
+_HOW = "You can take control below the bar at the top."
 
 
 @dataclass(slots=True, kw_only=True)
@@ -35,9 +35,7 @@ class _Window:
     number: int
     client: viser.ClientHandle
     board: viser.GuiHtmlHandle
-    ask: viser.GuiButtonHandle
-    answer: viser.GuiButtonGroupHandle
-    shown: WindowStatus | None = None
+    take: viser.GuiButtonHandle
     refused_at: float = -_QUIET
 
 
@@ -48,7 +46,7 @@ class Windows:
         self._tell = tell
         self._lock = threading.Lock()
         self._by_client: dict[int, _Window] = {}
-        self._control = WindowControl(time.monotonic, tell)
+        self._holder: int | None = None  # the number of the window in control
         self._filter = ControlFilter(
             server, may_act=self._may_act, refused=self._refused, passed=self._passed
         )
@@ -71,19 +69,6 @@ class Windows:
         with self._lock:
             return tuple(self._by_client.values())
 
-    def refresh(self) -> None:
-        """Update each window's line; called now and then by the page's thread."""
-        self._control.tick()
-        for window in self.all():
-            standing = self._control.status(window.number)
-            if standing != window.shown:
-                was = window.shown.role if window.shown is not None else None
-                window.shown = standing
-                _show(window, standing)
-                if standing.role is Role.ASKED and was is not Role.ASKED:
-                    asking = f"Window {standing.other} asks for control"
-                    _notify(window, asking, "Answer below the bar at the top.", PATIENCE)
-
     # The event loop's thread
 
     async def _came(self, client: viser.ClientHandle) -> None:
@@ -93,27 +78,50 @@ class Windows:
             window = _made_for(client, number)
             self._by_client[client.client_id] = window
 
-            async def ask(_event: object) -> None:
-                self._control.ask(number)
+            async def take(_event: object) -> None:
+                self._give(number)
 
-            async def answer(event: viser.GuiEvent[Any]) -> None:
-                self._control.answer(number, allow=event.target.value == _LET_GO)
-
-            window.ask.on_click(ask)
-            window.answer.on_click(answer)
+            window.take.on_click(take)
         self._tell(f"Window {number} opened")
-        self._control.join(number)
+        if self._holder is None:
+            self._give(number)
+        self._show()
 
     async def _went(self, client: viser.ClientHandle) -> None:
         with self._lock:
             window = self._by_client.pop(client.client_id, None)
         if window is not None:
             self._tell(f"Window {window.number} closed")
-            self._control.leave(window.number)
+            if self._holder == window.number:
+                self._holder = None
+            self._show()
+
+    def _give(self, number: int) -> None:
+        before, self._holder = self._holder, number
+        for window in self.all():
+            if window.number == before != number:
+                _notify(window, f"Window {number} has taken control", _HOW, 4.0)
+        if len(self._by_client) > 1 and before != number:
+            self._tell(f"Window {number} has control")
+        self._show()
+
+    def _show(self) -> None:
+        """Tell every window who has control."""
+        for window in self.all():
+            controls = self._holder in (None, window.number)
+            press = {"label": _TAKE, "press": uuid_of(window.take), "value": True}
+            window.board.content = board(
+                "window",
+                text=words(window.number, self._holder),
+                controls=controls,
+                buttons=[] if controls else [press],
+            )
 
     def _may_act(self, client_id: int) -> bool:
         window = self._by_client.get(client_id)
-        return window is not None and self._control.may_act(window.number)
+        if window is not None and self._holder is None:
+            self._give(window.number)
+        return window is not None and self._holder == window.number
 
     def _passed(self, client_id: int, uuid: str) -> None:
         window = self._by_client.get(client_id)
@@ -126,13 +134,7 @@ class Windows:
         if window is None or now - window.refused_at < _QUIET:
             return
         window.refused_at = now
-        other = self._control.status(window.number).other
-        _notify(
-            window,
-            f"Window {other} has control",
-            "Nothing was changed. You can ask for control below the bar at the top.",
-            4.0,
-        )
+        _notify(window, f"Window {self._holder} has control", f"Nothing was changed. {_HOW}", 4.0)
 
 
 async def _count(connection: WebsockClientConnection) -> None:
@@ -157,32 +159,15 @@ def _made_for(client: viser.ClientHandle, number: int) -> _Window:
         number=number,
         client=client,
         board=gui.add_html("", visible=False),
-        ask=gui.add_button(_ASK, visible=False),
-        answer=gui.add_button_group("Control", (_LET_GO, _KEEP), visible=False),
+        take=gui.add_button(_TAKE, visible=False),
     )
 
 
-def _show(window: _Window, standing: WindowStatus) -> None:
-    buttons: list[dict[str, Any]] = []
-    if standing.role is Role.WATCHING:
-        buttons = [{"label": _ASK, "press": uuid_of(window.ask), "value": True}]
-    elif standing.role is Role.ASKED:
-        answer = uuid_of(window.answer)
-        buttons = [{"label": word, "press": answer, "value": word} for word in (_LET_GO, _KEEP)]
-    controls = standing.role not in (Role.WATCHING, Role.ASKING)
-    window.board.content = board("window", text=words(standing), controls=controls, buttons=buttons)
-
-
-def words(standing: WindowStatus) -> str | None:
+def words(number: int, holder: int | None) -> str | None:
     """The line of a window; None when it simply has control."""
-    other, seconds = standing.other, standing.seconds
-    return {
-        Role.IN_CONTROL: None,
-        Role.WATCHING: f"Window {other} has control. Stop works here too.",
-        Role.ASKING: f"Asked window {other}. You get control in {seconds} s unless it refuses.",
-        Role.ASKED: f"Window {other} will get control in {seconds} s.",
-        Role.FREE: "No window has control. Press any button to take it.",
-    }[standing.role]
+    if holder is None:
+        return "No window has control. Press any button to take it."
+    return None if holder == number else f"Window {holder} has control. Stop works here too."
 
 
 def _notify(window: _Window, title: str, body: str, seconds: float) -> None:

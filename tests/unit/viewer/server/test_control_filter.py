@@ -128,32 +128,28 @@ async def test_stop_works_in_every_window_and_says_in_which(
     assert page.told[-1] == "Stop pressed in window 2"
 
 
-async def test_control_is_asked_for_and_let_go_by_what_each_window_has_for_itself(
-    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
+async def test_another_window_takes_control_and_gives_it_up_when_it_closes(
+    page: PageUnderTest, server: GuardedServer
 ) -> None:
-    first, second = pair
-    mine, theirs = page.windows.all()
-    await second.press(theirs.ask)
-    await until(lambda: "Window 2 asked for control" in page.told)
-    await first.enter(mine.answer, "Hand over")
-    await until(lambda: "Window 2 has control" in page.told)
-    await second.press(page.button)
-    await first.press(page.button)
-    await first.press(page.stop)
-    await page.has_done("execute", "stop")
-
-
-async def test_control_cannot_be_let_go_by_another_window_pretending(
-    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
-) -> None:
-    _, second = pair
-    mine, theirs = page.windows.all()
-    await second.press(theirs.ask)
-    await until(lambda: "Window 2 asked for control" in page.told)
-    await second.enter(mine.answer, "Hand over")
-    await second.press(page.button)
-    await second.press(page.stop)
-    await page.has_done("stop")
+    async with RawWindow(server.url) as first:
+        await page.until(1)
+        async with RawWindow(server.url) as second:
+            await page.until(2)
+            mine, theirs = page.windows.all()
+            await first.press(theirs.take)  # another window's own button: nothing happens
+            await second.press(page.button)
+            await second.press(theirs.take)
+            await until(lambda: page.told[-1] == "Window 2 has control")
+            assert "Window 2 has control" in mine.board.content
+            await second.press(page.button)
+            await first.press(page.button)
+            await first.press(page.stop)
+            await page.has_done("execute", "stop")
+        await page.until(1)
+        assert "No window has control" in mine.board.content
+        await first.press(page.button)
+        await page.has_done("execute", "stop", "execute")
+    await page.until(0)
 
 
 async def test_windows_keep_their_numbers_low_as_they_come_and_go(
