@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from so101_motion.cli.completion_values import completed_programs
+from so101_motion.cli.param_types import IN_FILE
 from so101_motion.cli.shared import (
     busy_message,
     have_agreed,
@@ -24,6 +25,7 @@ from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from pathlib import Path
 
     from so101_motion.planning.request import Plan
     from so101_motion.tasks.program import Arms, Program, ProgramRun, Rehearsal
@@ -36,12 +38,14 @@ if TYPE_CHECKING:
 @click.option(
     "--rounds", type=click.IntRange(1, 10_000), help="Number of rounds; by default as saved."
 )
+@click.option("--scene", type=IN_FILE, help="A scene file: the obstacles around the arm.")
 @yes_option
 @json_option
 def run(
     program: str,
     source: AnySource,
     rounds: int | None,
+    scene: Path | None,
     yes: bool,
     as_json: bool,
 ) -> None:
@@ -53,13 +57,17 @@ def run(
 
     \b
     so101 run "stack cubes" --port /dev/ttyACM0
-    so101 run --sim wave.json --rounds 3 --yes
+    so101 run --sim wave.json --rounds 3 --scene examples/table.json --yes
     """  # noqa: D301
+    from so101_motion.files.scene_file import read_scene
     from so101_motion.tasks.program import ARM, Solo, files
 
+    around = None if scene is None else read_scene(scene)
     files.read(files.find(program))  # refuses a wrong file before the arm is opened
     with quietly(), closing(source.open()) as rig:
         made = files.read(files.find(program), {ARM: rig.connection.encoder_zeros})
+        if around is not None:
+            rig.arm.scene = around
         carry_out(
             Solo.of(rig), made, rounds, None if yes else f"Move the {source.what}?", quiet=as_json
         )

@@ -17,6 +17,8 @@ from so101_motion.cli.sweeps.options import (
     payload_option,
     voltage_option,
 )
+from so101_motion.cli.sweeps.sweep import computers, show_progress
+from so101_motion.cli.sweeps.sweep import sweep as sweep
 from so101_motion.common.units import to_m, to_rad
 
 if TYPE_CHECKING:
@@ -58,7 +60,7 @@ class FromTo(click.ParamType[tuple[float, float]]):
         return ends
 
 
-@click.command()
+@sweep.command()
 @click.argument("task_file", metavar="TASK", type=IN_FILE)
 @click.option(
     "--x-mm", type=FromTo(_FARTHEST_MM), default="-300:300", show_default=True,
@@ -155,7 +157,6 @@ def place(
     so101 sweep place task.json --mount wall --x-mm 0 --z-mm 100:400 --out on-the-wall
     so101 sweep place task.json --cell cell.json --arm left --out beside-the-other
     """  # noqa: D301
-    from so101_motion.cli.sweeps.sweep import computers, show_progress
     from so101_motion.files.scene_file import read_scene
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import scene_text

@@ -21,7 +21,6 @@ from so101_motion.cli.sweeps.options import (
     payload_option,
     voltage_option,
 )
-from so101_motion.cli.sweeps.place import place
 from so101_motion.common.units import to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
@@ -185,9 +184,6 @@ def plans(
         payload=1e-3 * payload_g,
     )
     run(work, lambda folder: {name: round(v, 3) for name, v in plans_summary(folder).items()})
-
-
-sweep.add_command(place)
 
 
 def _atlas_facts(summary: dict[str, float]) -> dict[str, object]:

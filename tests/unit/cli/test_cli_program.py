@@ -71,6 +71,16 @@ def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint() -> 
     assert "waypoint 2 (low)" in result.stderr
 
 
+def test_a_program_keeps_off_the_obstacles_of_a_scene(tmp_path: Path) -> None:
+    save(Waypoint(name="aside", q=A))
+    box = {"name": "box", "box_mm": [100, 100, 100], "position_mm": [390, 20, 230]}
+    scene = tmp_path / "scene.json"
+    scene.write_text(json.dumps({"obstacles": [box]}))
+    result = so101("run", "nod", "--sim", "--scene", str(scene), "--yes")
+    assert result.exit_code == 5
+    assert "box" in result.stderr
+
+
 def test_an_unknown_program_is_refused_with_the_nearest() -> None:
     result = so101("run", "nodd", "--sim", "--yes")
     assert "try: save one on the Program tab" in result.stderr
