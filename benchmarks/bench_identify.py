@@ -28,8 +28,8 @@ from benchmarks import _common
 from so101_motion.calib.record import servo_file, store
 from so101_motion.calib.record.servo_file import ServoRecord
 from so101_motion.common.state import ARM_JOINTS
+from so101_motion.drivers.emulator.emulator import differing_servos
 from so101_motion.drivers.emulator.joint_figures import SO101
-from so101_motion.drivers.emulator.spread import differing_servos
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
 from so101_motion.planning.collision.collision import CollisionModel

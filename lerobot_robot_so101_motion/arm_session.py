@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from so101_motion.arm.arm import SCENE
-from so101_motion.arm.jaw_following import JawFollowing
+from so101_motion.arm.gripper import JawFollowing
 from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import FollowingError, MotionError, PlanningError, So101Error

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from so101_motion.arm.cell import Cell as Cell
-    from so101_motion.arm.jaw_following import JawFollowing as JawFollowing
+    from so101_motion.arm.gripper import JawFollowing as JawFollowing
     from so101_motion.arm.planning_worker import PlanningWorker as PlanningWorker
     from so101_motion.common import errors as errors
     from so101_motion.common.errors import So101Error as So101Error
@@ -66,7 +66,7 @@ _HOMES = {
     "CollisionModel": "planning.collision.collision",
     "Following": "control.following",
     "GoalMetric": "planning.goals",
-    "JawFollowing": "arm.jaw_following",
+    "JawFollowing": "arm.gripper",
     "JointGoal": "planning.goals",
     "JointState": "common.state",
     "LeaveContactGoal": "planning.goals",

@@ -19,6 +19,15 @@ as the caps rise again.
 
 *No target.* When no target comes for ``stale_after``, or ``hold`` is called, the joints slow to
 rest and wait; the following goes on.
+
+``ExpectedAcceleration`` tells the driver how joints that follow a target will accelerate.
+
+The driver uses it to make up for servo lag, which drives servos ahead of their setpoints, so a
+wrong value must not drive them elsewhere. A target may claim any acceleration: the driver is told
+that a joint speeds up only as far as its setpoint does. It is told of braking before the setpoint
+brakes, because a servo needs time for it, but never so much that the joint would turn round. How
+joints come to rest is known exactly. If a target does not say how it accelerates, the driver is
+told nothing and the servos lag.
 """
 
 from __future__ import annotations
@@ -35,19 +44,67 @@ from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.approach import GATE, Approach
-from so101_motion.control.expected_acceleration import ExpectedAcceleration
 from so101_motion.control.joint_bounds import JointBounds, gentle, landed, stoppable
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
 from so101_motion.control.open_ended_motion import OpenEndedMotion
 from so101_motion.planning.collision.course import STEP, Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.pursuit import Arrival, Pursuit
+from so101_motion.planning.timing.pursuit import FORESIGHT, Arrival, Pursuit
 from so101_motion.planning.timing.stop_paths import PathToRest, StopPaths
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 if TYPE_CHECKING:  # it brings Pinocchio along, which an unguarded following has no use for
     from so101_motion.planning.differential.guard import Guard
+
+
+KNOWN_JERK = 200.0
+"""How fast the reported acceleration may rise [rad/s^3]. Chosen by trial: the acceleration of a
+hand is noisy."""
+
+AHEAD = 0.5
+"""The driver may be ahead for so long after it was last told an acceleration [s], because its
+compensation fades slowly (``goal_compensation.py``); so it must still know how joints brake."""
+
+
+class ExpectedAcceleration:
+    """The acceleration that the driver is told in each period.
+
+    Args:
+        dt: The period [s].
+
+    Attributes:
+        qdd: How the joints accelerate, shape (n,), [rad/s^2]; None if it is not known.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self.qdd: Array | None = None
+        self._dt, self._left = dt, 0.0
+
+    @property
+    def may_be_ahead(self) -> bool:
+        """Whether the driver may still drive servos ahead of their setpoints."""
+        return self._left > 0.0
+
+    def beside(self, setpoint: Setpoint, qdd: Array) -> None:
+        """The joints are sent to ``setpoint``, to accelerate by ``qdd``, shape (n,), [rad/s^2]."""
+        self._left, step = AHEAD, KNOWN_JERK * self._dt
+        before = setpoint.qdd if self.qdd is None else self.qdd
+        known = np.clip(qdd, before - step, before + step)
+        way = np.sign(setpoint.qd)
+        faster, to_rest = np.maximum(way * setpoint.qdd, 0.0), -np.abs(setpoint.qd) / FORESIGHT
+        self.qdd = way * np.clip(way * known, np.minimum(way * setpoint.qdd, to_rest), faster)
+
+    def braking(self, now: Setpoint) -> None:
+        """The joints brake and are at ``now``."""
+        self._left -= self._dt
+        self.qdd = now.qdd if self._left > 0.0 else None
+
+    def unknown(self) -> None:
+        """The joints follow a target that does not say how it accelerates."""
+        self._left -= self._dt
+        self.qdd = None
+
 
 STALE_AFTER = 0.1
 """How long a target counts without a newer one [s]; chosen: three periods of a 30 Hz source."""

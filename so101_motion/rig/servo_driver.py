@@ -12,6 +12,10 @@ changed or another component joins. It runs on the I/O thread, like every driver
 
 While no component asks for a servo, or the bus is lent, a ``BusMonitor`` has the port: nothing is
 driven, and reading goes on as far as servos answer.
+
+``Readiness`` tracks whether the servos of a port have been found, and if not, why.
+
+The I/O thread notes the result of each try; any thread may read it.
 """
 
 from __future__ import annotations
@@ -28,7 +32,7 @@ from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.encoder_zeros import EncoderZeros
-from so101_motion.common.errors import BusError, NotHolding, PortUnavailable
+from so101_motion.common.errors import BusError, NotHolding, NotReady, PortUnavailable
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointReading
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
@@ -44,8 +48,82 @@ from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_monitor import BusMonitor
 from so101_motion.rig.joint_setup import JointSetup, JointSetups
 from so101_motion.rig.port_settings import ServoSettings
-from so101_motion.rig.readiness import Readiness
 from so101_motion.rig.servo_finder import ServoFinder, joints_on
+
+RETRY_PERIOD = 1.0
+"""Servos that could not be set up are tried again after this time [s]. Chosen: a try in which no
+servo answers takes 0.02 s."""
+
+
+class Readiness:
+    """Whether the servos of one port have been found.
+
+    Args:
+        clock: The rig's clock.
+
+    Attributes:
+        is_asked: Whether there was a try since a component asked for them.
+        is_found: Whether they have been set up since then.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.is_asked = self.is_found = False
+        self._clock, self._begun = clock, clock.now()
+        self._why: BusError | None = None
+        self._due = self._begun
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is time for another try."""
+        return self._clock.now() >= self._due
+
+    @property
+    def has_port(self) -> bool:
+        """Whether the port was there at the last try, though the servos were not."""
+        return self._why is not None and not isinstance(self._why, PortUnavailable)
+
+    @property
+    def reason(self) -> str | None:
+        """Why the servos cannot be used yet; None once they have been set up."""
+        if self.is_found:
+            return None
+        if self._why is None:
+            return "the servos have not been looked for yet; try again"
+        tried = self._clock.now() - self._begun
+        return f"{self._why} (tried for {tried:.0f} s, and tried again every second)"
+
+    def reset(self) -> None:
+        """Start again, because other servos are asked for."""
+        self.is_asked = self.is_found = False
+        self._why = None
+        self._begun = self._due = self._clock.now()
+
+    def begin_try(self) -> bool:
+        """Note that a try begins; returns whether it is the first."""
+        is_first, self.is_asked = not self.is_asked, True
+        self._due = self._clock.now() + RETRY_PERIOD
+        return is_first
+
+    def found(self) -> None:
+        """Note that the servos have been found and set up."""
+        self.is_asked = self.is_found = True
+        self._why = None
+
+    def end_try(self, error: BusError) -> None:
+        """Note that a try failed."""
+        if not self.is_found:
+            self._why = error
+
+    def require_found(self) -> None:
+        """Raise unless the servos have been found.
+
+        Raises:
+            NotReady: They have not.
+        """
+        reason = self.reason
+        if reason is not None:
+            raise NotReady(reason) from self._why
+
 
 __all__ = ["ServoDriver", "ServoSettings"]
 

@@ -11,8 +11,7 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
-from so101_motion.drivers.emulator.calibration_scripts import sweeping_script
-from so101_motion.drivers.emulator.emulator import EmulatorOptions
+from so101_motion.drivers.emulator.emulator import EmulatorOptions, sweeping_script
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings

@@ -15,8 +15,7 @@ from ..page.bar import board, uuid_of
 from ..page.page_context import PageContext
 from ..page.shared_fields import SharedField, UndoButtons, grey, put
 from . import program_texts as words
-from .arm_in_step import ArmInStep
-from .program_model import ProgramModel
+from .program_model import ArmInStep, ProgramModel
 from .rehearsal_time import RehearsalTime
 
 _RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}

@@ -9,15 +9,21 @@ all joints together and timed as one motion, slower where the arms are near each
 (``pace.py``).
 
 The result is proven as a whole: every arm by itself as always, and every two arms in time.
+
+The speed of several arms on a common path is limited where they are near each other.
+
+A proof asks for more room where both arms are fast (``apart.py``). A path that leaves less room is
+slowed down there, instead of everywhere. The result will probably pass the proof; it is not one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations, pairwise, permutations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,12 +34,11 @@ from so101_motion.common.errors import (
     Overloaded,
     PlanningError,
 )
-from so101_motion.common.geometry import Array
+from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import crossing, plan_among
-from so101_motion.planning.cell.pace import PacedArm, pace_on
 from so101_motion.planning.cell.team_requests import TeamMember
-from so101_motion.planning.collision.apart import ROOM, first_meeting
-from so101_motion.planning.collision.arm_bodies import bodies_of
+from so101_motion.planning.collision.apart import EARLY, ROOM, distances, first_meeting
+from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.batch_check import MOST_ARMS
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.team_check import TeamArm, TeamCheck
@@ -52,10 +57,78 @@ from so101_motion.planning.planning_context import PlanningContext
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
-from so101_motion.planning.timing.path_geometry import blended_path
+from so101_motion.planning.timing.path_geometry import JointPath, blended_path
 from so101_motion.planning.timing.retime import retime
 from so101_motion.planning.timing.torque import slowed
 from so101_motion.planning.timing.trajectory import Trajectory
+
+LOOKS = 64
+"""Number of places of a path at which distances are measured; chosen, a millisecond."""
+
+FAR = 0.3
+"""Bodies further apart than this limit no speed [m]; chosen."""
+
+SHARE = 0.8
+"""Share of the spare room that may be used; chosen: between two places there may be less."""
+
+SLOWEST = 0.02
+"""Lowest limit of a speed [m/s]; chosen."""
+
+
+class PacedArm(NamedTuple):
+    """An arm on a common path.
+
+    Attributes:
+        bodies: Its bodies, with those it holds.
+        T_cell_base: Pose of its base.
+        q_jaw: Its jaw angle [rad].
+    """
+
+    bodies: ArmBodies
+    T_cell_base: SE3
+    q_jaw: float
+
+
+def pace_on(path: JointPath, arms: Sequence[PacedArm]) -> Callable[[Array, Array], Array] | None:
+    """Make a function for the speed of arms on a path, as a share of what will probably be proven.
+
+    Args:
+        path: Path of all joints, five for each arm.
+        arms: The arms in the order of their joints.
+
+    Returns:
+        A function from joint angles (m, n) on the path and their rates (m, n) to that share, (m,);
+        None if arms come so near to each other that they could not move at all.
+    """
+    places = path.evaluate(np.linspace(0.0, path.length, LOOKS)).q
+    q = [
+        np.column_stack([places[:, 5 * k : 5 * k + 5], np.full(LOOKS, each.q_jaw)])
+        for k, each in enumerate(arms)
+    ]
+    allowed = []
+    for i, j in combinations(range(len(arms)), 2):
+        T = arms[i].T_cell_base.inverse @ arms[j].T_cell_base
+        near = distances(arms[i].bodies, arms[j].bodies, T, q[i], q[j], need=ROOM, enough=FAR)
+        room = near - ROOM
+        if room.min() <= 0.0:
+            return None
+        allowed.append((i, j, np.maximum(SHARE * room / EARLY, SLOWEST)))
+    square = np.sum(places**2, axis=1)
+
+    def pace(q: Array, qd: Array) -> Array:
+        k = np.argmin(square - 2.0 * q @ places.T, axis=1)  # the nearest
+        fast = [
+            np.abs(qd[:, 5 * i : 5 * i + 5]) @ each.bodies.levers[:, :5].T
+            for i, each in enumerate(arms)
+        ]
+        shares = [
+            (np.minimum(fast[i][:, :, None], fast[j][:, None]) / most[k]).max(axis=(1, 2))
+            for i, j, most in allowed
+        ]
+        return np.asarray(np.max(shares, axis=0))
+
+    return pace
+
 
 SLOWER = (1.0, 1.5, 2.2, 3.3, 5.0)
 """Factors by which a common motion is slowed: slow arms may be nearer to each other. Chosen."""

@@ -289,7 +289,7 @@ class CollisionModel:
         Returns:
             A row for each pair of bodies: its index in ``pairs``, distance, ``p_first``,
             ``p_second``, normal, gradient; shape (n, 16). And the bounds of such a step
-            (``nearest_within.py``), shape (n, 7), valid until the next call.
+            (``guard.py``), shape (n, 7), valid until the next call.
 
         Raises:
             ValueError: ``within`` is out of range.

@@ -149,7 +149,7 @@ class NearArms(NamedTuple):
 
     Attributes:
         bounds: Bounds of a step that brings them no nearer than allowed, shape (n, 7); see
-            ``nearest_within.py``.
+            ``guard.py``.
         words: A description of a pair by index, such as ``"the jaw close to left's wrist"``.
     """
 

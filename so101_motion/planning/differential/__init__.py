@@ -2,6 +2,6 @@
 
 ``servo.py`` computes a step of a jog: ``task_velocity.py`` converts a twist, a pose or a point into
 joint velocities, and ``servo_qp.py`` finds the nearest ones that keep the bounds, with OSQP.
-``guard.py`` proves short paths free, for jogs and for followings; ``nearest_within.py`` finds the
-nearest step of a following that keeps its bounds.
+``guard.py`` proves short paths free, for jogs and for followings; it finds the nearest
+step of a following that keeps its bounds.
 """

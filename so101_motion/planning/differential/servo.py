@@ -10,7 +10,7 @@ each joint limit, each near pair of bodies and each joint near its torque limit,
 left must suffice to brake, so these are approached more and more slowly.
 
 *The unfiltered reference.* Such a motion has no bound of jerk. It is only a reference, which the
-arm gets through a filter (:mod:`moving_average`): late by half the time that acceleration needs to
+arm gets through a filter (``MovingAverage``): late by half the time that acceleration needs to
 change from one extreme to the other, a tenth of a second with the default limits, and as smoothly
 as in any motion.
 
@@ -28,6 +28,21 @@ words what limits it.
 
 Source: B. Faverjon, P. Tournassoud, A local based approach for path planning of manipulators with a
 high number of degrees of freedom, ICRA 1987, for bounding the approach speed by the distance.
+
+``MovingAverage`` bounds the jerk of a motion that arrives step by step, by a moving average (an FIR
+filter).
+
+The output is the average of the latest inputs. It keeps every bound that the input keeps: position
+limits, velocities, accelerations. In each step its acceleration changes by the acceleration that
+enters the window of ``n`` steps less the one that leaves it, over ``n``: by at most ``2 a / n`` for
+an input bounded by ``a``. So a window of ``2 a / j`` seconds bounds the jerk by ``j``. All joints
+have the same window: they are late by the same time, half of it, and a straight line stays
+straight.
+
+When the input stands still, the output reaches it exactly, one window later.
+
+Source: L. Biagiotti, C. Melchiorri, FIR filters for online trajectory planning with time- and
+frequency-domain specifications, 2012.
 """
 
 from __future__ import annotations
@@ -46,7 +61,6 @@ from so101_motion.planning.collision.collision import ClosePair, CollisionModel
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.collision.following_apart import GAP
 from so101_motion.planning.differential.guard import Guard, room_of
-from so101_motion.planning.differential.moving_average import MovingAverage
 from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
 from so101_motion.planning.differential.targets import Target
 from so101_motion.planning.differential.task_velocity import SAME, TaskControl, TaskVelocity
@@ -54,6 +68,39 @@ from so101_motion.planning.kinematics.geometry_from_model import measure_structu
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Load, TorqueReserve
+
+
+class MovingAverage:
+    """Filters the positions of a reference that starts at rest.
+
+    Args:
+        q: Start position, shape (n,), [rad].
+        limits: The reference's accelerations, and the jerk that the output shall keep.
+        dt: Time step [s].
+
+    Attributes:
+        steps: How many steps are averaged.
+    """
+
+    def __init__(self, q: Array, limits: MotionLimits, dt: float) -> None:
+        window = 2.0 * float((limits.acceleration / limits.jerk).max())
+        self.steps = max(1, math.ceil(window / dt - 1e-9))
+        self._trail = np.tile(q, (self.steps, 1))  # the oldest first
+
+    def step(self, q: Array) -> Array:
+        """The output after the reference has stepped to ``q``, shape (n,), [rad]."""
+        self._trail[:-1] = self._trail[1:]
+        self._trail[-1] = q
+        # Relative to the reference, so that it is exact when all are the same.
+        return np.asarray(q + (self._trail - q).sum(axis=0) / self.steps)
+
+    def ahead(self, q: Array) -> Array:
+        """The coming outputs, step by step, until they rest at the end of ``q``, (m, n) [rad]."""
+        end, steps = q[-1], self.steps
+        waiting = np.broadcast_to(end, (steps - 1, len(end)))
+        sums = np.cumsum(np.concatenate((self._trail, q, waiting)) - end, axis=0)
+        return np.asarray(end + (sums[steps:] - sums[:-steps]) / steps)
+
 
 STRAIGHT = 0.05
 """Smallest bend of the elbow, on the side where it was at the start [rad]. Beyond straight the same

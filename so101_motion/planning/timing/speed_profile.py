@@ -32,9 +32,13 @@ from numpy.typing import NDArray
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
-from so101_motion.planning.timing.interval_program import LimitRows, Solver, exact_solver
+from so101_motion.planning.timing.interval_program import (
+    LimitRows,
+    Solver,
+    exact_solver,
+    toppra_solver,
+)
 from so101_motion.planning.timing.path_geometry import JointPath, PathPoints
-from so101_motion.planning.timing.toppra_solver import toppra_solver
 
 GRID_POINTS = 800
 """Number of intervals of all winding pieces of a path together, evenly shared. Chosen:

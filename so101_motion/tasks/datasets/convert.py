@@ -4,14 +4,21 @@ The joint angles of the model stay the same; only the numbers for them change. T
 made in a temporary folder and moved to its place when it is complete, so it is there whole or not
 at all. The source is only read. Statistics are recalculated; everything else, including videos and
 tasks, is copied or linked.
+
+Its statistics are those that LeRobot keeps of each column.
+
+Those of an episode are exact. Those of all episodes are combined as LeRobot does it: extremes of
+extremes, means weighted by frames, the variance of all, and quantiles as the weighted mean of the
+episodes' own. Source: ``aggregate_feature_stats`` of LeRobot 0.6.1.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -39,8 +46,62 @@ from so101_motion.tasks.datasets.metadata import (
     why_broken,
 )
 from so101_motion.tasks.datasets.parquet import Reader, Table, with_lists, with_vectors
-from so101_motion.tasks.datasets.statistics import Statistics, of_episode, together
 from so101_motion.tasks.datasets.units import Units
+
+Statistics = dict[str, list[float]]
+"""Numbers by LeRobot's names: ``min``, ``max``, ``mean``, ``std``, ``count``, ``q01`` ..."""
+
+_QUANTILE = re.compile(r"q\d\d")
+
+
+def of_episode(values: Array, names: Collection[str]) -> Statistics:
+    """The statistics of the rows of an episode, shape (n, d).
+
+    Args:
+        values: The rows.
+        names: Names of the statistics; unknown ones are left out.
+    """
+    found: Statistics = {}
+    for name in names:
+        if name == "count":
+            found[name] = [len(values)]
+        elif name in ("min", "max", "mean", "std"):
+            found[name] = getattr(np, name)(values, axis=0).tolist()
+        elif _QUANTILE.fullmatch(name):
+            found[name] = np.quantile(values, int(name[1:]) / 100.0, axis=0).tolist()
+    return found
+
+
+def together(episodes: Iterable[Statistics], names: Collection[str]) -> Statistics:
+    """Combine the statistics of several episodes, which have count, mean and std.
+
+    Args:
+        episodes: At least one.
+        names: Names of the statistics; unknown ones are left out.
+    """
+    every = list(episodes)
+    count = np.array([each["count"][0] for each in every], dtype=float)
+    weight = (count / count.sum())[:, None]
+
+    def column(name: str) -> Array:
+        return np.array([each[name] for each in every], dtype=float)
+
+    mean = (weight * column("mean")).sum(axis=0)
+    found: Statistics = {}
+    for name in names:
+        if name == "count":
+            found[name] = [int(count.sum())]
+        elif name == "mean":
+            found[name] = mean.tolist()
+        elif name == "std":
+            spread = np.square(column("std")) + np.square(column("mean") - mean)
+            found[name] = np.sqrt((weight * spread).sum(axis=0)).tolist()
+        elif name in ("min", "max"):
+            found[name] = getattr(np, name)(column(name), axis=0).tolist()
+        elif _QUANTILE.fullmatch(name):
+            found[name] = (weight * column(name)).sum(axis=0).tolist()
+    return found
+
 
 _ALL = ("min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99")
 _BEYOND = to_rad(0.5)  # a joint farther outside its new travel than this counts as beyond it

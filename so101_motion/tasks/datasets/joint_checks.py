@@ -1,6 +1,6 @@
 """Check the joints of an episode for missing numbers, jumps, limits, speeds, standing and lag.
 
-Arrays in, moments out; all angles are the model's [rad]. Contact is in ``contact_check``.
+Arrays in, moments out; all angles are the model's [rad]. Contact is in ``check``.
 """
 
 from __future__ import annotations

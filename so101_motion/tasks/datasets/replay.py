@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from so101_motion.arm.jaw_following import JawFollowing
+from so101_motion.arm.gripper import JawFollowing
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.encoder_zeros import shift
 from so101_motion.common.errors import ConfigError, PlanningError

@@ -14,8 +14,7 @@ from functools import partial
 import numpy as np
 
 from so101_motion.arm.arm import Arm
-from so101_motion.arm.gripper import Gripper, move_jaw
-from so101_motion.arm.jaw_following import JawFollowing
+from so101_motion.arm.gripper import Gripper, JawFollowing, move_jaw
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.geometry import Array
 from so101_motion.planning.request import Plan

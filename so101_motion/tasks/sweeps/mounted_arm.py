@@ -13,28 +13,159 @@ This is repeated with the cycle that is then the cheapest, until all its legs ar
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from so101_motion.arm.cell_member import Stand
+from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.bodies import around_base
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Attached, Scene
+from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.planner import Plan
+from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
-from so101_motion.tasks.program.rehearsal import PASSING
-from so101_motion.tasks.sweeps.cheapest_cycle import cheapest, least_time
+from so101_motion.tasks.program.program import ARM, Program
+from so101_motion.tasks.program.rehearsal import PASSING, plan_leg
 from so101_motion.tasks.sweeps.placement_task import PlacementTask
 from so101_motion.tasks.sweeps.pose_configurations import PoseConfigurations
 from so101_motion.tasks.sweeps.reach import STEPS
-from so101_motion.tasks.sweeps.scene_legs import SceneLegs, jaw_angles
+from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
+
+_LOOKS = 100
+"""A leg is given up after so many checkpoints. Chosen: some tenths of a second."""
+
+
+class SceneLegs:
+    """The planner for ``plan_leg``; always a fresh one. Belongs to one thread.
+
+    Args:
+        model: The arm.
+        scene: What is around it.
+        limits: The caps of its motions.
+        payload: The load in its hand.
+        strength: The strength of its servos.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        scene: Scene,
+        limits: MotionLimits,
+        *,
+        payload: Payload | None = None,
+        strength: Strength | None = None,
+    ) -> None:
+        self.limits = limits
+        self._scene, self._payload, self._strength = scene, payload, strength
+        self._patience = WorkBudget(_LOOKS)
+        # A fresh one: checkpoints are counted in batches that continue from plan to plan.
+        self._planner = Planner(model, self._patience)
+
+    def plan_together(
+        self,
+        goals: Mapping[str, JointGoal | PathGoal],
+        *,
+        limits: Mapping[str, MotionLimits],
+        stands: Mapping[str, Stand],
+    ) -> dict[str, Plan]:
+        """Plan for the only arm."""
+        ((name, goal),) = goals.items()
+        self._patience.reset()
+        request = PlanRequest(
+            q_start=stands[name].q,
+            goal=goal,
+            limits=limits[name],
+            q_jaw=stands[name].q_jaw,
+            scene=self._scene,
+            payload=self._payload,
+            strength=self._strength,
+            time_budget=NEVER,
+        )
+        return {name: self._planner.plan(request)}
+
+    def leg(self, program: Program, indices: range, q_start: Array, q_jaw: float) -> Plan | None:
+        """The motion of a leg; arguments and errors of ``plan_leg``. None if there is none."""
+        stands, caps = {ARM: Stand(q_start, q_jaw)}, {ARM: self.limits}
+        return plan_leg(self, program.on([ARM]), indices, stands, caps).plan
+
+
+def jaw_angles(apertures: Sequence[float | None], *, goes_around: bool) -> list[float]:
+    """The jaw's angle after each stop [rad]; closed before the first aperture.
+
+    Args:
+        apertures: Its aperture at each stop, 0 to 1; None to leave it.
+        goes_around: Whether the first stop comes again after the last.
+    """
+    given = [each for each in apertures if each is not None]
+    aperture = given[-1] if given and goes_around else 0.0
+    jaws = []
+    for each in apertures:
+        aperture = aperture if each is None else each
+        jaws.append(JAW_CLOSED + aperture * (JAW_OPEN - JAW_CLOSED))
+    return jaws
+
+
+def least_time(distance: Array, velocity: float, acceleration: float, jerk: float) -> Array:
+    """The shortest time from rest to rest over distances, any shape, [rad] to [s].
+
+    No motion of an arm takes less than the joint that turns farthest.
+
+    Source: L. Biagiotti and C. Melchiorri, Trajectory Planning for Automatic Machines and Robots,
+    2008, section 3.4, the double S with both ends at rest.
+    """
+    d = np.abs(distance)
+    ramp = acceleration / jerk
+    if velocity * jerk >= acceleration**2:
+        cruise = d / velocity + velocity / acceleration + ramp
+        full = velocity * (velocity / acceleration + ramp)
+    else:
+        cruise = d / velocity + 2.0 * np.sqrt(velocity / jerk)
+        full = 2.0 * velocity * np.sqrt(velocity / jerk)
+    ramped = ramp + np.sqrt(ramp**2 + 4.0 * d / acceleration)
+    short = 4.0 * np.cbrt(0.5 * d / jerk)
+    below = np.where(d >= 2.0 * acceleration * ramp**2, ramped, short)
+    return np.where(d >= full, cruise, below)
+
+
+def cheapest(costs: list[Array], *, closed: bool) -> tuple[float, list[int]]:
+    """Choose one option at each stop so that the sum of costs is least.
+
+    Args:
+        costs: Costs from each option of a stop to each of the next, arrays (n_k, n_k+1); for a
+            cycle the last leads back to the first stop.
+        closed: Whether it is a cycle, which ends where it began with the same option.
+
+    Returns:
+        The cost, infinite if there is no choice, and the option at each stop.
+    """
+    n = len(costs[0])
+    reached = np.where(np.eye(n, dtype=bool), 0.0, np.inf) if closed else np.zeros((1, n))
+    before = []
+    for cost in costs:
+        through = reached[:, :, None] + cost[None]
+        best = through.argmin(axis=1)
+        before.append(best)
+        reached = np.take_along_axis(through, best[:, None], axis=1)[:, 0]
+    if closed:
+        start = int(np.argmin(np.diag(reached)))
+        last, total = start, float(reached[start, start])
+    else:
+        start, last = 0, int(np.argmin(reached[0]))
+        total = float(reached[0, last])
+    options = [last]
+    for best in reversed(before):
+        options.append(int(best[start, options[-1]]))
+    options.reverse()
+    return total, options[:-1] if closed else options
+
 
 CRITERIA = ("time", "clearance", "torque", "robust")
 """The criteria for comparing bases."""

@@ -20,8 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from so101_motion.arm.arm import SCENE, Arm
-from so101_motion.arm.gripper import Gripper
-from so101_motion.arm.jaw_following import JawFollowing
+from so101_motion.arm.gripper import Gripper, JawFollowing
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import Interrupted, NotHolding, So101Error
 from so101_motion.common.modes import Mode

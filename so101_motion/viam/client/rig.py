@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -21,26 +21,189 @@ from typing import Any
 import numpy as np
 from grpclib import GRPCError, Status
 from viam.components.arm import Arm as ViamArm
+from viam.components.gripper import Gripper
 from viam.components.gripper import Gripper as ViamGripper
 from viam.robot.client import RobotClient
 
+from so101_motion.arm.arm import Arm
+from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
+from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.shared_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
-from so101_motion.common.attributes import suggest
-from so101_motion.common.errors import ConfigError, MachineRefused
+from so101_motion.common.attributes import checked_number, suggest
+from so101_motion.common.errors import ConfigError, MachineRefused, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
-from so101_motion.files.scene_file import scene_from
+from so101_motion.files.scene_file import arms_from, attached_from, obstacles_from, scene_from
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.viam.client.arm import MachineArm
-from so101_motion.viam.client.executor import MachineExecutor
-from so101_motion.viam.client.gripper import MachineGripper
-from so101_motion.viam.client.link import LOSSES, PATIENCE, Access
+from so101_motion.viam.client.executor import STOPPING, MachineExecutor
+from so101_motion.viam.client.link import LOSSES, PATIENCE, Access, Link
 from so101_motion.viam.client.machine import Machine
 from so101_motion.viam.client.reports import GripperReport, ask_arm, ask_gripper, next_state
+from so101_motion.viam.client.runner import MotionRunner
+from so101_motion.viam.conversion.world_state import UniqueNames, taken_in
+from so101_motion.viam.requests.commands import in_deg
+
+_LOOK = 0.05
+"""How often to ask whether the jaw has arrived, if its command did not wait [s]; chosen."""
+
+
+class MachineGripper(MotionRunner):
+    """Opens and closes the jaw. A new motion takes over from the one under way.
+
+    Args:
+        link: The connection to the machine.
+        find: Returns the gripper's client; raises ``MachineUnavailable`` or ``ConfigError`` without
+            one.
+        newest_report: Returns its last report.
+        look: Updates that.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        find: Callable[[], Gripper],
+        newest_report: Callable[[], GripperReport],
+        look: Callable[[], Awaitable[None]],
+    ) -> None:
+        super().__init__(link, look)
+        self._find, self._newest_report = find, newest_report
+
+    @property
+    def q_jaw(self) -> float:
+        """Measured jaw angle [rad], taken from the aperture over the jaw's full travel."""
+        return self.angle_of(self.aperture)
+
+    @property
+    def aperture(self) -> float:
+        """How far it is open: 0 closed, 1 open."""
+        return self._newest_report().aperture
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the jaw is moving."""
+        return self._newest_report().is_moving
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether it holds something, as far as it reports that."""
+        return self._newest_report().is_holding
+
+    def angle_of(self, aperture: float) -> float:
+        """The jaw angle [rad] that an aperture stands for, over the jaw's full travel."""
+        return JAW_CLOSED + aperture * (JAW_OPEN - JAW_CLOSED)
+
+    def move(self, aperture: float, *, wait: bool = True) -> Motion:
+        """Open or close to ``aperture``.
+
+        Raises:
+            ConfigError: Outside 0 to 1.
+        """
+        checked_number("aperture", aperture, lower=0.0, upper=1.0)
+        return self._send({"command": "set_position", "percentage": 100.0 * aperture}, wait)
+
+    def grab(self, aperture: float = 0.0, *, wait: bool = True) -> Motion:
+        """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
+
+        Args:
+            aperture: Ignored, because the machine decides itself what counts as closed.
+            wait: As for ``move``.
+        """
+        return self._send(None, wait)
+
+    def stop(self) -> None:
+        """Slow to rest; returns when the jaw is at rest. The arm is left alone."""
+        self.bring_to_rest("stop").result()
+
+    def _send(self, command: Mapping[str, Any] | None, wait: bool) -> Motion:
+        """Send ``command``, or a grab; the motion ends when the jaw rests."""
+
+        async def move() -> None:
+            gripper = self._find()
+            with self._link.asking("moving the jaw"):
+                if command is None:
+                    await gripper.grab()
+                else:
+                    await gripper.do_command(command)
+                await _rest(gripper)
+
+        motion = Motion()
+        running = motion.begin(lambda: self.begin(move), self.interrupt)
+        running.add_done_callback(motion.take_outcome)
+        if wait:
+            motion.result()
+        return motion
+
+    async def _brake(self) -> None:
+        try:
+            gripper = self._find()
+        except ConfigError:
+            return  # there is none, or none was chosen of several
+        with self._link.asking("stop"):
+            await gripper.stop(timeout=STOPPING)
+
+
+async def _rest(gripper: Gripper) -> None:
+    """Wait until a jaw rests; the command that moves it need not wait for that."""
+    while True:
+        if not await gripper.is_moving():
+            return
+        await asyncio.sleep(_LOOK)
+
+
+class MachineArm(Arm):
+    """The arm of a machine. ``set_speed`` and ``set_acceleration`` set the machine's as well."""
+
+    tell: Callable[[Mapping[str, Any]], object] | None = None
+    """Sends a request to the machine's arm; None if that arm has no such caps."""
+
+    surroundings: Callable[[], Mapping[str, Any]] = staticmethod(dict)
+    """What the machine has around the arm besides ``scene``, as it said last: ``obstacles`` and
+    ``attached`` as in a scene file, its other ``arms``, or why that is not known (``unknown``)."""
+
+    def set_speed(self, speed: float) -> None:
+        """See ``Arm.set_speed``; if the machine refuses, nothing changes."""
+        before = self._caps
+        super().set_speed(speed)
+        self._pass_on({"set_speed": in_deg(speed)}, before)
+
+    def set_acceleration(self, acceleration: float) -> None:
+        """See ``Arm.set_acceleration``; if the machine refuses, nothing changes."""
+        before = self._caps
+        super().set_acceleration(acceleration)
+        self._pass_on({"set_acceleration": in_deg(acceleration)}, before)
+
+    def _with_surroundings(self, scene: Scene) -> Scene:
+        told = self.surroundings()
+        if "unknown" in told:
+            raise MachineRefused("planning", "UNAVAILABLE", str(told["unknown"]))
+        names = UniqueNames(taken_in(scene))
+        obstacles = obstacles_from(told.get("obstacles", []), folder=None)
+        attached = attached_from(told.get("attached", []), folder=None)
+        return replace(
+            scene,
+            arms=(*scene.arms, *arms_from(told.get("arms", []))),
+            obstacles=(
+                *scene.obstacles,
+                *(replace(each, name=names.new(each.name)) for each in obstacles),
+            ),
+            attached=(
+                *scene.attached,
+                *(replace(each, name=names.new(each.name)) for each in attached),
+            ),
+        )
+
+    def _pass_on(self, request: Mapping[str, Any], before: JointCaps) -> None:
+        if self.tell is not None:
+            try:
+                self.tell(request)
+            except So101Error:
+                self._caps = before
+                raise
+
 
 BUSY, IDLE = 1.0 / 30.0, 0.1
 """Time between two readings of the machine's state, while something moves and at rest [s]. Chosen:

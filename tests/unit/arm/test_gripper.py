@@ -7,8 +7,7 @@ import pytest
 from harness.retarget import retarget
 
 from so101_motion.arm import gripper as gripper_module
-from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
-from so101_motion.arm.jaw_following import JawFollowing
+from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper, JawFollowing
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import (
     BusError,

@@ -6,8 +6,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.cli.error_exit import reports_errors
-from so101_motion.cli.error_text import parted
+from so101_motion.cli.error_exit import parted, reports_errors
 from so101_motion.cli.shared import DEBUG
 from so101_motion.cli.sources import MachineSource, Source, any_source_options, with_caps
 from so101_motion.cli.verbs import main

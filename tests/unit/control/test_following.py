@@ -9,8 +9,7 @@ from harness.retarget import retarget
 from so101_motion.common.errors import ConfigError, FollowingError, Interrupted, MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.control.approach import CATCH_UP, EASE, GATE, Approach
-from so101_motion.control.expected_acceleration import KNOWN_JERK
-from so101_motion.control.following import STALE_AFTER, Following
+from so101_motion.control.following import KNOWN_JERK, STALE_AFTER, Following
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.planning.timing import online

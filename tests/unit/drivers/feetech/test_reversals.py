@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from so101_motion.drivers.feetech.goal_compensation import Reversals
 from so101_motion.drivers.feetech.lag_compensation import DELAY
-from so101_motion.drivers.feetech.reversals import Reversals
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.servo_types import ServoFigures
 

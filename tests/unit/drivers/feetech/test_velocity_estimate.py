@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
-from so101_motion.drivers.feetech.velocity_estimate import WINDOW, VelocityEstimate
+from so101_motion.drivers.feetech.joint_estimate import WINDOW, VelocityEstimate
 
 
 def test_a_steady_movement_has_its_velocity():

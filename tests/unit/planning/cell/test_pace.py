@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from so101_motion.common.geometry import SE3, rot_z
-from so101_motion.planning.cell.pace import FAR, SHARE, PacedArm, pace_on
+from so101_motion.planning.cell.together import FAR, SHARE, PacedArm, pace_on
 from so101_motion.planning.collision.apart import EARLY, ROOM, distances
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.timing.path_geometry import blended_path

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from so101_motion.planning.differential.moving_average import MovingAverage
+from so101_motion.planning.differential.servo import MovingAverage
 from so101_motion.planning.timing.limits import MotionLimits
 
 DT = 0.01

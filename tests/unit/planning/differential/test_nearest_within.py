@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from so101_motion.planning.differential.nearest_within import MOST, BoundedStep
+from so101_motion.planning.differential.guard import MOST, BoundedStep
 
 nearest = BoundedStep().nearest
 

@@ -27,7 +27,7 @@ from so101_motion.tasks.sweeps import (
     task_text,
     write_placement,
 )
-from so101_motion.tasks.sweeps.cheapest_cycle import cheapest, least_time
+from so101_motion.tasks.sweeps.mounted_arm import cheapest, least_time
 from so101_motion.tasks.sweeps.placement_task import task_from
 
 DOWN = {"approach": [0, 0, -1], "approach_tolerance_deg": 15}
