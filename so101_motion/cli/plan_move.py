@@ -74,7 +74,8 @@ def _goal_options(verb: F) -> F:
     @click.option(
         "--leave-contact",
         is_flag=True,
-        help="The goal is to be free: leave the table or an obstacle slowly and straight.",
+        help="The goal is to be free: leave the table or an obstacle slowly and straight."
+        " In a surface of which the inside is not known this may lead deeper.",
     )
     @click.option(
         "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles around the arm."

@@ -288,7 +288,8 @@ class LeaveContactGoal:
     """Leave contact by a slow straight joint motion, and stop as soon as the arm is free.
 
     For an arm below the modelled table, or inside an obstacle that is not really there. Every other
-    goal is refused if more than a small motion is needed to get free.
+    goal is refused if more than a small motion is needed to get free, or the arm is in a surface of
+    which the inside is not known; the way out of that may lead deeper.
 
     Attributes:
         farthest: Longest motion of any point of the arm [m].

@@ -33,7 +33,7 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.batch_check import BOUND, NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
-from so101_motion.planning.collision.collision import ClosePair, CollisionModel
+from so101_motion.planning.collision.collision import BACK_OUT, ClosePair, CollisionModel
 from so101_motion.planning.collision.course import NearArms
 from so101_motion.planning.collision.following_apart import GAP
 from so101_motion.planning.native.library import native
@@ -122,8 +122,6 @@ a hand of 2 N m, went 5 mm farther than that in the median, and 9 mm at most."""
 PLACES = 4
 """Approximate number of samples of a path at which it is checked whether bodies part; chosen."""
 
-_BACK_OUT = "how deep is not known, so let it back out slowly, or lead it by hand"
-
 _CLOSER = 1e-6
 """How much closer pairs that are too close already may come in one path [m]: rounding."""
 
@@ -209,7 +207,7 @@ class Guard:
             pairs = self._rows[:, 0].astype(int)
             self._stuck_in = self._collision.unknown(pairs, self._rows[:, 1])
             called = map(self._called, pairs[self._stuck_in])
-            self.stuck = tuple(f"{a} in contact with {b}: {_BACK_OUT}" for a, b in called)
+            self.stuck = tuple(f"{a} in contact with {b}: {BACK_OUT}" for a, b in called)
 
     def within_reach(self, q: Array, q_target: Array, others: Sequence[NearArms] = ()) -> Array:
         """The configuration nearest to a target that is probably free, shape (5,), [rad].

@@ -12,6 +12,9 @@ harmless one with the least motion is taken. If there is none, moves of all join
 proportions are tried, then the shortest out of solids that are not convex, because the distance
 from their surface may grow on the way out. The planner makes this motion slowly and plans from its
 end.
+
+An arm in a surface of which the inside is not known is left there, unless a longer motion was asked
+for (``LeaveContactGoal``): every way out may lead deeper into what nobody has seen.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ import numpy as np
 
 from so101_motion.common.errors import InCollision
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.collision import BACK_OUT, CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
 
 OUTSIDE = 2.0 * math.pi / 4096.0
@@ -75,6 +78,18 @@ def find_departure(
     Raises:
         InCollision: There is none; the message says what the arm touches.
     """
+    in_surface = collision.unknown(
+        np.arange(len(collision.pairs)), collision.distances(q_start, q_jaw)
+    )
+    if farthest <= FARTHEST and in_surface.any():
+        first, second = collision.pairs[int(np.argmax(in_surface))]
+        called = collision.scene.called(second)
+        raise InCollision(
+            f"at the start {collision.scene.called(first)} is in contact with {called}: {BACK_OUT}",
+            first=first,
+            second=second,
+            where="start",
+        )
     inside = np.clip(q_start, model.lower, model.upper)
     random = np.random.default_rng(seed).standard_normal((_RANDOM_DIRECTIONS, 5))
     plain = [*(q - inside for q in towards), -inside, *np.eye(5), *-np.eye(5)]

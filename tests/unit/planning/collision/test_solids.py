@@ -1,11 +1,13 @@
 """Meshes and clouds are as solid as a box, and what they do not enclose has no depth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from harness.coal_check import CoalJudge
 
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, InCollision
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import (
@@ -20,7 +22,7 @@ from so101_motion.planning.collision.scene import (
 from so101_motion.planning.differential.guard import Guard
 from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.differential.targets import Twist
-from so101_motion.planning.goals import LeaveContactGoal
+from so101_motion.planning.goals import JointGoal, LeaveContactGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
@@ -81,11 +83,13 @@ def test_what_the_arm_is_deep_in_can_be_left(sides):
     assert not collision.is_free(np.zeros(5))
     assert ("in contact with" in closest.message()) == (sides == "front")
     limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
-    goal = LeaveContactGoal()
-    plan = Planner(MODEL).plan(
-        PlanRequest(q_start=np.zeros(5), goal=goal, limits=limits, scene=around)
-    )
-    assert collision.is_free(plan.q_goal)
+    request = PlanRequest(q_start=np.zeros(5), goal=LeaveContactGoal(), limits=limits, scene=around)
+    assert collision.is_free(Planner(MODEL).plan(request).q_goal)
+    if sides == "front":
+        with pytest.raises(InCollision, match="'block': how deep is not known, so lead it out by"):
+            Planner(MODEL).plan(
+                replace(request, goal=JointGoal(q=np.array([1.5, -1.0, 0.5, 0.5, 0.0])))
+            )
 
 
 def test_the_room_the_arm_stands_in_is_not_solid():
