@@ -16,7 +16,7 @@ from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_D
 from so101_motion.common.errors import ConfigError, OutsideLimits
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg, to_rad
+from so101_motion.common.units import range_deg, to_deg, to_rad
 from so101_motion.planning.timing.limits import MotionLimits
 
 JERK_TIME = 0.1
@@ -188,7 +188,7 @@ class JointRange(NamedTuple):
             value, lower, upper = (float(each[i]) for each in (q, self.lower, self.upper))
             raise OutsideLimits(
                 f"{ARM_JOINTS[i]} at {to_deg(value):.2f} deg is outside its calibrated range,"
-                f" {to_deg(lower):.2f} to {to_deg(upper):.2f} deg; choose a value between them, or"
+                f" {range_deg(lower, upper)} deg; choose a value between them, or"
                 " calibrate the arm again",
                 joint=ARM_JOINTS[i],
                 value=value,

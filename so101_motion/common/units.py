@@ -32,3 +32,14 @@ def to_m(length_mm: FloatOrArray) -> FloatOrArray:
 def to_mm(length: FloatOrArray) -> FloatOrArray:
     """Millimetres from metres."""
     return length * 1000.0
+
+
+def range_deg(lower: float, upper: float, digits: int = 2) -> str:
+    """A range of angles [rad] in degrees, rounded inwards: both ends that are shown can be reached.
+
+    A bound that is within 1e-9 deg of a rounded number is that number.
+    """
+    scale = 10.0**digits
+    least = math.ceil(scale * to_deg(lower) - 1e-9) / scale if lower > -math.inf else lower
+    most = math.floor(scale * to_deg(upper) + 1e-9) / scale if upper < math.inf else upper
+    return f"{least:.{digits}f} to {most:.{digits}f}"

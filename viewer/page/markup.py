@@ -6,6 +6,7 @@ and messages may come from configurations and devices.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -54,6 +55,9 @@ class Gauge:
         share = (self.value - self.lower) / (self.upper - self.lower)
         return min(max(share, 0.0), 1.0)
 
+
+ROUNDED = 0.01
+"""A limit so near to a whole number is shown as that; others are rounded inwards [deg, %]."""
 
 _SHORT = 100
 """Sentences up to this many letters fit; longer ones may have to be scrolled, by keys too."""
@@ -327,7 +331,8 @@ def gauges(items: Iterable[Gauge]) -> str:
 def _gauge(gauge: Gauge) -> str:
     near = gauge.warns and min(gauge.share, 1.0 - gauge.share) < NEAR_LIMIT
     color = "#e03131" if near else "#f08c00"
-    ends = f"{gauge.lower:.0f} to {gauge.upper:.0f} {gauge.unit}"
+    least, most = math.ceil(gauge.lower - ROUNDED), math.floor(gauge.upper + ROUNDED)
+    ends = f"{least} to {most} {gauge.unit}"
     limit = "position:absolute;top:.75em;font-size:.72em;line-height:1;color:var(--so101-dim)"
     return (
         f'<div title="{escape(gauge.name)}: {escape(ends)}" style="display:grid;'
@@ -336,8 +341,8 @@ def _gauge(gauge: Gauge) -> str:
         '<span style="height:.45em;border-radius:.25em;background:#8884;position:relative">'
         f'<i style="position:absolute;left:calc({100.0 * gauge.share:.1f}% - .2em);top:-.2em;'
         f'width:.4em;height:.85em;border-radius:.2em;background:{color}"></i>'
-        f'<small style="{limit};left:0">{gauge.lower:.0f}</small>'
-        f'<small style="{limit};right:0">{gauge.upper:.0f}</small></span>'
+        f'<small style="{limit};left:0">{least}</small>'
+        f'<small style="{limit};right:0">{most}</small></span>'
         '<span style="text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap">'
         f"{_no_minus_zero(gauge.value)} {escape(gauge.unit)}</span></div>"
     )

@@ -15,7 +15,7 @@ import numpy as np
 from so101_motion.common.errors import OutsideLimits, Unreachable
 from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg, to_mm, to_rad
+from so101_motion.common.units import range_deg, to_deg, to_mm, to_rad
 from so101_motion.planning.collision.collision import Clearance, CollisionModel
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import GoalMetric, JointGoal, PoseGoal
@@ -267,8 +267,8 @@ def _out_of_reach(error: Unreachable) -> str:
 
 def _beyond(error: OutsideLimits) -> str:
     assert error.joint in ARM_JOINTS
-    value, lower, upper = (to_deg(each) for each in (error.value, error.lower, error.upper))
-    return f"{error.joint} would be at {value:.1f}°; its range is {lower:.1f}° to {upper:.1f}°."
+    value, between = to_deg(error.value), range_deg(error.lower, error.upper)
+    return f"{error.joint} would be at {value:.2f}°; its range is {between}°."
 
 
 def _collides(pair: tuple[str, str]) -> str:

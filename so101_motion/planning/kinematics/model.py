@@ -27,7 +27,7 @@ from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError, OutsideLimits
 from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
-from so101_motion.common.units import to_deg
+from so101_motion.common.units import range_deg, to_deg
 
 LINKS = tuple(so101_description.PARTS)
 """The seven links by their names in the URDF, from the base outwards."""
@@ -303,8 +303,7 @@ class RobotModel:
         lower, upper = float(self.lower[i]), float(self.upper[i])
         raise OutsideLimits(
             f"{ARM_JOINTS[i]} = {to_deg(value):.2f} deg is outside its {self._bounds} "
-            f"{math.ceil(100.0 * to_deg(lower)) / 100.0:.2f} to "
-            f"{math.floor(100.0 * to_deg(upper)) / 100.0:.2f} deg; choose a value between them",
+            f"{range_deg(lower, upper)} deg; choose a value between them",
             joint=ARM_JOINTS[i],
             value=value,
             lower=lower,

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from so101_motion.common.errors import OutsideLimits
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg
+from so101_motion.common.units import range_deg, to_deg
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 
@@ -161,7 +161,7 @@ def _out_of_range(
     value = high if high - ceiling > floor - low else low
     return OutsideLimits(
         f"{_joint(i, trajectory.n)} would go to {to_deg(value):.2f} deg, its limits are"
-        f" {to_deg(floor):.2f} to {to_deg(ceiling):.2f} deg; choose a path or a goal inside them",
+        f" {range_deg(floor, ceiling)} deg; choose a path or a goal inside them",
         joint=_joint(i, trajectory.n),
         value=value,
         lower=floor,

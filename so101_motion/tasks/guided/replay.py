@@ -27,7 +27,7 @@ from so101_motion.arm.gripper import Gripper
 from so101_motion.common.errors import ConfigError, InCollision, OutsideLimits, PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg, to_rad
+from so101_motion.common.units import range_deg, to_deg, to_rad
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
 from so101_motion.planning.goals import JointGoal, PathGoal
@@ -147,7 +147,7 @@ def _within_range(arm: Arm, path: GuidedPath, tolerance: float) -> GuidedPath:
         raise OutsideLimits(
             f"{path.t[k]:.1f} s into the recording {ARM_JOINTS[i]} is at"
             f" {to_deg(float(path.q[k, i])):.1f} deg, but this arm goes from"
-            f" {to_deg(float(lower[i])):.1f} to {to_deg(float(upper[i])):.1f} deg; show it again"
+            f" {range_deg(float(lower[i]), float(upper[i]), 1)} deg; show it again"
             " with this arm",
             joint=ARM_JOINTS[i],
             value=float(path.q[k, i]),

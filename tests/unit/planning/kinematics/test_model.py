@@ -1,10 +1,12 @@
 import math
+import re
 import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
 from so101_description import URDF_PATH
 
+from so101_motion.arm.joint_caps import JointRange
 from so101_motion.common.errors import ConfigError, OutsideLimits
 from so101_motion.common.geometry import SE3, rotation_angle
 from so101_motion.planning.kinematics.model import LINKS, RobotModel
@@ -167,3 +169,19 @@ def test_a_missing_file_and_a_stranger_are_refused(tmp_path):
     robot.write(tmp_path / "stranger.urdf")
     with pytest.raises(ConfigError, match="exactly the joints shoulder_pan"):
         RobotModel.load(tmp_path / "stranger.urdf")
+
+
+def test_limits_are_shown_so_that_both_ends_can_be_reached(model):
+    calibrated = JointRange(model.lower + 0.1234, model.upper - 0.1234)
+    for check, lower, upper in (
+        (model.check_limits, model.lower, model.upper),
+        (calibrated.check, *calibrated),
+    ):
+        for i in range(5):
+            with pytest.raises(OutsideLimits) as caught:
+                check(4.0 * np.eye(5)[i])
+            shown = re.findall(r"-?\d+\.\d\d", str(caught.value))[1:]
+            for end, inside in zip(shown, (lower[i], -upper[i]), strict=True):
+                sign = 1.0 if inside == lower[i] else -1.0
+                assert sign * math.radians(float(end)) >= inside - math.radians(1e-4)
+                assert check(math.radians(float(end)) * np.eye(5)[i]) is None

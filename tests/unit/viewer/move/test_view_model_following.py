@@ -65,7 +65,7 @@ def test_one_joint_turns_the_ghost_and_leaves_the_others(page: ViewModel) -> Non
     page.set_target_joint(4, 2.1)
     assert (
         page.screen().sentence.text
-        == "wrist_roll would be at 120.3°; its range is -114.6° to 114.6°."
+        == "wrist_roll would be at 120.32°; its range is -114.59 to 114.59°."
     )
     assert not page.screen().can_plan
 

@@ -64,7 +64,7 @@ def test_every_frame_of_the_hand_can_be_brought_to_a_point(
 def test_joint_angles_outside_the_limits_name_the_joint(solver: TargetSolver) -> None:
     target = solver.at_joints(np.array([0.0, 0.0, 3.0, 0.0, 0.0]), "tool", q_jaw=0.0)
     assert target.problem is not None
-    assert target.problem.startswith("elbow_flex would be at 171.9°; its range is ")
+    assert target.problem.startswith("elbow_flex would be at 171.89°; its range is ")
 
 
 def test_an_arm_that_was_calibrated_for_less_is_aimed_within_less() -> None:
