@@ -319,6 +319,8 @@ def _read_ply(data: bytes) -> plyfile.PlyData:
 
 def _ply(data: bytes) -> tuple[Array, Any]:
     file = _read_ply(data)
+    if "face" not in file:
+        raise ValueError("it holds no faces; export triangles")
     face = file["face"]
     names = [each.name for each in face.properties]
     corners = face[next(name for name in ("vertex_indices", "vertex_index") if name in names)]
@@ -433,6 +435,8 @@ def _refuse_unread(head: dict[str, Any]) -> None:
     needed = [e for e in head.get("extensionsRequired", []) if not e.startswith(_DRAWN)]
     if needed:
         raise ValueError(f"it needs {', '.join(needed)}; export it without compression")
+    if any(not e.get("uri", "data:").startswith("data:") for e in head.get("buffers", [])):
+        raise ValueError("its numbers are in other files; export GLB")
     if any(p.get("mode") == 6 for mesh in head.get("meshes", []) for p in mesh["primitives"]):
         raise ValueError("it holds fans; export triangles")
 

@@ -348,3 +348,16 @@ def test_3mf_without_networkx_says_what_to_export(monkeypatch):
     monkeypatch.setattr(trimesh, "available_formats", lambda: {"glb"})
     with pytest.raises(ConfigError, match="export STL or GLB"):
         file_mesh("3mf", inches())
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "says"),
+    [
+        ("gltf", b'{"asset": {"version": "2.0"}, "buffers": [{"uri": "p.bin"}]}', "export GLB"),
+        ("ply", b"ply\nformat ascii 1.0\nelement tristrips 0\nproperty list uchar int "
+                b"vertex_indices\nend_header\n", "holds no faces; export triangles"),
+    ],
+)  # fmt: skip
+def test_what_is_elsewhere_or_no_face_is_refused_with_what_to_export(kind, data, says):
+    with pytest.raises(ConfigError, match=says):
+        file_mesh(kind, data)
