@@ -173,13 +173,6 @@ class ArmStructure:
         }
         self.rolled = lru_cache(maxsize=256)(self._rolled)
 
-    def can_reach(self, p_base: Point, frame: str) -> bool:
-        """Quick check whether the arm is long enough for a point; True may be wrong."""
-        m = self.measures
-        ahead = hypot(p_base[0] - m.pan[0], p_base[1] - m.pan[1]) - abs(m.shoulder[0])
-        height = p_base[2] - m.shoulder[1]
-        return hypot(max(ahead, 0.0), height) < self._longest[frame]
-
     def longest(self, frame: str) -> float:
         """Upper bound on the distance of a frame from the shoulder [m]."""
         return self._longest[frame]

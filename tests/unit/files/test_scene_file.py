@@ -128,6 +128,19 @@ def test_a_mesh_file_is_read_in_millimetres(tmp_path):
             "numbers of vertices",
         ),
         ({"margin_mm": 0}, '"margin_mm"'),
+        ({"floor_z_mm": 10**400}, "floor_z_mm"),
+        ({"margin_mm": 10**400}, "margin_mm"),
+        ({"obstacles": [{"name": "a", "points_mm": [[10**400, 0, 0]]}]}, "points_mm"),
+        ({"obstacles": [{"name": "a", "box_mm": [10**400, 1, 1]}]}, "box_mm"),
+        (
+            {
+                "obstacles": [
+                    {"name": "a", "vertices_mm": [[0, 0, 0]], "triangles": [[10**400, 0, 0]]}
+                ]
+            },
+            "triangles",
+        ),
+        ({"obstacles": [{"name": "a", "sphere_radius_mm": 1, "position_mm": [1e308, 0, 0]}]}, "a"),
     ],
 )
 def test_invalid_input_is_refused_in_a_sentence(content, says):
@@ -181,24 +194,6 @@ def test_a_full_disk_leaves_a_scene_as_it_was(tmp_path, monkeypatch):
         write_scene(Scene(), file)
     assert read_scene(file).floor_z is None
     assert os.listdir(tmp_path) == ["scene.json"]
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        {"floor_z_mm": 10**400},
-        {"margin_mm": 10**400},
-        {"obstacles": [{"name": "a", "points_mm": [[10**400, 0, 0]]}]},
-        {"obstacles": [{"name": "a", "box_mm": [10**400, 1, 1]}]},
-        {"obstacles": [{"name": "a", "vertices_mm": [[0, 0, 0]], "triangles": [[10**400, 0, 0]]}]},
-        {"obstacles": [{"name": "a", "vertices_mm": [[0, 0, 0]], "triangles": [[1e308, 0, 0]]}]},
-        {"obstacles": [{"name": "a", "sphere_radius_mm": 1, "position_mm": [1e308, 0, 0]}]},
-    ],
-    ids=str,
-)
-def test_whole_numbers_beyond_all_floats_are_refused(content):
-    with pytest.raises(ConfigError):
-        scene_from(content)
 
 
 def test_other_arms_can_be_written_and_read_back():
