@@ -45,6 +45,9 @@ RIB = 0.0125
 SHALLOW = 1e-4
 """Depth of a body that is only in the outer half of a solid's outermost cells [m]; chosen."""
 
+TOUCHING = 1e-6
+"""A convex solid that is no farther away than this is touched [m]: coal's tolerance."""
+
 HALFWAY = 0.5
 """Halfway through a wall the depth grows by less than this per distance; chosen."""
 
@@ -378,7 +381,8 @@ def _depth_in(hull: Any, body: Any, R: Array, p: Array) -> Depth | None:
     """How deep a convex body placed by R and p [m] is in a hull, both coal's."""
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     coal.distance(body, coal.Transform3s(R, p), hull, coal.Transform3s(), request, result)
-    if result.min_distance >= 0.0:
+    if result.min_distance > TOUCHING:
         return None
     first, second = (np.array(e()) for e in (result.getNearestPoint1, result.getNearestPoint2))
-    return Depth(-float(result.min_distance), first, second, np.array(result.normal))
+    depth = max(-float(result.min_distance), 1e-12)  # 0 would be: not known
+    return Depth(depth, first, second, np.array(result.normal))
