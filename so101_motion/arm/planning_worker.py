@@ -12,10 +12,12 @@ dies or hangs is replaced, and what it was asked is asked again, once.
 One child is enough for an arm. For many plans, ask for as many as there are processors: each takes
 the next request as soon as it has answered the one before.
 
-Arms that share a worker do not wait for each other, nor does an easy request for a hard one: while
-the child is busy, a copy of it takes the next request, in parallel, and ends when it has nothing to
-do. Measured here: a copy takes 6 ms and, after ten seconds of search, 4 MB; a further child 650 ms
-and 62 MB. Each arm has at most ``SHARE`` plans made at a time; its further ones wait for these.
+Arms that share a worker do not wait for each other, nor does an easy request for a hard one: copies
+of the child make the plans, in parallel, and the child itself only makes copies, at once because it
+sleeps; one that searches takes up to a second on a busy computer. One copy waits for the next
+request, others end when they have nothing to do. Measured here: a copy takes 6 ms and, after ten
+seconds of search, 4 MB; a further child 650 ms and 62 MB. Each arm has at most ``SHARE`` plans made
+at a time; its further ones wait for these.
 
 The child's end is ``planning_child.py``; between the two, ``planning_process.py`` and
 ``plan_messages.py``.
@@ -92,7 +94,7 @@ class PlanningWorker:
     Args:
         hang_timeout: After how long without a sign of life a child hangs [s].
         workers: How many processes at the most; each takes 150 MB.
-        copies: Whether further requests are taken by copies while all of these are busy.
+        copies: Whether copies of the first one make the plans, as many as are asked for.
 
     Raises:
         ConfigError: ``workers`` is less than 1.
@@ -210,7 +212,8 @@ class PlanningWorker:
                 outcome = error
             with self._lock:
                 self._owners -= Counter((asked.owner,))
-                if not slot.is_copy:
+                is_kept = not slot.is_copy or not any(each.is_copy for each in self._idle)
+                if is_kept:
                     self._idle.append(slot)
                 taken = self._next()
             if not asked.answer.set_running_or_notify_cancel():
@@ -219,7 +222,7 @@ class PlanningWorker:
                 asked.answer.set_exception(outcome)
             else:
                 asked.answer.set_result(outcome)
-            if slot.is_copy:  # a new one costs less than the memory of one that waits
+            if not is_kept:  # a new one costs less than the memory of one that waits
                 slot.close()
                 with self._lock:
                     self._slots.remove(slot)
@@ -244,9 +247,11 @@ class PlanningWorker:
         first = self._slots[0]
         if self._copies and self._owners[asked.owner] >= SHARE:
             return None
-        if self._idle:
-            return self._idle.pop()  # the one used last is warm
         copies = self._copies and asked.request is not None and first.is_ready
+        for slot in reversed(self._idle):  # the one used last is warm
+            if slot is not first or not (copies and CAN_COPY):
+                self._idle.remove(slot)
+                return slot
         if not copies or len(self._slots) >= _MOST_CHILDREN:
             return None
         self._slots.append(_ChildSlot(self._hang_timeout, self._begin_more, first))
@@ -279,9 +284,9 @@ class _ChildSlot:
 
     @property
     def is_ready(self) -> bool:
-        """Whether its child has loaded everything."""
+        """Whether its child has loaded everything, and lives."""
         process = self._process
-        return process is not None and process.is_ready
+        return process is not None and process.is_ready and process.pid is not None
 
     @property
     def is_copy(self) -> bool:

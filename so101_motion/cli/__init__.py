@@ -20,7 +20,9 @@ def main() -> None:
 
         with interrupts.held():  # click prints and exits in its own way; verbs are interrupted
             so101(prog_name="so101")
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Exception) as error:
+        if not (interrupts.first() or isinstance(error, KeyboardInterrupt)):
+            raise
         print(f"ended by {interrupts.first() or 'Ctrl-C'}; nothing moved", file=sys.stderr)
         sys.exit(130)  # as ``error_exit.py`` has it, which may not have been imported
     finally:

@@ -145,30 +145,29 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
         yield
         if interrupts.first():  # such as teleoperation, which Ctrl-C ends in order
             raise KeyboardInterrupt
-    except So101Error as error:
-        if interrupts.first():
-            _print_interrupted(str(error), as_json=as_json)
+    except BaseException as error:
+        if interrupts.first() or isinstance(error, KeyboardInterrupt):
+            # Whatever else it is came of the signal: libraries catch it while they are imported.
+            told = str(error) if isinstance(error, So101Error | KeyboardInterrupt) else ""
+            _print_interrupted(told, as_json=as_json)
+        _tell(error, as_json=as_json)
+        raise
+
+
+def _tell(error: BaseException, *, as_json: bool) -> None:
+    """Print an error, unless click or the verb does; ``SystemExit`` with the code of ours."""
+    if isinstance(error, So101Error):
         code = next((code for kind, code in _EXIT_CODES if isinstance(error, kind)), 1)
         _print_error(parted(error), code, as_json=as_json, name=type(error).__name__)
         raise SystemExit(code) from error
-    except KeyboardInterrupt as ended:
-        _print_interrupted(str(ended), as_json=as_json)
-    except SystemExit as end:  # the verb has printed why
-        if interrupts.first():
-            _print_interrupted("", as_json=as_json)
-        if isinstance(end.code, int) and end.code:
-            _print_for_programs(_by_code(end.code), end.code, as_json=as_json)
-        raise
-    except click.ClickException as error:
+    if isinstance(error, SystemExit):  # the verb has printed why
+        if isinstance(error.code, int) and error.code:
+            _print_for_programs(_by_code(error.code), error.code, as_json=as_json)
+    elif isinstance(error, click.ClickException):
         _print_for_programs(_misused(error), error.exit_code, as_json=as_json)
-        raise
-    except (click.Abort, click.exceptions.Exit, BrokenPipeError):
-        if interrupts.first():  # while a question was asked
-            _print_interrupted("", as_json=as_json)
-        raise  # click handles these; a closed pipe ends the verb without a message
-    except Exception as error:
-        if os.environ.get(DEBUG):
-            raise
+    elif isinstance(error, click.Abort | click.exceptions.Exit | BrokenPipeError):
+        pass  # click handles these; a closed pipe ends the verb without a message
+    elif isinstance(error, Exception) and not os.environ.get(DEBUG):
         _print_error(_unexpected(error), 1, as_json=as_json, name=type(error).__name__)
         raise SystemExit(1) from error
 

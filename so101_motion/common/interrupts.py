@@ -1,7 +1,8 @@
 """Ctrl-C, SIGTERM and SIGHUP in a program: none is lost, and none cuts short what ends the program.
 
 ``listen`` is called first. The first signal raises ``KeyboardInterrupt`` in the main thread. Code
-that swallows it, such as a callback during an import, gets another one 0.2 s later. While a
+that swallows it, such as a callback, gets another one 0.2 s later. An import ends first: libraries
+take any exception in it for a part that is missing, or crash. While a
 ``KeyboardInterrupt`` is handled, in an ``except`` or ``finally`` or at the end of a ``with``, more
 signals raise nothing, and neither do they in a block of ``held`` or after ``taken``. So motions
 come to rest and ports are closed however often Ctrl-C is pressed. A program that has not ended
@@ -23,6 +24,8 @@ from types import FrameType
 
 _REPEAT = 0.2  # [s] between two attempts to raise
 _PATIENCE = 10.0  # [s] for the end of the program after the first signal
+
+_IMPORT = "<frozen importlib._bootstrap>"
 
 _NAMES = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "the end of the terminal (SIGHUP)"}
 
@@ -51,7 +54,7 @@ class _Interrupts:
         self.raise_once()
 
     def raise_once(self) -> None:
-        if self.first and not (self.holds or self.is_taken or _is_handled()):
+        if self.first and not (self.holds or self.is_taken or _is_handled() or _imports()):
             raise KeyboardInterrupt
 
 
@@ -131,3 +134,11 @@ def _is_handled() -> bool:
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
     return error is not None
+
+
+def _imports() -> bool:
+    """Whether the main thread, which calls this, is importing a module."""
+    frame: FrameType | None = sys._getframe()
+    while frame is not None and frame.f_code.co_filename != _IMPORT:
+        frame = frame.f_back
+    return frame is not None

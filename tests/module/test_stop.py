@@ -53,13 +53,15 @@ def point(x, y, z):
 @contextmanager
 def hung_planner(arm):
     """The planning process does nothing, as one that computes for long."""
-    (pid,) = arm.rig.planner.pids
-    os.kill(pid, signal.SIGSTOP)
+    pids = arm.rig.planner.pids
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)
     try:
         yield
     finally:
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGCONT)
+        for pid in pids:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
 
 
 @asynccontextmanager
