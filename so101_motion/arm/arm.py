@@ -33,7 +33,7 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import lent_out
+from so101_motion.common.state import in_fault, lent_out
 from so101_motion.common.units import to_deg
 from so101_motion.control.approach import APPROACH, GATE
 from so101_motion.control.cartesian_jog import Jog
@@ -442,7 +442,7 @@ class Arm(PlannedArm):
         if state.lent_to is not None:
             raise MotionError(lent_out(state.lent_to))
         if state.mode is Mode.FAULT:
-            raise NotHolding(f"the arm is in a fault: {state.fault}; clear it, then hold again")
+            raise NotHolding(in_fault(state.fault))
         return self.is_movable_by_hand
 
 

@@ -111,6 +111,13 @@ class JointState:
         return self.reading.q_jaw
 
 
+def in_fault(fault: str | None) -> str:
+    """The message that an arm in a fault moves nothing before it is told to hold again."""
+    told = (fault or "").removesuffix(", then let the arm hold again").rstrip(".")
+    then = "clear it, then let the arm hold again (set_torque, or Hold on the page)"
+    return f"the arm is in a fault: {told}; {then}"
+
+
 def lent_out(purpose: str) -> str:
     """The message that nothing can be moved while the bus is lent for ``purpose``."""
     return f"the servos are in use for {purpose}; finish or abort that first"

@@ -25,7 +25,14 @@ from so101_motion.common.errors import (
     So101Error,
 )
 from so101_motion.common.modes import HELD, Event, Mode, after, can, refusal
-from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, JointState, lent_out
+from so101_motion.common.state import (
+    ARM_JOINTS,
+    GRIPPER_JOINT,
+    JointReading,
+    JointState,
+    in_fault,
+    lent_out,
+)
 from so101_motion.control.channel_player import ChannelPlayer
 from so101_motion.control.following import Following
 from so101_motion.control.joint_driver import JointDriver
@@ -406,7 +413,7 @@ class JointController:
             return
         self._refuse_lent()
         if self.mode is Mode.FAULT:
-            raise NotHolding(f"the arm is in a fault: {self._fault}; clear it, then hold again")
+            raise NotHolding(in_fault(self._fault))
         silent = sorted(self.state.reading.unanswered) if self.state else []
         if self.mode is Mode.LIMP and silent:
             raise NotHolding(_silent(silent))

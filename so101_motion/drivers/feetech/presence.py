@@ -140,6 +140,12 @@ def missing_servos(
             f"{bus.port.name} is there but no servo answers; check that the arm's power supply is"
             " on and that the first cable is plugged into the adapter"
         )
+    elif max(missing) < min(others) and (beyond := _answer_beyond(bus, missing, others)):
+        message = (
+            f"the ids run from {min(others)} to {beyond}, not from {first} to {max(others)}, so"
+            " each servo has the id of another joint. Run so101 setup --start-over, then so101"
+            " calibrate"
+        )
     else:
         names = ", ".join(bus.label(servo_id) for servo_id in missing)
         if first - 1 in others and not any(servo_id > first for servo_id in others):
@@ -148,3 +154,9 @@ def missing_servos(
             where = "its cable and that it has the right id"
         message = f"no reply from {names}; the others answer. Check {where}"
     return NoReply(message, servo_id=first, register="present_position")
+
+
+def _answer_beyond(bus: Bus, missing: Sequence[int], others: Collection[int]) -> int:
+    """The last of as many servos after the others as are missing before them; 0 if not all are."""
+    beyond = [max(others) + k for k in range(1, len(missing) + 1)]
+    return beyond[-1] if bus.answering(beyond, tries=1) == beyond else 0

@@ -1,4 +1,5 @@
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,8 +8,17 @@ from harness.servo_stand import ELBOW, JAW, heavy, weightless
 from so101_motion.common.errors import NoReply, PortUnavailable, ServoFault
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
+from so101_motion.drivers.feetech.presence import missing_servos
 
 # Silence
+
+
+@pytest.mark.parametrize(
+    ("answering", "told"), [([7], "the ids run from 2 to 7, not from 1 to 6"), ([], "no reply")]
+)
+def test_ids_that_begin_at_another_number_are_told_apart_from_a_silent_servo(answering, told):
+    bus = SimpleNamespace(answering=lambda ids, tries: answering, label=str)
+    assert str(missing_servos(bus, [1], range(2, 7))).startswith(told)
 
 
 def test_a_dead_servo_is_reported_once_by_name_and_the_others_go_on(stand):
