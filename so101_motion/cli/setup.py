@@ -200,7 +200,7 @@ def _walk(
 
 def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> None:
     """Serve the setup page until Ctrl-C, which undoes a running calibration on a port."""
-    from so101_motion.cli.shared import import_preview, quietly
+    from so101_motion.cli.shared import import_preview, quietly, tell_torque
 
     viewer = import_preview()
     with ExitStack() as stack:
@@ -224,6 +224,8 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
         try:
             keep_open(stack.enter_context(served), page)
         except KeyboardInterrupt:
+            if port is not None and machine is None:
+                tell_torque(port)
             raise KeyboardInterrupt("the next so101 setup --web continues here") from None
 
 

@@ -182,6 +182,17 @@ def leaving(calibrator: Calibrator) -> Iterator[Calibrator]:
         calibrator.close()
 
 
+def tell_torque(port: str) -> None:
+    """Let the end of this verb, which has closed ``port``, tell whether its joints are held."""
+    from so101_motion.setup.calibrator import Calibrator, about_torque
+
+    def tell() -> str:
+        with quietly():
+            return about_torque(Calibrator.open(port, Path("no file")).leave())
+
+    _opened.append(tell)
+
+
 def state_of_opened_arms() -> str:
     """What the arms that this verb has opened do, now that it ends; empty if it opened none."""
     return "; ".join(tell() for tell in _opened)
