@@ -14,8 +14,8 @@ from so101_motion.common import interrupts
 
 def main() -> None:
     """Run ``so101``; signals are taken from here on, see ``interrupts``."""
-    interrupts.listen(_end_by_force)
     try:
+        interrupts.listen(_end_by_force)
         from so101_motion.cli.verbs import main as so101
 
         with interrupts.held():  # click prints and exits in its own way; verbs are interrupted
