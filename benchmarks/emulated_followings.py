@@ -26,6 +26,7 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.control.following import Following
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.servo_types import STS3215_12V, ServoType
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
@@ -54,9 +55,16 @@ _referee: Any = _common.from_tests("referee")
 class EmulatedArm:
     """An emulated arm at ``q_start`` and its rig, with a referee that knows what it may do."""
 
-    def __init__(self, name: str, clock: ManualClock, q_start: Array, caps: MotionLimits) -> None:
+    def __init__(
+        self,
+        name: str,
+        clock: ManualClock,
+        q_start: Array,
+        caps: MotionLimits,
+        kind: ServoType = STS3215_12V,
+    ) -> None:
         self.emulator = Emulator(
-            EmulatorOptions(q_start=(*q_start, 0.0)),
+            EmulatorOptions(q_start=(*q_start, 0.0), kind=kind),
             now=clock.now,
             gravity=RobotModel.load().gravity_torque,
             serve=lambda bus: _direct.Socket(bus, clock, clock.now),
@@ -171,7 +179,7 @@ def followed(ticks: int, seed: int, velocity: float, acceleration: float) -> dic
             ("left", "right"), arms, (SE3.identity(), T_LEFT_RIGHT), strict=True
         ):
             cell.add(name, arm.rig, T)
-        followings = [_opened(arm, clock, caps) for arm in arms]
+        followings = [opened(arm, clock, caps) for arm in arms]
         left_for = [0, 0]
         for _ in range(ticks):
             for k, following in enumerate(followings):
@@ -208,8 +216,11 @@ def followed(ticks: int, seed: int, velocity: float, acceleration: float) -> dic
     }
 
 
-def _opened(arm: EmulatedArm, clock: ManualClock, caps: MotionLimits) -> Following:
-    how = partial(arm.rig.arm.follow, limits=caps, stale_after=None, gate=10.0)
+def opened(
+    arm: EmulatedArm, clock: ManualClock, caps: MotionLimits, **settings: Any
+) -> Following:
+    """A following of this arm; the clock goes on until it is open."""
+    how = partial(arm.rig.arm.follow, limits=caps, stale_after=None, gate=10.0, **settings)
     with ThreadPoolExecutor(1) as threads:
         done = threads.submit(how)
         while not done.done():
