@@ -36,8 +36,10 @@ _BEFORE = 3.0
 _referee: Any = _common.from_tests("referee")
 
 
-def replayed(recording: Recording, speed: float, acceleration: float) -> dict[str, Any]:
-    """Follow one recording's goals.
+def replayed(
+    recording: Recording, speed: float, acceleration: float, longest: float
+) -> dict[str, Any]:
+    """Follow one recording's goals, the first ``longest`` seconds of them.
 
     Returns:
         Sums over the periods of |command - position| by joint, real and ours [rad]; the constants
@@ -60,7 +62,7 @@ def replayed(recording: Recording, speed: float, acceleration: float) -> dict[st
         begin, k = clock.now() + _BEFORE, -1
         heard = np.ones(6, dtype=bool)
         following.aim(goals[0, :5])
-        while k < len(times) - 1:
+        while k < len(times) - 1 and clock.now() < begin + longest:
             while k < len(times) - 1 and begin + times[k + 1] <= clock.now():
                 k += 1
                 predictor.take(clock.now(), goals[k], heard)
@@ -108,11 +110,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("recordings", type=Path)
     parser.add_argument("--motions", type=int, help="only so many")
+    parser.add_argument("--longest", type=float, default=60.0, help="of each only so long [s]")
     asked = parser.parse_args()
     every = list(load(asked.recordings).items())[: asked.motions]
-    rows = []
+    rows: list[dict[str, Any]] = []
     for what, caps in _CAPS.items():
-        pieces = {f"{what}: {name}": partial(replayed, each, *caps) for name, each in every}
+        pieces = {
+            f"{what}: {name}": partial(replayed, each, *caps, asked.longest) for name, each in every
+        }
         rows.append(row(what, _common.in_pieces("bench_replay", pieces)))
     _common.write("bench_replay", rows)
 

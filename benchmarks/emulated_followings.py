@@ -74,10 +74,10 @@ class EmulatedArm:
             clock=clock,
             open_port=_Opener(self.emulator),  # type: ignore
         )
-        speed, acceleration = (
-            float(np.degrees(each[0])) for each in (caps.velocity, caps.acceleration)
+        speed, acceleration, jerk = (
+            float(np.degrees(each[0])) for each in (caps.velocity, caps.acceleration, caps.jerk)
         )
-        one = _referee.CommandCaps(speed, acceleration, np.degrees(JERK))
+        one = _referee.CommandCaps(speed, acceleration, jerk)
         jaw = _referee.CommandCaps(90.0, np.degrees(10.0), np.degrees(600.0), braking=1376.0)
         match = _referee.match_of(self.emulator)
         match.ask_caps(lambda: (*(_referee.Caps(speed),) * 5, _referee.Caps(90.0, 1376.0)))
@@ -216,9 +216,7 @@ def followed(ticks: int, seed: int, velocity: float, acceleration: float) -> dic
     }
 
 
-def opened(
-    arm: EmulatedArm, clock: ManualClock, caps: MotionLimits, **settings: Any
-) -> Following:
+def opened(arm: EmulatedArm, clock: ManualClock, caps: MotionLimits, **settings: Any) -> Following:
     """A following of this arm; the clock goes on until it is open."""
     how = partial(arm.rig.arm.follow, limits=caps, stale_after=None, gate=10.0, **settings)
     with ThreadPoolExecutor(1) as threads:
