@@ -1,6 +1,7 @@
-"""Send an emulated arm what a real arm was commanded: ``python -m benchmarks.bench_replay FILE.npz``.
+"""Send an emulated arm what a real arm was commanded.
 
-The recorded goals, 50 a second, are the targets of a following, through the predictor of the
+``python -m benchmarks.bench_replay FILE.npz``, recordings as for ``bench_real_arm``. The
+recorded goals, 50 a second, are the targets of a following, through the predictor of the
 teleoperation, the real driver and bus, to an emulated arm with 7.4 V servos; the referee watches
 the wire. Once with wide caps and without a guard, once with those an arm is opened with and with
 the guard. Prints how far joints are from the newest command: those of the recorded arm, which was

@@ -281,28 +281,10 @@ def verify(file: str | None, port: str | None, yes: bool, as_json: bool) -> None
     written. Without FILE it is the file that this arm has. Exit code 6 if they differ. wrist_roll
     has no stops, so it is not checked.
     """
-    from so101_motion.calib.procedure.verification import Verification
-    from so101_motion.calib.record import store
-    from so101_motion.cli import port_choice
-    from so101_motion.cli.shared import quietly
-    from so101_motion.cli.terminal import Quit, Terminal
-
-    report = port_choice.find_arm(port)
-    stored = store.read(port_choice.calibration_file(file, report))
-    with (
-        quietly(),
-        port_choice.lent_bus(report, "verifying a calibration") as (_, lease),
-        Terminal(ask=not yes) as terminal,
-    ):
-        terminal.say(f"arm on {report.port.name}; {stored.path} is verified")
-        verification = Verification(stored.calibration, lease)
-        try:
-            rows = _led(verification, terminal)
-        except Quit:
-            raise SystemExit(STOPPED) from None
+    path, rows = verified(file, port, yes)
     if as_json:
         explained = [{name: getattr(row, name) for name in row.__slots__} for row in rows]
-        print_json("calibration-verify", {"file": str(stored.path), "joints": explained})
+        print_json("calibration-verify", {"file": str(path), "joints": explained})
     else:
         for row in rows:
             click.echo(f"{row.joint}: {row.sentence}")
@@ -394,6 +376,31 @@ _AT_MOST = 120.0
 
 _NOTHING_NEW = 3.0
 """It ends when all joints were at both stops and none has gone farther for this long [s]."""
+
+
+def verified(
+    file: str | None, port: str | None, yes: bool
+) -> tuple[Path, tuple[JointComparison, ...]]:
+    """Have the joints led to their stops; the calibration file and the comparison of each joint."""
+    from so101_motion.calib.procedure.verification import Verification
+    from so101_motion.calib.record import store
+    from so101_motion.cli import port_choice
+    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.terminal import Quit, Terminal
+
+    report = port_choice.find_arm(port)
+    stored = store.read(port_choice.calibration_file(file, report))
+    with (
+        quietly(),
+        port_choice.lent_bus(report, "verifying a calibration") as (_, lease),
+        Terminal(ask=not yes) as terminal,
+    ):
+        terminal.say(f"arm on {report.port.name}; {stored.path} is verified")
+        verification = Verification(stored.calibration, lease)
+        try:
+            return stored.path, _led(verification, terminal)
+        except Quit:
+            raise SystemExit(STOPPED) from None
 
 
 def _led(verification: Verification, terminal: Terminal) -> tuple[JointComparison, ...]:

@@ -74,10 +74,11 @@ def doctor(
         _diagnose_machine(machine, as_json)
         return
 
-    with quietly(), busy_message("examining"):
-        seen = _installed(is_whole=sim)
-        if not sim:
-            seen = _with_port(seen, port, calibration)
+    if sim:
+        with quietly(), busy_message("examining"):
+            seen = _installed(is_whole=True)
+    else:
+        seen = examined(port, calibration)
     checks = check_up(seen)
     if as_json:
         print_json("doctor", _facts(seen, checks))
@@ -136,6 +137,14 @@ def _installed(*, is_whole: bool) -> Findings:
         if is_whole:
             seen = replace(seen, speed=rig.arm.speed, acceleration=rig.arm.acceleration)
         return seen
+
+
+def examined(port: str | None, calibration: Path | None) -> Findings:
+    """Check installation, port, servos and calibration, as the verb does; nothing moves."""
+    from so101_motion.cli.shared import busy_message, quietly
+
+    with quietly(), busy_message("examining"):
+        return _with_port(_installed(is_whole=False), port, calibration)
 
 
 def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Findings:

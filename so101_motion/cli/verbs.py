@@ -23,6 +23,7 @@ from so101_motion.cli.move_test import move_test
 from so101_motion.cli.plan_move import move, plan
 from so101_motion.cli.ports import ports
 from so101_motion.cli.program import run
+from so101_motion.cli.report_arm import report_arm
 from so101_motion.cli.setup import setup
 from so101_motion.cli.shared import forget_opened_arms
 from so101_motion.cli.status import status, stop
@@ -44,6 +45,7 @@ _SECTIONS: dict[str, tuple[click.Command, ...]] = {
         doctor,
         move_test,
         identify,
+        report_arm,
         cell,
     ),
     "Move": (view, status, plan, move, run, stop, guide, teleop),

@@ -11,6 +11,7 @@ LEAD = 0.065  # [s], what goals are ahead at speed to make up for delay and back
 LAG = 0.1  # [s], how far behind its goals a healthy servo is
 SEED_SLACK = 1.0  # [deg], play of the gears and a tick
 RECOVERY = 0.5  # [s], how long after it was held up a joint is not where it is wanted
+HEAVIEST = 3.4  # [N m], to lift 0.3 kg with the arm stretched, friction included
 P_GAIN, MIN_LIMIT, MAX_LIMIT, TORQUE, GOAL = 21, 9, 11, 40, 42
 
 
@@ -60,7 +61,8 @@ class ServoOnWire:
     def droop(self):
         """How far a joint can stand off its goal under the arm's weight [deg]."""
         full_drive = 4000.0 / max(self._register(P_GAIN, 1), 1) * TICK
-        return 0.5 * full_drive
+        kind = self._servo.drive.motor.kind
+        return min(HEAVIEST / (kind.volts * kind.torque_per_volt), 1.0) * full_drive
 
     def _off(self, goal):
         """From the joint to ``goal`` [deg]."""

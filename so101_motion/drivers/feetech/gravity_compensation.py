@@ -18,8 +18,8 @@ was taken for weight, a joint that followed a target at 50 deg/s went up to 3 de
 where it was stopped.
 
 Three rules keep the integral from doing harm. An error too large for the arm's weight is not droop:
-the joint is held fast or still moving, and nothing is learnt. The integral is bounded by the share
-of full drive it can cause. And errors of a tick or two are ignored, as are, half a second after the
+the joint is held fast or still moving, and nothing is learnt. The integral is bounded by the torque
+it can cause. And errors of a tick or two are ignored, as are, half a second after the
 command has come to rest, all errors of joints that have arrived: with play and friction a joint
 would otherwise hunt from one side of its goal to the other for ever. The jaw has no trim: its error
 is the grip.
@@ -86,16 +86,13 @@ SETTLE_VELOCITY = to_rad(3.0)
 SETTLE_TIMEOUT = 2.0
 """How long settling may take [s]: ten time constants of the trim's integral."""
 
-LARGEST_DRIVE = 0.25
-"""Share of full drive that the integral may cause. Chosen: 300 g in the jaws of the stretched arm
-need 0.22 at the shoulder, their friction included."""
+LARGEST_DRIVE = 1.7
+"""Torque that the integral may cause [N m]. Chosen: 300 g in the jaws of the stretched arm need 1.5
+at the shoulder, their friction included."""
 
-LARGEST_SAG = 0.5
-"""Share of full drive beyond which an error cannot be the arm's weight: with 300 g in the jaws of
-the stretched arm its shoulder takes 0.46 to be lifted."""
-
-LARGEST_OFFSET = LARGEST_SAG + LARGEST_DRIVE
-"""Share of full drive that both parts together may cause."""
+LARGEST_SAG = 3.4
+"""Torque beyond which an error cannot be the arm's weight [N m]: with 300 g in the jaws of the
+stretched arm its shoulder takes 3.1 to be lifted. A 7.4 V servo makes 3.8 at full drive."""
 
 INERTIA = (0.012, 0.014, 0.007, 0.002, 0.001)
 """Inertia that the moved links add to each joint [kg m^2]; chosen, averages."""
@@ -189,7 +186,7 @@ class Trim:
         return [
             limited(
                 model.distance(weight + side * model.friction(weight, side), speed),
-                LARGEST_SAG * model.full_drive_error,
+                model.error_for(LARGEST_SAG),
             )
             for model, weight, side, speed in zip(self.models, weights, way, qd, strict=False)
         ]
@@ -258,7 +255,8 @@ class Trim:
     @property
     def largest(self) -> list[float]:
         """Bounds of ``offset`` [rad]."""
-        return [LARGEST_OFFSET * model.full_drive_error for model in self.models[:_JAW]] + [0.0]
+        most = LARGEST_SAG + LARGEST_DRIVE
+        return [model.error_for(most) for model in self.models[:_JAW]] + [0.0]
 
     @property
     def offset(self) -> list[float]:
@@ -333,7 +331,7 @@ class Trim:
             self._find(i)
             if off is None:
                 continue
-            model, most = self.models[i], LARGEST_SAG * self.models[i].full_drive_error
+            model, most = self.models[i], self.models[i].error_for(LARGEST_SAG)
             off = limited(off, most)
             friction = model.friction(self._weight[i], 0.0)
             self._way[i] = limited(model.torque(off - self._known[i]) / friction, 1.0)
@@ -365,7 +363,7 @@ class Trim:
             if still >= LATE:
                 self._arrived[i] = self._arrived[i] or abs(error) <= SETTLE_POSITION
                 dead = LEFT_ALONE if self._arrived[i] else SETTLE_POSITION
-            is_droop = dead < abs(error) < LARGEST_SAG * self.models[i].full_drive_error
+            is_droop = dead < abs(error) < self.models[i].error_for(LARGEST_SAG)
             is_droop = is_droop and not self._gives_way[i]
             if is_droop and abs(qd[i]) < _AT_REST and i in fresh:
                 steps[i] = self._turn_over(i, error, dt)
@@ -412,7 +410,7 @@ class Trim:
             self._find(i)
 
     def _add(self, i: int, step: float) -> None:
-        rest, bound = self._rest[i], LARGEST_DRIVE * self.models[i].full_drive_error
+        rest, bound = self._rest[i], self.models[i].error_for(LARGEST_DRIVE)
         # One that began beyond its bound may only come back.
         self._rest[i] = min(max(rest + step, min(rest, -bound)), max(rest, bound))
 
@@ -433,4 +431,4 @@ class Trim:
             load = weight + model.torque(self._rest[i])
             torque += way * model.friction(load, way, speed)
         self._torque[i] = torque
-        self._known[i] = limited(model.distance(torque), LARGEST_SAG * model.full_drive_error)
+        self._known[i] = limited(model.distance(torque), model.error_for(LARGEST_SAG))

@@ -133,6 +133,10 @@ class ServoModel:
         """Approximate torque [N m] that a further ``distance`` [rad] of the goal adds."""
         return distance / self.full_drive_error * self.volts * self.kind.torque_per_volt
 
+    def error_for(self, torque: float) -> float:
+        """The error that makes ``torque`` [N m], at most that of full drive [rad]."""
+        return min(torque / self.torque(self.full_drive_error), 1.0) * self.full_drive_error
+
     def friction(self, load: float, way: float, speed: float = 0.0) -> float:
         """Friction torque that the motor must overcome [N m], zero or positive.
 
