@@ -2,8 +2,8 @@
 
 Each motion is simulated whole, from its first measured position at rest and the goals that were
 sent. ``--arm`` is the rated voltage of the emulated servos; 7.4 V by default, which the recordings
-in ``docs/emulator.md`` call for. The format is that of
-``benchmarks/emulated_arm.py``.
+in ``docs/emulator.md`` call for. The format is that of ``benchmarks/emulated_arm.py``; files of
+``so101 report-arm`` and, with ``--lerobot``, data sets of LeRobot are read as well.
 
 Prints, for each joint and for each motion, the mean of |emulated - measured| after one constant a
 joint is removed, because a calibrated zero is known to some degrees only; how long steps take, how
@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import _common
-from benchmarks.emulated_arm import ARMS, Array, Recording, emulate, load
+from benchmarks.emulated_arm import ARMS, Array, Recording, arm_of, emulate, load, load_lerobot
 from so101_motion.common.state import ARM_JOINTS
 
 _N = len(ARM_JOINTS)
@@ -176,12 +176,17 @@ def _medians(values: Mapping[str, list[float]]) -> dict[str, float]:
 def main() -> None:
     """Simulate and compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("recordings", type=Path)
-    parser.add_argument("--arm", choices=sorted(ARMS), default="7.4")
+    parser.add_argument("recordings", type=Path, nargs="?", help="npz, or from so101 report-arm")
+    parser.add_argument("--lerobot", type=Path, metavar="PATH", help="a LeRobot data set instead")
+    parser.add_argument("--arm", choices=sorted(ARMS), help="rated volts; as reported, else 7.4")
     parser.add_argument("--save", metavar="WORDS", help="whose recordings; writes the figures")
     asked = parser.parse_args()
-    recordings = load(asked.recordings)
-    positions = emulate(list(recordings.values()), ARMS[asked.arm])
+    path = asked.lerobot or asked.recordings
+    if path is None:
+        parser.error("give a file of recordings, or --lerobot and a data set")
+    recordings = load_lerobot(path) if asked.lerobot else load(path)
+    arm = ARMS[asked.arm] if asked.arm else arm_of(path) or ARMS["7.4"]
+    positions = emulate(list(recordings.values()), arm)
     zero = zeros(list(recordings.values()), positions)
     rows = list(figures(recordings, positions, zero))
     if asked.save:

@@ -7,9 +7,10 @@ from the middle of their calibrated travel, the jaw from 0 (closed) to 1 (open);
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import repeat
 from pathlib import Path
@@ -17,18 +18,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.electric import Supply
 from so101_motion.drivers.emulator.joint_figures import SO101, TICKS_PER_RAD
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.emulator.world import World
-from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoType
+from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoType, type_of
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.tasks.datasets.check import angles, meaning
+from so101_motion.tasks.datasets.data_set import open_data_set
+from so101_motion.tasks.datasets.units import units_of
 
 Array = NDArray[np.float64]
 Recording = Mapping[str, Array]
 
-_CENTRE = 2048
+
+_REPORTED = ("p_gain", "d_gain", "acceleration", "goal_velocity", "max_acceleration")
 _SETTLE = 1.0
 """How long the first goal is held before the recording begins [s]; chosen."""
 
@@ -39,14 +45,14 @@ class Arm:
 
     Attributes:
         kind: The type of its servos.
-        gains: Registers 21 and 22 (P and D).
+        registers: What registers of every servo hold, by name.
         read_age: How old each servo's position is at its time stamp, shape (6,), [s]. Chosen: the
             servos were read one after the other, a millisecond each; with 3 ms each, every joint
             would begin a step later than recorded.
     """
 
     kind: ServoType
-    gains: tuple[int, int] = (16, 32)
+    registers: Mapping[str, int] = field(default_factory=lambda: {"p_gain": 16, "d_gain": 32})
     read_age: tuple[float, ...] = (0.006, 0.005, 0.004, 0.003, 0.002, 0.001)
 
 
@@ -54,13 +60,48 @@ ARMS = {"7.4": Arm(kind=STS3215_7V4), "12": Arm(kind=STS3215_12V)}
 """By the supply that its servos are made for [V]."""
 
 
+def arm_of(file: Path) -> Arm | None:
+    """What the arm that made a file of ``so101 report-arm`` is like; None for other files."""
+    if file.suffix != ".json":
+        return None
+    held = json.loads(file.read_text())["servos"]["shoulder_pan"]
+    kind = type_of(held["max_voltage"] / 10.0)
+    return Arm(kind=kind, registers={name: held[name] for name in _REPORTED}, read_age=(0.0,) * 6)
+
+
 def load(file: Path) -> dict[str, dict[str, Array]]:
-    """The recordings in an npz file whose keys are ``MOTION/NAME``."""
+    """The recordings in a file of ``so101 report-arm``, or in an npz whose keys are MOTION/NAME."""
     found: dict[str, dict[str, Array]] = {}
+    if file.suffix == ".json":
+        motions = json.loads(file.read_text())["motions"]
+        return {
+            name: {key: np.asarray(rows, dtype=np.float64) for key, rows in arrays.items()}
+            for name, arrays in motions.items()
+        }
     with np.load(file) as archive:
         for key in archive:
             motion, name = key.rsplit("/", 1)
             found.setdefault(motion, {})[name] = np.asarray(archive[key], dtype=np.float64)
+    return found
+
+
+def load_lerobot(root: Path) -> dict[str, dict[str, Array]]:
+    """The episodes of a LeRobot data set: actions as goals, states as positions."""
+    data_set = open_data_set(root)
+    calibration = data_set.calibration
+    verdict, _, _ = meaning(data_set, "", calibration)
+    units, found = units_of(verdict.kind, calibration), {}
+    for episode in data_set.episodes():
+        action, state = angles(data_set, units, episode)
+        if state is None:
+            raise ConfigError("lerobot", str(root), "has no observation.state to compare with")
+        for q in (action, state):
+            q[:, 5] = (q[:, 5] - SO101[5].lower) / (SO101[5].upper - SO101[5].lower)
+        known = np.isfinite(action).all(axis=1) & np.isfinite(state).all(axis=1)
+        t = episode.t[known]
+        found[f"episode {episode.index}"] = {
+            "t_cmd_s": t, "command": action[known], "t_s": t, "position": state[known],
+        }  # fmt: skip
     return found
 
 
@@ -82,11 +123,8 @@ def emulate_one(recording: Recording, arm: Arm) -> Array:
     servos = [Servo(joint, arm.kind, q=float(q)) for joint, q in zip(SO101, begins, strict=True)]
     world = World(servos, gravity=_model().gravity_torque, supply=Supply(arm.kind.volts))
     for servo in servos:
-        for row, value in (
-            (reg.P_GAIN, arm.gains[0]), (reg.D_GAIN, arm.gains[1]),
-            (reg.MIN_POSITION, 0), (reg.MAX_POSITION, 0),
-        ):  # fmt: skip
-            _write(servo, row, value)
+        for name, value in {**arm.registers, "min_position": 0, "max_position": 0}.items():
+            _write(servo, reg.REGISTERS[name.upper()], value)
     origin = float(recording["t_cmd_s"][0])
     begin = min(float(times[0]), origin)
     events: list[tuple[float, int, int]] = [
