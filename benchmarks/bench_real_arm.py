@@ -173,6 +173,42 @@ def _medians(values: Mapping[str, list[float]]) -> dict[str, float]:
     return {joint: float(np.nanmedian(each)) for joint, each in values.items() if each}
 
 
+_SHOWN = (
+    ("static_holding", 1, None, 1.5, "a step"),
+    ("oscillation_med_freq", 1, 20.0, 12.0, "a slow sine"),
+    ("static_holding", 2, 20.0, 12.0, "at rest under its weight"),
+)
+"""What is drawn: motion, joint, begin [s] (None for its largest step), length [s], words."""
+
+
+def draw(motions: Mapping[str, Motion], file: Path) -> None:
+    """Draw goal, measured and emulated angles of ``_SHOWN``."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, len(_SHOWN), figsize=(10, 3))
+    for place, (name, joint, begin, length, words) in zip(axes, _SHOWN, strict=True):
+        motion = motions[name]
+        t, goal = motion.t - motion.t[0], np.degrees(motion.command[:, joint])
+        start = t[int(np.argmax(np.abs(np.diff(goal))))] - 0.2 if begin is None else begin
+        shown = (t >= start) & (t <= start + length)
+        for angles, style in (
+            (motion.command, {"color": "0.6", "ls": ":", "label": "goal"}),
+            (motion.real, {"color": "black", "label": "measured"}),
+            (motion.emulated, {"color": "tab:orange", "lw": 1.0, "label": "emulated"}),
+        ):
+            place.plot(t[shown] - start, np.degrees(angles[shown, joint]), **style)
+        place.set_title(f"{ARM_JOINTS[joint]}, {words}", fontsize=8)
+        place.tick_params(labelsize=7)
+        place.set_xlabel("s", fontsize=8)
+    axes[0].set_ylabel("deg", fontsize=8)
+    axes[0].legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(file, dpi=75)
+
+
 def main() -> None:
     """Simulate and compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -180,6 +216,7 @@ def main() -> None:
     parser.add_argument("--lerobot", type=Path, metavar="PATH", help="a LeRobot data set instead")
     parser.add_argument("--arm", choices=sorted(ARMS), help="rated volts; as reported, else 7.4")
     parser.add_argument("--save", metavar="WORDS", help="whose recordings; writes the figures")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw a step, a sine and a rest")
     asked = parser.parse_args()
     path = asked.lerobot or asked.recordings
     if path is None:
@@ -189,6 +226,9 @@ def main() -> None:
     positions = emulate(list(recordings.values()), arm)
     zero = zeros(list(recordings.values()), positions)
     rows = list(figures(recordings, positions, zero))
+    if asked.plot:
+        pairs = zip(recordings.items(), positions, strict=True)
+        draw({name: Motion(each, found, zero) for (name, each), found in pairs}, asked.plot)
     if asked.save:
         counts = {"what": f"recordings: {asked.save}", "n": len(recordings)}
         _common.write("bench_real_arm", [counts, *rows])

@@ -9,7 +9,7 @@ from so101_motion.drivers.feetech.gravity_compensation import (
     LARGEST_SAG,
     Trim,
 )
-from so101_motion.drivers.feetech.servo_model import ServoModel, full_drive_error
+from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.servo_types import (
     AS_SOLD,
     START_DUTY,
@@ -88,7 +88,17 @@ def test_a_limp_joint_begins_with_its_weight_and_a_driven_one_with_what_it_has()
 def test_weight_beyond_all_measure_is_not_believed():
     trim = Trim(lambda q: np.full(6, 100.0))
     start(trim, GOAL, (None,) * 6)
-    np.testing.assert_allclose(trim.offset, [LARGEST_SAG * full_drive_error(32)] * 5 + [0.0])
+    np.testing.assert_allclose(trim.offset, [ServoModel().error_for(LARGEST_SAG)] * 5 + [0.0])
+
+
+def test_a_weaker_servo_may_sag_as_much_as_the_load_of_a_stronger_one_makes_it():
+    def offset(kind):
+        trim = Trim(lambda q: np.full(6, 2.2))
+        trim.models = [ServoModel(kind) for _ in range(6)]
+        start(trim, GOAL, (None,) * 6)
+        return trim.offset[0] / ServoModel(kind).distance(2.2)
+
+    assert offset(STS3215_7V4) == offset(STS3215_12V) == 1.0
 
 
 def test_half_a_second_after_a_motion_what_is_within_the_tolerance_is_left_alone():
@@ -184,7 +194,7 @@ def test_the_integral_never_asks_for_more_than_its_share_of_the_drive(p_gain):
         trim.models[i] = ServoModel(STS3215_12V, p_gain)
     start(trim, GOAL)
     hold(trim, GOAL - 0.02, 60.0)
-    np.testing.assert_allclose(trim.rest[:5], LARGEST_DRIVE * full_drive_error(p_gain))
+    np.testing.assert_allclose(trim.rest[:5], ServoModel(p_gain=p_gain).error_for(LARGEST_DRIVE))
 
 
 def test_a_joint_that_was_not_measured_learns_nothing():
@@ -200,10 +210,10 @@ def test_what_was_held_already_goes_on_unchanged_and_may_only_shrink_beyond_the_
     sag = np.array([0.0, -0.08, 0.03, 0.0, 0.5, 0.5])
     trim = Trim(weightless)
     start(trim, GOAL, sag)
-    most = LARGEST_SAG * full_drive_error(32)
+    most = ServoModel().error_for(LARGEST_SAG)
     np.testing.assert_allclose(trim.offset, [0.0, -0.08, 0.03, 0.0, most, 0.0], atol=1e-4)
     rest = trim.rest[1]
-    assert LARGEST_DRIVE * full_drive_error(32) < -rest
+    assert ServoModel().error_for(LARGEST_DRIVE) < -rest
     hold(trim, GOAL + 0.02, 1.0)
     assert trim.rest[1] == rest
     hold(trim, GOAL - 0.02, 0.6, t=2.0)
