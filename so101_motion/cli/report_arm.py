@@ -83,14 +83,14 @@ def report_arm(file: Path, source: Source, verify: bool, yes: bool) -> None:
         "what": "so101 report-arm",
         "version": __version__,
         "checks": [
-            {"name": c.name, "verdict": c.verdict, "sentence": _nameless(c.sentence)}
+            {"name": c.name, "verdict": c.verdict, "sentence": nameless(c.sentence)}
             for c in checks
             if c.name not in ("port", "adapter", "software")
         ],
         "calibration": {row.joint: row.sentence for row in rows},
         "servos": {j: {k: held[k] for k in _KEPT if k in held} for j, held in registers.items()},
     }
-    write_report(file, _text(found, recorded).encode())
+    write_report(file, text(found, recorded).encode())
     click.echo(f"{len(recorded)} motions; read the file before you send it to anybody")
 
 
@@ -111,12 +111,12 @@ def _moved(motions: StandardMotions, outline: IdentificationOutline) -> Mapping[
         return moving.result()
 
 
-def _nameless(sentence: str) -> str:
+def nameless(sentence: str) -> str:
     """The sentence without paths: they tell ports, users and adapters' serial numbers."""
     return re.sub(r"(?<!\w)(?:[A-Za-z]:)?[\\/][^\s,;:()]+", "(path)", sentence)
 
 
-def _text(found: Mapping[str, Any], motions: Mapping[str, Any]) -> str:
+def text(found: Mapping[str, Any], motions: Mapping[str, Any]) -> str:
     """JSON with a line for each moment of a motion."""
     parts = [json.dumps(found, indent=1, ensure_ascii=False)[:-2], ',\n "motions": {']
     for k, (name, arrays) in enumerate(motions.items()):
