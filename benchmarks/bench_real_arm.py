@@ -160,12 +160,11 @@ def figures(
             for j, joint in enumerate(ARM_JOINTS)
         }
         yield {"what": f"lag of smooth motions [s], {whose}", **_medians(lags)}
-        rests = {
-            joint: np.degrees(
-                np.abs(np.concatenate([motion.at_rest(j)[k] for motion in motions]))
-            ).mean()
+        stand = {
+            joint: np.degrees(np.abs(np.concatenate([each.at_rest(j)[k] for each in motions])))
             for j, joint in enumerate(ARM_JOINTS)
         }
+        rests = {joint: float(each.mean()) for joint, each in stand.items() if len(each)}
         yield {"what": f"from the goal at rest [deg], {whose}", **rests}
 
 

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from harness.lerobot_data import late, write_data_set
 
 from benchmarks import bench_real_arm
-from benchmarks.emulated_arm import ARMS, emulate_one, load
+from benchmarks.emulated_arm import ARMS, emulate_one, load, load_lerobot
 
 RECORDED = ARMS["7.4"]
 RATE = 50.0
@@ -70,3 +71,16 @@ def test_a_file_is_read_by_motion(tmp_path, recordings):
     read = load(tmp_path / "recordings.npz")
     assert list(read) == ["steps", "sine"]
     np.testing.assert_array_equal(read["sine"]["position"], recordings["sine"]["position"])
+
+
+def test_a_lerobot_data_set_is_a_recording(tmp_path):
+    t = np.arange(0.0, 8.0, 1.0 / 30.0)
+    action = np.zeros((len(t), 6))
+    action[:, 0] = 20.0 * np.sin(t)
+    state = late(action, frames=3)
+    root = write_data_set(tmp_path / "set", [(action, state)], fps=30.0)
+    (recording,) = load_lerobot(root).values()
+    motion = bench_real_arm.Motion(recording, recording["position"], np.zeros(5))
+    held = 0.5 / 30.0  # a goal stands for a frame, so it is half a frame old
+    assert motion.lag(0)[0] == pytest.approx(0.1 - held, abs=0.015)
+    assert np.ptp(motion.command[:, 0]) == pytest.approx(np.radians(40.0), rel=0.02)
