@@ -83,4 +83,3 @@ def test_a_lerobot_data_set_is_a_recording(tmp_path):
     motion = bench_real_arm.Motion(recording, recording["position"], np.zeros(5))
     held = 0.5 / 30.0  # a goal stands for a frame, so it is half a frame old
     assert motion.lag(0)[0] == pytest.approx(0.1 - held, abs=0.015)
-    assert np.ptp(motion.command[:, 0]) == pytest.approx(np.radians(40.0), rel=0.02)
