@@ -45,7 +45,7 @@ def test_its_arrays_cannot_be_changed_by_callers() -> None:
 
 
 def test_a_refusal_names_joint_value_and_range() -> None:
-    says = r"wrist_flex at 68\.75 deg .* -57\.30 to 57\.30 deg"
+    says = r"wrist_flex at 68\.75 deg .* -57\.29 to 57\.29 deg"
     with pytest.raises(OutsideLimits, match=says) as caught:
         NARROW.check(np.array([0.0, 0.0, 0.0, 1.2, 0.0]))
     error = caught.value
