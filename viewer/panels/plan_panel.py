@@ -13,8 +13,7 @@ from ..page.screen_state import Screen
 from ..view_model import ViewModel
 from .plan_controls import PlanControls
 from .plots import PlanPlots
-from .pose_folder import PoseFolder
-from .poses import PoseList
+from .poses import PoseFolder, PoseList
 from .target_controls import TargetControls
 
 _LINES = 7
