@@ -23,7 +23,7 @@ from so101_motion.planning.request import Plan
 
 from .page import texts
 from .page.playback import Playback
-from .page.screen_state import Screen, Sentence
+from .page.screen_state import PlanScreen, Screen, Sentence
 from .view_model import ViewModel
 
 LOOKS = 80
@@ -70,34 +70,16 @@ class CommonPlan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CellScreen:
-    """What the Move tab shows of several arms; see ``Screen`` for one arm.
+class CellScreen(PlanScreen):
+    """What the Move tab shows of several arms.
 
     Attributes:
         arms: What it shows of each arm, by its name.
-        sentence: What to know or to do now.
         plan: The newest plan, or None before the first.
-        plan_is_current: Whether that plan can still be looked at and executed.
-        can_plan: Whether Plan may be pressed.
-        can_execute: Whether Execute may be pressed.
-        preview_time: How far into the plan the ghosts stand [s].
-        progress: Share of the motion that is done, 0 to 1.
-        speed: Speed cap of the next plan [rad/s].
-        acceleration: Acceleration cap of the next plan [rad/s^2].
-        sweeps: Whether configurations along the plan are shown.
     """
 
     arms: Mapping[str, Screen]
-    sentence: Sentence
     plan: CommonPlan | None
-    plan_is_current: bool
-    can_plan: bool
-    can_execute: bool
-    preview_time: float
-    progress: float
-    speed: float
-    acceleration: float
-    sweeps: bool
 
 
 class CellModel:

@@ -120,12 +120,8 @@ class Child:
         return planner
 
     def _answer(self, planner: Planner, request: PlanRequest | TeamTask[object]) -> object:
-        from so101_motion.planning.request import PlanRequest
-
         try:
-            if isinstance(request, PlanRequest):
-                return planner.plan(request)
-            return request.made_by(planner)
+            return _planned(planner, request)
         except Abandoned:
             return None
         except So101Error as error:
@@ -137,6 +133,22 @@ class Child:
 
     def _send(self, kind: Kind, value: object) -> None:
         self._line.send(kind, packed(value, Scenes()))
+
+
+def _planned(planner: Planner, request: PlanRequest | TeamTask[object]) -> object:
+    from so101_motion.planning.cell.team_requests import HandoverRequest, TeamRequest
+    from so101_motion.planning.request import PlanRequest
+
+    if isinstance(request, PlanRequest):
+        return planner.plan(request)
+    if isinstance(request, TeamRequest):
+        from so101_motion.planning.cell.together import plan_together
+
+        return plan_together(planner, request.team)
+    from so101_motion.planning.cell.handover import plan_handover
+
+    assert isinstance(request, HandoverRequest)
+    return plan_handover(planner, request)
 
 
 def main() -> None:

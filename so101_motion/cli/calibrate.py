@@ -11,6 +11,7 @@ import click
 
 from so101_motion.cli.calibration import facts
 from so101_motion.cli.completion_values import completed_files
+from so101_motion.cli.param_types import port_option
 from so101_motion.cli.shared import (
     INTERRUPTED,
     STOPPED,
@@ -19,7 +20,7 @@ from so101_motion.cli.shared import (
     json_option,
     print_json,
 )
-from so101_motion.cli.sources import MachineSource, chosen_among, machine_options, port_option
+from so101_motion.cli.sources import MachineSource, chosen_among, machine_options
 from so101_motion.common.errors import CalibrationError, So101Error
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion.cli.completion_values import completed_files
-from so101_motion.cli.param_types import IN_FILE
+from so101_motion.cli.param_types import IN_FILE, port_option
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     STOPPED,
@@ -21,7 +21,6 @@ from so101_motion.cli.shared import (
     json_option,
     print_json,
 )
-from so101_motion.cli.sources import port_option
 from so101_motion.common.errors import CalibrationError, OtherCalibration
 from so101_motion.common.units import to_deg
 

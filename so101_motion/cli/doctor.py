@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion import __version__
-from so101_motion.cli.param_types import OutFile
+from so101_motion.cli.param_types import OutFile, port_option
 from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, write_report
 from so101_motion.cli.sources import (
     MachineSource,
     calibration_option,
     chosen_among,
     machine_options,
-    port_option,
 )
 from so101_motion.common.errors import CalibrationError, MachineRefused, PortUnavailable, So101Error
 from so101_motion.common.units import to_deg

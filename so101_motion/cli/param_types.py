@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from click.shell_completion import CompletionItem
 
 from so101_motion.cli.completion_values import completed_ports
+from so101_motion.cli.shared import F
 from so101_motion.common.errors import quoted
 
 IN_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
@@ -162,3 +164,13 @@ class OutFile(click.Path):
                 ctx,
             )
         return path
+
+
+def port_option(words: str) -> Callable[[F], F]:
+    """Add ``--port``; the verb gets ``port``."""
+    return click.option(
+        "--port",
+        envvar="SO101_PORT",
+        type=PORT,
+        help=f"{words} (or SO101_PORT).",
+    )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from so101_motion.cli.param_types import Finite
+from so101_motion.cli.param_types import Finite, port_option
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     STOPPED,
@@ -18,7 +18,7 @@ from so101_motion.cli.shared import (
     json_option,
     print_json,
 )
-from so101_motion.cli.sources import MachineSource, chosen_among, machine_options, port_option
+from so101_motion.cli.sources import MachineSource, chosen_among, machine_options
 from so101_motion.cli.view import Page, keep_open, page_options
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 

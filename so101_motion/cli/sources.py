@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from so101_motion.cli.param_types import IN_FILE, PORT, Finite
+from so101_motion.cli.param_types import IN_FILE, Finite, port_option
 from so101_motion.cli.shared import F, aside, busy_message, note_opened
 from so101_motion.common import interrupts
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
@@ -415,16 +415,6 @@ def machine_options(verb: F) -> F:
         return verb(*args, machine=machine, **kwargs)
 
     return with_machine  # type: ignore[return-value]  # its own options and those above
-
-
-def port_option(words: str) -> Callable[[F], F]:
-    """Add ``--port``; the verb gets ``port``."""
-    return click.option(
-        "--port",
-        envvar="SO101_PORT",
-        type=PORT,
-        help=f"{words} (or SO101_PORT).",
-    )
 
 
 def calibration_option(verb: F) -> F:

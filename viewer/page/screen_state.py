@@ -72,10 +72,42 @@ class PlanView:
     name: str = "Plan"
     made_at: datetime = field(default_factory=datetime.now)
 
+    @property
+    def duration(self) -> float:
+        """How long the plan takes [s]."""
+        return self.plan.duration
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Screen:
-    """Everything that the Move tab shows, and which buttons are enabled.
+class PlanScreen:
+    """What the Move tab shows of a plan of one arm or several, and which buttons are enabled.
+
+    Attributes:
+        sentence: What to know or to do now.
+        plan_is_current: Whether the newest plan can still be looked at and executed.
+        can_plan: Whether Plan may be pressed.
+        can_execute: Whether Execute may be pressed.
+        preview_time: How far into the plan the ghosts stand [s].
+        progress: Share of the motion that is done, 0 to 1.
+        speed: Speed cap of the next plan [rad/s].
+        acceleration: Acceleration cap of the next plan [rad/s^2].
+        sweeps: Whether configurations along the path are shown when there is a plan.
+    """
+
+    sentence: Sentence
+    plan_is_current: bool
+    can_plan: bool
+    can_execute: bool
+    preview_time: float
+    progress: float
+    speed: float
+    acceleration: float
+    sweeps: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Screen(PlanScreen):
+    """Everything that the Move tab shows of an arm.
 
     Attributes:
         state: The arm, as it is.
@@ -86,12 +118,7 @@ class Screen:
         q_ghost: Where the ghost stands, shape (5,), [rad]; None when it is hidden.
         path: The line to the target, or None.
         sweep: Configurations along the path to be shown, shape (k, 5), [rad], or None.
-        sweeps: Whether they are shown when there is a plan.
-        sentence: What to know or to do now.
         plan: The newest plan and what there is to see of it, or None before the first.
-        plan_is_current: Whether that plan can still be looked at and executed.
-        can_plan: Whether Plan may be pressed.
-        can_execute: Whether Execute may be pressed.
         can_take_nearest: Whether the target cannot be had, so that one near it may be looked for.
         can_back_out: Whether the arm is in contact where it stands and may leave it.
         can_undo: Whether there was a target before.
@@ -99,13 +126,9 @@ class Screen:
         holds: Whether the gripper holds something.
         force: How hard a grip presses, as a share of what the servo can keep up; None where that
             cannot be chosen.
-        preview_time: How far into the plan the ghost stands [s].
         rate: How fast it is being played; None while it stands.
-        progress: Share of the motion that is done, 0 to 1.
         tracking: How well the newest motion that ended was followed; None before.
         tracked: What that motion was: the name of its plan, or words for another one.
-        speed: Speed cap of the next plan [rad/s].
-        acceleration: Acceleration cap of the next plan [rad/s^2].
         range: The smallest and the largest joint angles, shapes (5,), [rad].
     """
 
@@ -117,23 +140,19 @@ class Screen:
     q_ghost: Array | None
     path: PathLine | None
     sweep: Array | None
-    sweeps: bool
-    sentence: Sentence
     plan: PlanView | None
-    plan_is_current: bool
-    can_plan: bool
-    can_execute: bool
     can_take_nearest: bool
     can_back_out: bool
     can_undo: bool
     can_redo: bool
     holds: bool
     force: float | None
-    preview_time: float
     rate: float | None
-    progress: float
     tracking: Tracking | None
     tracked: str
-    speed: float
-    acceleration: float
     range: tuple[Array, Array]
+
+    @property
+    def arms(self) -> dict[str, Screen]:
+        """This one, as that of a single arm."""
+        return {"": self}

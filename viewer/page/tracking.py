@@ -72,50 +72,36 @@ class MotionTracker:
         self.newest: Tracking | None = None
         self.newest_name = ""
         self.began: float | None = None
-        self._running: tuple[Tracker, str] | None = None
+        self._states: list[JointState] = []
+        self._called = ""
 
     def take(self, state: JointState, name: str) -> bool:
-        """Record ``state``; return whether a motion has just ended.
+        """Record ``state`` if it is new; return whether a motion has just ended.
 
         Args:
             state: The arm.
             name: What a motion that begins now is called.
         """
+        states = self._states
         if state.arm_moving:
-            if self._running is None:
-                self._running, self.began = (Tracker(), name), state.t
-            self._running[0].take(state)
+            if not states:
+                self.began, self._called = state.t, name
+            if not states or (state.t > states[-1].t and len(states) < _MOST):
+                states.append(state)
             return False
-        if self._running is None:
-            return False
-        (tracker, called), self._running = self._running, None
-        tracking = tracker.tracking()
-        if tracking is not None:
-            self.newest, self.newest_name = tracking, called
-        return True
+        self._states = []
+        if len(states) > 1:
+            self.newest, self.newest_name = _tracking(states), self._called
+        return bool(states)
 
 
-class Tracker:
-    """Records snapshots while the arm moves."""
-
-    def __init__(self) -> None:
-        self._states: list[JointState] = []
-
-    def take(self, state: JointState) -> None:
-        """Record ``state`` if it is new and the arm moves."""
-        new = not self._states or state.t > self._states[-1].t
-        if new and state.arm_moving and len(self._states) < _MOST:
-            self._states.append(state)
-
-    def tracking(self) -> Tracking | None:
-        """The recorded motion; None if it is too short."""
-        if len(self._states) < 2:
-            return None
-        t = np.array([state.t for state in self._states])
-        q = np.array([state.q for state in self._states])
-        error = q - np.array([state.q_ref for state in self._states])
-        qd_ref = np.array([state.qd_ref for state in self._states])
-        lag = None
-        if np.max(np.abs(qd_ref)) > _FAST_ENOUGH:
-            lag = max(-float(np.sum(error * qd_ref) / np.sum(qd_ref**2)), 0.0)
-        return Tracking(t=t - t[0], q=q, error=error, lag=lag)
+def _tracking(states: list[JointState]) -> Tracking:
+    """The recorded motion."""
+    t = np.array([state.t for state in states])
+    q = np.array([state.q for state in states])
+    error = q - np.array([state.q_ref for state in states])
+    qd_ref = np.array([state.qd_ref for state in states])
+    lag = None
+    if np.max(np.abs(qd_ref)) > _FAST_ENOUGH:
+        lag = max(-float(np.sum(error * qd_ref) / np.sum(qd_ref**2)), 0.0)
+    return Tracking(t=t - t[0], q=q, error=error, lag=lag)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
 
 from so101_motion.arm.cell import Cell
 from so101_motion.common.geometry import SE3, Array
@@ -18,7 +17,7 @@ from ..cell_model import CellModel
 from ..page.front_tab import Drawn
 from ..page.page_context import PageContext
 from ..page.part import Part
-from ..page.screen_state import Screen, Tone
+from ..page.screen_state import Tone
 from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, Views, set_up_view
@@ -27,7 +26,6 @@ from ..scene.reach_view import ReachView
 from ..scene.stage import Stage
 from ..view_model import ViewModel
 from .arm_panel import ArmPanel, docked_left
-from .common_plan_panel import CommonPlanPanel
 from .plan_panel import SELECTS, PlanPanel
 from .poses import PoseList
 
@@ -93,15 +91,12 @@ class MovePart(Part):
         self.stop_button = add_stop(context.gui, *stops)
         self.panel = docked_left(context.gui)
         self._joints = {name: ArmPanel(context.gui, self.panel, name or "Arm") for name in rigs}
-        self._show_words: Callable[[Any], None]
+        poses = None
         if isinstance(self.model, ViewModel):
             (rig,) = rigs.values()
             poses = PoseList(SavedPoses(zeros=lambda: rig.connection.encoder_zeros), self.model)
-            one = PlanPanel(context, self.model, poses, on_click=self._set_click)
-            context.bar.plan, self._show_words = one.plan_button, one.show
-        else:
-            common = CommonPlanPanel(context, self.model, self.pages)
-            context.bar.plan, self._show_words = common.plan_button, common.show
+        self._words = PlanPanel(context, self.model, self.pages, poses, on_click=self._set_click)
+        context.bar.plan = self._words.plan_button
         context.bar.stop = self.stop_button
         self._pictures = 0
         self._drawn = Drawn.PLAN
@@ -175,12 +170,11 @@ class MovePart(Part):
     def show(self) -> None:
         """Draw the arms; update their figures now and then."""
         screen, self._drawn = self.model.screen(), self._context.front.drawn
-        arms = {"": screen} if isinstance(screen, Screen) else screen.arms
         self._pictures += 1
-        for name, each in arms.items():
+        for name, each in screen.arms.items():
             self._stages[name].show(each)
-        moves = any(each.state.arm_moving for each in arms.values())
+        moves = any(each.state.arm_moving for each in screen.arms.values())
         if not moves or self._pictures % _WORDS_EVERY == 0:
-            for name, each in arms.items():
+            for name, each in screen.arms.items():
                 self._joints[name].show(each.state, each.range)
-            self._show_words(screen)
+            self._words.show(screen)

@@ -81,10 +81,6 @@ class PlanControls:
             shown=round,
         )
 
-    def set_duration(self, duration: float) -> None:
-        """Set the length of the timeline [s]."""
-        self._preview.max = math.ceil(100.0 * duration) / 100.0
-
     def show(self, screen: Screen | CellScreen, plots: list[str]) -> None:
         """Show ``screen``; viser sends only what differs.
 
@@ -92,6 +88,8 @@ class PlanControls:
             screen: What to show.
             plots: The ids of the plots over the time of the plan.
         """
+        if screen.plan is not None:
+            self._preview.max = math.ceil(100.0 * screen.plan.duration) / 100.0
         self.plan_button.disabled = not screen.can_plan
         self._execute.disabled = not screen.can_execute
         put(self._progress, round(100.0 * screen.progress, 1))

@@ -1,9 +1,9 @@
-"""Plots of a plan against its limits, and of the tracking error of a run."""
+"""Plots of a plan: joints against limits, clearance between arms; of a run its tracking error."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import cycle
+from itertools import combinations, cycle
 
 import numpy as np
 import viser
@@ -12,19 +12,22 @@ from viser import uplot
 
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg
+from so101_motion.common.units import to_deg, to_mm
+from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.request import Plan
-from so101_motion.planning.timing.trajectory import Trajectory
 
+from ..cell_model import CellScreen, CommonPlan
 from ..page import markup, texts
 from ..page.bar import uuid_of
-from ..page.screen_state import PlanView
+from ..page.screen_state import PlanView, Screen
 from ..page.tracking import Tracking
 
 _COLORS = ("#e03131", "#2f9e44", "#1c7ed6", "#f08c00", "#9c36b5")
 _GRAY = "#868e96"
 _HEIGHT = 150
-NO_PLAN = "No plan yet."
+_NO_PLAN = "No plan yet."
+_SIZE = (390, 305)  # between the panels of the narrowest window that has both
+_MARGIN = 12
 _MOST_POINTS = 400
 """Chosen: more samples than the plot has pixels would be wasted."""
 
@@ -34,79 +37,130 @@ noise of a perfect motion would fill it."""
 
 
 class PlanPlots:
-    """Four tabs of plots, empty until there is a plan."""
+    """The panel with the plots of the newest plan; small, and empty, until there is one.
 
-    def __init__(self, gui: viser.GuiApi, panel: viser.PanelHandle) -> None:
-        self._captions: list[viser.GuiHtmlHandle] = []
-        with panel.add_tab("Velocity"):
-            self._caption(gui)
-            self._velocity = add_velocity_plot(gui)
-        with panel.add_tab("Acceleration"):
-            self._caption(gui)
-            self._acceleration = _add_plot(gui, "acceleration (°/s²)", ("limit", "−limit"))
-        with panel.add_tab("Position"):
-            self._caption(gui)
-            self._position = _add_plot(gui, "position (°)", ("nearest limit",))
-        with panel.add_tab("Tracking"):
-            self._facts = gui.add_html(markup.small("After a motion: measured minus planned."))
+    A single arm has plots of velocity, acceleration, position and tracking. Of several there are
+    the clearance between every two, and the velocity of each.
+
+    Args:
+        names: What the arms are called.
+    """
+
+    def __init__(self, gui: viser.GuiApi, names: Sequence[str]) -> None:
+        self._gui, self._panel = gui, gui.add_panel()
+        width, height = _SIZE
+        self._panel.float(x=_MARGIN, y=-_MARGIN, width=width, height=height)
+        self._panel.minimize()
+        self._captions: dict[str, list[viser.GuiHtmlHandle]] = {name: [] for name in names}
+        self._shown: dict[str, PlanView] = {}
+        self._tracking: Tracking | None = None
+        self._plots: list[viser.GuiUplotHandle] = []  # over the time of a plan
+        self._common: CommonPlan | None = None
+        several = len(names) > 1
+        self._only = None if several else names[0]
+        if several:
+            self._add_clearance([f"{a} to {b}" for a, b in combinations(names, 2)])
+        ends = ("limit", "−limit")
+        self._velocity = {
+            name: self._add(name, name if several else "Velocity", "velocity (°/s)", *ends)
+            for name in names
+        }
+        if self._only is not None:
+            self._acceleration = self._add(self._only, "Acceleration", "acceleration (°/s²)", *ends)
+            self._position = self._add(self._only, "Position", "position (°)", "nearest limit")
+            self._add_tracking()
+
+    def _add(self, arm: str, title: str, label: str, *lines: str) -> viser.GuiUplotHandle:
+        """Add a tab with a plot of the joints of ``arm``."""
+        with self._panel.add_tab(title):
+            self._captions[arm].append(self._gui.add_html(markup.small(_NO_PLAN)))
+            self._plots.append(_add_joints_plot(self._gui, label, lines))
+        return self._plots[-1]
+
+    def _add_clearance(self, pairs: Sequence[str]) -> None:
+        none = np.zeros((1 + len(pairs), 2))
+        none[0, 1] = 1.0
+        with self._panel.add_tab("Clearance"):
+            self._caption = self._gui.add_html(markup.small(_NO_PLAN))
+            self._clearance = _add_plot(
+                self._gui, "clearance (mm)", pairs, ("least allowed",), (*none, _least(2))
+            )
+        self._plots.append(self._clearance)
+
+    def _add_tracking(self) -> None:
+        with self._panel.add_tab("Tracking"):
+            self._facts = self._gui.add_html(
+                markup.small("After a motion: measured minus planned.")
+            )
             ends = (f"+{_LEAST_ERROR_DEG:g}°", f"−{_LEAST_ERROR_DEG:g}°")
-            self._error = _add_plot(gui, "error (°)", ends, height=_HEIGHT - 25)
-
-    def _caption(self, gui: viser.GuiApi) -> None:
-        self._captions.append(gui.add_html(markup.small(NO_PLAN)))
+            self._error = _add_joints_plot(self._gui, "error (°)", ends, height=_HEIGHT - 25)
 
     @property
     def uuids(self) -> list[str]:
         """The ids of the plots over the time of a plan."""
-        over_time = (self._velocity, self._acceleration, self._position)
-        return [uuid_of(plot) or "" for plot in over_time]
+        return [uuid_of(plot) or "" for plot in self._plots]
 
-    def name(self, view: PlanView | None, *, is_current: bool) -> None:
-        """Say which plan it is, and whether it is old."""
-        if view is not None:
-            content = markup.caption(texts.plotted(view, is_current=is_current), not is_current)
-            for caption in self._captions:
-                caption.content = content
+    def show(self, screen: Screen | CellScreen) -> None:
+        """Draw what is new in ``screen``, and say whether the plan is old."""
+        for name, arm in screen.arms.items():
+            view = arm.plan
+            if view is not None:
+                if not self._shown:
+                    self._panel.expand()
+                if view is not self._shown.get(name):
+                    self._shown[name] = view
+                    self._draw(name, view.plan, arm.range)
+                said = texts.plotted(view, is_current=arm.plan_is_current)
+                for caption in self._captions[name]:
+                    caption.content = markup.caption(said, not arm.plan_is_current)
+            tracking = arm.tracking
+            if name == self._only and tracking is not None and tracking is not self._tracking:
+                self._tracking = tracking
+                self._show_tracking(tracking, arm.tracked)
+        if isinstance(screen, CellScreen) and self._only is None:
+            self._show_clearance(screen)
 
-    def show(self, plan: Plan, bounds: tuple[Array, Array]) -> None:
-        """Draw ``plan``.
-
-        Args:
-            plan: The plan.
-            bounds: The smallest and the largest joint angles, shapes (5,), [rad].
-        """
+    def _draw(self, name: str, plan: Plan, bounds: tuple[Array, Array]) -> None:
         trajectory, limits = plan.trajectory, plan.limits
-        keep = _kept(trajectory)
-        t = trajectory.t[keep]
-        push = float(np.max(limits.acceleration))
-        q = trajectory.q[keep]
-        show_velocity(self._velocity, plan)
-        self._acceleration.data = _columns(t, trajectory.qdd[keep], push, -push)
-        self._position.data = _columns(t, q, nearest_limit(q, bounds))
+        keep = _kept(len(trajectory))
+        t, q = trajectory.t[keep], trajectory.q[keep]
+        speed, push = float(np.max(limits.velocity)), float(np.max(limits.acceleration))
+        self._velocity[name].data = _columns(t, trajectory.qd[keep], speed, -speed)
+        if name == self._only:
+            self._acceleration.data = _columns(t, trajectory.qdd[keep], push, -push)
+            self._position.data = _columns(t, q, nearest_limit(q, bounds))
 
-    def show_tracking(self, tracking: Tracking, name: str) -> None:
+    def _show_clearance(self, screen: CellScreen) -> None:
+        plan, is_current = screen.plan, screen.plan_is_current
+        if plan is None:
+            return
+        said = texts.common_plotted(plan.name, plan.duration, is_current=is_current)
+        self._caption.content = markup.caption(said, not is_current)
+        if plan is not self._common:
+            self._common = plan
+            t = np.array([each.t for each in plan.clearances[0].closest])
+            gaps = [
+                to_mm(np.array([each.distance for each in between.closest]))
+                for between in plan.clearances
+            ]
+            self._clearance.data = (t, *gaps, _least(len(t)))
+
+    def _show_tracking(self, tracking: Tracking, name: str) -> None:
         """Plot the tracking error of the motion ``name``, and show it in figures."""
-        keep = np.unique(np.linspace(0, len(tracking.t) - 1, _MOST_POINTS).astype(int))
-        most = np.radians(_LEAST_ERROR_DEG)
+        keep, most = _kept(len(tracking.t)), np.radians(_LEAST_ERROR_DEG)
         self._error.data = _columns(tracking.t[keep], tracking.error[keep], most, -most)
         said = f"{name}: {texts.followed(tracking)}"
         self._facts.content = markup.small(said[0].upper() + said[1:])
 
 
-def add_velocity_plot(gui: viser.GuiApi) -> viser.GuiUplotHandle:
-    """Add a plot of how fast the joints turn."""
-    return _add_plot(gui, "velocity (°/s)", ("limit", "−limit"))
+def _least(count: int) -> Array:
+    """The least clearance between two arms [mm], ``count`` times."""
+    return np.full(count, to_mm(ROOM))
 
 
-def show_velocity(plot: viser.GuiUplotHandle, plan: Plan) -> None:
-    """Draw in ``plot`` how fast the joints turn."""
-    keep, speed = _kept(plan.trajectory), float(np.max(plan.limits.velocity))
-    plot.data = _columns(plan.trajectory.t[keep], plan.trajectory.qd[keep], speed, -speed)
-
-
-def _kept(trajectory: Trajectory) -> NDArray[np.intp]:
-    """The samples that are drawn."""
-    return np.unique(np.linspace(0, len(trajectory) - 1, _MOST_POINTS).astype(np.intp))
+def _kept(count: int) -> NDArray[np.intp]:
+    """Which of ``count`` samples are drawn."""
+    return np.unique(np.linspace(0, count - 1, _MOST_POINTS).astype(np.intp))
 
 
 def nearest_limit(q: Array, bounds: tuple[Array, Array]) -> float:
@@ -127,15 +181,15 @@ def _columns(t: Array, values: Array, *lines: float) -> tuple[Array, ...]:
     return (t, *to_deg(values).T.copy(), *level)
 
 
-def _add_plot(
+def _add_joints_plot(
     gui: viser.GuiApi, label: str, lines: tuple[str, ...], *, height: int = _HEIGHT
 ) -> viser.GuiUplotHandle:
     still = np.zeros((2, len(ARM_JOINTS)))
     data = _columns(np.array([0.0, 1.0]), still, *(0.1 * (-1) ** k for k in range(len(lines))))
-    return add_plot(gui, label, ARM_JOINTS, lines, data, height=height)
+    return _add_plot(gui, label, ARM_JOINTS, lines, data, height=height)
 
 
-def add_plot(
+def _add_plot(
     gui: viser.GuiApi,
     label: str,
     curves: Sequence[str],

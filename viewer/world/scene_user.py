@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
 
-from so101_motion.arm.arm import Arm
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.files.cell_file import CellFile, write_cell
@@ -20,37 +18,13 @@ from so101_motion.viam.client import MachineRig
 from ..scene.scene_edits import held_by, holder_of, without_holder
 
 
-class SceneUser(Protocol):
-    """Plans with an edited scene."""
-
-    @property
-    def scene(self) -> Scene:
-        """The scene that is planned with."""
-
-    @property
-    def arms(self) -> Mapping[str, Arm]:
-        """The arms by their names; the name is empty where there is only one."""
-
-    @property
-    def viam_name(self) -> str | None:
-        """What a machine of Viam calls the arm in whose frame the scene is; None for no arm."""
-
-    def tools(self) -> dict[str, SE3]:
-        """Where the gripper of each arm is now in the frame of the scene, by the arm's name."""
-
-    def use(self, scene: Scene) -> None:
-        """Plan with ``scene`` from now on; ``ConfigError`` if that is not possible."""
-
-    def write(self, scene: Scene, file: Path) -> None:
-        """Write ``scene`` to a file; ``ConfigError`` if that fails."""
-
-
 class OneArm:
     """A single arm; the scene is in its base frame. Another program may change its scene, too."""
 
     def __init__(self, rig: RigLike) -> None:
         self._arm = rig.arm
         self.arms = {"": rig.arm}
+        # What a machine of Viam calls the arm in whose frame the scene is; None for no arm.
         self.viam_name = rig.arm_name if isinstance(rig, MachineRig) else "arm"
 
     @property
@@ -59,7 +33,7 @@ class OneArm:
         return self._arm.scene
 
     def tools(self) -> dict[str, SE3]:
-        """Where its gripper is now."""
+        """Where its gripper is now in the frame of the scene."""
         return {"": self._arm.T_base()}
 
     def use(self, scene: Scene) -> None:
@@ -141,3 +115,7 @@ class ArmsOfCell:
         )
         arms = (replace(each, attached=tuple(held[each.name])) for each in self._file.arms)
         return replace(self._file, scene=around, arms=tuple(arms))
+
+
+SceneUser = OneArm | ArmsOfCell
+"""Plans with the edited scene. ``arms`` are by name; it is empty where there is only one."""

@@ -1,7 +1,6 @@
 """The requests to plan for several arms at once, and the plan of a handover.
 
-The planning process gets these values and sends them back. The planners are imported only where
-they plan (``together.py``, ``handover.py``), so that other processes need not load them.
+The planning process gets these values and sends them back.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
@@ -19,16 +18,12 @@ from so101_motion.planning.request import Plan, PlanRequest
 
 if TYPE_CHECKING:
     from so101_motion.planning.cell.grasps import Grasp
-    from so101_motion.planning.planner import Planner
 
-T_co = TypeVar("T_co", covariant=True)
+T = TypeVar("T")
 
 
-class TeamTask(Protocol[T_co]):
-    """A planning request for several arms."""
-
-    def made_by(self, planner: Planner) -> T_co:
-        """Plan it; raises the planner's errors."""
+class TeamTask(Generic[T]):
+    """A planning request for several arms, with the type of its plan."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,7 +63,7 @@ class TeamMember:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TeamRequest:
+class TeamRequest(TeamTask[dict[str, Plan]]):
     """Request for a common motion of several arms.
 
     Attributes:
@@ -76,37 +71,6 @@ class TeamRequest:
     """
 
     team: tuple[TeamMember, ...]
-
-    def made_by(self, planner: Planner) -> dict[str, Plan]:
-        """The plan of each arm; see ``plan_together``."""
-        from so101_motion.planning.cell.together import plan_together
-
-        return plan_together(planner, self.team)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HandoverRequest:
-    """Request to pass an object from one arm to another.
-
-    Attributes:
-        team: All arms of the cell from where they are; their goals are ignored.
-        giver: The name of the arm that holds the object.
-        taker: The name of the arm that shall take it.
-        thing: The object's name among those the giver holds.
-        grasps: How it may be taken; empty to use the box around it.
-    """
-
-    team: tuple[TeamMember, ...]
-    giver: str
-    taker: str
-    thing: str
-    grasps: tuple[Grasp, ...] = ()
-
-    def made_by(self, planner: Planner) -> Handover:
-        """The plan; see ``plan_handover``."""
-        from so101_motion.planning.cell.handover import plan_handover
-
-        return plan_handover(planner, self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,3 +106,22 @@ class Handover:
         """How long the arms move [s], without the time for the jaws."""
         approach = max(each.duration for each in self.approach.values())
         return approach + self.take.duration + self.leave.duration
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HandoverRequest(TeamTask[Handover]):
+    """Request to pass an object from one arm to another.
+
+    Attributes:
+        team: All arms of the cell from where they are; their goals are ignored.
+        giver: The name of the arm that holds the object.
+        taker: The name of the arm that shall take it.
+        thing: The object's name among those the giver holds.
+        grasps: How it may be taken; empty to use the box around it.
+    """
+
+    team: tuple[TeamMember, ...]
+    giver: str
+    taker: str
+    thing: str
+    grasps: tuple[Grasp, ...] = ()

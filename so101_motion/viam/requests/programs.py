@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.common.attributes import Attributes
@@ -19,9 +19,25 @@ from so101_motion.tasks.teleop.local_arms import jaw_of
 from so101_motion.viam.requests.commands import Command, Taking
 
 if TYPE_CHECKING:
+    from so101_motion.common.operation import Moving
+    from so101_motion.rig.rig import Rig
     from so101_motion.tasks.program import Program, Rehearsal, Solo
-    from so101_motion.viam.models.arm_resource import ArmResource
+    from so101_motion.viam.surroundings.surroundings import Surroundings
+
 ENTRIES = ("schema", "waypoints", "steps", "loops", "rounds")
+
+
+class ProgrammedArm(Protocol):
+    """The component of an arm; see ``ArmResource``."""
+
+    rig: Rig
+    surroundings: Surroundings
+
+    async def set_manual_mode(self, manual_mode: bool) -> None:
+        """Start manual mode, or hold."""
+
+    async def arrived(self, motion: Moving) -> None:
+        """Wait until a motion of this arm has arrived."""
 
 
 class ProgramCommands:
@@ -34,7 +50,7 @@ class ProgramCommands:
         commands: The method for each ``command``.
     """
 
-    def __init__(self, arm: ArmResource) -> None:
+    def __init__(self, arm: ProgrammedArm) -> None:
         self._arm = arm
         self.commands: Mapping[str, Command] = {"run_program": Taking(self._run, ENTRIES)}
 

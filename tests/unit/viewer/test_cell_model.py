@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from harness.fake_page import aside, pages_of, run_at_once
 from so101_viewer.cell_model import CellModel
-from so101_viewer.panels.common_plan_panel import plan_facts
+from so101_viewer.panels.plan_panel import plan_facts
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.units import to_rad

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from so101_viewer.page import texts
-from so101_viewer.page.tracking import Tracker
+from so101_viewer.page.tracking import MotionTracker
 from so101_viewer.panels.plots import nearest_limit
 
 from so101_motion.common.geometry import Array
@@ -29,11 +29,13 @@ def state(t: float, q: Array, q_ref: Array, qd_ref: Array, *, moving: bool = Tru
 
 @given(lag=st.floats(0.0, 0.2), bias=st.floats(0.0, 0.01))
 def test_an_arm_that_is_late_is_reported_by_how_much(lag: float, bias: float) -> None:
-    tracker = Tracker()
+    tracker = MotionTracker()
     for t in np.linspace(5.0, 7.0, 41):
         q_ref, qd_ref = np.full(5, np.sin(np.pi * t)), np.full(5, np.pi * np.cos(np.pi * t))
-        tracker.take(state(t, q_ref - lag * qd_ref + bias, q_ref, qd_ref))
-    tracking = tracker.tracking()
+        assert not tracker.take(state(t, q_ref - lag * qd_ref + bias, q_ref, qd_ref), "Plan 1")
+    assert tracker.take(state(7.1, q_ref, q_ref, qd_ref, moving=False), "")
+    tracking = tracker.newest
+    assert tracker.newest_name == "Plan 1"
     assert tracking is not None
     assert tracking.lag == pytest.approx(lag, abs=0.01)
     assert tracking.t[0] == 0.0
@@ -43,15 +45,21 @@ def test_an_arm_that_is_late_is_reported_by_how_much(lag: float, bias: float) ->
 
 
 def test_only_new_snapshots_of_a_moving_arm_count() -> None:
-    tracker = Tracker()
+    tracker = MotionTracker()
     still = np.zeros(5)
-    tracker.take(state(1.0, still, still, still, moving=False))
-    assert tracker.tracking() is None
+
+    def take(t: float, *, moving: bool = True) -> bool:
+        return tracker.take(state(t, still, still, still, moving=moving), "")
+
+    assert not take(1.0, moving=False)
     for _ in range(3):
-        tracker.take(state(2.0, still, still, still))
-    assert tracker.tracking() is None
-    tracker.take(state(2.1, still, still, still))
-    tracking = tracker.tracking()
+        assert not take(2.0)
+    assert take(2.1, moving=False)
+    assert tracker.newest is None
+    assert not take(3.0)
+    assert not take(3.1)
+    assert take(3.2, moving=False)
+    tracking = tracker.newest
     assert tracking is not None
     assert len(tracking.t) == 2
     assert tracking.lag is None
