@@ -134,6 +134,7 @@ class Source(_SourceWithCaps):
         silent = [joint for joint in ARM_JOINTS if joint not in rig.servos.setups]
         if silent:
             rig.close()
+            rig.servos.require(silent)
             reason = f"{', '.join(silent)} does not answer; check its cable and the arm's power"
             raise PortUnavailable(self.port, reason)
         for note in rig.servos.notes:

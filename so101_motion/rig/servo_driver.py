@@ -21,7 +21,7 @@ The I/O thread notes the result of each try; any thread may read it.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
 
@@ -207,6 +207,14 @@ class ServoDriver:
     def monitor_only(self) -> None:
         """Only monitor the servos that answer; for use instead of ``connect``."""
         self._monitor = self._finder.monitor(self.settings)
+
+    def require(self, joints: Collection[str]) -> None:
+        """Check that servos answer; for a driver that is closed.
+
+        Raises:
+            BusError: The port cannot be opened, or a servo of ``joints`` does not answer.
+        """
+        self._finder.look(self.settings, joints, is_patient=True)
 
     def forget(self) -> None:
         """Close the port; ``find`` opens it again and looks for the servos of ``settings``."""
