@@ -142,6 +142,8 @@ class Planner:
                 branch=context.branch,
                 straight=len(waypoints) == 2,
                 departure=departure,
+                blind=departure
+                and bool(context.moves.collision.in_surface(request.q_start, request.q_jaw).any()),
                 load=context.load,
                 effort=context.effort,
                 path_deviation=context.path_deviation,

@@ -112,6 +112,7 @@ class PlanReport:
         branch: The IK branch of the goal, for pose goals.
         straight: Whether the motion is one straight line in joint space.
         departure: Whether the start had to be left slowly first, see ``start_recovery.py``.
+        blind: Whether how deep it was in contact is not known: the way out may lead deeper.
         load: Largest share of a velocity, acceleration or jerk limit that is used.
         effort: Largest share of a servo's torque limit that is used; 0 if not checked.
         waits: How long the arm waits for others before it moves [s]; part of the motion.
@@ -132,6 +133,7 @@ class PlanReport:
     effort: float = 0.0
     waits: float = 0.0
     waits_for: tuple[str, ...] = ()
+    blind: bool = False
 
     @property
     def for_others(self) -> str:

@@ -75,7 +75,8 @@ class PlanPanel:
         self._back_out = gui.add_button(
             "Back out slowly",
             visible=False,
-            hint="Plans a slow straight motion out of the contact; Execute runs it.",
+            hint="Plans a slow straight motion out of the contact; Execute runs it. In a surface"
+            " whose inside is not known it may lead deeper.",
         )
         context.on_press(self._back_out, page.plan_back_out)
         self._add_plan()

@@ -271,6 +271,10 @@ class Verdict:
     why: str
 
 
+_TO_PER_CENT = ": scale it to 0 to 100 before it is replayed or converted"
+"""What to do about a jaw in other units."""
+
+
 class UnitsGuess:
     """Finds the units of a data set from its numbers, its names and the release that wrote it.
 
@@ -335,13 +339,13 @@ class UnitsGuess:
         if lowest < -10.0 or highest > 110.0:
             found.append(
                 f"the jaw goes from {lowest:.0f} to {highest:.0f}, so it is hardly in per cent of"
-                " its travel"
+                f" its travel{_TO_PER_CENT}"
             )
         elif lowest >= -1.0 and highest <= 1.8 and self._jaw_is_too_fine(highest - lowest):
             unit = "0 to 1" if lowest >= -0.05 and highest <= 1.05 else "radians"
             found.append(
                 f"the jaw is never beyond {max(highest, -lowest):.2f}, so it is hardly in per cent"
-                f" of its travel; perhaps in {unit}"
+                f" of its travel; perhaps in {unit}{_TO_PER_CENT}"
             )
         return tuple(found)
 

@@ -77,6 +77,10 @@ AT_START = to_rad(0.5)
 services send the present joints as the first waypoint, and an arm rests up to this far off."""
 
 
+_BLIND = "how deep the arm was in contact is not known, so the way out may have led deeper"
+"""What the answer of ``leave_contact`` says then."""
+
+
 def scene_of(wanted: ArmConfig) -> Scene:
     """What always stands around an arm; raises ``ConfigError`` for an invalid obstacle."""
     if len(wanted.obstacles) > MOST_THINGS:
@@ -464,8 +468,10 @@ class ArmResource(Configured, Arm):
 
     async def _leave_contact(self) -> dict[str, Any]:
         await self.ready()
-        await self.arrived(self._start_move(LeaveContactGoal(), Search()))
-        return {"success": True}
+        motion = self._start_move(LeaveContactGoal(), Search())
+        await self.arrived(motion)
+        blind = motion.plan is not None and motion.plan.report.blind
+        return {"success": True} | ({"note": _BLIND} if blind else {})
 
     async def _enter_manual_mode(self, given: Attributes) -> dict[str, Any]:
         wanted = compliance(given, self._arm.compliance)

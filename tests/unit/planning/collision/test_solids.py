@@ -84,7 +84,9 @@ def test_what_the_arm_is_deep_in_can_be_left(sides):
     assert ("in contact with" in closest.message()) == (sides == "front")
     limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
     request = PlanRequest(q_start=np.zeros(5), goal=LeaveContactGoal(), limits=limits, scene=around)
-    assert collision.is_free(Planner(MODEL).plan(request).q_goal)
+    plan = Planner(MODEL).plan(request)
+    assert collision.is_free(plan.q_goal)
+    assert plan.report.blind == (sides != "all")
     if sides == "front":
         with pytest.raises(InCollision, match="'block': how deep is not known, so lead it out by"):
             Planner(MODEL).plan(

@@ -246,6 +246,7 @@ def test_a_jaw_in_other_units_is_noticed(tmp_path, factor, words):
     notes = checked(tmp_path / "set", [x], units="model").notes
     assert "jaw" in notes[0]
     assert words in notes[0]
+    assert "scale it to 0 to 100 before" in notes[0]
 
 
 def test_data_files_that_lerobot_cannot_load_together_are_noticed(tmp_path):
