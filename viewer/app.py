@@ -63,8 +63,7 @@ class Preview(SearchingPage):
     def _end_following(self) -> None:
         """Stop also ends a following that waits for its leader, in which nothing moves yet."""
         for each in self._teaches:
-            if each.leading is not None:
-                each.leading.end()
+            each.end_following()
 
     def _add_parts(self, opened: RigLike | CellRigs) -> None:
         host, source = self.host, self._source

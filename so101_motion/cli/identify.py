@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.shared import have_agreed, json_option, print_json, quietly, yes_option
+from so101_motion.cli.shared import (
+    have_agreed,
+    json_option,
+    print_json,
+    quietly,
+    run_beside,
+    yes_option,
+)
 from so101_motion.cli.sources import Source, source_options
-from so101_motion.common import interrupts
-from so101_motion.common.realtime import LOOK_FOR_SIGNALS
-
-if TYPE_CHECKING:
-    from so101_motion.setup.identify import Identification, IdentificationOutline
 
 
 @click.command()
@@ -55,7 +56,7 @@ def identify(
     so101 identify --port /dev/ttyACM0 --undo
     """  # noqa: D301
     from so101_motion.rig.hardware_rig import HardwareRig
-    from so101_motion.setup.identify import Identification
+    from so101_motion.setup.identify_operation import IdentifyOperation
 
     if undo:
         _restore_figures(source, as_json)
@@ -63,16 +64,18 @@ def identify(
     with quietly(), source.open() as rig:
         if not isinstance(rig, HardwareRig):
             raise click.UsageError("the simulated arm has no servos to identify; give --port")
-        identification = Identification(rig)
-        outline = identification.outline()
-        for joint, reason in outline.obstacles:
+        operation = IdentifyOperation(rig, on_progress=partial(click.echo, err=True))
+        planned = operation.ask("plan")
+        for joint, reason in planned["cannot_move"].items():
             click.echo(f"{joint} cannot be identified here: {reason}", err=True)
-        click.echo(outline.sentence, err=True)
+        click.echo(planned["will_move"], err=True)
         if not yes:
             have_agreed(f"Is everything out of the way? Move the {source.what}?")
-        _move(identification, outline)
-        click.echo("computing the figures; that takes about half a minute", err=True)
-        report = identification.report(hand_is_empty=not carrying, keeps=not check)
+        move = partial(operation.ask, "move", carrying=carrying, check=check)
+        run_beside(move, operation.close)
+        report, identification = operation.report, operation.identification
+        assert report is not None
+        assert identification is not None
         if record is not None:
             files = identification.write_recordings(record, hand_is_empty=not carrying)
             click.echo(f"{len(files)} recordings in {record}; they stay on this computer", err=True)
@@ -96,20 +99,3 @@ def _restore_figures(source: Source, as_json: bool) -> None:
         print_json("identify", {"file": str(file), "at": kept.at, "joints": list(kept.servos)})
     else:
         click.echo(f"{file} has the figures of {kept.at} again; they are used from the next start")
-
-
-def _move(identification: Identification, outline: IdentificationOutline) -> None:
-    """Move on another thread, so that Ctrl-C works."""
-
-    def progress(joint: str, share: float) -> None:
-        click.echo(f"{100.0 * share:3.0f} %  {joint}", err=True)
-
-    with ThreadPoolExecutor(1, thread_name_prefix="so101-identify") as beside:
-        moving = beside.submit(identification.move_and_record, outline, progress)
-        while not moving.done():
-            try:
-                wait((moving,), LOOK_FOR_SIGNALS)
-            except KeyboardInterrupt:
-                interrupts.taken()
-                identification.cancel()
-        moving.result()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,16 +18,14 @@ from so101_motion.cli.shared import (
     json_option,
     print_json,
     quietly,
+    run_beside,
     write_report,
     yes_option,
 )
 from so101_motion.cli.sources import Source, source_options
-from so101_motion.common import interrupts
-from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
-    from so101_motion.setup.accuracy import MoveReport
-    from so101_motion.setup.move_test import MoveTest, MoveTestProgress, Outline
+    from so101_motion.setup.move_test import MoveTestProgress
 
 
 @click.command("move-test")
@@ -58,7 +56,13 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
         click.echo(outline.sentence, err=True)
         if not yes:
             have_agreed(f"Is everything out of the way? Move the {source.what}?")
-        found = _tested(test, outline, stopped)
+
+        def stop() -> None:
+            stopped.set()
+            test.cancel()
+
+        move = partial(test.move_and_measure, outline, _print_progress)
+        found = run_beside(move, stop)
     if as_json:
         print_json("move-test", found.to_json())
     else:
@@ -69,20 +73,6 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
         raise SystemExit(INTERRUPTED)
     if not found.passed:
         raise SystemExit(CHECK_FAILED)
-
-
-def _tested(test: MoveTest, outline: Outline, stopped: threading.Event) -> MoveReport:
-    """Run the test on another thread, so that Ctrl-C works; it sets ``stopped``."""
-    with ThreadPoolExecutor(1, thread_name_prefix="so101-move-test") as beside:
-        tested = beside.submit(test.move_and_measure, outline, _print_progress)
-        while not tested.done():
-            try:
-                wait((tested,), LOOK_FOR_SIGNALS)
-            except KeyboardInterrupt:
-                interrupts.taken()
-                stopped.set()
-                test.cancel()
-        return tested.result()
 
 
 def _print_progress(progress: MoveTestProgress) -> None:

@@ -5,22 +5,22 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from so101_motion import __version__
 from so101_motion.cli.param_types import OutFile
-from so101_motion.cli.shared import CHECK_FAILED, have_agreed, quietly, write_report, yes_option
+from so101_motion.cli.shared import (
+    CHECK_FAILED,
+    have_agreed,
+    quietly,
+    run_beside,
+    write_report,
+    yes_option,
+)
 from so101_motion.cli.sources import Source, source_options
-from so101_motion.common import interrupts
-from so101_motion.common.realtime import LOOK_FOR_SIGNALS
-
-if TYPE_CHECKING:
-    from so101_motion.setup.identify import IdentificationOutline
-    from so101_motion.setup.standard_motions import StandardMotions
 
 _KEPT = (
     "firmware_major", "firmware_minor", "p_gain", "d_gain", "i_gain", "startup_force",
@@ -77,7 +77,11 @@ def report_arm(file: Path, source: Source, verify: bool, yes: bool) -> None:
             have_agreed(
                 f"Is everything out of the way, and the hand empty? Move the {source.what}?"
             )
-        recorded = _moved(motions, outline)
+
+        def move() -> Mapping[str, Any]:
+            return motions.move_and_record(outline, lambda j: click.echo(j or "done", err=True))
+
+        recorded = run_beside(move, motions.cancel)
         registers = motions.registers()
     found = {
         "what": "so101 report-arm",
@@ -92,23 +96,6 @@ def report_arm(file: Path, source: Source, verify: bool, yes: bool) -> None:
     }
     write_report(file, text(found, recorded).encode())
     click.echo(f"{len(recorded)} motions; read the file before you send it to anybody")
-
-
-def _moved(motions: StandardMotions, outline: IdentificationOutline) -> Mapping[str, Any]:
-    """Move on another thread, so that Ctrl-C works."""
-
-    def progress(joint: str) -> None:
-        click.echo(joint or "done", err=True)
-
-    with ThreadPoolExecutor(1, thread_name_prefix="so101-report-arm") as beside:
-        moving = beside.submit(motions.move_and_record, outline, progress)
-        while not moving.done():
-            try:
-                wait((moving,), LOOK_FOR_SIGNALS)
-            except KeyboardInterrupt:
-                interrupts.taken()
-                motions.cancel()
-        return moving.result()
 
 
 def nameless(sentence: str) -> str:

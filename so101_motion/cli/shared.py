@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import partial
 from importlib.metadata import requires
@@ -20,6 +21,7 @@ from so101_motion import __version__
 from so101_motion.common import interrupts
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.modes import Mode
+from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R", bound="RigLike")
+T = TypeVar("T")
 
 NO_DEVICE, CHECK_FAILED, STOPPED, INTERRUPTED = 3, 6, 7, 130
 """Exit codes that verbs use themselves; ``error_exit.py`` has all of them."""
@@ -131,6 +134,19 @@ def have_agreed(question: str) -> None:
     if not agreed:
         aside("nothing moved")
         raise SystemExit(STOPPED)
+
+
+def run_beside(work: Callable[[], T], cancel: Callable[[], None]) -> T:
+    """Run ``work`` on another thread; Ctrl-C calls ``cancel``, and its end is awaited."""
+    with ThreadPoolExecutor(1, thread_name_prefix="so101-work") as beside:
+        running = beside.submit(work)
+        while not running.done():
+            try:
+                wait((running,), LOOK_FOR_SIGNALS)
+            except KeyboardInterrupt:
+                interrupts.taken()
+                cancel()
+        return running.result()
 
 
 @contextmanager

@@ -189,23 +189,26 @@ class Operation(ABC):
 class Moving(Protocol):
     """A motion under way; see ``arm/motion_handle.py``."""
 
-    future: Future[None]
+    @property
+    def future(self) -> Future[Any]:
+        """Completes when it is over."""
 
-    def result(self) -> None:
-        """Wait until it is over."""
-
-    def interrupt(self, by: str) -> None:
-        """End it early."""
+    @property
+    def interrupt(self) -> Callable[[str], object]:
+        """End it early, with why."""
 
 
 class Started(NamedTuple):
     """What a command returns that has started a motion; it ends with it.
 
     Attributes:
+        future: Completes when the motion is over.
+        interrupt: Ends the motion early; called with why.
         answer: Returns the command's answer, once the motion has arrived.
     """
 
-    motion: Moving
+    future: Future[Any]
+    interrupt: Callable[[str], object]
     answer: Callable[[], Mapping[str, Any]]
 
 
@@ -240,7 +243,7 @@ class LocalOperation(Operation):
         """Carry out a command; see ``Operation.ask``."""
         answer = self.begin(command, **arguments)
         if isinstance(answer, Started):
-            answer.motion.result()
+            answer.future.result()
             return answer.answer()
         return answer
 

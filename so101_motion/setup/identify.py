@@ -150,29 +150,27 @@ class Identification:
     Args:
         rig: The arm, on a port of this computer.
         joints: The joints to identify.
-        search: Options of the search for its motions, with a scene if not the arm's own.
     """
 
-    def __init__(
-        self,
-        rig: HardwareRig,
-        joints: Sequence[str] = ARM_JOINTS,
-        search: Search | None = None,
-    ) -> None:
+    def __init__(self, rig: HardwareRig, joints: Sequence[str] = ARM_JOINTS) -> None:
         self._rig, self._joints = rig, joints
-        self._plan = partial(rig.arm.plan, search=search)
+        self._plan = partial(rig.arm.plan, search=None)
         self._motion: Motion | None = None
         self._cancelled = threading.Event()
         self._computing = OwnProcess()
         self._records: dict[str, JointRecord] = {}
         self._load: Load | None = None
 
-    def outline(self) -> IdentificationOutline:
+    def outline(self, search: Search | None = None) -> IdentificationOutline:
         """Plan the motions from where the arm stands now; moves nothing.
+
+        Args:
+            search: Options of the search for all motions, with a scene if not the arm's own.
 
         Raises:
             PlanningError: The arm cannot be raised from where it stands.
         """
+        self._plan = partial(self._rig.arm.plan, search=search)
         raising = self._plan(_RAISED, limits=self._limits(SPEEDS[-1]))
         sweeps, obstacles = [], []
         for joint in self._joints:

@@ -70,7 +70,7 @@ def test_every_command_is_documented():
     sources = {inspect.getsource(inspect.getmodule(model.load())) for model in MODELS}
     sources |= {
         (ROOT / "so101_motion" / "viam" / "requests" / f"{name}.py").read_text()
-        for name in ("servo_commands", "identify_commands")
+        for name in ("servo_commands",)
     }
     commands = {name for s in sources for name in re.findall(COMMAND, s, re.M)}
     commands |= set(calibration.COMMANDS)

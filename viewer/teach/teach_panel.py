@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
+import msgspec
 import numpy as np
 import viser
 
-from so101_motion.common.errors import MachineUnavailable
+from so101_motion.arm.stop_order import NUMBERS, refuse_older
+from so101_motion.common.errors import MachineUnavailable, So101Error
 from so101_motion.common.operation import Operation, View
 from so101_motion.common.remote_operation import RemoteOperation
 from so101_motion.files import user_storage
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 from so101_motion.tasks.guided.teaching import TeachingOperation
+from so101_motion.tasks.teleop.leading import LeadingOperation, view_of
 from so101_motion.viam.client import MachineRig
 
 from ..page import markup
@@ -25,10 +29,10 @@ from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..scene.robot_view import segments
-from .leading import Leading, OpenLeader, session_for
 
 _COLOR = (12, 133, 153)
 _PERIOD = 0.3  # how often a machine is asked what it teaches [s]; chosen
+_LEADER_PERIOD = 1.0  # how often a machine is asked how its arm follows [s]; chosen
 
 CANNOT = Sentence(
     text="This arm's module on the machine cannot record or replay a path.", tone=Tone.WARM
@@ -47,7 +51,7 @@ class TeachPart(Part):
     def __init__(
         self,
         context: ArmContext,
-        open_leader: OpenLeader | None = None,
+        open_leader: Callable[[], Rig] | None = None,
         *,
         title: str = "Teach",
         node: str = "",
@@ -55,20 +59,27 @@ class TeachPart(Part):
         self._context = context
         self._scene, self._node = context.server.scene, f"{node}/teach/path"
         self._opening: Future[Operation] | None = self._open(context.rig)
-        session = session_for(context.rig, open_leader)
-        self.leading = None if session is None else Leading(session, context.in_background)
+        self._leading = leading_of(context.rig, open_leader)
         self._drawn: tuple[tuple[float, ...], ...] = ()
         self._line: viser.LineSegmentsHandle | None = None
-        self._shown: object = None
+        self._was_impossible = False
         self._panel = OperationPanel(context, self._teaching, draw=self._draw)
-        if self._opening is None and self.leading is None:
+        self._leads = OperationPanel(context, lambda: self._leading)
+        if self._opening is None and self._leading is None:
             return
         with context.tabs.add_tab(title):
             if self._opening is not None:
                 self._cannot = context.gui.add_html("", visible=False)
                 self._panel.build(context.gui)
-            if self.leading is not None:
-                self._add_leader(context.gui, self.leading)
+            if self._leading is not None:
+                context.gui.add_divider()
+                self._leads.build(context.gui)
+
+    def end_following(self) -> None:
+        """End it, also while it starts or waits for the leader; any thread. May take a while."""
+        if self._leading is not None:
+            with suppress(So101Error):  # an arm that cannot be reached does not follow
+                self._leading.ask("stop")
 
     def _open(self, rig: RigLike) -> Future[Operation] | None:
         if isinstance(rig, MachineRig):
@@ -94,33 +105,19 @@ class TeachPart(Part):
         opening = self._opening
         return opening is not None and opening.done() and opening.exception() is not None
 
-    def _add_leader(self, gui: viser.GuiApi, leading: Leading) -> None:
-        gui.add_divider()
-        self._follows = gui.add_html("")
-        self._follow = gui.add_button("Follow the leader", icon=viser.Icon.COPY)
-        self._context.on_press(self._follow, leading.toggle)
-
     def refresh(self) -> bool:
         """Take in what has happened; return whether anything is new."""
-        leading, before = self.leading, self._shown
-        state: list[object] = [self._is_impossible]
-        is_news = self._opening is not None and self._panel.refresh()
-        if leading is not None:
-            leading.refresh()
-            state += [leading.sentence, leading.is_on, leading.can_switch]
-        self._shown = state
-        return is_news or state != before
+        was_impossible, self._was_impossible = self._was_impossible, self._is_impossible
+        is_news = self._panel.refresh() | self._leads.refresh()
+        return is_news or was_impossible != self._was_impossible
 
     def show(self) -> None:
         """Update the widgets."""
         if self._opening is not None:
             self._cannot.visible = self._is_impossible
             self._cannot.content = markup.sentence(CANNOT)
-            self._panel.show()
-        if self.leading is not None:
-            self._follows.content = markup.sentence(self.leading.sentence)
-            self._follow.label = "End following" if self.leading.is_on else "Follow the leader"
-            self._follow.disabled = not self.leading.can_switch
+        self._panel.show()
+        self._leads.show()
 
     def _draw(self, view: View) -> None:
         """Draw the tool's path."""
@@ -139,8 +136,7 @@ class TeachPart(Part):
 
     def close(self) -> None:
         """End the following and what is being recorded."""
-        if self.leading is not None:
-            self.leading.close()
+        self._leads.close()
         self._panel.close()
 
 
@@ -159,3 +155,45 @@ def teaching_on(rig: MachineRig) -> Operation:
         return rig.do_command(rig.arm_name, request)
 
     return RemoteOperation(send, "teaching", period=_PERIOD)
+
+
+def leading_of(rig: RigLike, open_leader: Callable[[], Rig] | None) -> Operation | None:
+    """The following of a leader that is possible with this arm; None if there is no leader."""
+    if isinstance(rig, MachineRig):
+        for each in rig.resources:
+            service = _TeleopService(rig, each.name)
+            if each.api == "service:generic" and service.is_ours():
+                return RemoteOperation(service, "leading", period=_LEADER_PERIOD)
+        return None
+    if isinstance(rig, Rig) and open_leader is not None:
+        return LeadingOperation(rig, open_leader)
+    return None
+
+
+class _TeleopService:
+    """A machine's teleoperation service, as a ``RemoteOperation`` uses it."""
+
+    def __init__(self, rig: MachineRig, name: str) -> None:
+        self._rig, self._name, self._stopped = rig, name, 0
+
+    def is_ours(self) -> bool:
+        try:
+            return "consecutive_errors" in self._status()
+        except So101Error:
+            return False
+
+    def __call__(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
+        command = request.get("ask")
+        if command is None:
+            return {"view": msgspec.json.encode(view_of(self._status()))}
+        if command == "stop":
+            self._stopped = next(NUMBERS)
+        else:
+            refuse_older(self._stopped)
+        return {"answer": msgspec.json.encode(self._do(command))}
+
+    def _status(self) -> Mapping[str, Any]:
+        return self._do("status")
+
+    def _do(self, command: str) -> Mapping[str, Any]:
+        return self._rig.do_command(self._name, {"command": command})

@@ -369,7 +369,8 @@ class TeachingOperation(LocalOperation):
             return {**answer(), "tool_path_mm": np.round(1000.0 * tool_line(path), 1).tolist()}
         self._set_manual(False, 0.0)  # holds again after a fault, too
         # Planning and replay are one motion, so a stop ends it while it is being planned, too.
-        return Started(start_replay(rig.arm, jaw_of(rig), lambda: own_thread(plan)), answer)
+        motion = start_replay(rig.arm, jaw_of(rig), lambda: own_thread(plan))
+        return Started(motion.future, motion.interrupt, answer)
 
     def _plan(self, name: str) -> dict[str, Any]:
         """Plan the replay that ``run`` will run."""
@@ -396,7 +397,7 @@ class TeachingOperation(LocalOperation):
         self._sentence = "Moving."
         motion = start_replay(self._rig.arm, jaw_of(self._rig), planned[1])
         motion.future.add_done_callback(self._told)
-        return Started(motion, dict)
+        return Started(motion.future, motion.interrupt, dict)
 
     def _told(self, moved: Future[None]) -> None:
         self._sentence = _DONE if moved.exception() is None else _PLAN

@@ -19,11 +19,13 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import Interrupted
+from so101_motion.common.units import to_deg
 from so101_motion.tasks.teleop.gate import Phase
 from so101_motion.tasks.teleop.mirror import Mirror
 from so101_motion.tasks.teleop.pilot import HORIZON, LOST_AFTER, Pace, Pilot
@@ -80,6 +82,27 @@ class Status:
     def is_running(self) -> bool:
         """Whether it has been started and not ended."""
         return self.phase is not Phase.STOPPED
+
+    def to_json(self) -> dict[str, Any]:
+        """The status for programs; degrees."""
+        joint, gap = self.gap
+        return {
+            "running": self.is_running,
+            "cycles": self.cycles,
+            "consecutive_errors": self.consecutive_errors,
+            "last_error": self.last_error,
+            "state": self.phase.value,
+            "streaming": self.phase is Phase.MIRRORING,
+            "reason": self.reason,
+            "gap_joint": joint,
+            "gap_deg": round(to_deg(gap), 2),
+            "beyond_range": list(self.beyond),
+            "held_back": self.is_held,
+            "held_by": list(self.held_by),
+            "gripping": self.is_gripping,
+            "leader_limp": self.leader_is_limp,
+            "recorded": self.recorded,
+        }
 
 
 class Teleop:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import aclosing, suppress
 from dataclasses import replace
@@ -31,7 +31,7 @@ from so101_motion.common.attributes import Attributes, checked_number
 from so101_motion.common.errors import SUPERSEDED, ConfigError, Interrupted, MotionError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import LONGEST_GUIDING
-from so101_motion.common.operation import Moving
+from so101_motion.common.operation import LocalOperation, Moving
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files.scene_file import obstacles_from
@@ -134,19 +134,24 @@ class ArmResource(Configured, Arm):
         self.guarded_scene = GuardedScene(arm, around, self.logger, is_used=config.guarded)
         self._manual = ManualMode(arm, self.logger, self.guarded_scene)
         self.teaching = TeachingOperation(rig, partial(store.resolve, "paths"), self._set_manual)
+        self._operations: dict[str, LocalOperation] = {}
         self._ended_by = ""  # why no other motion may begin
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
             "exit_manual_mode": self._exit_manual_mode,
             **planning_commands(arm, around.standing),
             "leave_contact": self._leave_contact,
-            **operation_commands(
-                {"teaching": self.teaching},
-                {key: ("teaching", key) for key in TAUGHT},
-                arrived=self.arrived,
-            ),
+            **self._asked("teaching", self.teaching, TAUGHT),
             **ProgramCommands(self).commands,
         }
+
+    def _asked(
+        self, name: str, operation: LocalOperation, published: Iterable[str]
+    ) -> dict[str, Command]:
+        """The DoCommands of one more operation."""
+        self._operations[name] = operation
+        keys = {key: (name, key) for key in published}
+        return operation_commands(self._operations, keys, arrived=self.arrived)
 
     @classmethod
     def needed(cls, wanted: ArmConfig) -> Sequence[str]:

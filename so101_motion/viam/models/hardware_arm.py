@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,13 +17,14 @@ from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.control.limit_recovery import remarks
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
+from so101_motion.setup.identify_operation import IdentifyOperation
 from so101_motion.viam.component_config import HardwareArmConfig
 from so101_motion.viam.conversion import convert, served_joints
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import AT_START, ArmResource, scene_of
 from so101_motion.viam.models.configured import Dependencies
-from so101_motion.viam.requests.identify_commands import IdentifyCommands
 from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
 from so101_motion.viam.requests.servo_commands import (
     ServoCommands,
@@ -68,10 +71,13 @@ class HardwareArm(ArmResource):
         super().__init__(name, rig, config, dependencies)
         self._remarked: set[str] = set()
         self._servo_ids = servo_ids = config.servo_ids
+        identification = IdentifyOperation(
+            rig, self._clear, partial(self.logger.info, "identification: %s")
+        )
         self._commands |= {
             **ServoCommands(rig, servo_ids, self._manual).commands,
             **JawServoCommands(rig, self.logger).commands,
-            **IdentifyCommands(rig, self.surroundings, self.logger).commands,
+            **self._asked("identification", identification, ("identify",)),
         }
 
     @classmethod
@@ -104,6 +110,16 @@ class HardwareArm(ArmResource):
         q = self._arm.state.q
         self._log_new(served_joints.remarks(q))
         return convert.to_joint_positions(served_joints.reported(q))
+
+    def _clear(self) -> Scene:
+        """Make the arm ready to move, and return what is around it; for a thread."""
+
+        async def scene() -> Scene:
+            await out_of_fault(self.rig)
+            own, around = self._arm.scene, self.surroundings
+            return await around.around(own) if around.is_asked() else own
+
+        return asyncio.run_coroutine_threadsafe(scene(), self._loop).result()
 
     def _is_here(self, q: Array) -> bool:
         """Whether ``q`` is where the arm is, as measured or as reported to viam-server."""

@@ -22,14 +22,12 @@ from so101_motion.calib.record import store
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import ConfigError, NotReady, PortUnavailable, SurroundingsUnknown
-from so101_motion.common.units import to_deg
 from so101_motion.rig.rig import TICK
 from so101_motion.tasks.teleop import (
     LocalArm,
     LocalFollower,
     LocalLeader,
     Recorder,
-    Status,
     Teleop,
     pilot,
 )
@@ -147,7 +145,7 @@ class So101Teleop(Configured, Generic):
         if session is None:
             return {"running": False, "cycles": 0, "consecutive_errors": 0, "last_error": "",
                     "rate_hz": self._rate, "state": Phase.STOPPED.value}  # fmt: skip
-        return {**_status_json(session.status), "rate_hz": self._rate}
+        return {**session.status.to_json(), "rate_hz": self._rate}
 
     # Sessions
 
@@ -305,27 +303,6 @@ def _file_of(record: str, *, replace: bool) -> Path:
 def _unfinished(file: Path) -> Path:
     """Where a recording is written until its session has started."""
     return file.with_name(f"unfinished-{file.name}")
-
-
-def _status_json(status: Status) -> dict[str, Any]:
-    joint, gap = status.gap
-    return {
-        "running": status.is_running,
-        "cycles": status.cycles,
-        "consecutive_errors": status.consecutive_errors,
-        "last_error": status.last_error,
-        "state": status.phase.value,
-        "streaming": status.phase is Phase.MIRRORING,
-        "reason": status.reason,
-        "gap_joint": joint,
-        "gap_deg": round(to_deg(gap), 2),
-        "beyond_range": list(status.beyond),
-        "held_back": status.is_held,
-        "held_by": list(status.held_by),
-        "gripping": status.is_gripping,
-        "leader_limp": status.leader_is_limp,
-        "recorded": status.recorded,
-    }
 
 
 def _short(name: str | None) -> str:

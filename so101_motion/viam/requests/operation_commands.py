@@ -85,7 +85,7 @@ async def _answer(
     begin = partial(copy_context().run, partial(operation.begin, command, **arguments))
     answer = await run_to_end(begin)
     if isinstance(answer, Started):
-        await arrived(answer.motion)
+        await arrived(answer)
         return answer.answer()
     return answer
 
