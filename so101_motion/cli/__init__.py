@@ -18,6 +18,8 @@ def main() -> None:
         interrupts.listen(_end_by_force)
         from so101_motion.cli.verbs import main as so101
 
+        if interrupts.first():  # an import is not interrupted; then no verb begins
+            raise KeyboardInterrupt
         with interrupts.held():  # click prints and exits in its own way; verbs are interrupted
             so101(prog_name="so101")
     except (KeyboardInterrupt, Exception) as error:

@@ -308,7 +308,7 @@ def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(
     guest.press("Plan replay")
     guest.until(lambda: guest.says("Press Replay."))
     assert not moves(rig)
-    guest.press("Replay")
+    guest.press_next("Replay")
     guest.until(lambda: guest.says("Done. Press Plan replay to run it again."))
     np.testing.assert_allclose(rig.arm.state.q, there, atol=to_rad(1.0))
     assert (own_files / "paths" / "wave.json").exists()

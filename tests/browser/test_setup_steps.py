@@ -147,6 +147,7 @@ def test_a_motor_that_was_swapped_too_early_gives_its_id_back(
         hand.expect("One new motor answers: the setup gives it its id")
         hand.press("Next")
         set_up(hand, kit, "gripper")
+        time.sleep(1.0)  # what was written is read back
         kit.set_id("gripper", 1)  # the other one was on the cable when the id was written
         kit.set_id("wrist_roll", TARGETS["gripper"])
         kit.connect_only("wrist_roll")

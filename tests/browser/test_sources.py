@@ -327,8 +327,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
                 guest.until(lambda: guest.says("s to its start, then 0.0 s along it"))
                 np.testing.assert_allclose(hand(guest), before, atol=1e-3)  # nothing moves yet
                 assert guest.sees("/teach/path")
-                guest.until(lambda: guest.button("Replay").is_enabled())
-                guest.press("Replay")
+                guest.press_next("Replay")
                 if speed < 90.0:
                     guest.until(lambda: guest.page.get_by_text("Moving", exact=True).count() > 0)
                     guest.press("STOP")
@@ -344,8 +343,7 @@ def test_an_arm_of_a_machine_is_taught_follows_its_leader_goes_and_comes_back(
             guest.press("Plan replay")
             guest.until(lambda: guest.says("s along it. Press Replay."))
             assert not guest.says("then 0.0 s along it")
-            guest.until(lambda: guest.button("Replay").is_enabled())
-            guest.press("Replay")
+            guest.press_next("Replay")
             seen: list[np.ndarray] = []
             guest.until(lambda: seen.append(hand(guest)) or guest.says("Done."))
             _, turn, end = (model.frame(q, "gripper_link").p for q in WAVE)

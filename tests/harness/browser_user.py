@@ -95,6 +95,13 @@ class Guest:
     def press(self, name: str) -> None:
         self.button(name).click()
 
+    def press_next(self, name: str) -> None:
+        """Press a button that may have come where the last one was: at once, the page would take it
+        for the second click of a double click."""
+        self.until(lambda: self.button(name).is_enabled())
+        self.page.wait_for_timeout(700)
+        self.press(name)
+
     def plan(self) -> None:
         """Have the page plan; again where it hears of a new speed or scene only meanwhile."""
 
