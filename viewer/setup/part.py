@@ -178,8 +178,8 @@ class SetupPart(Part):
         self._next.disabled = True  # until the step allows it
         step = self.wizard.step
         page = "" if step is None else CONNECT.name if self.setup.target is None else step.name
-        for name, folder in self._folders.items():
-            folder.visible = name == page
+        for folder in self._folders.values():
+            folder.visible = False
         self._choice.visible, self._buttons.visible = step is None, step is not None
         self._current = self._pages.get(page)
         self.setup.trouble = None
@@ -189,6 +189,9 @@ class SetupPart(Part):
             self.setup.put_away()
         else:
             self._current.enter()
+            self._current.refresh()
+            self._current.show()  # before it is seen: it may have been left in another state
+            self._folders[page].visible = True
 
     def _connect(self) -> None:
         """Open the arm, then show the step."""
