@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.arm.motion_queue import MotionQueue, Opening, wait_here
 from so101_motion.arm.open_ended_motions import OpenEndedMotions
 from so101_motion.arm.planned_arm import ArmParts, PlannedArm
@@ -110,8 +110,10 @@ class Arm(PlannedArm):
             WorkerError: The planning process died, or was closed.
             Interrupted: The motion whose step called this was interrupted.
         """
-        request, planning = self._start_plan(_goal(goal), limits, search, q_start, q_jaw)
-        plan = wait_here(planning)
+        request = self.request(
+            _goal(goal), limits=limits, search=search, q_start=q_start, q_jaw=q_jaw
+        )
+        plan = wait_here(self._planner(request))
         self.newest = (request, plan)
         return plan
 
@@ -145,8 +147,7 @@ class Arm(PlannedArm):
                     "given",
                     "belongs to the planning of a goal; this plan is finished",
                 )
-            plan = to
-            motion = self._motions.start(lambda motion: self._execute(motion, plan))
+            motion = self.start_series((to,))
         else:
             planning = partial(self.start_plan, _goal(to), limits=limits, search=search)
             motion = self.start_planned(planning)
@@ -178,20 +179,21 @@ class Arm(PlannedArm):
 
         return self._motions.start(run)
 
-    def start_series(self, steps: Iterable[Plan | Callable[[Motion], None]]) -> Motion:
-        """Move along several plans, one after the other; supersedes what is under way.
+    def start_series(self, steps: Iterable[Step]) -> Motion:
+        """Carry out several steps, one after the other; supersedes what is under way.
 
         Args:
             steps: Plans, each from where the one before ends, and functions that are called with
-                the motion while the arm rests between them. Each is taken when the last is done.
+                the motion while the arm rests; such a function may return a plan. Each is taken
+                when the last is done.
         """
 
         def run(motion: Motion) -> None:
+            self._leave_manual(motion)
             for step in steps:
-                if callable(step):
-                    step(motion)
-                else:
-                    self._execute(motion, step)
+                plan = step if isinstance(step, Plan) else step(motion)
+                if plan is not None:
+                    self._execute(motion, plan)
 
         return self._motions.start(run)
 

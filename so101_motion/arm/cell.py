@@ -18,7 +18,7 @@ arms.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
@@ -135,7 +135,7 @@ class Cell:
         """Like ``plan_together``, but returns at once; cancelling the future ends the planning."""
         self._refuse_unknown(goals)
         team = self._team(goals, scenes or {}, limits or {}, stands or {})
-        return self._worker.plan_for_team(TeamRequest(team=team))
+        return self._worker.plan(TeamRequest(team=team))
 
     def start_together(
         self, goals: Mapping[str, Goal], *, scenes: Mapping[str, Scene] | None = None
@@ -150,7 +150,8 @@ class Cell:
             The motion of each arm of the cell, by its name.
         """
         self._refuse_unknown(goals)
-        return self._start(partial(self.start_plan, goals, scenes=scenes))
+        plan = partial(self.start_plan, goals, scenes=scenes)
+        return self.start_series(iter((TeamStep(plan, {}),)))
 
     def move(self, plans: Mapping[str, Plan], *, wait: bool = True) -> dict[str, Motion]:
         """Move all arms along plans of ``plan_together``; supersedes what is under way.
@@ -170,7 +171,7 @@ class Cell:
             ConfigError: These are not the arms of this cell.
         """
         self._refuse_other_than_all(plans)
-        motions = self._start(lambda: self.check_again(plans))
+        motions = self.start_series(iter((TeamStep(partial(self.check_again, plans), {}),)))
         if wait:
             for motion in motions.values():
                 motion.result()
@@ -199,7 +200,7 @@ class Cell:
             PlanningError: The arms cannot pass it on; the error says why.
         """
         self._refuse_unknown((giver, taker))
-        return self._worker.plan_for_team(
+        return self._worker.plan(
             HandoverRequest(
                 team=self._team({}, scenes or {}, {}, {}),
                 giver=giver,
@@ -274,15 +275,6 @@ class Cell:
         checked: Future[dict[str, Plan]] = Future()
         checked.set_result(dict(plans))
         return checked
-
-    def _start(self, plan: Callable[[], Future[dict[str, Plan]]]) -> dict[str, Motion]:
-        planning = TeamPlanning(self._members, plan, self._expect)
-        motions = {
-            name: member.arm.start_planned(partial(planning.part, name))
-            for name, member in self._members.items()
-        }
-        end_together(motions)
-        return motions
 
     def _refuse_other_than_all(self, plans: Mapping[str, Plan]) -> None:
         self._refuse_unknown(plans)

@@ -19,7 +19,7 @@ from so101_motion.common.errors import MotionError
 if TYPE_CHECKING:
     from so101_motion.arm.cell_member import CellMember
     from so101_motion.arm.gripper import Gripper
-    from so101_motion.arm.motion_handle import Motion
+    from so101_motion.arm.motion_handle import Motion, Step
     from so101_motion.planning.cell.team_requests import Handover
     from so101_motion.planning.collision.scene import Attached
     from so101_motion.planning.request import Plan
@@ -38,8 +38,8 @@ class HandoverRun:
         self._offered, self._taken, self._left = Future[None](), Future[None](), Future[None]()
 
     def steps(
-        self, member: CellMember, approach: Callable[[str], Future[Plan]]
-    ) -> Iterator[Plan | Callable[[Motion], None]]:
+        self, member: CellMember, approach: Callable[[str], Future[Plan | None]]
+    ) -> Iterator[Step]:
         """The steps of one arm, for ``Arm.start_series``.
 
         Args:
@@ -50,15 +50,13 @@ class HandoverRun:
             yield self._hold
         elif member is self._taker:
             yield partial(_open, member.gripper, self._plan.q_jaw_open)
-        ready: list[Plan] = []
-        yield lambda motion: ready.append(motion.wait_for(approach(member.name)))
-        yield from ready
+        yield lambda motion: motion.wait_for(approach(member.name))
         if member is self._giver:
             yield from self._giving()
         elif member is self._taker:
             yield from self._taking()
 
-    def _giving(self) -> Iterator[Plan | Callable[[Motion], None]]:
+    def _giving(self) -> Iterator[Step]:
         plan, member = self._plan, self._giver
         _take_up(member, replace(plan.thing, passed_to=plan.taker))
         self._offered.set_result(None)
@@ -69,7 +67,7 @@ class HandoverRun:
         _take_up(self._taker, plan.taken)
         self._left.set_result(None)
 
-    def _taking(self) -> Iterator[Plan | Callable[[Motion], None]]:
+    def _taking(self) -> Iterator[Step]:
         plan, member = self._plan, self._taker
         yield lambda motion: motion.wait_for(_shared(self._offered))
         yield plan.take

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.control.request_queue import running_future
+from so101_motion.planning.request import Plan
 
 if TYPE_CHECKING:
     from so101_motion.common.clock import Clock
-    from so101_motion.planning.request import Plan
 
 T = TypeVar("T")
 
@@ -147,3 +147,7 @@ class Motion:
         """
         if self._interruption.done():
             raise Interrupted(self._interruption.result())
+
+
+Step = Plan | Callable[[Motion], Plan | None]
+"""A step of a series: a plan, or what is called while the arm rests and may return a plan."""

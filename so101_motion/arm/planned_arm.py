@@ -165,7 +165,15 @@ class PlannedArm(CappedJoints):
         self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
     ) -> Future[Plan]:
         """Like ``plan``, but returns at once; cancelling the future ends the planning."""
-        return self._start_plan(goal, limits, search)[1]
+        request = self.request(goal, limits=limits, search=search)
+        planning = self._planner(request)
+
+        def note(done: Future[Plan]) -> None:
+            if not done.cancelled() and done.exception() is None:
+                self.newest = (request, done.result())
+
+        planning.add_done_callback(note)
+        return planning
 
     def request(
         self,
@@ -199,24 +207,6 @@ class PlannedArm(CappedJoints):
     def _with_surroundings(self, scene: Scene) -> Scene:
         """The scene of a plan: ``scene`` and what else is known to be around the arm."""
         return scene
-
-    def _start_plan(
-        self,
-        goal: Goal,
-        limits: MotionLimits | None,
-        search: Search | None,
-        q_start: Array | None = None,
-        q_jaw: float | None = None,
-    ) -> tuple[PlanRequest, Future[Plan]]:
-        request = self.request(goal, limits=limits, search=search, q_start=q_start, q_jaw=q_jaw)
-        planning = self._planner(request)
-
-        def note(done: Future[Plan]) -> None:
-            if not done.cancelled() and done.exception() is None:
-                self.newest = (request, done.result())
-
-        planning.add_done_callback(note)
-        return request, planning
 
     @property
     def _situation(self) -> Situation:

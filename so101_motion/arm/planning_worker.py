@@ -30,7 +30,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
 
 from so101_motion.arm.planning_process import CAN_COPY, HANG_TIMEOUT, ChildDied, PlanningProcess
 from so101_motion.common.errors import ConfigError, So101Error, WorkerError
@@ -116,22 +116,34 @@ class PlanningWorker:
 
     def start(self) -> Future[None]:
         """Start a child in the background; done when it is ready to plan without delay."""
-        return self._ask(None)
+        return self.plan(None)
 
-    def plan(self, request: PlanRequest, owner: object = None) -> Future[Plan]:
-        """Plan in a child, for an owner: an arm.
+    @overload
+    def plan(self, request: PlanRequest, owner: object = None) -> Future[Plan]: ...
+
+    @overload
+    def plan(self, request: TeamTask[T]) -> Future[T]: ...
+
+    @overload
+    def plan(self, request: None) -> Future[None]: ...
+
+    def plan(
+        self, request: PlanRequest | TeamTask[Any] | None, owner: object = None
+    ) -> Future[Any]:
+        """Plan in a child, for an owner: an arm; or for several arms at once.
 
         The future raises what ``Planner.plan`` raises, or ``WorkerError`` when the child cannot be
         started, dies again and again, or is closed. Cancelling the future gives the plan up, even
-        while it is being made.
+        while it is being made. Without a request a child is only made ready.
         """
-        answer: Future[Plan] = self._ask(request, owner)
-        answer.add_done_callback(self._take_notice)
-        return answer
-
-    def plan_for_team(self, task: TeamTask[T]) -> Future[T]:
-        """Like ``plan``, for several arms at once."""
-        answer: Future[T] = self._ask(task)
+        answer: Future[Any] = Future()
+        with self._lock:
+            if self._closed:
+                answer.set_exception(WorkerError(_CLOSED))
+            else:
+                self._waiting.append(_Asked(answer, request, owner))
+                if (taken := self._next()) is not None:
+                    self._thread_for(taken).start()
         answer.add_done_callback(self._take_notice)
         return answer
 
@@ -162,20 +174,6 @@ class PlanningWorker:
             thread.join()
         for each in slots:
             each.close()
-
-    def _ask(
-        self, request: PlanRequest | TeamTask[Any] | None, owner: object = None
-    ) -> Future[Any]:
-        """Queue a request; None only makes a child ready."""
-        answer: Future[Any] = Future()
-        with self._lock:
-            if self._closed:
-                answer.set_exception(WorkerError(_CLOSED))
-            else:
-                self._waiting.append(_Asked(answer, request, owner))
-                if (taken := self._next()) is not None:
-                    self._thread_for(taken).start()
-        return answer
 
     def _begin_more(self) -> None:
         """Begin what waits for a child that can be copied."""

@@ -12,9 +12,9 @@ from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from so101_motion.common.errors import Interrupted, MotionError
+from so101_motion.common.errors import Interrupted
 
 if TYPE_CHECKING:
     from so101_motion.arm.motion_handle import Motion
@@ -37,27 +37,20 @@ class TeamPlanning:
         made: Callable[[Mapping[str, Plan]], None],
     ) -> None:
         self._plan, self._made, self._lock = plan, made, threading.Lock()
-        self._parts: dict[str, Future[Any]] = {name: Future() for name in names}
+        self._parts: dict[str, Future[Plan | None]] = {name: Future() for name in names}
         self._moving = set(self._parts)
         self._planning: Future[dict[str, Plan]] | None = None
         for name, part in self._parts.items():
             part.add_done_callback(partial(self._given_up, name))
 
-    def part(self, name: str) -> Future[Any]:
+    def part(self, name: str) -> Future[Plan | None]:
         """Note that an arm rests; returns its plan, None to stay there.
 
         Cancelling that gives up the plans of all.
         """
         with self._lock:
-            is_first = name in self._moving
             self._moving.discard(name)
-            is_last = is_first and not self._moving
-        if not is_first:
-            late: Future[Any] = Future()
-            late.set_exception(
-                MotionError("another arm got in the way of the common motion; ask for it again")
-            )
-            return late
+            is_last = not self._moving
         if is_last and not any(each.done() for each in self._parts.values()):
             try:
                 self._planning = self._plan()
@@ -84,7 +77,7 @@ class TeamPlanning:
             with suppress(InvalidStateError):  # one that was given up
                 part.set_result(plans.get(name))
 
-    def _given_up(self, name: str, part: Future[Any]) -> None:
+    def _given_up(self, name: str, part: Future[Plan | None]) -> None:
         if part.cancelled():
             self._end(Interrupted(f"what ended the motion of {name}"))
             if self._planning is not None:
@@ -127,16 +120,14 @@ class TeamSeries:
         self._lock = threading.Lock()
         self._newest: tuple[int, TeamStep, TeamPlanning] | None = None
 
-    def of(self, name: str) -> Iterator[Plan | Callable[[Motion], None]]:
+    def of(self, name: str) -> Iterator[Callable[[Motion], Plan | None]]:
         """The steps of one arm, for ``Arm.start_series``."""
         for number in count():
             found = self._step(number)
             if found is None:
                 return
             step, planning = found
-            made: list[Plan] = []
-            yield partial(_wait_for_part, planning, name, made)
-            yield from made
+            yield partial(_wait_for_part, planning, name)
             if name in step.then:
                 yield step.then[name]
 
@@ -152,9 +143,8 @@ class TeamSeries:
             return self._newest[1:]
 
 
-def _wait_for_part(planning: TeamPlanning, name: str, made: list[Plan], motion: Motion) -> None:
-    plan = motion.wait_for(planning.part(name))
-    made += [] if plan is None else [plan]
+def _wait_for_part(planning: TeamPlanning, name: str, motion: Motion) -> Plan | None:
+    return motion.wait_for(planning.part(name))
 
 
 def end_together(motions: Mapping[str, Motion]) -> None:

@@ -77,7 +77,8 @@ class PlannedMotion:
     @property
     def start(self) -> Setpoint:
         """The first setpoint."""
-        return self._trajectory.sample(0.0)
+        first = self._trajectory
+        return Setpoint(q=first.q[0], qd=first.qd[0], qdd=first.qdd[0])
 
     def sample(self, k: int) -> Setpoint:
         """The setpoint of tick ``k``."""

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from so101_motion.arm.joint_caps import JERK_TIME
-from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.arm.planned_arm import PlannedArm
 from so101_motion.calib.procedure.servo_fit import Load, weights_of
 from so101_motion.calib.procedure.servo_twin import JointRecord
@@ -33,7 +33,7 @@ from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.command_record import SentCommand
 from so101_motion.planning.goals import JointGoal, PathGoal
-from so101_motion.planning.request import Plan, Search
+from so101_motion.planning.request import Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload
 from so101_motion.rig.hardware_rig import HardwareRig
@@ -294,9 +294,7 @@ class Identification:
             jerk=acceleration / JERK_TIME,
         )
 
-    def _steps(
-        self, outline: IdentificationOutline, tape: _Tape
-    ) -> Iterator[Plan | Callable[[Motion], None]]:
+    def _steps(self, outline: IdentificationOutline, tape: _Tape) -> Iterator[Step]:
         yield self._plan(_RAISED, limits=self._limits(SPEEDS[-1]))
         for sweep in outline.sweeps:
             for _ in range(_TRIES):

@@ -25,7 +25,7 @@ import numpy as np
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import move_jaw
-from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import Interrupted, PlanningError, So101Error
 from so101_motion.common.geometry import Array
@@ -34,7 +34,6 @@ from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.request_queue import running_future
 from so101_motion.planning.goals import PathGoal
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import GripperLike
 from so101_motion.setup.accuracy import JointAccuracy, Measurements, MoveReport
@@ -254,7 +253,7 @@ class _Run:
 
     # The motion's thread
 
-    def steps(self) -> Iterator[Plan | Callable[[Motion], None]]:
+    def steps(self) -> Iterator[Step]:
         """All steps of the test; each plan is made when it is its turn."""
         for swing in self._outline.swings:
             self._taken[swing.joint] = Measurements(swing.joint)

@@ -13,7 +13,7 @@ from concurrent.futures import Future
 from functools import partial
 
 from so101_motion.arm.joint_caps import JERK_TIME
-from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.request_queue import running_future
@@ -21,7 +21,6 @@ from so101_motion.drivers.bus.ticks import Ticks
 from so101_motion.drivers.command_record import SentCommand
 from so101_motion.drivers.feetech.servo_settings import read_registers
 from so101_motion.planning.goals import JointGoal
-from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.setup.identify import BASE, Identification, IdentificationOutline
@@ -122,7 +121,7 @@ class StandardMotions:
         finally:
             lease.give_back(hold=True)
 
-    def _steps(self, outline: IdentificationOutline) -> Iterator[Plan | Callable[[Motion], None]]:
+    def _steps(self, outline: IdentificationOutline) -> Iterator[Step]:
         plan, speeds = self._rig.arm.plan, [min(v, self._rig.arm.speed) for v in SPEEDS]
         yield plan(JointGoal(q=BASE), limits=self._limits(speeds[1]))
         for sweep in outline.sweeps:

@@ -158,7 +158,7 @@ class FeetechArm:
             elif self._pull.is_on:
                 self._pull.step(bus)
             elif self._is_held and self._clock.now() - self._goals.t >= _REWRITE:
-                self._send(bus)
+                self._goals.send(bus, self._presence.silent, self._out_of_range.left)
         q, qd = self._at.q, self._at.qd
         # The estimate of a servo that did not answer is no surer than its last answer.
         silent = self._presence.silent
@@ -227,7 +227,7 @@ class FeetechArm:
                     goals = self._compensation.goals(now, self._presence.silent)
                     for i in self._out_of_range.lead(bus, self._compensation.q, goals):
                         self._compensation.held[i] = self._at.ticks(i)
-                self._send(bus)
+                self._goals.send(bus, self._presence.silent, self._out_of_range.left)
 
     def set_torque(self, on: bool) -> None:
         """Switch torque on at the last written goal, or switch it off.
@@ -428,9 +428,6 @@ class FeetechArm:
 
     # Commanding
 
-    def _send(self, bus: Bus) -> None:
-        self._goals.send(bus, self._presence.silent, self._out_of_range.left)
-
     def _yield(self, bus: Bus, guide: HandGuiding) -> None:
         """Send guided joints goals and torque limits, and the jaw its own."""
         q_goal, shares = guide.step(self._at.q, self._at.qd, self._clock.now())
@@ -445,5 +442,5 @@ class FeetechArm:
         self._compensation.begin(here, here, self._clock.now(), ())
         for i, ticks in self._out_of_range.stop(bus, self._at, self._presence.silent).items():
             self._compensation.held[i] = ticks
-        self._send(bus)
+        self._goals.send(bus, self._presence.silent, self._out_of_range.left)
         self._switch.limit_again()

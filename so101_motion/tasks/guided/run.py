@@ -15,7 +15,7 @@ import numpy as np
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import Gripper, JawFollowing, move_jaw
-from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.common.geometry import Array
 from so101_motion.planning.request import Plan
 from so101_motion.tasks.guided.replay import Replay
@@ -48,7 +48,7 @@ def _steps(
     gripper: Gripper | None,
     replay: Replay | Callable[[], Future[Replay]],
     runs: list[_JawRun],
-) -> Iterator[Plan | Callable[[Motion], None]]:
+) -> Iterator[Step]:
     """The steps of the replay; each is asked for when the one before is done."""
     if callable(replay):
         planning, planned = replay(), list[Replay]()
