@@ -21,6 +21,7 @@ from so101_motion.arm.motion_handle import Motion, Step
 from so101_motion.arm.motion_queue import MotionQueue, Opening, wait_here
 from so101_motion.arm.open_ended_motions import OpenEndedMotions
 from so101_motion.arm.planned_arm import ArmParts, PlannedArm
+from so101_motion.arm.protocols import OtherArms
 from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older, request_number
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import (
@@ -46,7 +47,6 @@ from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 
 if TYPE_CHECKING:
-    from so101_motion.arm.cell_member import CellMember
     from so101_motion.planning.collision.scene import Scene
 
 
@@ -381,7 +381,7 @@ class Arm(PlannedArm):
         finally:
             self._executor.release().result()
 
-    def set_cell_member(self, member: CellMember | None) -> None:
+    def set_cell_member(self, member: OtherArms | None) -> None:
         """Keep off the other arms of a cell from now on; None ends that."""
         self.cell_member = self._open_ended.neighbours = member
 

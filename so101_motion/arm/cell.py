@@ -17,14 +17,13 @@ arms.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from so101_motion.arm.cell_member import LEAD, CellMember, RigWithExecutor, Stand
+from so101_motion.arm.cell_member import LEAD, CellMember, RigWithExecutor, SharedSpace, Stand
 from so101_motion.arm.handover import HandoverRun
 from so101_motion.arm.motion_queue import wait_here
 from so101_motion.arm.team_motion import TeamPlanning, TeamSeries, TeamStep, end_together
@@ -53,19 +52,17 @@ class Cell:
     """The arms of one process that share a space. Any thread may call any method."""
 
     def __init__(self) -> None:
-        self.lock = threading.Lock()  # of all courses; held for moments, in control cycles too
-        self.entry = threading.Lock()  # of all planned motions; held while one is checked
-        self._members: Mapping[str, CellMember] = {}
+        self._space = SharedSpace()
 
     @property
     def members(self) -> Mapping[str, CellMember]:
         """The arms, by name."""
-        return self._members
+        return self._space.members
 
     @property
     def clock(self) -> Clock:
         """The clock of one of its arms; all show the same time."""
-        return next(iter(self._members.values())).clock
+        return next(iter(self.members.values())).clock
 
     def add(
         self,
@@ -86,17 +83,17 @@ class Cell:
         Raises:
             ConfigError: There is an arm of that name already.
         """
-        if name in self._members:
+        if name in self.members:
             raise ConfigError("name", name, "is used twice; each arm needs its own name")
-        member = CellMember(self, name, rig, T_cell_base, frozenset(ignores))
+        member = CellMember(self._space, name, rig, T_cell_base, frozenset(ignores))
         rig.executor.ask(lambda control: control.keep_off(member)).result()
-        self._members = {**self._members, name: member}
+        self._space.members = {**self.members, name: member}
         rig.arm.set_cell_member(member)
         return member
 
     def remove(self, name: str, rig: RigWithExecutor) -> None:
         """Remove an arm: it and the others ignore each other from now on."""
-        self._members = {key: each for key, each in self._members.items() if key != name}
+        self._space.members = {key: each for key, each in self.members.items() if key != name}
         rig.arm.set_cell_member(None)
         rig.executor.ask(lambda control: control.keep_off(None)).result()
 
@@ -221,24 +218,22 @@ class Cell:
             closed its jaw on nothing.
         """
         self._refuse_other_than_all(plan.approach)
-        held = self._members[plan.giver].arm.scene.attached
+        held = self.members[plan.giver].arm.scene.attached
         if plan.thing.name not in {each.name for each in held}:
             what = f"'{plan.thing.name}' is not in the hand of {plan.giver} any more; plan again"
             raise ConfigError("thing", plan.thing.name, what)
-        run = HandoverRun(self._members, plan)
-        planning = TeamPlanning(
-            self._members, lambda: self.check_again(plan.approach), self._expect
-        )
+        run = HandoverRun(self.members, plan)
+        planning = TeamPlanning(self.members, lambda: self.check_again(plan.approach), self._expect)
         motions = {
             name: member.arm.start_series(run.steps(member, planning.part))
-            for name, member in self._members.items()
+            for name, member in self.members.items()
         }
         end_together(motions)
         return motions
 
     def stands(self) -> dict[str, Stand]:
         """The setpoint of each arm, by its name."""
-        return {name: member.stand for name, member in self._members.items()}
+        return {name: member.stand for name, member in self.members.items()}
 
     def start_series(self, steps: Iterator[TeamStep]) -> dict[str, Motion]:
         """Carry out several common motions, one after the other; supersedes what is under way.
@@ -249,9 +244,9 @@ class Cell:
         Returns:
             The motion of each arm of the cell, from the first step to the last.
         """
-        series = TeamSeries(self._members, steps, self._expect)
+        series = TeamSeries(self.members, steps, self._expect)
         motions = {
-            name: member.arm.start_series(series.of(name)) for name, member in self._members.items()
+            name: member.arm.start_series(series.of(name)) for name, member in self.members.items()
         }
         end_together(motions)
         return motions
@@ -265,7 +260,7 @@ class Cell:
         Raises:
             InCollision: They would meet, because of what they hold or how wide their jaws are.
         """
-        arms = list(self._members.values()) if plans else []  # none: nobody is to move
+        arms = list(self.members.values()) if plans else []  # none: nobody is to move
         courses = {each.name: each.along(plans[each.name].trajectory, 0.0) for each in arms}
         for k, member in enumerate(arms):
             others = [each.seen_from(member, courses[each.name]) for each in arms[k + 1 :]]
@@ -278,19 +273,19 @@ class Cell:
 
     def _refuse_other_than_all(self, plans: Mapping[str, Plan]) -> None:
         self._refuse_unknown(plans)
-        for name in self._members:
+        for name in self.members:
             if name not in plans:
                 raise ConfigError("plans", list(plans), f'has none for "{name}"; plan again')
 
     def _refuse_unknown(self, names: Iterable[str]) -> None:
         for name in names:
-            if name not in self._members:
-                known = ", ".join(sorted(self._members)) or "none"
+            if name not in self.members:
+                known = ", ".join(sorted(self.members)) or "none"
                 raise ConfigError("goals", name, f"is no arm of this cell; there are: {known}")
 
     @property
     def _worker(self) -> PlanningWorker:
-        return next(iter(self._members.values())).worker
+        return next(iter(self.members.values())).worker
 
     def _team(
         self,
@@ -301,7 +296,7 @@ class Cell:
     ) -> tuple[TeamMember, ...]:
         """All arms; those without a goal stay where they are."""
         team = []
-        for name, member in self._members.items():
+        for name, member in self.members.items():
             stand = stands.get(name) or member.stand
             goal = goals.get(name) or JointGoal(q=stand.q)
             scene = scenes.get(name)
@@ -315,8 +310,8 @@ class Cell:
         return tuple(team)
 
     def _expect(self, plans: Mapping[str, Plan]) -> None:
-        with self.entry:
-            members = self._members
+        with self._space.entry:
+            members = self.members
             if gone := sorted(plans.keys() - members.keys()):
                 raise MotionError(
                     f"{', '.join(gone)} left the cell while the common motion was planned; ask for"
@@ -328,5 +323,5 @@ class Cell:
 
     def stop(self) -> None:
         """Bring all arms to rest at once; returns when they are."""
-        for stopped in [each.arm.start_stop() for each in self._members.values()]:
+        for stopped in [each.arm.start_stop() for each in self.members.values()]:
             stopped.result()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
@@ -26,7 +27,6 @@ from so101_motion.planning.collision.scene import Attached, as_seen_by
 
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
-    from so101_motion.arm.cell import Cell
     from so101_motion.arm.gripper import Gripper
     from so101_motion.arm.planning_worker import PlanningWorker
     from so101_motion.common.clock import Clock
@@ -81,11 +81,24 @@ class Stand(NamedTuple):
     q_jaw: float
 
 
+class SharedSpace:
+    """What the arms of a cell have in common.
+
+    Attributes:
+        lock: Of all courses; held for moments, in control cycles too.
+        entry: Of all planned motions; held while one is checked.
+        members: The arms, by name.
+    """
+
+    def __init__(self) -> None:
+        self.lock, self.entry = threading.Lock(), threading.Lock()
+        self.members: Mapping[str, CellMember] = {}
+
+
 class CellMember:
     """One arm in a cell: what it knows of the others, and they of it. ``Cell.add`` makes it.
 
     Attributes:
-        cell: The cell.
         name: What messages call the arm.
         arm: The arm.
         T_cell_base: Pose of its base.
@@ -98,7 +111,7 @@ class CellMember:
 
     def __init__(
         self,
-        cell: Cell,
+        space: SharedSpace,
         name: str,
         rig: RigWithExecutor,
         T_cell_base: SE3,
@@ -107,7 +120,7 @@ class CellMember:
         self.name, self.arm, self.T_cell_base, self.against = name, rig.arm, T_cell_base, ""
         self.gripper, self.clock, self.worker = rig.gripper, rig.clock, rig.planner
         self.held = dict[str, tuple[Attached, ...]]()
-        self.cell, self._now, self._ignores = cell, rig.clock.now, ignores
+        self._space, self._now, self._ignores = space, rig.clock.now, ignores
         self._executor = rig.executor
         self._expected: Trajectory | None = None  # one that was checked together with others'
         self._course: Course | None = None
@@ -159,8 +172,8 @@ class CellMember:
         try:
             if planned is not None and planned.t > self._now():
                 pause(planned.t - self._now())
-            with self.cell.entry:
-                with self.cell.lock:
+            with self._space.entry:
+                with self._space.lock:
                     self._beside.clear()  # a plan begins where the arm rests, and only leads away
                 late = math.inf if planned is None else self._now() - planned.t
                 self._expected = None
@@ -227,7 +240,7 @@ class CellMember:
         """What of other arms is near now, for an arm that rests at ``q``; see ``Neighbours``."""
         now = self._now()
         course = self._stop(q[None], 1.0, now)
-        with self.cell.lock:
+        with self._space.lock:
             for other in self._neighbours():
                 self._memory_of(other).look(*self._pair(course, other, other.course_at(now)), now)
         return self.near()
@@ -236,7 +249,7 @@ class CellMember:
         """Whether the arm may go on so that it could stop along ``q``; see ``Neighbours``."""
         now = self._now()
         course = self._stop(q, dt, now)
-        with self.cell.lock:
+        with self._space.lock:
             for other in self._neighbours():
                 pair = self._pair(course, other, other.course_at(now))
                 meeting = following_apart(*pair, since=now, beside=self._memory_of(other))
@@ -278,7 +291,7 @@ class CellMember:
 
     def commit(self, q: Array, dt: float) -> None:
         """Publish that the arm stops along ``q``, whatever is there; see ``Neighbours``."""
-        with self.cell.lock:
+        with self._space.lock:
             self._course = self._stop(q, dt, self._now())
 
     def course_at(self, now: float) -> Course:
@@ -319,7 +332,7 @@ class CellMember:
         return Course.through(q, self._q_jaw, t=now, dt=dt)
 
     def _neighbours(self) -> list[CellMember]:
-        members, (known, minded) = self.cell.members, self._known
+        members, (known, minded) = self._space.members, self._known
         if known is not members:
             unminded = {*members} if ALL in self._ignores else {self.name, *self._ignores}
             minded = [each for key, each in members.items() if key not in unminded]

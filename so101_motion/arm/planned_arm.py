@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from so101_motion.arm.joint_caps import CappedJoints, JointCaps, JointRange
 from so101_motion.arm.open_ended_motions import Situation
-from so101_motion.arm.protocols import ArmExecutor
+from so101_motion.arm.protocols import ArmExecutor, OtherArms
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
@@ -26,7 +26,6 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
 
 if TYPE_CHECKING:
-    from so101_motion.arm.cell_member import CellMember
     from so101_motion.planning.kinematics.model import RobotModel
 
 
@@ -72,7 +71,7 @@ class PlannedArm(CappedJoints):
         self.set_load(LoadConfig())
         self.newest: tuple[PlanRequest, Plan] | None = None
         self._kept_off: tuple[Scene, Scene] | None = None  # made from which scene, and which
-        self.cell_member: CellMember | None = None
+        self.cell_member: OtherArms | None = None
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
         self._looking = threading.Lock()  # guards what follows
         self._looked_with: CollisionModel | None = None

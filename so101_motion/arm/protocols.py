@@ -1,19 +1,23 @@
-"""The interface that an ``Arm`` needs from an executor.
+"""The interfaces that an ``Arm`` needs from an executor, and from its cell.
 
 ``Executor`` moves servos on a port; ``MachineExecutor`` (``viam/client``) has a running machine
-move its arm.
+move its arm. ``CellMember`` keeps an arm away from the others of its cell.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
+from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.state import JointState
 from so101_motion.control.following import Following
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
+from so101_motion.planning.collision.course import Neighbours, OtherArm
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 
@@ -59,3 +63,28 @@ class ArmExecutor(Protocol):
 
     def release(self) -> Future[None]:
         """Switch torque off."""
+
+
+class OtherArms(Neighbours, Protocol):
+    """The other arms of a cell, as one arm plans and begins. ``CellMember`` describes it in full.
+
+    Attributes:
+        clock: The arm's clock.
+    """
+
+    clock: Clock
+
+    @property
+    def minded(self) -> frozenset[str]:
+        """The names of the arms that it keeps off."""
+
+    def others(self) -> tuple[OtherArm, ...]:
+        """The other arms, for a plan that is made now."""
+
+    def entered(
+        self, trajectory: Trajectory, pause: Callable[[float], None]
+    ) -> AbstractContextManager[Trajectory]:
+        """Publish that a planned motion begins now."""
+
+    def touching(self) -> str:
+        """What is very near to another arm now; empty if nothing is."""

@@ -126,18 +126,18 @@ async def _cell_of(
         await arms[name].ready()
     first = arms[names[0]]
     scenes = {first.short_name: await first.surroundings.around(first.rig.arm.scene)}
-    member = first.rig.arm.cell_member
-    if member is None or not set(names) <= member.cell.members.keys():
+    cell = first.cell.cell_of(first.short_name)
+    if cell is None or not set(names) <= cell.members.keys():
         raise ConfigError(
             key,
             sorted(names),
             "do not share a cell; give each arm a frame in the machine's configuration, and the"
             ' same "simulate_time" to all',
         )
-    for name in member.cell.members.keys() - scenes.keys():
+    for name in cell.members.keys() - scenes.keys():
         arm = arms[name]
         scenes[name] = await arm.surroundings.around(arm.rig.arm.scene)
-    return member.cell, scenes
+    return cell, scenes
 
 
 async def _all_seen_through(

@@ -16,6 +16,7 @@ from viam.proto.service.motion import Constraints
 
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import CellMember, RigWithExecutor
+from so101_motion.arm.protocols import OtherArms
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3
@@ -49,7 +50,7 @@ class MachineCell:
     def __init__(self, arms: Mapping[str, CellArm]) -> None:
         self._arms, self._lock = arms, threading.Lock()
         self._cells: dict[object, Cell] = {}
-        self._joined: dict[str, RigWithExecutor] = {}
+        self._joined: dict[str, tuple[RigWithExecutor, CellMember]] = {}
         self._closed: set[str] = set()  # of these
 
     def meet(self, own: str, bases: Mapping[str, SE3]) -> frozenset[str]:
@@ -67,14 +68,16 @@ class MachineCell:
                 self._leave(name)
             for name, T in bases.items():
                 self._join(name, T)
-            member = self._joined[own].arm.cell_member if own in self._joined else None
-            return frozenset() if member is None else member.minded
+            return self._joined[own][1].minded if own in self._joined else frozenset()
 
     def know(self, own: str, held: Mapping[str, tuple[Attached, ...]]) -> None:
         """Set what arms hold, by their names, as arm ``own`` has read it."""
-        joined = self._joined.get(own)
-        if joined is not None and joined.arm.cell_member is not None:
-            joined.arm.cell_member.held = dict(held)
+        if (joined := self._joined.get(own)) is not None:
+            joined[1].held = dict(held)
+
+    def cell_of(self, name: str) -> Cell | None:
+        """The cell of an arm; None while it is in none."""
+        return next((each for each in self._cells.values() if name in each.members), None)
 
     def leave(self, name: str, rig: RigWithExecutor) -> None:
         """Note that an arm is about to be closed; does nothing for one that has not joined.
@@ -83,7 +86,7 @@ class MachineCell:
         until the machine has been read again.
         """
         with self._lock:
-            if self._joined.get(name) is rig:
+            if name in self._joined and self._joined[name][0] is rig:
                 self._closed.add(name)
                 if self._closed == self._joined.keys():
                     for each in list(self._joined):
@@ -93,19 +96,18 @@ class MachineCell:
         arm = self._arms.get(name)
         if arm is None:
             return
-        joined, member = self._joined.get(name), arm.rig.arm.cell_member
-        if joined is arm.rig and member is not None:
+        rig, member = self._joined.get(name, (None, None))
+        if rig is arm.rig and member is not None:
             if not nearly(member.T_cell_base, T, _STAYED):
                 member.T_cell_base = T
             return
         self._leave(name)
         cell = self._cells.setdefault(_time_of(arm.rig.clock), Cell())
         with suppress(So101Error):  # the arm is being closed
-            cell.add(name, arm.rig, T, ignores=arm.ignored)
-            self._joined[name] = arm.rig
+            self._joined[name] = arm.rig, cell.add(name, arm.rig, T, ignores=arm.ignored)
 
     def _leave(self, name: str) -> None:
-        rig = self._joined.pop(name, None)
+        rig, _ = self._joined.pop(name, (None, None))
         self._closed.discard(name)
         if rig is not None:
             with suppress(So101Error):  # its control loop may have ended
@@ -124,7 +126,7 @@ def held_by(bodies: Iterable[Body], arms: Collection[str]) -> dict[str, tuple[At
     return {name: tuple(things) for name, things in held.items()}
 
 
-def refuse_through(member: CellMember | None, constraints: Constraints) -> None:
+def refuse_through(member: OtherArms | None, constraints: Constraints) -> None:
     """Refuse a request that allows contact with an arm of the same cell.
 
     Raises:

@@ -27,9 +27,17 @@ class HereArm:
 
     rig: Rig
     short_name: str
+    shared: Cell
 
     async def ready(self):
         pass
+
+    @property
+    def cell(self):
+        return self
+
+    def cell_of(self, name):
+        return self.shared
 
     @property
     def surroundings(self):
@@ -47,7 +55,7 @@ def arms():
             fast = {"speed": to_rad(180.0), "acceleration": to_rad(500.0)}
             rig = stack.enter_context(open_simulated(clock=clock, q_start=ASIDE, **fast))
             cell.add(name, rig, T)
-            made[name] = HereArm(rig, name)
+            made[name] = HereArm(rig, name, cell)
         yield made
 
 
