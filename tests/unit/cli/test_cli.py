@@ -3,6 +3,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 
 import pytest
 from click.testing import CliRunner
@@ -43,9 +44,12 @@ def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead(tmp_path
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))  # where the key is kept
     command = [sys.executable, "-m", "so101_motion.cli", "demo", "--no-browser"]
     with socket.socket() as taken:
-        with contextlib.suppress(OSError):  # another program may have it already
-            taken.bind(("127.0.0.1", 8080))
-            taken.listen()
+        for _ in range(300):  # another program may have it for a while, or for ever
+            with contextlib.suppress(OSError):
+                taken.bind(("127.0.0.1", 8080))
+                taken.listen()
+                break
+            time.sleep(0.1)
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as demo:
             link = demo.stdout.readline().decode()
             demo.terminate()
