@@ -46,6 +46,7 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_many
 	$(BIN)/python -m benchmarks.bench_line
 	$(BIN)/python -m benchmarks.bench_give_up
+	$(BIN)/python -m benchmarks.bench_boxes
 	$(BIN)/python -m benchmarks.bench_servo
 	$(BIN)/python -m benchmarks.bench_module
 	$(BIN)/python -m benchmarks.bench_bus

@@ -29,12 +29,12 @@ def meet_by_coal(
         for i, j in zip(*np.nonzero(due <= t), strict=True):
             one, other = a.objects[i], b.objects[j]
             due[i, j] = math.inf
-            if one.parentJoint == other.parentJoint == 0:
+            if one.joint == other.joint == 0:
                 continue
             speeds = np.column_stack((travel_a[k:, i], travel_b[k:, j]))
             need = room + (early * float(speeds[0].min()) if last else 0.0)
             gap = coal.distance(
-                one.geometry, place_a[i], other.geometry, place_b[j], request, coal.DistanceResult()
+                one.shape, place_a[i], other.shape, place_b[j], request, coal.DistanceResult()
             )
             if gap < need:
                 return t, gap, int(i), int(j)

@@ -25,11 +25,11 @@ def distance(bodies, q_left, q_right, T=T_LEFT_RIGHT):
     left = bodies.placed(q_left, SE3.identity(), data[0])
     right = bodies.placed(q_right, T, data[1])
     return min(
-        coal.distance(a.geometry, left[i], b.geometry, right[j], coal.DistanceRequest(),
+        coal.distance(a.shape, left[i], b.shape, right[j], coal.DistanceRequest(),
                       coal.DistanceResult())
         for i, a in enumerate(bodies.objects)
         for j, b in enumerate(bodies.objects)
-        if a.parentJoint or b.parentJoint
+        if a.joint or b.joint
     )  # fmt: skip
 
 

@@ -223,9 +223,9 @@ def gaps(
         apart = np.full((len(a.objects), len(b.objects)), np.inf)
         for i, (x, at) in enumerate(zip(a.objects, place_a, strict=True)):
             for j, (y, to) in enumerate(zip(b.objects, place_b, strict=True)):
-                if x.parentJoint or y.parentJoint:
+                if x.joint or y.joint:
                     apart[i, j] = coal.distance(
-                        x.geometry, at, y.geometry, to, request, coal.DistanceResult()
+                        x.shape, at, y.shape, to, request, coal.DistanceResult()
                     )
         yield apart
 

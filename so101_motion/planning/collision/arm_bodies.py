@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.batch_check import BatchCheck, pointer
-from so101_motion.planning.collision.bodies import bodies_without
+from so101_motion.planning.collision.bodies import Body, bodies_without
 from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -49,7 +49,7 @@ class ArmBodies:
         self.model, self.passed = model.pin_model, passed
         self._robot, self._attached = model, attached
         bodies = bodies_without(self.model, attached, left_out)
-        self.objects = list(bodies.geometry.geometryObjects)
+        self.objects = bodies.bodies
         self.names = tuple(each.name for each in self.objects)
         offsets = [np.array(self.model.jointPlacements[j].translation) for j in range(1, 7)]
         self.levers = np.array([_levers(each, offsets) for each in self.objects], dtype=float)
@@ -76,7 +76,7 @@ class ArmBodies:
         """Poses of the bodies at a configuration (6,) of an arm with its base at ``T``; coal's."""
         pin.forwardKinematics(self.model, data, q)
         base = pin.SE3(np.array(T.R), np.array(T.p))
-        places = [base * data.oMi[each.parentJoint] * each.placement for each in self.objects]
+        places = [base * data.oMi[each.joint] * each.placement for each in self.objects]
         return [coal.Transform3s(each.rotation, each.translation) for each in places]
 
 
@@ -103,13 +103,13 @@ def _bodies_in(scene: Scene, passed: frozenset[str]) -> ArmBodies:
     return ArmBodies(_model(), scene.attached, passed=passed)
 
 
-def _levers(body: Any, offsets: Sequence[Array]) -> Array:
+def _levers(body: Body, offsets: Sequence[Array]) -> Array:
     """Bounds on the distance of a body's points from each joint's axis, shape (6,), [m]."""
-    levers, joint = np.zeros(6), int(body.parentJoint)
+    levers, joint = np.zeros(6), body.joint
     if joint == 0:
         return levers
-    points = _corners(body.geometry) @ body.placement.rotation.T + body.placement.translation
-    extra = float(body.geometry.getSweptSphereRadius())
+    points = _corners(body.shape) @ body.placement.rotation.T + body.placement.translation
+    extra = float(body.shape.getSweptSphereRadius())
     levers[joint - 1] = float(np.linalg.norm(points[:, :2], axis=1).max()) + extra
     ball = float(np.linalg.norm(points, axis=1).max()) + extra
     for j in range(joint - 1, 0, -1):

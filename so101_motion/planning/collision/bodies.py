@@ -1,4 +1,4 @@
-"""Build the collision bodies and pairs for Pinocchio and coal: links, held objects, obstacles.
+"""Build the collision bodies and pairs for coal: links, held objects, obstacles.
 
 *Bodies.* Each link is one convex hull that contains the whole real part (``urdf/README.md``).
 Boxes, spheres and capsules are used as they are; a mesh is its convex parts and other triangles; a
@@ -137,10 +137,11 @@ _LOWERING = frozenset(LINKS[LINKS.index("upper arm") :])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bodies:
-    """All collision bodies and pairs, in the form of Pinocchio.
+    """All collision bodies and pairs.
 
     Attributes:
-        geometry: The bodies and the pairs of them that are checked, Pinocchio's.
+        bodies: The bodies.
+        indices: The pairs of them that are checked, integers, shape (len(pairs), 2).
         pairs: Those pairs by name.
         margins: Distance that each pair must keep, shape (len(pairs),), [m].
         moved_by: How many of the arm's joints move the first and the second body of each pair,
@@ -153,7 +154,8 @@ class Bodies:
             depth in surfaces.
     """
 
-    geometry: Any
+    bodies: tuple[Body, ...]
+    indices: Any
     pairs: tuple[tuple[str, str], ...]
     margins: Array
     moved_by: Any
@@ -194,21 +196,31 @@ Standing = Box | Sphere | Capsule | Mesh | Cubes | Hull
 """The form of an obstacle."""
 
 
-class _Mover(NamedTuple):
-    """A body that joints may move: a link or a held object.
+class Body(NamedTuple):
+    """A link, a held object, an obstacle or a part of it.
 
     Attributes:
         name: Its name in messages.
         joint: The joint that carries it, 0 for none.
         placement: Its pose in that joint's frame, Pinocchio's.
         shape: Its shape, coal's.
-        points: Points whose hull contains it, in the joint's frame, shape (n, 3), [m].
     """
 
     name: str
     joint: int
     placement: Any
     shape: Any
+
+
+class _Mover(NamedTuple):
+    """A body that joints may move: a link or a held object.
+
+    Attributes:
+        body: The body.
+        points: Points whose hull contains it, in the joint's frame, shape (n, 3), [m].
+    """
+
+    body: Body
     points: Array
 
 
@@ -236,7 +248,7 @@ def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = never_abandoned
 def bodies_without(model: Any, attached: tuple[Attached, ...], left_out: frozenset[str]) -> Bodies:
     """The bodies of an arm and of held objects without those left out; no pairs are checked."""
     carried = _carried(_Same(model), attached)
-    kept = [each for each in carried.movers if each.name not in left_out]
+    kept = [each for each in carried.movers if each.body.name not in left_out]
     return _Gathered(model, carried._replace(movers=kept)).bodies(set(), 0.0)
 
 
@@ -314,7 +326,7 @@ def _widened(same: _Same, attached: tuple[Attached, ...], radius: float) -> list
         shape = convex_hull(each.points)
         shape.setSweptSphereRadius(radius)
         form = Hull(np.array(shape.points()), radius)
-        parts.append(_Part(each.name, each.joint, shape, form))
+        parts.append(_Part(each.body.name, each.body.joint, shape, form))
     return parts
 
 
@@ -336,19 +348,17 @@ class _Gathered:
     """Collects bodies and pairs."""
 
     def __init__(self, model: Any, carried: _Carried) -> None:
-        self._geometry = pin.GeometryModel()
         self._model = model
         self._movers, self._levers, self._spans = carried
+        self._bodies = [each.body for each in self._movers]
         self._pairs: list[tuple[int, int]] = []
         self._standing: dict[int, Standing] = {}
         self._insides: dict[int, Inside | None] = {}
-        for each in self._movers:
-            self._add(each.name, each.joint, each.placement, each.shape)
         self._centre = np.array(model.jointPlacements[1].translation)
 
     def pair_movers(self, attached: tuple[Attached, ...]) -> None:
         """Add pairs of links that can meet, and of held objects with the links that do not hold."""
-        index = {each.name: i for i, each in enumerate(self._movers)}
+        index = {each.name: i for i, each in enumerate(self._bodies)}
         free_to_meet = _link_pairs()
         for held in attached:
             for link in LINKS:
@@ -359,21 +369,20 @@ class _Gathered:
     def add_floor(self, floor_z: float) -> None:
         """Add the floor: everything below ``floor_z`` [m]."""
         plane = coal.Halfspace(np.array([0.0, 0.0, 1.0]), floor_z)
-        floor = self._add(FLOOR, 0, pin.SE3.Identity(), plane)
-        for i, each in enumerate(self._movers):
+        floor = self._add(FLOOR, pin.SE3.Identity(), plane)
+        for i, (each, _) in enumerate(self._movers):
             if each.name in _LOWERING or each.name not in LINKS:
                 self._pairs.append((i, floor))
 
     def add_obstacle(self, obstacle: Obstacle, checkpoint: Checkpoint) -> None:
         """Add an obstacle, unless nothing can come near it."""
-        form, T = read_shape(obstacle.shape), obstacle.T_base_obstacle
-        name, foot = obstacle.name, _foot(self._model, T)
+        form, T, name = read_shape(obstacle.shape), obstacle.T_base_obstacle, obstacle.name
         checkpoint()
         if isinstance(form, PointCloud):
-            for cubes, inside in self._cubes(form, T, foot, checkpoint):
+            for cubes, inside in self._cubes(form, T, _foot(self._model, T), checkpoint):
                 self._stand(name, cubes, octree(*cubes), T, inside)
         elif isinstance(form, Mesh):
-            for part in parts_of(form, foot):
+            for part in parts_of(form, _foot(self._model, T)):
                 checkpoint()
                 if part.hull is None:
                     self._stand(name, part.mesh, standing_shape(part.mesh), T, part.inside)
@@ -398,10 +407,10 @@ class _Gathered:
         near = [
             i
             for i, (each, span) in enumerate(zip(self._movers, self._spans, strict=True))
-            if each.joint > 0 and span + NEAR > away
+            if each.body.joint > 0 and span + NEAR > away
         ]
         if near:
-            this = self._add(name, 0, _placement(T), shape)
+            this = self._add(name, _placement(T), shape)
             self._standing[this] = given
             if isinstance(shape, coal.BVHModelOBBRSS | coal.OcTree):
                 self._insides[this] = inside
@@ -434,30 +443,28 @@ class _Gathered:
 
     def bodies(self, allowed: set[frozenset[str]], margin: float) -> Bodies:
         """The collected bodies, without the pairs that may touch."""
-        objects = list(self._geometry.geometryObjects)
-        names = [each.name for each in objects]
-        movable = [min(each.parentJoint, 5) for each in objects]
+        names = [each.name for each in self._bodies]
+        movable = np.array([min(each.joint, 5) for each in self._bodies], dtype=int)
         kept = [(a, b) for a, b in self._pairs if frozenset((names[a], names[b])) not in allowed]
-        for pair in kept:
-            self._geometry.addCollisionPair(pin.CollisionPair(*pair))
+        indices = np.array(kept, dtype=int).reshape(-1, 2)
         own = min(margin, MARGIN)
         links = {i for i, name in enumerate(names) if name in LINKS}
         return Bodies(
-            geometry=self._geometry,
+            bodies=tuple(self._bodies),
+            indices=indices,
             pairs=tuple((names[a], names[b]) for a, b in kept),
             margins=np.array([own if links.issuperset(pair) else margin for pair in kept]),
-            moved_by=np.array([(movable[a], movable[b]) for a, b in kept], int).reshape(-1, 2),
+            moved_by=movable[indices],
             # Octrees come first, whatever was asked (observed in coal 3.0.3).
-            swapped=tuple(isinstance(objects[b].geometry, coal.OcTree) for _, b in kept),
+            swapped=tuple(isinstance(self._bodies[b].shape, coal.OcTree) for _, b in kept),
             levers=self._levers,
             standing=self._standing,
             insides=self._insides,
         )
 
-    def _add(self, name: str, joint: int, placement: Any, shape: Any) -> int:
-        return int(
-            self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape))
-        )
+    def _add(self, name: str, placement: Any, shape: Any) -> int:
+        self._bodies.append(Body(name, 0, placement, shape))
+        return len(self._bodies) - 1
 
 
 class _Same:
@@ -496,7 +503,7 @@ def _carried(same: _Same, attached: tuple[Attached, ...]) -> _Carried:
     steps = [float(np.linalg.norm(model.jointPlacements[j].translation)) for j in range(2, 7)]
     # The links between, then itself.
     spans = [
-        sum(steps[: max(0, each.joint - 1)]) + float(np.linalg.norm(each.points, axis=1).max())
+        sum(steps[: max(0, each.body.joint - 1)]) + float(np.linalg.norm(each.points, axis=1).max())
         for each in movers
     ]
     return _Carried(movers, _levers(model, movers), spans)
@@ -518,7 +525,7 @@ def _held(model: Any, attached: tuple[Attached, ...]) -> Iterator[_Mover]:
 def _mover(name: str, frame: Any, T_frame_body: SE3, shape: Any, points: Array) -> _Mover:
     placement = frame.placement * _placement(T_frame_body)
     in_joint = np.asarray(points) @ placement.rotation.T + placement.translation
-    return _Mover(name, int(frame.parentJoint), placement, shape, in_joint)
+    return _Mover(Body(name, int(frame.parentJoint), placement, shape), in_joint)
 
 
 def _placement(T: SE3) -> Any:
@@ -559,7 +566,7 @@ def _levers(model: Any, movers: list[_Mover]) -> MotionBounds:
     return MotionBounds(
         [SE3(each.rotation, each.translation) for each in offsets],
         [
-            np.concatenate([np.zeros((1, 3)), *(e.points for e in movers if e.joint == j)])
+            np.concatenate([np.zeros((1, 3)), *(e.points for e in movers if e.body.joint == j)])
             for j in joints
         ],
     )

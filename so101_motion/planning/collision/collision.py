@@ -14,7 +14,7 @@ A model belongs to one thread, like everything that holds Pinocchio's data.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -34,9 +34,9 @@ from so101_motion.planning.collision.bodies import NEAR, bodies_in
 from so101_motion.planning.collision.continuous_check import (
     WIDER,
     Level,
-    Touches,
     travel,
 )
+from so101_motion.planning.collision.pairs_by_coal import Found, PairsByCoal
 from so101_motion.planning.collision.scene import MARGIN, Scene
 from so101_motion.planning.collision.solids import RIB, points_in
 from so101_motion.planning.kinematics.model import RobotModel
@@ -137,15 +137,13 @@ class CollisionModel:
         self._model = model.pin_model
         self._data = self._model.createData()
         bodies = bodies_in(self._model, self.scene, checkpoint)
-        self._bodies, self.pairs, self.margins = bodies.geometry, bodies.pairs, bodies.margins
+        self._bodies, self.pairs, self.margins = bodies.bodies, bodies.pairs, bodies.margins
         self._levers, self.reach = bodies.levers, bodies.levers.longest
-        self._moved_by, self._swapped = bodies.moved_by, bodies.swapped
+        self._moved_by = bodies.moved_by
         self._insides, self._points = bodies.insides, lru_cache(maxsize=32)(self._points_in)
-        surfaces = (each.second in self._insides for each in self._bodies.collisionPairs)
-        self._with_surface = np.fromiter(surfaces, bool, len(self.pairs))
-        self._distances = pin.GeometryData(self._bodies)
-        self._near_pairs = lru_cache(maxsize=4)(self._boxes_within)
-        self._kept: list[Any] = []  # what the checks need alive
+        self._second = bodies.indices[:, 1]
+        self._with_surface = np.isin(self._second, list(self._insides))
+        self._coal = PairsByCoal(self._model, self._data, bodies)
         self.batch = BatchCheck(self._model, bodies, self.scene.floor_z)
         self.batch.watch(checkpoint)
         self._wider = lru_cache(maxsize=8)(self._with_room)
@@ -181,13 +179,8 @@ class CollisionModel:
         self._q[:5] = q
         self._q[5] = q_jaw
         self.checkpoint()
-        pin.computeDistances(self._model, self._data, self._bodies, self._distances, self._q)
-        return np.array(
-            [
-                self._found(k, each).distance
-                for k, each in enumerate(self._distances.distanceResults)
-            ]
-        )
+        self._coal.place(self._q)
+        return np.array([self._found(k).distance for k in range(len(self.pairs))])
 
     def lacking(self, q: ArrayLike, q_jaw: float, margins: Array) -> Array:
         """How much each pair is closer than its margin, both shape (len(pairs),), [m]; mostly 0.
@@ -202,9 +195,8 @@ class CollisionModel:
         self._q[:5] = q
         self._q[5] = q_jaw
         # The others are further apart than the widest margin.
-        for k in self._near_pairs(widest)(self._q):
-            result = pin.computeDistance(self._bodies, self._distances, k)
-            distance = self._found(k, result).distance
+        for k in self._coal.boxes_within(widest, self._q):
+            distance = self._found(k).distance
             lack[k] = math.inf if self.unknown(k, distance) else max(margins[k] - distance, 0.0)
         return lack
 
@@ -223,8 +215,7 @@ class CollisionModel:
         """The pairs with a surface that the arm is in to an unknown depth, booleans by pair."""
         numbers = np.arange(len(self.pairs))
         found = numbers[self.unknown(numbers, self.distances(q, q_jaw))]
-        seconds = [each.second for each in self._bodies.collisionPairs]
-        return np.isin(seconds, [seconds[k] for k in found])
+        return np.isin(self._second, self._second[found])
 
     @property
     def measured(self) -> Any:
@@ -232,11 +223,10 @@ class CollisionModel:
 
         It is not in what is no convex solid (``solids.py``).
         """
-        known = {
+        known = [
             body for body, each in self._insides.items() if each is not None and each.is_convex
-        }
-        seconds = (each.second for each in self._bodies.collisionPairs)
-        return ~self._with_surface | np.array([each in known for each in seconds], dtype=bool)
+        ]
+        return ~self._with_surface | np.isin(self._second, known)
 
     def lacks_more(self, places: Array, q_jaw: float, margins: Array, lack: Array) -> bool:
         """Whether at one of several configurations (n, 5) ``lacking`` exceeds ``lack`` [m]."""
@@ -247,11 +237,18 @@ class CollisionModel:
 
     def clearance(self, q: ArrayLike, q_jaw: float = 0.0) -> Clearance:
         """The pair of bodies with the least distance beyond its margin."""
-        distances = self.distances(q, q_jaw)
-        closest = int(np.argmin(distances - self.margins))
+        self._q[:5], self._q[5] = q, q_jaw
+        self.checkpoint()
+        least = self._coal.place(self._q) - self.margins
+        rooms = dict[int, float]()
+        for k in np.argsort(least, kind="stable").tolist():
+            if rooms and least[k] > min(rooms.values()):
+                break
+            rooms[k] = self._found(k).distance - self.margins[k]
+        closest = min(rooms, key=lambda k: (rooms[k], k))
         first, second = self.pairs[closest]
         return Clearance(
-            distance=float(distances[closest]),
+            distance=self._found(closest).distance,
             first=first,
             second=second,
             margin=float(self.margins[closest]),
@@ -312,38 +309,32 @@ class CollisionModel:
     def _near_by_coal(self, q: ArrayLike, q_jaw: float, within: float) -> Array:
         self._q[:5] = q
         self._q[5] = q_jaw
-        found = dict[int, _Found]()
-        for k in self._near_pairs(within)(self._q):
-            result = pin.computeDistance(self._bodies, self._distances, k)
-            if result.min_distance <= within:
-                found[k] = self._found(k, result)
+        found = dict[int, Found]()
+        for k in self._coal.boxes_within(within, self._q):
+            each = self._found(k)
+            if each.distance <= within:
+                found[k] = each
         return self._rows(found) if found else np.zeros((0, NEAR_ROW))
 
-    def _found(self, k: int, result: Any) -> _Found:
-        """What coal found for a pair, with the depth in solids of which it knows the surface."""
-        distance, pair = float(result.min_distance), self._bodies.collisionPairs[k]
-        if distance <= RIB and pair.second in self._insides:
-            inside, objects = self._insides[pair.second], self._bodies.geometryObjects
-            if inside is not None:
-                body = objects[pair.first].geometry
-                points = partial(self._points, int(pair.first))
-                T = self._distances.oMg[pair.second]
-                at = T.actInv(self._distances.oMg[pair.first])
-                deep = inside.depth(body, points, at.rotation, at.translation)
-                if deep is not None:
-                    p_first, p_second = T.act(deep.p_body), T.act(deep.p_solid)
-                    return _Found(-deep.depth, p_first, p_second, T.rotation @ deep.normal)
-            distance = max(distance, 0.0)
-        if self._swapped[k]:
-            sides = (result.getNearestPoint2(), result.getNearestPoint1(), -result.normal)
-        else:
-            sides = (result.getNearestPoint1(), result.getNearestPoint2(), result.normal)
-        return _Found(distance, *sides)
+    def _found(self, k: int) -> Found:
+        """What coal finds for a pair, with the depth in solids of which it knows the surface."""
+        found, body = self._coal.found(k), int(self._second[k])
+        if found.distance > RIB or body not in self._insides:
+            return found
+        inside = self._insides[body]
+        if inside is not None:
+            first, T, at = self._coal.pair(k)
+            points = partial(self._points, first)
+            deep = inside.depth(self._bodies[first].shape, points, at.rotation, at.translation)
+            if deep is not None:
+                p_first, p_second = T.act(deep.p_body), T.act(deep.p_solid)
+                return Found(-deep.depth, p_first, p_second, T.rotation @ deep.normal)
+        return found._replace(distance=max(found.distance, 0.0))
 
     def _points_in(self, body: int) -> Array:
-        return points_in(self._bodies.geometryObjects[body].geometry)
+        return points_in(self._bodies[body].shape)
 
-    def _rows(self, found: dict[int, _Found]) -> Array:
+    def _rows(self, found: dict[int, Found]) -> Array:
         """The rows of ``near_bounds`` from what was found for each pair."""
         pairs = list(found)
         distances, p_first, p_second, normal = map(np.array, zip(*found.values(), strict=True))
@@ -409,15 +400,7 @@ class CollisionModel:
         own, scene = (
             max(part * each + extra, at_least) for each in (min(self.margin, MARGIN), self.margin)
         )
-        return Level(clearance, _Lazy(partial(self._check, margins)), (own, scene))
-
-    def _check(self, margins: Array) -> Touches:
-        """The check by coal of one configuration."""
-        results, manager = self._broad_phase(margins)
-        self.checkpoint()
-        stop_at_first = pin.CollisionCallBackDefault(self._bodies, results, True)
-        self._kept.append(results)
-        return partial(pin.computeCollisions, self._model, self._data, manager, stop_at_first)
+        return Level(clearance, partial(self._coal.touches, margins), (own, scene))
 
     def _proof(self, *levels: Level) -> _Proof:
         return _Proof(levels, Levels(self.batch, levels))
@@ -438,57 +421,12 @@ class CollisionModel:
         higher = (each._replace(clearance=each.clearance - bend) for each in wider)
         return self._proof(lowest, *(each for each in higher if each.clearance > lowest.clearance))
 
-    def _boxes_within(self, distance: float) -> Callable[[Array], list[int]]:
-        """The pairs whose bounding boxes are within a distance; ``q`` has all six joints."""
-        results, manager = self._broad_phase(np.full(len(self.pairs), distance))
-        self._kept.append(results)
-        collect = pin.CollisionCallBackCollect(self._bodies, results)
-        model, data, bodies, distances = self._model, self._data, self._bodies, self._distances
-
-        def near(q_full: Array) -> list[int]:
-            pin.computeCollisions(model, data, manager, collect, q_full)
-            pin.updateGeometryPlacements(model, data, bodies, distances)
-            return list(collect.pair_indexes)
-
-        return near
-
-    def _broad_phase(self, margins: Array) -> tuple[Any, Any]:
-        results = pin.GeometryData(self._bodies)
-        for request, margin in zip(results.collisionRequests, margins.tolist(), strict=True):
-            request.security_margin = margin
-        # The naive manager tests every bounding box against every other; for some dozens of bodies
-        # that beats keeping a tree up to date.
-        manager = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._bodies, results)
-        return results, manager
-
-
-class _Lazy:
-    """A check that is built when it is first needed."""
-
-    def __init__(self, make: Callable[[], Touches]) -> None:
-        self._make = make
-        self._made: Touches | None = None
-
-    def __call__(self, q: Array) -> bool:
-        if self._made is None:
-            self._made = self._make()
-        return self._made(q)
-
 
 class _Proof(NamedTuple):
     """The levels of a proof, from the margins up, and the same for the library."""
 
     levels: Sequence[Level]
     native: Levels
-
-
-class _Found(NamedTuple):
-    """Distance [m], nearest points [m] and normal of two bodies, as in ``ClosePair``."""
-
-    distance: float
-    p_first: Array
-    p_second: Array
-    normal: Array
 
 
 def _rates(J: Array, joints: Array, p: Array, normal: Array) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.bodies import Bodies, Cubes, Hull, Standing
+from so101_motion.planning.collision.bodies import Bodies, Body, Cubes, Hull, Standing
 from so101_motion.planning.collision.scene import FLOOR, LINKS, Box, Capsule, Mesh, Sphere
 
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
@@ -24,7 +24,7 @@ _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 def packed(model: Any, bodies: Bodies, floor_z: float) -> tuple[list[Any], dict[int, int]]:
     """The arguments of ``so101_new`` in its order, and our pair for each pair of the library."""
-    objects = list(bodies.geometry.geometryObjects)
+    objects = bodies.bodies
     names = [each.name for each in objects]
     movers = [
         i for i, each in enumerate(objects) if i not in bodies.standing and each.name != FLOOR
@@ -35,8 +35,7 @@ def packed(model: Any, bodies: Bodies, floor_z: float) -> tuple[list[Any], dict[
     masks = dict.fromkeys(bodies.standing, 0)
     rows = {i: k * len(movers) for k, i in enumerate(bodies.standing, 1)}
     own, others = list[int](), dict[int, int]()
-    for k, pair in enumerate(bodies.geometry.collisionPairs):
-        a, b = int(pair.first), int(pair.second)
+    for k, (a, b) in enumerate(bodies.indices.tolist()):
         if names[b] == FLOOR:
             with_floor |= 1 << place[a]
             others[place[a]] = k
@@ -62,7 +61,7 @@ def packed(model: Any, bodies: Bodies, floor_z: float) -> tuple[list[Any], dict[
     arguments = [
         _offsets(model),
         len(movers),
-        np.array([objects[i].parentJoint for i in movers], np.int32),
+        np.array([objects[i].joint for i in movers], np.int32),
         _starts([points for points, _ in hulls]),
         np.concatenate([points for points, _ in hulls]),
         np.array([radius for _, radius in hulls]),
@@ -108,9 +107,9 @@ def _points_of(shape: Any) -> tuple[Array, float]:
     return np.array(shape.points()), radius
 
 
-def _hull(body: Any) -> tuple[Array, float]:
+def _hull(body: Body) -> tuple[Array, float]:
     """The points of a body in its joint's frame, shape (n, 3), and the radius around them [m]."""
-    points, radius = _points_of(body.geometry)
+    points, radius = _points_of(body.shape)
     T = body.placement
     return np.ascontiguousarray(points @ np.array(T.rotation).T + np.array(T.translation)), radius
 
