@@ -140,7 +140,7 @@ class LongSearch:
         return together.plan_together(self._planner, self._seeded(number))
 
     def _as_one(self, number: int, _share: float) -> Plans:
-        return together._as_one(self._planner, self._seeded(number))
+        return together._as_one(self._planner, self._seeded(number), math.inf)
 
     def _anywhere(self, number: int, _share: float) -> Plans | None:
         some = self._random.random(len(self._team)) < 0.6
@@ -181,7 +181,8 @@ class LongSearch:
         at_once = together._at_once(team, alone)
         if at_once is not None:
             return at_once
-        for plans in sorted(together._in_turn(self._planner, team, alone), key=together._makespan):
+        in_turn = together._in_turn(self._planner, team, alone, math.inf)
+        for plans in sorted(in_turn, key=together._makespan):
             proven = together._proven(team, plans, [each.trajectory for each in plans])
             if proven is not None:
                 return proven

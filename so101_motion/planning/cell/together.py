@@ -19,10 +19,11 @@ slowed down there, instead of everywhere. The result will probably pass the proo
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import combinations, pairwise, permutations
+from itertools import combinations, islice, pairwise, permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +55,7 @@ from so101_motion.planning.paths.compiled_search import (
 from so101_motion.planning.paths.path import SPACING
 from so101_motion.planning.planner import CORNER, Planner
 from so101_motion.planning.planning_context import PlanningContext
-from so101_motion.planning.request import Plan
+from so101_motion.planning.request import Plan, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import JointPath, blended_path
@@ -139,6 +140,13 @@ SPARE = 0.005
 MOST_ORDERS = 6
 """Number of orders in which arms are planned one after the other; chosen, all orders of three."""
 
+ALONE, IN_TURN, AS_ONE = 0.5, 0.75, 1.15
+"""Shares of the time budget after which each method leaves it to the next; chosen. The last is all
+that a plan may take: an arm that finds nothing must leave time for the others."""
+
+LEAST = 0.01
+"""Shortest search of one arm [s]; chosen."""
+
 
 def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
     """Plan one motion for several arms, which they begin and end together.
@@ -153,16 +161,24 @@ def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Pla
     """
     if any(isinstance(each.request.goal, PathGoal) for each in team):
         return _along_path(planner, team)
-    team = _with_goals(planner, team)
-    alone = [_alone(planner, each) for each in team]
+    now, budget = time.monotonic(), team[0].request.time_budget
+    alone_ends, in_turn_ends, ends = (now + share * budget for share in (ALONE, IN_TURN, AS_ONE))
+    team = _with_goals(planner, team, alone_ends)
+    alone = [_alone(planner, each, alone_ends) for each in team]
     at_once = _at_once(team, alone)
     if at_once is not None:  # nothing is quicker
         return at_once
-    for plans in sorted(_in_turn(planner, team, alone), key=_makespan):
+    for plans in sorted(_in_turn(planner, team, alone, in_turn_ends), key=_makespan):
         proven = _proven(team, plans, [each.trajectory for each in plans])
         if proven is not None:
             return proven
-    return _as_one(planner, team)
+    return _as_one(planner, team, ends)
+
+
+def _until(ends: float, request: PlanRequest) -> PlanRequest:
+    """The request with what is left of the time until ``ends`` [s]."""
+    left = max(ends - time.monotonic(), LEAST)
+    return replace(request, time_budget=min(left, request.time_budget))
 
 
 def _along_path(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
@@ -191,7 +207,7 @@ def _makespan(plans: Sequence[Plan]) -> float:
     return max(each.duration for each in plans)
 
 
-def _with_goals(planner: Planner, team: Sequence[TeamMember]) -> list[TeamMember]:
+def _with_goals(planner: Planner, team: Sequence[TeamMember], ends: float) -> list[TeamMember]:
     """The same arms with joint angles as goals, at which all can stand at the same time.
 
     Raises:
@@ -205,7 +221,8 @@ def _with_goals(planner: Planner, team: Sequence[TeamMember]) -> list[TeamMember
         else:
             others = tuple(each.seen_from(member, each.resting(_goal_of(each))) for each in fixed)
             with member.named():
-                q_goal = planner.plan(replace(member.request, others=others)).q_goal
+                asked = _until(ends, replace(member.request, others=others))
+                q_goal = planner.plan(asked).q_goal
         request = replace(member.request, goal=JointGoal(q=q_goal), others=())
         fixed.append(replace(member, request=request))
     for a, b in combinations(fixed, 2):
@@ -233,7 +250,7 @@ def _goal_of(member: TeamMember) -> Array:
     return goal.q
 
 
-def _alone(planner: Planner, member: TeamMember) -> Plan | None:
+def _alone(planner: Planner, member: TeamMember, ends: float) -> Plan | None:
     """Plan an arm as if there were no others; None if no path is found.
 
     Raises:
@@ -241,7 +258,7 @@ def _alone(planner: Planner, member: TeamMember) -> Plan | None:
     """
     with member.named():
         try:
-            return planner.plan(member.request)
+            return planner.plan(_until(ends, member.request))
         except (InCollision, OutsideLimits, Overloaded):  # no motion of the others helps
             raise
         except PlanningError:
@@ -264,11 +281,13 @@ def _at_once(team: Sequence[TeamMember], alone: Sequence[Plan | None]) -> dict[s
 
 
 def _in_turn(
-    planner: Planner, team: Sequence[TeamMember], alone: Sequence[Plan | None]
+    planner: Planner, team: Sequence[TeamMember], alone: Sequence[Plan | None], ends: float
 ) -> list[list[Plan]]:
     """Plans made one after the other, in several orders; longer ones are given up early."""
     found: list[list[Plan]] = []
-    for _, order in zip(range(MOST_ORDERS), permutations(range(len(team))), strict=False):
+    for order in _orders(team, alone):
+        if time.monotonic() > ends:
+            break
         plans: dict[int, Plan] = {}
         shortest = min(map(_makespan, found), default=math.inf)
         with suppress(PlanningError):
@@ -284,13 +303,30 @@ def _in_turn(
                     for i, other in enumerate(team)
                     if i != k
                 ]
-                asked = replace(me.request, others=tuple(others))
+                asked = _until(ends, replace(me.request, others=tuple(others)))
                 plans[k] = plan_among(planner.plan, asked, alone=alone[k], before=shortest)
                 if plans[k].duration >= shortest:
                     break
             else:
                 found.append([plans[k] for k in range(len(team))])
     return found
+
+
+def _orders(team: Sequence[TeamMember], alone: Sequence[Plan | None]) -> Iterator[tuple[int, ...]]:
+    """Orders in which to plan: arms first whose own plans meet nobody, the others in many ways."""
+    met = [0 if plan is not None else len(team) for plan in alone]
+    for (i, one), (j, other) in combinations(enumerate(alone), 2):
+        if one is not None and other is not None:
+            pair = [team[i], team[j]]
+            if not _keep_apart(pair, [one.trajectory, other.trajectory]):
+                met[i] += 1
+                met[j] += 1
+    first = [k for k, count in enumerate(met) if not count]
+    rest = sorted((k for k, count in enumerate(met) if count), key=lambda k: -met[k])
+    turned = [rest[k:] + rest[:k] for k in range(len(rest))]
+    many = [order for each in turned for order in (each, each[::-1])]
+    for order in islice(permutations(rest) if len(rest) <= 3 else many, MOST_ORDERS):
+        yield (*first, *order)
 
 
 def _proven(
@@ -332,7 +368,7 @@ def _lengthened(trajectory: Trajectory, length: int) -> Trajectory:
     )
 
 
-def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
+def _as_one(planner: Planner, team: Sequence[TeamMember], ends: float) -> dict[str, Plan]:
     """Search one path for all joints together, and time it as one motion.
 
     Raises:
@@ -350,7 +386,7 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
     for member in team:
         with member.named():
             contexts.append(planner.context(member.request))
-    checker, deadline = _check_of(team, contexts), Deadline(first.time_budget)
+    checker, deadline = _check_of(team, contexts), Deadline(_until(ends, first).time_budget)
     start = np.concatenate([each.request.q_start for each in team])
     goal = np.concatenate([_goal_of(each) for each in team])
     space = Space(

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
-from so101_motion.common.errors import InCollision, Overloaded, Unreachable
+from so101_motion.common.errors import InCollision, NoPath, Overloaded, Unreachable
 from so101_motion.common.geometry import SE3, rot_z
+from so101_motion.planning.cell import together
 from so101_motion.planning.cell.team_requests import TeamMember
 from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision.apart import ROOM, first_meeting
@@ -102,6 +103,35 @@ def test_three_arms_are_not_special(planner):
     team = team_of(starts, [PoseGoal.at_point(p) for p in points], places)
     plans = plan_together(planner, team)
     assert_apart(team, plans)
+
+
+class HopelessPlanner:
+    """Finds nothing, and takes all the time that it may on a clock of its own."""
+
+    def __init__(self):
+        self.t = 0.0
+
+    def monotonic(self):
+        return self.t
+
+    def plan(self, request):
+        self.t += request.time_budget
+        raise NoPath("there is no path", where="path", blockers=())
+
+
+def test_all_methods_together_keep_to_one_time_budget(planner, monkeypatch):
+    six = tuple(SE3(np.eye(3), np.array([k, 0.0, 0.0])) for k in range(6))
+    team = team_of([np.zeros(5)] * 6, [JointGoal(q=np.full(5, 0.1))] * 6, six)
+    hopeless = HopelessPlanner()
+    monkeypatch.setattr(together, "time", hopeless)
+    left = []
+    monkeypatch.setattr(
+        together, "_as_one", lambda _planner, _team, ends: left.append(ends - hopeless.t)
+    )
+    plan_together(hopeless, team)
+    budget = team[0].request.time_budget
+    assert left[0] > 0.3 * budget
+    assert hopeless.t + left[0] <= 1.2 * budget
 
 
 def test_a_goal_that_one_arm_cannot_have_is_refused_at_once_with_its_name(planner):
