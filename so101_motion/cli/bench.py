@@ -13,11 +13,11 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import click
 import numpy as np
 
-from so101_motion.cli.shared import busy_message, json_option, print_json, quietly
-from so101_motion.cli.sources import AnySource, MachineSource, Source, any_source_options
+from so101_motion.cli.options import JSON, verb
+from so101_motion.cli.shared import busy_message, print_json, quietly
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, MachineSource, Source
 
 if TYPE_CHECKING:
     from so101_motion.common.state import JointState
@@ -76,10 +76,8 @@ class Figure:
         return {"n": self.n, **rounded, "remark": self.remark}
 
 
-@click.command()
-@any_source_options
-@json_option
-def bench(source: AnySource, as_json: bool) -> None:
+@verb()
+def bench(source: AnySource = ANY_SOURCE, as_json: bool = JSON) -> None:
     """Measure planning, the control loop and the bus on this computer, in ten seconds.
 
     Nothing moves. With --port the servos are read as the control loop reads them; with --machine

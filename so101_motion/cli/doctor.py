@@ -12,14 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion import __version__
+from so101_motion.cli.options import JSON, flag, option, verb
 from so101_motion.cli.param_types import OutFile, port_option
-from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, write_report
-from so101_motion.cli.sources import (
-    MachineSource,
-    calibration_option,
-    chosen_among,
-    machine_options,
-)
+from so101_motion.cli.shared import CHECK_FAILED, print_json, write_report
+from so101_motion.cli.sources import CALIBRATION, MACHINE, MachineSource, chosen_among
 from so101_motion.common.errors import CalibrationError, MachineRefused, PortUnavailable, So101Error
 from so101_motion.common.units import to_deg
 
@@ -36,20 +32,14 @@ _FAILURES = 2
 _SIGNS = {"ok": ("✓", "green"), "warn": ("!", "yellow"), "fail": ("✗", "red")}
 
 
-@click.command()
-@click.option("--sim", is_flag=True, help="The simulated arm: checks the installation only.")
-@port_option("Serial port of the arm; by default the only one with an arm")
-@calibration_option
-@click.option("--report", type=OutFile(), help="Write the report to this file as well.")
-@machine_options
-@json_option
+@verb()
 def doctor(
-    sim: bool,
-    port: str | None,
-    calibration: Path | None,
-    report: Path | None,
-    machine: MachineSource | None,
-    as_json: bool,
+    sim: bool = flag("The simulated arm: checks the installation only."),
+    port: str | None = port_option("Serial port of the arm; by default the only one with an arm"),
+    calibration: Path | None = CALIBRATION,
+    report: Path | None = option("Write the report to this file as well.", OutFile()),
+    machine: MachineSource | None = MACHINE,
+    as_json: bool = JSON,
 ) -> None:
     """Check the installation, the port, the servos and the calibration; nothing moves.
 

@@ -9,15 +9,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.param_types import IN_FILE, Finite, Numbers
-from so101_motion.cli.shared import CHECK_FAILED, aside, json_option, print_json
-from so101_motion.cli.sweeps.options import (
-    caps_options,
-    computing_options,
-    payload_option,
-    voltage_option,
+from so101_motion.cli.options import JSON, argument, option, together, verb
+from so101_motion.cli.param_types import IN_FILE, JOINTS, SCENE, Finite
+from so101_motion.cli.shared import CHECK_FAILED, aside, print_json
+from so101_motion.cli.sweeps.sweep import (
+    CAPS,
+    DASK,
+    OUT,
+    PAYLOAD,
+    VOLTAGE,
+    WORKERS,
+    computers,
+    show_progress,
 )
-from so101_motion.cli.sweeps.sweep import computers, show_progress
 from so101_motion.cli.sweeps.sweep import sweep as sweep
 from so101_motion.common.units import to_m, to_rad
 
@@ -25,12 +29,11 @@ if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import Progress
-    from so101_motion.tasks.sweeps.mounting import FixedArm
+    from so101_motion.tasks.sweeps.mounting import FixedArm, Region
     from so101_motion.tasks.sweeps.place import PlaceSweep
     from so101_motion.tasks.sweeps.placement import Placement
 
 _FARTHEST_MM = 5000.0
-_JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
 
 
 class FromTo(click.ParamType[tuple[float, float]]):
@@ -60,69 +63,7 @@ class FromTo(click.ParamType[tuple[float, float]]):
         return ends
 
 
-@sweep.command()
-@click.argument("task_file", metavar="TASK", type=IN_FILE)
-@click.option(
-    "--x-mm", type=FromTo(_FARTHEST_MM), default="-300:300", show_default=True,
-    help="Where the base may be in the cell, along x.",
-)  # fmt: skip
-@click.option(
-    "--y-mm", type=FromTo(_FARTHEST_MM), default="-300:300", show_default=True,
-    help="The same along y.",
-)  # fmt: skip
-@click.option(
-    "--z-mm", type=FromTo(_FARTHEST_MM), default="0", show_default=True,
-    help="The same along z; 0 is on the table.",
-)  # fmt: skip
-@click.option(
-    "--turn-deg", type=FromTo(360.0), default="-180:180", show_default=True,
-    help="How it may be turned.",
-)  # fmt: skip
-@click.option(
-    "--mount", type=click.Choice(["table", "wall", "upside-down"]), default="table",
-    show_default=True, help="What it is screwed to.",
-)  # fmt: skip
-@click.option(
-    "--facing-deg", type=Finite(-360.0, 360.0), default=0.0, show_default=True,
-    help="Where a wall faces; 0 is along x.",
-)  # fmt: skip
-@click.option(
-    "--spacing-mm", type=Finite(4.0, 1000.0), default=40.0, show_default=True,
-    help="Distance between the places tried first; the best are refined in eighths of it.",
-)  # fmt: skip
-@click.option(
-    "--turn-step-deg",
-    type=Finite(1.0, 180.0),
-    default=30.0,
-    show_default=True,
-    help="Angle between the turns tried first.",
-)
-@click.option(
-    "--by", type=click.Choice(["time", "clearance", "torque", "robust"]), default="time",
-    show_default=True, help="What to optimise; the time decides between equals.",
-)  # fmt: skip
-@click.option("--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles there.")
-@click.option(
-    "--cell", "cell_file", type=IN_FILE,
-    help="A cell file: its scene and its other arms, which stay where they stand.",
-)  # fmt: skip
-@click.option("--arm", help="Which arm of the cell is placed.  [default: one more]")
-@click.option(
-    "--others-at", type=_JOINTS, multiple=True,
-    help="Joint angles of the other arms [deg]; the arm stays clear of all that are given."
-    "  [default: folded]",
-)  # fmt: skip
-@click.option(
-    "--tolerance-deg", type=Finite(0.1, 90.0), default=10.0, show_default=True,
-    help="How far the tool's approach may be off at a program's waypoints.",
-)  # fmt: skip
-@caps_options
-@payload_option
-@voltage_option
-@computing_options
-@json_option
-def place(
-    task_file: Path,
+def _region(
     x_mm: tuple[float, float],
     y_mm: tuple[float, float],
     z_mm: tuple[float, float],
@@ -131,20 +72,66 @@ def place(
     facing_deg: float,
     spacing_mm: float,
     turn_step_deg: float,
-    by: str,
-    scene_file: Path | None,
-    cell_file: Path | None,
-    arm: str | None,
-    others_at: tuple[Array, ...],
-    tolerance_deg: float,
-    speed: float,
-    acceleration: float,
-    payload_g: float,
-    servo_voltage: str,
-    out: Path,
-    workers: int | None,
-    dask: str | None,
-    as_json: bool,
+) -> Region:
+    from so101_motion.tasks.sweeps.mounting import Region
+
+    return Region(
+        x=_ends(to_m, x_mm), y=_ends(to_m, y_mm), z=_ends(to_m, z_mm),
+        turn=_ends(to_rad, turn_deg), mount=mount, facing=to_rad(facing_deg),
+        spacing=to_m(spacing_mm), turn_step=to_rad(turn_step_deg),
+    )  # fmt: skip
+
+
+_REGION = together(
+    _region,
+    x_mm=option("Where the base may be in the cell, along x.", FromTo(_FARTHEST_MM), "-300:300"),
+    y_mm=option("The same along y.", FromTo(_FARTHEST_MM), "-300:300"),
+    z_mm=option("The same along z; 0 is on the table.", FromTo(_FARTHEST_MM), "0"),
+    turn_deg=option("How it may be turned.", FromTo(360.0), "-180:180"),
+    mount=option(
+        "What it is screwed to.", click.Choice(["table", "wall", "upside-down"]), "table"
+    ),
+    facing_deg=option("Where a wall faces; 0 is along x.", Finite(-360.0, 360.0), 0.0),
+    spacing_mm=option(
+        "Distance between the places tried first; the best are refined in eighths of it.",
+        Finite(4.0, 1000.0), 40.0,
+    ),
+    turn_step_deg=option("Angle between the turns tried first.", Finite(1.0, 180.0), 30.0),
+)  # fmt: skip
+
+
+@verb(sweep)
+def place(
+    task_file: Path = argument(IN_FILE, metavar="TASK"),
+    region: Region = _REGION,
+    by: str = option(
+        "What to optimise; the time decides between equals.",
+        click.Choice(["time", "clearance", "torque", "robust"]),
+        "time",
+    ),
+    scene: Scene | None = SCENE,
+    cell_file: Path | None = option(
+        "A cell file: its scene and its other arms, which stay where they stand.",
+        IN_FILE,
+        name="--cell",
+    ),
+    arm: str | None = option("Which arm of the cell is placed.  [default: one more]"),
+    others_at: tuple[Array, ...] = option(
+        "Joint angles of the other arms [deg]; the arm stays clear of all that are given."
+        "  [default: folded]",
+        JOINTS,
+        multiple=True,
+    ),
+    tolerance_deg: float = option(
+        "How far the tool's approach may be off at a program's waypoints.", Finite(0.1, 90.0), 10.0
+    ),
+    caps: dict[str, float] = CAPS,
+    payload: float = PAYLOAD,
+    voltage: float = VOLTAGE,
+    out: Path = OUT,
+    workers: int | None = WORKERS,
+    dask: str | None = DASK,
+    as_json: bool = JSON,
 ) -> None:
     """Find the best place for the base of an arm that does TASK.
 
@@ -157,38 +144,30 @@ def place(
     so101 sweep place task.json --mount wall --x-mm 0 --z-mm 100:400 --out on-the-wall
     so101 sweep place task.json --cell cell.json --arm left --out beside-the-other
     """  # noqa: D301
-    from so101_motion.files.scene_file import read_scene
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import scene_text
-    from so101_motion.tasks.sweeps.mounting import Region
     from so101_motion.tasks.sweeps.place import PlaceSweep
     from so101_motion.tasks.sweeps.placement import find_bases
     from so101_motion.tasks.sweeps.placement_files import write_placement
     from so101_motion.tasks.sweeps.placement_task import read_task, task_text
 
-    if scene_file is not None and cell_file is not None:
+    if scene is not None and cell_file is not None:
         raise click.UsageError("give --scene or --cell, not both; a cell file has its own scene")
-    scene = Scene() if scene_file is None else read_scene(scene_file)
     others: tuple[FixedArm, ...] = ()
     if cell_file is not None:
         scene, others = _others(cell_file, arm, others_at)
     elif others_at or arm:
         raise click.UsageError("--arm and --others-at need the arms of a cell file; give --cell")
-    region = Region(
-        x=_ends(to_m, x_mm), y=_ends(to_m, y_mm), z=_ends(to_m, z_mm),
-        turn=_ends(to_rad, turn_deg), mount=mount, facing=to_rad(facing_deg),
-        spacing=to_m(spacing_mm), turn_step=to_rad(turn_step_deg),
-    )  # fmt: skip
     sweep = PlaceSweep(
         task=task_text(read_task(task_file, approach_tolerance=to_rad(tolerance_deg))),
         region=region,
         by=by,
-        scene=scene_text(scene),
+        scene=scene_text(scene or Scene()),
         others=others,
-        velocity=to_rad(speed),
-        acceleration=to_rad(acceleration),
-        payload=1e-3 * payload_g,
-        voltage=float(servo_voltage),
+        velocity=caps["velocity"],
+        acceleration=caps["acceleration"],
+        payload=payload,
+        voltage=voltage,
     )
     with computers(workers, dask, out) as computed_by, ExitStack() as bar:
 

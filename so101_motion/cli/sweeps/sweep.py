@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -13,17 +12,19 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from so101_motion.cli.param_types import IN_FILE, Finite, Numbers
-from so101_motion.cli.shared import CHECK_FAILED, F, Verbs, aside, json_option, print_json
-from so101_motion.cli.sweeps.options import (
-    caps_options,
-    computing_options,
-    payload_option,
-    voltage_option,
+from so101_motion.cli.options import JSON, option, together, verb
+from so101_motion.cli.param_types import IN_FILE, POINT, SCENE, Finite
+from so101_motion.cli.shared import CHECK_FAILED, Verbs, aside, print_json
+from so101_motion.common.attributes import (
+    ACCELERATION_RANGE_DEG,
+    HEAVIEST,
+    SERVO_VOLTAGES,
+    SPEED_RANGE_DEG,
 )
 from so101_motion.common.units import to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
+    from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import Progress, SweepResult
     from so101_motion.tasks.sweeps.sweep import Sweep
 
@@ -44,57 +45,62 @@ def sweep() -> None:
     """
 
 
-def _run_options(verb: F) -> F:
-    """Add every sweep's options; the verb gets ``run``, which runs it and prints the result."""
-
-    @computing_options
-    @json_option
-    @functools.wraps(verb)
-    def with_run(
-        *args: Any, out: Path, workers: int | None, dask: str | None, as_json: bool, **kwargs: Any
-    ) -> Any:
-        def run(work: Sweep, summary: Callable[[Path], dict[str, object]]) -> None:
-            result = _run(work, out, workers, dask)
-            facts = summary(out) if not result.failed else {}
-            _print_result(work, result, facts, as_json=as_json)
-            if result.failed:
-                raise SystemExit(CHECK_FAILED)
-
-        return verb(*args, run=run, **kwargs)
-
-    return with_run  # type: ignore[return-value]  # its own options and those above
-
-
-@sweep.command()
-@click.option(
-    "--spacing-mm", type=Finite(1.0, 200.0), default=20.0, show_default=True,
-    help="Spacing of the points.",
+CAPS = together(
+    lambda speed, acceleration: {"velocity": to_rad(speed), "acceleration": to_rad(acceleration)},
+    speed=option("Joint speed cap.", Finite(*SPEED_RANGE_DEG), 170.0, metavar="DEG/S"),
+    acceleration=option(
+        "Joint acceleration cap.", Finite(*ACCELERATION_RANGE_DEG), 430.0, metavar="DEG/S2"
+    ),
+)
+PAYLOAD = together(
+    lambda payload_g: 1e-3 * payload_g,
+    payload_g=option("Mass in the hand [g].", Finite(0.0, 1e3 * HEAVIEST), 0.0),
+)
+VOLTAGE = together(
+    lambda servo_voltage: float(servo_voltage),
+    servo_voltage=option(
+        "The servos' rated voltage.", click.Choice([f"{each:g}" for each in SERVO_VOLTAGES]),
+        f"{SERVO_VOLTAGES[0]:g}",
+    ),
 )  # fmt: skip
-@click.option("--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles.")
-@click.option(
-    "--frame", type=click.Choice(["tool", "jaw_tip"]), default="tool", show_default=True,
-    help="The frame of the hand that moves to the points.",
-)  # fmt: skip
-@click.option(
-    "--approach", type=Numbers("X", "Y", "Z", most=1e6),
-    help="Direction of the tool's z axis; 0,0,-1 is from above.  [default: any]",
-)  # fmt: skip
-@click.option(
-    "--tolerance-deg", type=Finite(0.1, 90.0), default=5.0, show_default=True,
-    help="How far the approach may be off.",
-)  # fmt: skip
-@payload_option
-@voltage_option
-@_run_options
+OUT = option("Folder of the result.", click.Path(path_type=Path, file_okay=False), required=True)
+WORKERS = option("Number of processes.", click.IntRange(1, 256))
+DASK = option("A Dask scheduler: tcp://scheduler:8786.", metavar="ADDRESS")
+
+
+def _runner(out: Path, workers: int | None, dask: str | None, as_json: bool) -> _Run:
+    def run(work: Sweep, summary: Callable[[Path], dict[str, object]]) -> None:
+        from so101_motion.tasks.sweeps import run_sweep
+
+        with computers(workers, dask, out) as computed_by, show_progress(work) as show:
+            result = run_sweep(work, out, on_progress=show, **computed_by)
+        facts = summary(out) if not result.failed else {}
+        _print_result(work, result, facts, as_json=as_json)
+        if result.failed:
+            raise SystemExit(CHECK_FAILED)
+
+    return run
+
+
+_Run = Callable[..., None]
+_RUN = together(_runner, out=OUT, workers=WORKERS, dask=DASK, as_json=JSON)
+"""Runs a sweep and prints the summary of its folder."""
+
+
+@verb(sweep)
 def reach(
-    run: Callable[..., None],
-    spacing_mm: float,
-    scene_file: Path | None,
-    frame: str,
-    approach: np.ndarray | None,
-    tolerance_deg: float,
-    payload_g: float,
-    servo_voltage: str,
+    spacing_mm: float = option("Spacing of the points.", Finite(1.0, 200.0), 20.0),
+    scene: Scene | None = SCENE,
+    frame: str = option(
+        "The frame of the hand that moves to the points.", click.Choice(["tool", "jaw_tip"]), "tool"
+    ),
+    approach: np.ndarray | None = option(
+        "Direction of the tool's z axis; 0,0,-1 is from above.  [default: any]", POINT
+    ),
+    tolerance_deg: float = option("How far the approach may be off.", Finite(0.1, 90.0), 5.0),
+    payload: float = PAYLOAD,
+    voltage: float = VOLTAGE,
+    run: _Run = _RUN,
 ) -> None:
     """Make an atlas of the points that the arm reaches, and how well.
 
@@ -106,7 +112,6 @@ def reach(
     so101 sweep reach --out from-above --approach 0,0,-1 --payload-g 200
     so101 sweep reach --out on-the-table --scene examples/table.json --workers 2
     """  # noqa: D301
-    from so101_motion.files.scene_file import read_scene
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import Atlas, ReachSweep, scene_text
     from so101_motion.tasks.sweeps.reach import in_words
@@ -117,47 +122,31 @@ def reach(
         direction = (x, y, z)
     work = ReachSweep(
         spacing=to_m(spacing_mm),
-        scene=scene_text(Scene() if scene_file is None else read_scene(scene_file)),
+        scene=scene_text(scene or Scene()),
         frame=frame,
         approach=direction,
         tolerance=to_rad(tolerance_deg),
-        payload=1e-3 * payload_g,
-        voltage=float(servo_voltage),
+        payload=payload,
+        voltage=voltage,
     )
     aside(in_words(work))
     run(work, lambda folder: _atlas_facts(Atlas.read(folder).summary()))
 
 
-@sweep.command()
-@click.option(
-    "--count", type=click.IntRange(1, 10**9), required=True, help="Number of random problems."
-)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")
-@click.option(
-    "--scene", "scene_files", type=IN_FILE, multiple=True,
-    help="A scene file; several are used in turn.",
-)  # fmt: skip
-@click.option(
-    "--scatter-mm", type=Finite(0.0, 1000.0), default=0.0, show_default=True,
-    help="Move the obstacles by up to this, anew for each 100 problems.",
-)  # fmt: skip
-@click.option(
-    "--fps", type=click.IntRange(1, 100), default=30, show_default=True,
-    help="Setpoints a second.",
-)  # fmt: skip
-@caps_options
-@payload_option
-@_run_options
+@verb(sweep)
 def plans(
-    run: Callable[..., None],
-    count: int,
-    seed: int,
-    scene_files: tuple[Path, ...],
-    scatter_mm: float,
-    fps: int,
-    speed: float,
-    acceleration: float,
-    payload_g: float,
+    count: int = option("Number of random problems.", click.IntRange(1, 10**9), required=True),
+    seed: int = option("Random seed.", click.IntRange(0), 0),
+    scene_files: tuple[Path, ...] = option(
+        "A scene file; several are used in turn.", IN_FILE, name="--scene", multiple=True
+    ),
+    scatter_mm: float = option(
+        "Move the obstacles by up to this, anew for each 100 problems.", Finite(0.0, 1000.0), 0.0
+    ),
+    fps: int = option("Setpoints a second.", click.IntRange(1, 100), 30),
+    caps: dict[str, float] = CAPS,
+    payload: float = PAYLOAD,
+    run: _Run = _RUN,
 ) -> None:
     """Make a data set of motions: planned, timed and verified.
 
@@ -178,10 +167,10 @@ def plans(
         seed=seed,
         scenes=tuple(scene_text(each) for each in scenes),
         scatter=to_m(scatter_mm),
-        velocity=to_rad(speed),
-        acceleration=to_rad(acceleration),
+        velocity=caps["velocity"],
+        acceleration=caps["acceleration"],
         fps=fps,
-        payload=1e-3 * payload_g,
+        payload=payload,
     )
     run(work, lambda folder: {name: round(v, 3) for name, v in plans_summary(folder).items()})
 
@@ -200,13 +189,6 @@ def _atlas_facts(summary: dict[str, float]) -> dict[str, object]:
     facts["median clearance [mm]"] = round(to_mm(summary["median_clearance"]), 1)
     facts["median torque left [%]"] = round(100.0 * summary["median_torque_left"], 1)
     return facts
-
-
-def _run(work: Sweep, out: Path, workers: int | None, dask: str | None) -> SweepResult:
-    from so101_motion.tasks.sweeps import run_sweep
-
-    with computers(workers, dask, out) as computed_by, show_progress(work) as show:
-        return run_sweep(work, out, on_progress=show, **computed_by)
 
 
 @contextmanager
