@@ -41,11 +41,8 @@ def dataset() -> None:
 
 
 _PATH = argument(_FOLDER)
-_SIDE = option(
-    "Which arm, in a data set of two.", click.Choice(["left", "right"]), "", name="--arm",
-    show_default=False,
-)  # fmt: skip
-_UNITS = option("Units of its numbers.", _KINDS, "", show_default=False)
+_SIDE = option("Which arm, in a data set of two.", click.Choice(["left", "right"]), name="--arm")
+_UNITS = option("Units of its numbers.", _KINDS)
 _RECORDED = option(
     "Calibration of the arm that was recorded: LeRobot's or ours.", IN_FILE, name="--calibration"
 )
@@ -54,8 +51,8 @@ _RECORDED = option(
 @verb(dataset)
 def check(
     path: Path = _PATH,
-    side: str = _SIDE,
-    units: str = _UNITS,
+    side: str | None = _SIDE,
+    units: str | None = _UNITS,
     calibration_file: Path | None = _RECORDED,
     scene: Scene | None = SCENE,
     speed: float = option(
@@ -81,10 +78,10 @@ def check(
         open_data_set,
     )
 
-    data_set = open_data_set(path, side=side)
+    data_set = open_data_set(path, side=side or "")
     report = check_data_set(
         data_set,
-        units=units,
+        units=units or "",
         calibration=read_calibration(calibration_file) or data_set.calibration,
         scene=scene,
         thresholds=Thresholds(speed=to_rad(speed)),
@@ -103,8 +100,8 @@ def check(
 def convert(
     path: Path = _PATH,
     out: Path = argument(click.Path(path_type=Path)),
-    side: str = _SIDE,
-    units: str = _UNITS,
+    side: str | None = _SIDE,
+    units: str | None = _UNITS,
     calibration_file: Path | None = _RECORDED,
     to: str | None = option("Units to convert to.  [default: the same]", _KINDS),
     to_calibration: Path | None = option(
@@ -125,7 +122,7 @@ def convert(
     from so101_motion.tasks.datasets import convert_data_set, open_data_set
     from so101_motion.tasks.datasets.units import exact_units_of
 
-    data_set = open_data_set(path, side=side)
+    data_set = open_data_set(path, side=side or "")
     units = _units_kind(data_set, units)
     calibration = read_calibration(calibration_file) or data_set.calibration
     other = read_calibration(to_calibration) or calibration
@@ -155,8 +152,8 @@ def replay(
     path: Path = _PATH,
     episode: int = option("Which one.", click.IntRange(0), required=True),
     source: Source = paced(SOURCE),
-    side: str = _SIDE,
-    units: str = _UNITS,
+    side: str | None = _SIDE,
+    units: str | None = _UNITS,
     recorded_with: Path | None = option(
         "Calibration of the arm that was recorded.  [default: that of this arm]", IN_FILE
     ),
@@ -179,7 +176,7 @@ def replay(
     from so101_motion.tasks.datasets import open_data_set, plan_episode, replay_episode, units_of
     from so101_motion.tasks.datasets.replay import calibration_of
 
-    data_set = open_data_set(path, side=side)
+    data_set = open_data_set(path, side=side or "")
     kind = _units_kind(data_set, units)
     recorded = read_calibration(recorded_with) or data_set.calibration
     with quietly(), _with_replay_caps(source).open() as rig:
@@ -228,7 +225,7 @@ def _with_replay_caps(source: Source) -> Source:
     return replace(source, speed=speed, acceleration=acceleration)
 
 
-def _units_kind(data_set: DataSet, units: str) -> str:
+def _units_kind(data_set: DataSet, units: str | None) -> str:
     """The units given by option or declared in the data set; refuses if there are none."""
     kind = units or data_set.declared
     if not kind:

@@ -173,14 +173,15 @@ def port_option(words: str) -> Any:
     return option(f"{words} (or SO101_PORT).", PORT, envvar="SO101_PORT")
 
 
-def _scene(scene: Path | None) -> Scene | None:
-    from so101_motion.files.scene_file import read_scene
+def read_scene(scene: Path | None) -> Scene | None:
+    """The scene in a file; None for no file."""
+    from so101_motion.files import scene_file
 
-    return None if scene is None else read_scene(scene)
+    return None if scene is None else scene_file.read_scene(scene)
 
 
 SCENE_FILE = option("A scene file: the obstacles around the arm.", IN_FILE, name="--scene")
-SCENE = together(_scene, scene=SCENE_FILE)
+SCENE = together(read_scene, scene=SCENE_FILE)
 """The scene in a file; None if none is named."""
 
 POINT = Numbers("X", "Y", "Z", most=1e6)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from so101_motion.cli.options import JSON, argument, option, together, verb
-from so101_motion.cli.param_types import IN_FILE, JOINTS, SCENE, Finite
+from so101_motion.cli.param_types import IN_FILE, JOINTS, SCENE_FILE, Finite, read_scene
 from so101_motion.cli.shared import CHECK_FAILED, aside, print_json
 from so101_motion.cli.sweeps.sweep import (
     CAPS,
@@ -109,7 +109,7 @@ def place(
         click.Choice(["time", "clearance", "torque", "robust"]),
         "time",
     ),
-    scene: Scene | None = SCENE,
+    scene_file: Path | None = SCENE_FILE,
     cell_file: Path | None = option(
         "A cell file: its scene and its other arms, which stay where they stand.",
         IN_FILE,
@@ -151,8 +151,9 @@ def place(
     from so101_motion.tasks.sweeps.placement_files import write_placement
     from so101_motion.tasks.sweeps.placement_task import read_task, task_text
 
-    if scene is not None and cell_file is not None:
+    if scene_file is not None and cell_file is not None:
         raise click.UsageError("give --scene or --cell, not both; a cell file has its own scene")
+    scene = read_scene(scene_file)
     others: tuple[FixedArm, ...] = ()
     if cell_file is not None:
         scene, others = _others(cell_file, arm, others_at)

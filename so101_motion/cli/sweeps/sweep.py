@@ -200,9 +200,8 @@ def computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dict
         raise click.UsageError("give --workers or --dask, not both")
     try:
         if dask is None:
-            pool = WorkerPool(default_workers() if workers is None else workers)
-            with pool.opened():
-                yield {"workers": pool}
+            with WorkerPool(workers or default_workers()) as pool:
+                yield {"executor": pool, "ahead": pool.ahead}
             return
         from so101_motion.tasks.sweeps.cluster import dask_executor
 

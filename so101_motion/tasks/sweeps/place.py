@@ -21,8 +21,8 @@ from so101_motion.files.scene_file import scene_from
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.sweeps.mounted_arm import CRITERIA, MountedArm, MountedCaps
 from so101_motion.tasks.sweeps.mounting import FixedArm, LatticeIndex, Region
-from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.placement_task import task_from
+from so101_motion.tasks.sweeps.sweep import Columns
 
 SCREENED, PLANNED = 64, 4
 """How many bases a shard has. Chosen: some tenths of a second of work."""

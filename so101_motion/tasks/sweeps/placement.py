@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from so101_motion.common.errors import PlanningError
-from so101_motion.tasks.sweeps.engine import Progress, SweepResult, WorkerPool, run_sweep
+from so101_motion.tasks.sweeps.engine import Progress, SweepResult, run_sweep
 from so101_motion.tasks.sweeps.judged_bases import Base, JudgedBases
 from so101_motion.tasks.sweeps.mounting import COARSE, LatticeIndex
 from so101_motion.tasks.sweeps.place import PlaceSweep, Screened
@@ -65,9 +65,8 @@ def find_bases(
     sweep: PlaceSweep,
     folder: Path,
     *,
-    workers: int | WorkerPool | None = None,
     executor: Executor | None = None,
-    ahead: int | None = None,
+    ahead: int = 32,
     on_step: OnStep | None = None,
 ) -> Placement:
     """Find the best bases for a task, or resume such a search.
@@ -75,8 +74,7 @@ def find_bases(
     Args:
         sweep: The parameters; the search sets ``indices``, ``planned`` and ``jittered`` itself.
         folder: The folder for the steps.
-        workers: As for ``run_sweep``; better a pool, because there are some dozens of steps.
-        executor: As for ``run_sweep``.
+        executor: As for ``run_sweep``, such as a ``WorkerPool``.
         ahead: As for ``run_sweep``.
         on_step: Called before each step.
 
@@ -88,9 +86,7 @@ def find_bases(
 
     def run(step: PlaceSweep, place: Path) -> SweepResult:
         shown = None if on_step is None else on_step(step)
-        return run_sweep(
-            step, place, workers=workers, executor=executor, ahead=ahead, on_progress=shown
-        )
+        return run_sweep(step, place, executor=executor, ahead=ahead, on_progress=shown)
 
     return _Search(JudgedBases(sweep, folder, run)).go()
 

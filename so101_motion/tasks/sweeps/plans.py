@@ -36,8 +36,8 @@ from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
 from so101_motion.tasks.sweeps.folder import SweepFolder
-from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.reach import STEPS
+from so101_motion.tasks.sweeps.sweep import Columns
 from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
 
 _SCATTER = 1

@@ -40,7 +40,7 @@ from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.torque import Payload, Strength, place_in_hand
-from so101_motion.tasks.sweeps.packed import Columns
+from so101_motion.tasks.sweeps.sweep import Columns
 
 POINTS = 4096
 """How many points a shard has. Chosen: a quarter of a second of work, and some fifty kilobytes."""
