@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -40,38 +40,32 @@ FRESH = 0.05
 """An arm answers if its last snapshot is not older than this [s]; chosen, some periods."""
 
 
-class Leader(ABC):
-    """The side that is guided by hand. Its methods may block."""
+class Side(ABC):
+    """An arm of a teleoperation. Its methods may block."""
+
+    @abstractmethod
+    def detach(self) -> None:
+        """End it and hold; a leader that was released is held again."""
+
+    def recover(self) -> None:  # noqa: B027  # most sides need none
+        """Do what ``state.needs_recovery`` announces; raises ``So101Error`` if it fails."""
+
+    @property
+    @abstractmethod
+    def state(self) -> SideState:
+        """Its state; never waits."""
+
+
+class Leader(Side):
+    """The side that is guided by hand."""
 
     @abstractmethod
     def attach(self, predictor: Predictor) -> None:
         """Release the joints and pass every measurement to ``predictor`` from now on."""
 
-    @abstractmethod
-    def detach(self) -> None:
-        """End the measurements; hold the joints again if they were released."""
 
-    def recover(self) -> None:  # noqa: B027  # most sides need none
-        """Do the work that ``needs_recovery`` announces; raises ``So101Error`` if it fails."""
-
-    @property
-    def needs_recovery(self) -> bool:
-        """Whether there is work to do that takes a moment."""
-        return False
-
-    @property
-    @abstractmethod
-    def is_limp(self) -> bool:
-        """Whether it can be moved by hand."""
-
-    @property
-    @abstractmethod
-    def state(self) -> SideState:
-        """Its state."""
-
-
-class Follower(ABC):
-    """The side that follows. ``attach``, ``engage``, ``detach`` and ``recover`` may block."""
+class Follower(Side):
+    """The side that follows."""
 
     @abstractmethod
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
@@ -82,45 +76,8 @@ class Follower(ABC):
         """Start to follow the pilot; raises ``So101Error`` if it cannot."""
 
     @abstractmethod
-    def detach(self) -> None:
-        """Stop and hold; ends the calls of ``look``."""
-
-    @abstractmethod
     def ending(self) -> BaseException | None:
         """Why it stopped following, reported once; None while it follows."""
-
-    def recover(self) -> None:  # noqa: B027  # most sides need none
-        """Do the work that ``needs_recovery`` announces; raises ``So101Error`` if it fails."""
-
-    @property
-    def needs_recovery(self) -> bool:
-        """Whether there is work to do that takes a moment."""
-        return False
-
-    @property
-    @abstractmethod
-    def is_engaged(self) -> bool:
-        """Whether it follows the pilot."""
-
-    @property
-    @abstractmethod
-    def is_there(self) -> bool:
-        """Whether it answers."""
-
-    @property
-    def held_by(self) -> tuple[str, ...]:
-        """What is in its way, such as ``"the jaw close to the floor"``, as far as it says so."""
-        return ()
-
-    @property
-    def is_gripping(self) -> bool:
-        """Whether the jaw has closed on something, as far as it reports that."""
-        return False
-
-    @property
-    @abstractmethod
-    def state(self) -> SideState:
-        """Its state."""
 
 
 class Station(Protocol):
@@ -152,9 +109,8 @@ class LocalArm:
         both = [self.station.executor, *([self.jaw.executor] if self.jaw else [])]
         return tuple(dict.fromkeys(both))
 
-    @property
-    def state(self) -> SideState:
-        """Its state."""
+    def state(self, **facts: Any) -> SideState:
+        """The state of its joints, with further facts."""
         state = self.station.executor.state
         aperture = goal = 0.0
         if self.jaw is not None:
@@ -165,6 +121,7 @@ class LocalArm:
             x=np.append(state.q, aperture),
             x_goal=np.append(state.q_ref, goal),
             loads=tuple(self.loads()),
+            **facts,
         )
 
 
@@ -193,7 +150,7 @@ class LocalLeader(Leader):
             self._ends.append(self._arm.jaw.executor.listen(lambda _: None))  # to be kept fresh
 
     def detach(self) -> None:
-        """See ``Leader.detach``."""
+        """See ``Side.detach``."""
         for end in self._ends:
             end()
         self._ends.clear()
@@ -202,28 +159,19 @@ class LocalLeader(Leader):
                 executor.hold().result()
 
     def recover(self) -> None:
-        """See ``Leader.recover``: after a fault the joints are released again."""
+        """See ``Side.recover``: after a fault the joints are released again."""
         for executor in self._arm.executors:
             executor.release().result()
 
     @property
-    def needs_recovery(self) -> bool:
-        """See ``Leader.needs_recovery``."""
-        if not self._lets_go:
-            return False
-        now = self._arm.station.clock.now()
-        states = [executor.state for executor in self._arm.executors]
-        return any(state.mode is Mode.FAULT and now - state.t < FRESH for state in states)
-
-    @property
-    def is_limp(self) -> bool:
-        """See ``Leader.is_limp``."""
-        return all(executor.state.mode is Mode.LIMP for executor in self._arm.executors)
-
-    @property
     def state(self) -> SideState:
-        """See ``Leader.state``."""
-        return self._arm.state
+        """See ``Side.state``."""
+        now, states = self._arm.station.clock.now(), [each.state for each in self._arm.executors]
+        return self._arm.state(
+            needs_recovery=self._lets_go
+            and any(each.mode is Mode.FAULT and now - each.t < FRESH for each in states),
+            is_limp=all(each.mode is Mode.LIMP for each in states),
+        )
 
     def _hear(self, predictor: Predictor, state: JointState) -> None:
         is_old, self._t = state.t == self._t, state.t
@@ -285,7 +233,7 @@ class LocalFollower(Follower):
             self._jaw.regrip()
 
     def detach(self) -> None:
-        """See ``Follower.detach``."""
+        """See ``Side.detach``."""
         if self._end is not None:
             self._end()
         followings, self._following, self._jaw = (self._following, self._jaw), None, None
@@ -304,7 +252,7 @@ class LocalFollower(Follower):
         return following.future.exception()
 
     def recover(self) -> None:
-        """See ``Follower.recover``: the jaw follows again."""
+        """See ``Side.recover``: the jaw follows again."""
         jaw = self._arm.jaw
         if jaw is None:
             return
@@ -315,40 +263,20 @@ class LocalFollower(Follower):
         self._jaw = jaw.gripper.follow(approach=slow)
 
     @property
-    def needs_recovery(self) -> bool:
-        """See ``Follower.needs_recovery``."""
-        if self._following is None or self._arm.jaw is None:
-            return False
-        return self._jaw is None or self._jaw.future.done()
-
-    @property
-    def is_engaged(self) -> bool:
-        """See ``Follower.is_engaged``."""
-        return self._following is not None
-
-    @property
-    def is_there(self) -> bool:
-        """See ``Follower.is_there``."""
-        station = self._arm.station
-        state = station.executor.state
-        is_fresh = station.clock.now() - state.t < FRESH
-        return is_fresh and not state.reading.unanswered and state.mode is not Mode.CALIBRATING
-
-    @property
-    def held_by(self) -> tuple[str, ...]:
-        """See ``Follower.held_by``."""
-        following = self._following
-        return () if following is None or not following.is_held else following.held_by
-
-    @property
-    def is_gripping(self) -> bool:
-        """See ``Follower.is_gripping``."""
-        return self._jaw is not None and self._jaw.is_gripping
-
-    @property
     def state(self) -> SideState:
-        """See ``Follower.state``."""
-        return self._arm.state
+        """See ``Side.state``."""
+        station, following, jaw = self._arm.station, self._following, self._jaw
+        now, state = station.clock.now(), station.executor.state
+        has_lost_jaw = self._arm.jaw is not None and (jaw is None or jaw.future.done())
+        return self._arm.state(
+            needs_recovery=following is not None and has_lost_jaw,
+            is_there=now - state.t < FRESH
+            and not state.reading.unanswered
+            and state.mode is not Mode.CALIBRATING,
+            is_engaged=following is not None,
+            held_by=following.held_by if following is not None and following.is_held else (),
+            is_gripping=jaw is not None and jaw.is_gripping,
+        )
 
     # The I/O threads
 
