@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -255,28 +255,18 @@ def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
     heard, file = seen.bus_quality, seen.file
     return {
         "healthy": is_healthy(checks),
-        "checks": [
-            {"name": c.name, "verdict": c.verdict, "sentence": c.sentence, "fix": c.fix}
-            for c in checks
-        ],
+        "checks": [asdict(check) for check in checks],
         "software": dict(seen.software),
         "port": seen.port,
         "calibration_file": None if file is None else str(file),
         "servos": {
             joint: {"id": facts.servo_id, **facts.held} for joint, facts in seen.facts.items()
         },
-        "bus": None
-        if heard is None
-        else {
-            "asked": heard.asked,
-            "late": heard.late,
-            "lost": heard.lost,
-            "garbled": heard.corrupt,
+        "bus": None if heard is None else {
+            "asked": heard.asked, "late": heard.late, "lost": heard.lost, "garbled": heard.corrupt,
             "lateness_ms": round(1e3 * heard.lateness, 3),
             "cycle_ms": {
-                "median": round(1e3 * heard.median, 3),
-                "p99": round(1e3 * heard.p99, 3),
-                "longest": round(1e3 * heard.longest, 3),
+                name: round(1e3 * getattr(heard, name), 3) for name in ("median", "p99", "longest")
             },
         },
         "zeros": [
@@ -287,7 +277,7 @@ def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
             "speed_degs_per_sec": _deg(seen.speed),
             "acceleration_degs_per_sec_per_sec": _deg(seen.acceleration),
         },
-    }
+    }  # fmt: skip
 
 
 def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
@@ -44,7 +44,13 @@ def import_(file: TextIO = argument(click.File(encoding="utf-8")), as_json: bool
 
     migration = migrate(_content(file))
     if as_json:
-        print_json("viam-import", _facts(migration))
+        told = ("name", "model", "problem", "notes")
+        parts = [{key: getattr(part, key) for key in told} for part in migration.parts]
+        facts = {"notes": migration.notes, "steps_back": migration.steps_back()}
+        print_json(
+            "viam-import",
+            {"parts": parts, **facts, "configuration": migration.configuration()},
+        )
     else:
         _tell(migration)
         click.echo(json.dumps(migration.configuration(), indent=2))
@@ -109,20 +115,3 @@ def _tell(migration: Migration) -> None:
     for line in migration.steps_back():
         echo(f"- {line}", indent="  ", err=True)
     click.echo("replace the entries of these names with the following; leave the rest:", err=True)
-
-
-def _facts(migration: Migration) -> dict[str, Any]:
-    return {
-        "parts": [
-            {
-                "name": part.name,
-                "model": part.model,
-                "problem": part.problem,
-                "notes": list(part.notes),
-            }
-            for part in migration.parts
-        ],
-        "notes": list(migration.notes),
-        "configuration": migration.configuration(),
-        "steps_back": list(migration.steps_back()),
-    }
