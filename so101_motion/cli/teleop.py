@@ -72,9 +72,8 @@ def teleop(
     """  # noqa: D301
     from so101_motion.drivers.port.port_list import device_of
     from so101_motion.files.trajectory_export import mcap_writer
-    from so101_motion.tasks.teleop import LocalFollower, LocalLeader, Teleop
-    from so101_motion.tasks.teleop.config import read_mirror, read_pace
-    from so101_motion.tasks.teleop.local_arms import side_of
+    from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
+    from so101_motion.tasks.teleop.config import read_how
 
     how = {
         "scale": scale,
@@ -84,7 +83,7 @@ def teleop(
         "acceleration_degs_per_sec_per_sec": acceleration,
         "approach_speed_degs_per_sec": approach_speed,
     }
-    turned, pace = read_mirror(how), read_pace(how)
+    turned, pace = read_how(how)
     if follower != "sim" and device_of(leader) == device_of(follower):
         raise click.UsageError("--leader and --follower must be two arms")
     if scene is not None and not guard:
@@ -98,10 +97,13 @@ def teleop(
             following.arm.scene = scene
         if not yes:
             have_agreed("The leader goes limp now. Are you holding it?")
+        leads, follows = (
+            LocalArm(station=rig, jaw=None if no_gripper else rig) for rig in (leading, following)
+        )
         session = stack.enter_context(
             Teleop(
-                LocalLeader(side_of(leading, None if no_gripper else leading)),
-                LocalFollower(side_of(following, None if no_gripper else following), guarded=guard),
+                LocalLeader(leads),
+                LocalFollower(follows, guarded=guard),
                 following.clock,
                 mirror=turned,
                 pace=pace,

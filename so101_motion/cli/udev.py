@@ -31,7 +31,6 @@ before its version 6.5 they then have no port at all. Unless you use a Braille d
 @verb()
 def install_udev(
     install: bool = flag("Write the rule; needs root."),
-    printed: bool = flag("Print the rule; this is the default.", name="--print"),
     dry_run: bool = DRY_RUN,
 ) -> None:
     """Give users of this Linux computer access to servo adapters, without root.
@@ -41,8 +40,6 @@ def install_udev(
     """
     from so101_motion.drivers.port import host_checks
 
-    if install and printed:
-        raise click.UsageError("give either --print or --install")
     if sys.platform != "linux":
         raise click.UsageError("udev is only on Linux; no rule is needed on this computer")
     if install and not dry_run:

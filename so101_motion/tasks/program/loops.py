@@ -7,7 +7,7 @@ A loop may lie inside one other. The arm stops at its last waypoint, because it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, count
 from math import prod
@@ -127,28 +127,6 @@ def checked_loops(loops: Sequence[Loop], count: int) -> tuple[Loop, ...]:
     return tuple(sorted(loops, key=lambda loop: (loop.first, -loop.last)))
 
 
-def with_loop(loops: Sequence[Loop], loop: Loop) -> tuple[Loop, ...]:
-    """One more loop, or another number of times for the same steps."""
-    others = (each for each in loops if (each.first, each.last) != (loop.first, loop.last))
-    return (*others, loop)
-
-
-def without_step(loops: Sequence[Loop], index: int) -> tuple[Loop, ...]:
-    """The loops when a step has been removed."""
-    return _left(loop.without(index) for loop in loops)
-
-
-def with_step_moved(loops: Sequence[Loop], index: int, to: int) -> tuple[Loop, ...]:
-    """The loops when a step has been moved."""
-    return _left(loop.moved(index, to) for loop in loops)
-
-
-def loops_of_part(loops: Sequence[Loop], begin: int, end: int) -> tuple[Loop, ...]:
-    """The loops that lie in the steps from ``begin`` to before ``end``, counted from there."""
-    inside = (loop for loop in loops if begin <= loop.first and loop.last < end)
-    return tuple(replace(loop, first=loop.first - begin, last=loop.last - begin) for loop in inside)
-
-
 def times_in_round(laps: Sequence[int], around: Sequence[Loop]) -> int:
     """How often an arrival comes in a round, if those of later laps count as the second's.
 
@@ -207,7 +185,3 @@ def _round(
             index = begin
         else:
             index += 1
-
-
-def _left(loops: Iterable[Loop | None]) -> tuple[Loop, ...]:
-    return tuple(loop for loop in loops if loop is not None)

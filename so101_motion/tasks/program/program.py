@@ -18,11 +18,7 @@ from so101_motion.tasks.program.loops import (
     Visit,
     checked_count,
     checked_loops,
-    loops_of_part,
     visits_of,
-    with_loop,
-    with_step_moved,
-    without_step,
 )
 
 ARM = "arm"
@@ -208,7 +204,8 @@ class Program:
         """This program without one step."""
         self._check(index)
         others = self.steps[:index] + self.steps[index + 1 :]
-        return replace(self, steps=others, loops=without_step(self.loops, index))
+        loops = tuple(left for each in self.loops if (left := each.without(index)))
+        return replace(self, steps=others, loops=loops)
 
     def with_changed(self, index: int, step: Step) -> Program:
         """This program with one step replaced."""
@@ -221,7 +218,7 @@ class Program:
         self._check(to)
         others = [*self.steps]
         others.insert(to, others.pop(index))
-        loops = with_step_moved(self.loops, index, to)
+        loops = tuple(left for each in self.loops if (left := each.moved(index, to)))
         return replace(self, steps=tuple(others), loops=loops)
 
     def with_rounds(self, rounds: int | None) -> Program:
@@ -230,7 +227,9 @@ class Program:
 
     def with_loop(self, loop: Loop) -> Program:
         """This program with one more loop, or with another number of times for the same steps."""
-        return replace(self, loops=with_loop(self.loops, loop))
+        same = (loop.first, loop.last)
+        others = (each for each in self.loops if (each.first, each.last) != same)
+        return replace(self, loops=(*others, loop))
 
     def without_loop(self, loop: Loop) -> Program:
         """This program without one of its loops; its steps stay."""
@@ -238,11 +237,12 @@ class Program:
 
     def part(self, begin: int, end: int) -> Program:
         """The steps from ``begin`` to before ``end``, once, with the loops that are in it."""
-        return Program(
-            steps=self.steps[begin:end],
-            loops=loops_of_part(self.loops, begin, end),
-            before=self.before + begin,
+        loops = tuple(
+            replace(each, first=each.first - begin, last=each.last - begin)
+            for each in self.loops
+            if begin <= each.first and each.last < end
         )
+        return Program(steps=self.steps[begin:end], loops=loops, before=self.before + begin)
 
     def _check(self, index: int) -> None:
         if not 0 <= index < len(self):

@@ -258,12 +258,13 @@ class Teleop:
         """Start and stop the follower as needed; brief, called in every period."""
         if not self._is_running:
             return
+        is_busy = self.job is not None and not self.job.done()
+        error = None if is_busy else self._follower.ending()
         follower, now = self._follower.state, self._clock.now()
         self._count(follower, now)
         self._record(follower, now)
-        if self.job is not None and not self.job.done():
+        if is_busy:
             return
-        error = self._follower.ending()
         if isinstance(error, Interrupted):
             self._note(error)
             self._submit(partial(self._end, f"ended by {error.by} of the follower"))
@@ -272,7 +273,7 @@ class Teleop:
             self._note(error)
             self._pilot.trouble(str(error))
             return
-        follower, may_try = self._follower.state, now >= self._retry_at
+        may_try = now >= self._retry_at
         if not follower.is_engaged:
             if may_try and follower.is_there and self._pilot.may_begin(follower.x[:5]):
                 self._submit(self._engage)

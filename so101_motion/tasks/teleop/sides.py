@@ -3,30 +3,29 @@
 ``Leader`` and ``Follower`` are the interfaces that a session needs; ``LocalLeader`` and
 ``LocalFollower`` are arms of this process. For arms of other modules see
 ``viam/models/teleop_remote.py``.
-
-A ``Station`` is an arm or a gripper with the thread that moves it. If both are on one port, one
-station is both.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from so101_motion.arm.arm import SCENE, Arm
-from so101_motion.arm.gripper import Gripper, JawFollowing
-from so101_motion.common.clock import Clock
+from so101_motion.arm.arm import SCENE
+from so101_motion.arm.gripper import JawFollowing
 from so101_motion.common.errors import Interrupted, NotHolding, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.control.executor import Channel, Executor
 from so101_motion.control.following import Following
+from so101_motion.rig.hardware_rig import HardwareRig
+from so101_motion.rig.rig import Rig
+from so101_motion.tasks.teleop.local_arms import jaw_of
 from so101_motion.tasks.teleop.pilot import Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
 from so101_motion.tasks.teleop.side_state import SideState
@@ -80,28 +79,24 @@ class Follower(Side):
         """Why it stopped following, reported once; None while it follows."""
 
 
-class Station(Protocol):
-    """An arm or a gripper of this process; every ``Rig`` is one."""
-
-    arm: Arm
-    gripper: Gripper
-    executor: Executor
-    clock: Clock
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalArm:
-    """An arm of this process as one side.
+    """An arm of this process as one side; raises ``NotReady`` until its servos have been found.
 
     Attributes:
         station: The arm.
-        jaw: Its gripper; None to leave it alone.
-        loads: Asked for the share of full drive of each servo, base to jaw.
+        jaw: Its gripper, perhaps of another rig; None to leave it alone, or without one.
     """
 
-    station: Station
-    jaw: Station | None = None
-    loads: Callable[[], Sequence[float]] = field(default=tuple)
+    station: Rig
+    jaw: Rig | None = None
+
+    def __post_init__(self) -> None:
+        for part in (self.station, self.jaw):
+            if isinstance(part, HardwareRig):
+                part.require_ready()
+        if self.jaw is not None and jaw_of(self.jaw) is None:
+            object.__setattr__(self, "jaw", None)
 
     @property
     def executors(self) -> tuple[Executor, ...]:
@@ -111,7 +106,8 @@ class LocalArm:
 
     def state(self, **facts: Any) -> SideState:
         """The state of its joints, with further facts."""
-        state = self.station.executor.state
+        rig, state = self.station, self.station.executor.state
+        loads = rig.servos.health if isinstance(rig, HardwareRig) else ()
         aperture = goal = 0.0
         if self.jaw is not None:
             jaw = self.jaw.gripper
@@ -120,7 +116,7 @@ class LocalArm:
         return SideState(
             x=np.append(state.q, aperture),
             x_goal=np.append(state.q_ref, goal),
-            loads=tuple(self.loads()),
+            loads=[joint.load for joint in loads],
             **facts,
         )
 
