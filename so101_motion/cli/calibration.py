@@ -185,14 +185,10 @@ def import_(
         _print_dry_run(replace(read, path=path), as_json)
         return
     stored = store.save(path, read.calibration, zeros=read.zeros)
+    told = replace(stored, notes=(*_told(read), *stored.notes), zero_note="")
+    _print(told, f"saved to {stored.path}", as_json)
     if as_json:
-        explained = facts(stored)
-        print_json("calibration", {**explained, "notes": [*_told(read), *stored.notes]})
         return
-    click.echo(f"saved to {stored.path}")
-    _table(stored.calibration)
-    _notes(read)
-    _notes(replace(stored, zero_note=""))
     click.echo(f"next: so101 calibration show {stored.path}", err=True)
 
 
@@ -227,12 +223,7 @@ def restore(
     else:
         report = _arm_with(path) if is_manned and not as_json else None
     stored = store.restore(path, number)
-    if as_json:
-        print_json("calibration", facts(stored))
-    else:
-        click.echo(f"{stored.path} is restored:")
-        _table(stored.calibration)
-        _notes(stored)
+    _print(stored, f"{stored.path} is restored:", as_json)
     if report is not None and (
         yes or click.confirm(f"Store it in the servos on {report.port.name} too?", err=True)
     ):
@@ -491,6 +482,16 @@ def _zero_facts(
     }
 
 
+def _print(stored: Stored, heading: str, as_json: bool, **more: object) -> None:
+    """Print the content of a calibration file."""
+    if as_json:
+        print_json("calibration", {**facts(stored), **more})
+        return
+    click.echo(heading)
+    _table(stored.calibration)
+    _notes(stored)
+
+
 def _table(calibration: Calibration) -> None:
     click.echo(f"  {'joint':<15}{'id':>3}{'offset':>8}{'from':>7}{'to':>7}{'travel':>10}")
     for joint, entry in calibration.items():
@@ -510,17 +511,15 @@ def _print_dry_run(wanted: Stored, as_json: bool) -> None:
     except CalibrationError:
         now = {}  # no file, or one that cannot be used and would be kept as a version
     rows = compare.diff(wanted.calibration, now, tolerance=0)
+    changes = [
+        {"joint": row.joint, "field": row.field, "now": row.held, "then": row.filed}
+        for row in rows
+        if row.differs or row.held is None
+    ]
+    heading = f"this would be saved to {wanted.path}:"
+    _print(wanted, heading, as_json, dry_run=True, changes=changes)
     if as_json:
-        changes = [
-            {"joint": row.joint, "field": row.field, "now": row.held, "then": row.filed}
-            for row in rows
-            if row.differs or row.held is None
-        ]
-        print_json("calibration", {**facts(wanted), "dry_run": True, "changes": changes})
         return
-    click.echo(f"this would be saved to {wanted.path}:")
-    _table(wanted.calibration)
-    _notes(wanted)
     for row in rows:
         if row.differs:
             click.echo(f"  {row.joint}: {row.field} {row.held} -> {row.filed}", err=True)

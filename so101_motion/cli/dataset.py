@@ -250,16 +250,9 @@ def read_calibration(file: Path | None) -> Stored | None:
 
 def _print_check(report: CheckReport, worst: int) -> None:
     from so101_motion.tasks.datasets.moments import KINDS
-    from so101_motion.tasks.datasets.units import IN_WORDS
 
-    metadata = report.data_set.metadata
-    minutes = report.frames / metadata.fps / 60.0
-    click.echo(
-        f"{metadata.root}: LeRobot {metadata.version}, {metadata.robot or 'no robot named'},"
-        f" {report.episodes} episodes, {report.frames} frames at {metadata.fps:g} a second"
-        f" ({minutes:.1f} min)"
-    )
-    click.echo(f"units: {IN_WORDS[report.units.kind]} ({report.certainty}: {report.why_units})")
+    metadata, (what, units) = report.data_set.metadata, report.headlines
+    click.echo(f"{metadata.root}: {what}\n{units}")
     if report.differences is None:
         click.echo("the joints' measured positions were not recorded, only the commands")
     else:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, count
+from itertools import combinations
 from math import prod
 from typing import NamedTuple
 
@@ -138,36 +138,10 @@ def times_in_round(laps: Sequence[int], around: Sequence[Loop]) -> int:
     return prod(1 if lap == 0 else loop.times - 1 for lap, loop in pairs)
 
 
-def visits_of(
-    steps: int,
-    loops: Sequence[Loop],
-    rounds: int | None,
-    *,
-    stops_at: Callable[[int], bool] = lambda _index: True,
-    most: int | None = None,
-) -> Iterator[Visit]:
-    """Every arrival at a stop, in order; without end if the program is endless.
-
-    Args:
-        steps: How many steps there are.
-        loops: Its loops, as ``checked_loops`` orders them.
-        rounds: How often all of it is repeated; None for endless.
-        stops_at: Whether the step of an index is stopped at; true for the last one of a loop.
-        most: Loops and rounds are repeated at most so often. Two times give every path there is,
-            because what a loop does to arms and jaws holds from its second time on.
-    """
-    origin: int | None = None
-    for lap in count():
-        if steps == 0 or lap in (most, rounds):
-            return
-        for laps, indices in _round(steps, loops, stops_at, most):
-            yield Visit(lap, laps, origin, indices)
-            origin = indices[-1]
-
-
-def _round(
+def round_of(
     steps: int, loops: Sequence[Loop], stops_at: Callable[[int], bool], most: int | None
 ) -> Iterator[tuple[tuple[int, ...], range]]:
+    """The stops of one round: the repetitions of the loops around each, and its steps."""
     laps = [0] * len(loops)
     begin = index = 0
     while index < steps:

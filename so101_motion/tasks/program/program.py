@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import count
 
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import ConfigError
@@ -18,7 +19,7 @@ from so101_motion.tasks.program.loops import (
     Visit,
     checked_count,
     checked_loops,
-    visits_of,
+    round_of,
 )
 
 ARM = "arm"
@@ -193,8 +194,19 @@ class Program:
         return tuple(loop for loop in self.loops if index in loop)
 
     def visits(self, most: int | None = None) -> Iterator[Visit]:
-        """Every arrival at a stop, in order; see ``loops.visits_of``."""
-        return visits_of(len(self), self.loops, self.rounds, stops_at=self.stops_at, most=most)
+        """Every arrival at a stop, in order; without end if the program is endless.
+
+        Args:
+            most: Loops and rounds are repeated at most so often. Two times give every path there
+                is, because what a loop does to arms and jaws holds from its second time on.
+        """
+        origin: int | None = None
+        for lap in count():
+            if not self.steps or lap in (most, self.rounds):
+                return
+            for laps, indices in round_of(len(self), self.loops, self.stops_at, most):
+                yield Visit(lap, laps, origin, indices)
+                origin = indices[-1]
 
     def with_step(self, step: Step) -> Program:
         """This program with one more step at the end."""
