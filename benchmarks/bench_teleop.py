@@ -58,8 +58,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.rig import HARD_STOP
-from so101_motion.tasks.teleop import LocalFollower, LocalLeader, Recorder, Teleop
-from so101_motion.tasks.teleop.local_arms import side_of
+from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Recorder, Teleop
 from so101_motion.tasks.teleop.pilot import Pace
 
 SECONDS = 60.0
@@ -348,8 +347,8 @@ def live(seconds: float) -> dict[str, Any]:
         tapes: tuple[list[Any], list[Any]] = ([], [])
         teleop = stack.enter_context(
             Teleop(
-                LocalLeader(side_of(leader, leader)),
-                LocalFollower(side_of(follower, follower)),
+                LocalLeader(LocalArm(station=leader, jaw=leader)),
+                LocalFollower(LocalArm(station=follower, jaw=follower)),
                 follower.clock,
             )
         )

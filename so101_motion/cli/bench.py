@@ -10,14 +10,13 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-import click
 import numpy as np
 
-from so101_motion.cli.shared import busy_message, json_option, print_json, quietly
-from so101_motion.cli.sources import AnySource, MachineSource, Source, any_source_options
+from so101_motion.cli.options import JSON, verb
+from so101_motion.cli.shared import busy_message, print_json, quietly
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, MachineSource, Source
 
 if TYPE_CHECKING:
     from so101_motion.common.state import JointState
@@ -35,51 +34,32 @@ _ASKED = 100
 """Number of status requests to a machine; chosen."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Figure:
+class Figure(NamedTuple):
     """One measured figure.
 
     Attributes:
         name: Its key for programs.
         words: Its description for people.
         n: Number of measurements.
-        median: The median [s].
-        p99: The 99th percentile [s].
-        worst: The largest [s].
+        times: Their median, 99th percentile and largest [s].
         remark: A further note for people; empty without one.
     """
 
     name: str
     words: str
     n: int
-    median: float
-    p99: float
-    worst: float
+    times: tuple[float, float, float]
     remark: str = ""
 
     @classmethod
     def of(cls, name: str, words: str, values: Sequence[float]) -> Figure:
         """Make the figure from single measurements [s]."""
-        return cls(
-            name=name,
-            words=words,
-            n=len(values),
-            median=float(np.median(values)),
-            p99=float(np.percentile(values, 99)),
-            worst=float(np.max(values)),
-        )
-
-    def facts(self) -> dict[str, object]:
-        """The figure for programs, in milliseconds."""
-        figures = {"median": self.median, "p99": self.p99, "worst": self.worst}
-        rounded = {f"{name}_ms": round(1e3 * value, 3) for name, value in figures.items()}
-        return {"n": self.n, **rounded, "remark": self.remark}
+        median, p99, worst = np.percentile(values, [50, 99, 100]).tolist()
+        return cls(name, words, len(values), (median, p99, worst))
 
 
-@click.command()
-@any_source_options
-@json_option
-def bench(source: AnySource, as_json: bool) -> None:
+@verb()
+def bench(source: AnySource = ANY_SOURCE, as_json: bool = JSON) -> None:
     """Measure planning, the control loop and the bus on this computer, in ten seconds.
 
     Nothing moves. With --port the servos are read as the control loop reads them; with --machine
@@ -101,7 +81,7 @@ def bench(source: AnySource, as_json: bool) -> None:
             figures = [*_planning(), *arm_figures]
     about = dict(software())
     if as_json:
-        rounded = {figure.name: figure.facts() for figure in figures}
+        rounded = {each.name: _facts(each) for each in figures}
         print_json("bench", {"source": source.what, "software": about, "figures": rounded})
     else:
         _print_table(source.what, figures)
@@ -179,9 +159,7 @@ def _bus(lease: BusLease, servo_ids: Sequence[int]) -> Figure:
         name="bus",
         words=f"reading {len(servo_ids)} servos",
         n=heard.asked // len(servo_ids),
-        median=heard.median,
-        p99=heard.p99,
-        worst=heard.longest,
+        times=(heard.median, heard.p99, heard.longest),
         remark=f"{heard.late} late, {heard.lost} lost, {heard.corrupt} garbled of {heard.asked}",
     )
 
@@ -214,6 +192,13 @@ def _status_requests(rig: MachineRig) -> Figure:
     return Figure.of("machine", "reading the machine's state", times)
 
 
+def _facts(figure: Figure) -> dict[str, object]:
+    """The figure for programs."""
+    names = zip(("median", "p99", "worst"), figure.times, strict=True)
+    rounded = {f"{name}_ms": round(1e3 * value, 3) for name, value in names}
+    return {"n": figure.n, **rounded, "remark": figure.remark}
+
+
 def _print_table(what: str, figures: Sequence[Figure]) -> None:
     from rich.console import Console
     from rich.table import Table
@@ -224,6 +209,6 @@ def _print_table(what: str, figures: Sequence[Figure]) -> None:
         table.add_column(heading, justify="right", header_style="dim")
     table.add_column("")
     for figure in figures:
-        columns = [f"{1e3 * value:.2f} ms" for value in (figure.median, figure.p99, figure.worst)]
+        columns = [f"{1e3 * value:.2f} ms" for value in figure.times]
         table.add_row(figure.words, str(figure.n), *columns, figure.remark)
     Console(highlight=False).print(table)

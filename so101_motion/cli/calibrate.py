@@ -11,16 +11,10 @@ import click
 
 from so101_motion.cli.calibration import facts
 from so101_motion.cli.completion_values import completed_files
+from so101_motion.cli.options import DRY_RUN, EVENTS, JSON, flag, option, verb
 from so101_motion.cli.param_types import port_option
-from so101_motion.cli.shared import (
-    INTERRUPTED,
-    STOPPED,
-    dry_run_option,
-    events_option,
-    json_option,
-    print_json,
-)
-from so101_motion.cli.sources import MachineSource, chosen_among, machine_options
+from so101_motion.cli.shared import INTERRUPTED, STOPPED, print_json
+from so101_motion.cli.sources import MACHINE, MachineSource, chosen_among
 from so101_motion.common.errors import CalibrationError, So101Error
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
@@ -35,36 +29,26 @@ if TYPE_CHECKING:
 _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
 
 
-@click.command()
-@port_option("Serial port of the arm; by default the only one with an arm")
-@click.option(
-    "--file",
-    shell_complete=completed_files,
-    help="Where to save; by default the file this arm already has.",
-)
-@click.option("--joint", "joints", type=_JOINT, multiple=True, help="Only this one; repeatable.")
-@click.option(
-    "--accept",
-    type=_JOINT,
-    multiple=True,
-    metavar="JOINT",
-    help="Take this joint's travel as it is, because something limits it; repeatable.",
-)
-@click.option("--yes", is_flag=True, help="Ask no questions; for scripts.")
-@dry_run_option
-@events_option
-@machine_options
-@json_option
+@verb()
 def calibrate(
-    port: str | None,
-    machine: MachineSource | None,
-    file: str | None,
-    joints: tuple[str, ...],
-    accept: tuple[str, ...],
-    yes: bool,
-    dry_run: bool,
-    events: TextIO | None,
-    as_json: bool,
+    port: str | None = port_option("Serial port of the arm; by default the only one with an arm"),
+    file: str | None = option(
+        "Where to save; by default the file this arm already has.", shell_complete=completed_files
+    ),
+    joints: tuple[str, ...] = option(
+        "Only this one; repeatable.", _JOINT, name="--joint", multiple=True
+    ),
+    accept: tuple[str, ...] = option(
+        "Take this joint's travel as it is, because something limits it; repeatable.",
+        _JOINT,
+        multiple=True,
+        metavar="JOINT",
+    ),
+    yes: bool = flag("Ask no questions; for scripts."),
+    dry_run: bool = DRY_RUN,
+    events: TextIO | None = EVENTS,
+    machine: MachineSource | None = MACHINE,
+    as_json: bool = JSON,
 ) -> None:
     """Calibrate the arm: find the ends of each joint's travel, so that its angles are right.
 

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion.cli.completion_values import completed_files
+from so101_motion.cli.options import DRY_RUN, JSON, argument, flag, option, verb
 from so101_motion.cli.param_types import IN_FILE, port_option
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     STOPPED,
     Verbs,
-    dry_run_option,
-    json_option,
     print_json,
 )
 from so101_motion.common.errors import CalibrationError, OtherCalibration
@@ -34,15 +33,20 @@ if TYPE_CHECKING:
     from so101_motion.setup.port_report import PortReport
 
 
+_FILE = argument(shell_complete=completed_files)
+_PORT = port_option("Serial port of the arm; by default the only one with an arm")
+
+
 @click.group(cls=Verbs)
 def calibration() -> None:
     """Show, compare, verify, import, export, restore and write calibration files."""
 
 
-@calibration.command()
-@click.argument("file", required=False, shell_complete=completed_files)
-@json_option
-def show(file: str | None, as_json: bool) -> None:
+@verb(calibration)
+def show(
+    file: str | None = argument(required=False, shell_complete=completed_files),
+    as_json: bool = JSON,
+) -> None:
     """Show the content of a calibration file; without FILE, list the files.
 
     Also shown are the source of each joint's zero, the error at the jaws that it may cause [mm],
@@ -70,12 +74,13 @@ def show(file: str | None, as_json: bool) -> None:
     _notes(stored)
 
 
-@calibration.command()
-@click.argument("file", shell_complete=completed_files)
-@click.argument("other", required=False, shell_complete=completed_files)
-@port_option("Serial port of the arm; by default the only one with an arm")
-@json_option
-def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
+@verb(calibration)
+def diff(
+    file: str = _FILE,
+    other: str | None = argument(required=False, shell_complete=completed_files),
+    port: str | None = _PORT,
+    as_json: bool = JSON,
+) -> None:
     """Compare FILE with the servos' registers, or with the file OTHER.
 
     Exit code 6 if they differ.
@@ -101,15 +106,18 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
         raise SystemExit(CHECK_FAILED)
 
 
-@calibration.command()
-@click.argument("file", shell_complete=completed_files)
-@click.option(
-    "--lerobot", metavar="ID", help="Save it where LeRobot looks for the arm with this --robot.id."
-)
-@click.option("--kind", default="", help="With --lerobot: its kind of arm, such as so_leader.")
-@click.option("--out", type=click.Path(path_type=Path), help="Write to this file.")
-@dry_run_option
-def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run: bool) -> None:
+@verb(calibration)
+def export(
+    file: str = _FILE,
+    lerobot: str | None = option(
+        "Save it where LeRobot looks for the arm with this --robot.id.", metavar="ID"
+    ),
+    kind: str = option(
+        "With --lerobot: its kind of arm, such as so_leader.", default="", show_default=False
+    ),
+    out: Path | None = option("Write to this file.", click.Path(path_type=Path)),
+    dry_run: bool = DRY_RUN,
+) -> None:
     """Print FILE in LeRobot's format, or save it with --lerobot or --out.
 
     \b
@@ -137,22 +145,19 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run:
     )
 
 
-@calibration.command("import")
-@click.argument("source", shell_complete=completed_files)
-@click.option(
-    "--file",
-    shell_complete=completed_files,
-    help="Where to save it; by default in your data directory, same name.",
-)
-@click.option(
-    "--joint-zero",
-    type=click.Choice(["middle", "homing"]),
-    help="Where zero is: the middle of the travel, or the pose of the published module's homing.",
-)
-@dry_run_option
-@json_option
+@verb(calibration, "import")
 def import_(
-    source: str, file: str | None, joint_zero: str | None, dry_run: bool, as_json: bool
+    source: str = _FILE,
+    file: str | None = option(
+        "Where to save it; by default in your data directory, same name.",
+        shell_complete=completed_files,
+    ),
+    joint_zero: str | None = option(
+        "Where zero is: the middle of the travel, or the pose of the published module's homing.",
+        click.Choice(["middle", "homing"]),
+    ),
+    dry_run: bool = DRY_RUN,
+    as_json: bool = JSON,
 ) -> None:
     """Import a calibration of LeRobot (old or new) or of the published module.
 
@@ -180,28 +185,23 @@ def import_(
         _print_dry_run(replace(read, path=path), as_json)
         return
     stored = store.save(path, read.calibration, zeros=read.zeros)
+    told = replace(stored, notes=(*_told(read), *stored.notes), zero_note="")
+    _print(told, f"saved to {stored.path}", as_json)
     if as_json:
-        explained = facts(stored)
-        print_json("calibration", {**explained, "notes": [*_told(read), *stored.notes]})
         return
-    click.echo(f"saved to {stored.path}")
-    _table(stored.calibration)
-    _notes(read)
-    _notes(replace(stored, zero_note=""))
     click.echo(f"next: so101 calibration show {stored.path}", err=True)
 
 
-@calibration.command()
-@click.argument("file", shell_complete=completed_files)
-@click.option(
-    "--number", type=int, metavar="N", help="Which version; by default the newest that differs."
-)
-@port_option("Store it in the servos on this port as well")
-@click.option("--yes", is_flag=True, help="With --port: store without asking.")
-@dry_run_option
-@json_option
+@verb(calibration)
 def restore(
-    file: str, number: int | None, port: str | None, yes: bool, dry_run: bool, as_json: bool
+    file: str = _FILE,
+    number: int | None = option(
+        "Which version; by default the newest that differs.", int, metavar="N"
+    ),
+    port: str | None = port_option("Store it in the servos on this port as well"),
+    yes: bool = flag("With --port: store without asking."),
+    dry_run: bool = DRY_RUN,
+    as_json: bool = JSON,
 ) -> None:
     """Restore the previous version of FILE; the present one is kept as a version.
 
@@ -223,12 +223,7 @@ def restore(
     else:
         report = _arm_with(path) if is_manned and not as_json else None
     stored = store.restore(path, number)
-    if as_json:
-        print_json("calibration", facts(stored))
-    else:
-        click.echo(f"{stored.path} is restored:")
-        _table(stored.calibration)
-        _notes(stored)
+    _print(stored, f"{stored.path} is restored:", as_json)
     if report is not None and (
         yes or click.confirm(f"Store it in the servos on {report.port.name} too?", err=True)
     ):
@@ -248,11 +243,10 @@ def _arm_with(path: Path) -> PortReport | None:
     return found[0] if len(found) == 1 else None
 
 
-@calibration.command()
-@click.argument("file", shell_complete=completed_files)
-@port_option("Serial port of the arm; by default the only one with an arm")
-@click.option("--yes", is_flag=True, help="Write without asking.")
-def write(file: str, port: str | None, yes: bool) -> None:
+@verb(calibration)
+def write(
+    file: str = _FILE, port: str | None = _PORT, yes: bool = flag("Write without asking.")
+) -> None:
     """Store FILE in the servos; what they held is kept as a version of FILE.
 
     Use it if the arm is refused because its servos hold another calibration, and FILE is right.
@@ -268,12 +262,13 @@ def write(file: str, port: str | None, yes: bool) -> None:
     _write(stored, report)
 
 
-@calibration.command()
-@click.argument("file", required=False, shell_complete=completed_files)
-@port_option("Serial port of the arm; by default the only one with an arm")
-@click.option("--yes", is_flag=True, help="Ask no questions; it ends after two minutes.")
-@json_option
-def verify(file: str | None, port: str | None, yes: bool, as_json: bool) -> None:
+@verb(calibration)
+def verify(
+    file: str | None = argument(required=False, shell_complete=completed_files),
+    port: str | None = _PORT,
+    yes: bool = flag("Ask no questions; it ends after two minutes."),
+    as_json: bool = JSON,
+) -> None:
     """Check a calibration: you lead the limp joints to their stops by hand.
 
     It tells how far the stops are from those of FILE, in degrees, and takes two minutes. Nothing is
@@ -291,10 +286,13 @@ def verify(file: str | None, port: str | None, yes: bool, as_json: bool) -> None
         raise SystemExit(CHECK_FAILED)
 
 
-@calibration.command()
-@click.argument("file", type=IN_FILE)
-@click.option("--name", default="", help="Only this pose of poses, or arm of a cell's program.")
-def accept(file: Path, name: str) -> None:
+@verb(calibration)
+def accept(
+    file: Path = argument(IN_FILE),
+    name: str = option(
+        "Only this pose of poses, or arm of a cell's program.", default="", show_default=False
+    ),
+) -> None:
     """Use the angles in FILE as they are, with whatever calibration an arm has.
 
     FILE has poses, a program or a guided path, and was made with another calibration. Its angles
@@ -484,6 +482,16 @@ def _zero_facts(
     }
 
 
+def _print(stored: Stored, heading: str, as_json: bool, **more: object) -> None:
+    """Print the content of a calibration file."""
+    if as_json:
+        print_json("calibration", {**facts(stored), **more})
+        return
+    click.echo(heading)
+    _table(stored.calibration)
+    _notes(stored)
+
+
 def _table(calibration: Calibration) -> None:
     click.echo(f"  {'joint':<15}{'id':>3}{'offset':>8}{'from':>7}{'to':>7}{'travel':>10}")
     for joint, entry in calibration.items():
@@ -503,17 +511,15 @@ def _print_dry_run(wanted: Stored, as_json: bool) -> None:
     except CalibrationError:
         now = {}  # no file, or one that cannot be used and would be kept as a version
     rows = compare.diff(wanted.calibration, now, tolerance=0)
+    changes = [
+        {"joint": row.joint, "field": row.field, "now": row.held, "then": row.filed}
+        for row in rows
+        if row.differs or row.held is None
+    ]
+    heading = f"this would be saved to {wanted.path}:"
+    _print(wanted, heading, as_json, dry_run=True, changes=changes)
     if as_json:
-        changes = [
-            {"joint": row.joint, "field": row.field, "now": row.held, "then": row.filed}
-            for row in rows
-            if row.differs or row.held is None
-        ]
-        print_json("calibration", {**facts(wanted), "dry_run": True, "changes": changes})
         return
-    click.echo(f"this would be saved to {wanted.path}:")
-    _table(wanted.calibration)
-    _notes(wanted)
     for row in rows:
         if row.differs:
             click.echo(f"  {row.joint}: {row.field} {row.held} -> {row.filed}", err=True)

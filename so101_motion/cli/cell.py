@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.param_types import IN_FILE, Numbers
-from so101_motion.cli.program import carry_out, said_for_others
+from so101_motion.cli.options import JSON, START, argument, option, verb
+from so101_motion.cli.param_types import IN_FILE, JOINTS, POINT
+from so101_motion.cli.program import ROUNDS, carry_out, said_for_others
 from so101_motion.cli.shared import (
     Verbs,
     busy_message,
     have_agreed,
-    json_option,
     print_json,
     quietly,
     stops_on_ctrl_c,
@@ -31,23 +31,19 @@ if TYPE_CHECKING:
     from so101_motion.rig.rig import Rig
     from so101_motion.setup.base_fit import BaseFit
 
-_POINT = Numbers("X", "Y", "Z", most=1e6)
-_JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
-
 
 @click.group(cls=Verbs)
 def cell() -> None:
     """Work with several arms that share a space."""
 
 
-@cell.command()
-@click.argument("file", type=IN_FILE)
-@click.option(
-    "--touches", type=click.IntRange(5, 50), default=6, show_default=True, help="Number of places."
-)
-@click.option("--yes", is_flag=True, help="Start without asking.")
-@json_option
-def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
+@verb(cell)
+def calibrate(
+    file: Path = argument(IN_FILE),
+    touches: int = option("Number of places.", click.IntRange(5, 50), 6),
+    yes: bool = START,
+    as_json: bool = JSON,
+) -> None:
     """Measure where the arms of FILE stand, and write it to FILE.
 
     All arms yield to your hands. Let the tips of the fixed jaws of two arms touch at some places
@@ -89,32 +85,23 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
         )
 
 
-@cell.command()
-@click.argument("file", type=IN_FILE)
-@click.option(
-    "--joints",
-    "joints",
-    type=(str, _JOINTS),
-    multiple=True,
-    metavar="ARM ANGLES",
-    help="Move the joints of an arm to these angles [deg].",
-)
-@click.option(
-    "--xyz",
-    "points",
-    type=(str, _POINT),
-    multiple=True,
-    metavar="ARM POINT",
-    help="Move the tool of an arm to this point [mm], in its base frame.",
-)
-@click.option("--yes", is_flag=True, help="Start without asking.")
-@json_option
+@verb(cell)
 def move(
-    file: Path,
-    joints: tuple[tuple[str, Array], ...],
-    points: tuple[tuple[str, Array], ...],
-    yes: bool,
-    as_json: bool,
+    file: Path = argument(IN_FILE),
+    joints: tuple[tuple[str, Array], ...] = option(
+        "Move the joints of an arm to these angles [deg].",
+        (str, JOINTS),
+        multiple=True,
+        metavar="ARM ANGLES",
+    ),
+    xyz: tuple[tuple[str, Array], ...] = option(
+        "Move the tool of an arm to this point [mm], in its base frame.",
+        (str, POINT),
+        multiple=True,
+        metavar="ARM POINT",
+    ),
+    yes: bool = START,
+    as_json: bool = JSON,
 ) -> None:
     """Move several arms of FILE in one motion, which they begin and end together.
 
@@ -130,7 +117,7 @@ def move(
     goals: dict[str, Goal] = {}
     for name, q_deg in joints:
         goals[name] = JointGoal(q=to_rad(q_deg))
-    for name, p_mm in points:
+    for name, p_mm in xyz:
         if name in goals:
             raise click.UsageError(f"{name} has two goals; give one")
         goals[name] = PoseGoal.at_point(to_m(p_mm))
@@ -152,15 +139,14 @@ def move(
         click.echo(f"{name}: {values} deg", err=True)
 
 
-@cell.command()
-@click.argument("file", type=IN_FILE)
-@click.argument("program", type=IN_FILE)
-@click.option(
-    "--rounds", type=click.IntRange(1, 10_000), help="Number of rounds; by default as saved."
-)
-@click.option("--yes", is_flag=True, help="Start without asking.")
-@json_option
-def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool) -> None:
+@verb(cell)
+def run(
+    file: Path = argument(IN_FILE),
+    program: Path = argument(IN_FILE),
+    rounds: int | None = ROUNDS,
+    yes: bool = START,
+    as_json: bool = JSON,
+) -> None:
     """Run PROGRAM, whose steps have goals for the arms of FILE.
 
     The arms of a step move together, in one motion. The whole program is planned before anything
@@ -183,15 +169,14 @@ def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool)
     click.echo("done", err=True)
 
 
-@cell.command()
-@click.argument("file", type=IN_FILE)
-@click.argument("giver")
-@click.argument("taker")
-@click.argument("thing", required=False)
-@click.option("--yes", is_flag=True, help="Start without asking.")
-@json_option
+@verb(cell)
 def handover(
-    file: Path, giver: str, taker: str, thing: str | None, yes: bool, as_json: bool
+    file: Path = argument(IN_FILE),
+    giver: str = argument(),
+    taker: str = argument(),
+    thing: str | None = argument(required=False),
+    yes: bool = START,
+    as_json: bool = JSON,
 ) -> None:
     """Pass an object from the hand of GIVER to that of TAKER, two arms of FILE.
 

@@ -7,6 +7,8 @@ import sys
 import click
 from click.shell_completion import BashComplete, FishComplete, ShellComplete, ZshComplete
 
+from so101_motion.cli.options import argument, verb
+
 _BASH = r"""%(complete_func)s() {
     local IFS=$'\n' response kind word
     response=$(
@@ -45,10 +47,8 @@ _HOW = {
 }
 
 
-@click.command()
-@click.argument("shell", type=click.Choice(tuple(_COMPLETERS)))
-@click.pass_context
-def completion(context: click.Context, shell: str) -> None:
+@verb()
+def completion(shell: str = argument(click.Choice(tuple(_COMPLETERS)))) -> None:
     """Print the script that makes SHELL complete so101's verbs and options.
 
     It completes the ports that are plugged in, poses and programs as well.
@@ -58,7 +58,7 @@ def completion(context: click.Context, shell: str) -> None:
     echo 'eval "$(so101 completion zsh)"' >> ~/.zshrc
     so101 completion fish > ~/.config/fish/completions/so101.fish
     """  # noqa: D301
-    command = context.find_root().command
+    command = click.get_current_context().find_root().command
     click.echo(_COMPLETERS[shell](command, {}, "so101", "_SO101_COMPLETE").source())
     if sys.stdout.isatty():
         click.echo(f"to load it in every shell: {_HOW[shell]}", err=True)

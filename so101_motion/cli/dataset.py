@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.param_types import IN_FILE, Finite, OutFile
+from so101_motion.cli.options import JSON, YES, argument, flag, option, verb
+from so101_motion.cli.param_types import IN_FILE, SCENE, Finite, OutFile
 from so101_motion.cli.shared import (
     CHECK_FAILED,
-    F,
     Verbs,
     aside,
     have_agreed,
-    json_option,
     print_json,
     quietly,
     stops_on_ctrl_c,
     write_report,
-    yes_option,
 )
-from so101_motion.cli.sources import Source, pace_options, source_options
+from so101_motion.cli.sources import SOURCE, Source, paced
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
 
 if TYPE_CHECKING:
     from so101_motion.calib.record.store import Stored
+    from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.datasets import CheckReport, DataSet
     from so101_motion.tasks.datasets.joint_checks import Differences
 
@@ -42,61 +40,27 @@ def dataset() -> None:
     """Check, convert and replay data sets of LeRobot."""
 
 
-def _set_options(verb: F) -> F:
-    """Add the options ``--arm`` and ``--units``, which all verbs here have."""
-
-    @click.option(
-        "--arm",
-        "side",
-        type=click.Choice(["left", "right"]),
-        default=None,
-        help="Which arm, in a data set of two.",
-    )
-    @click.option("--units", type=_KINDS, help="Units of its numbers.")
-    @functools.wraps(verb)
-    def with_options(*args: Any, side: str | None, units: str | None, **kwargs: Any) -> Any:
-        return verb(*args, side=side or "", units=units or "", **kwargs)
-
-    return with_options  # type: ignore[return-value]  # its own options and those above
-
-
-_recorded_option = click.option(
-    "--calibration", "calibration_file", type=IN_FILE,
-    help="Calibration of the arm that was recorded: LeRobot's or ours.",
-)  # fmt: skip
-
-
-@dataset.command()
-@click.argument("path", type=_FOLDER)
-@_set_options
-@_recorded_option
-@click.option(
-    "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles around the arm."
+_PATH = argument(_FOLDER)
+_SIDE = option("Which arm, in a data set of two.", click.Choice(["left", "right"]), name="--arm")
+_UNITS = option("Units of its numbers.", _KINDS)
+_RECORDED = option(
+    "Calibration of the arm that was recorded: LeRobot's or ours.", IN_FILE, name="--calibration"
 )
-@click.option(
-    "--speed",
-    type=Finite(1.0, 1000.0),
-    default=180.0,
-    show_default=True,
-    metavar="DEG/S",
-    help="Report joint speeds above this.",
-)
-@click.option(
-    "--worst", type=click.IntRange(0, 1000), default=10, show_default=True,
-    help="Number of moments to list.",
-)  # fmt: skip
-@click.option("--html", type=OutFile(".html"), help="Write a report with plots to this file.")
-@json_option
+
+
+@verb(dataset)
 def check(
-    path: Path,
-    side: str,
-    units: str,
-    calibration_file: Path | None,
-    scene_file: Path | None,
-    speed: float,
-    worst: int,
-    html: Path | None,
-    as_json: bool,
+    path: Path = _PATH,
+    side: str | None = _SIDE,
+    units: str | None = _UNITS,
+    calibration_file: Path | None = _RECORDED,
+    scene: Scene | None = SCENE,
+    speed: float = option(
+        "Report joint speeds above this.", Finite(1.0, 1000.0), 180.0, metavar="DEG/S"
+    ),
+    worst: int = option("Number of moments to list.", click.IntRange(0, 1000), 10),
+    html: Path | None = option("Write a report with plots to this file.", OutFile(".html")),
+    as_json: bool = JSON,
 ) -> None:
     """Check whether the data set in PATH is fit for training and for replay.
 
@@ -107,7 +71,6 @@ def check(
     so101 dataset check ~/.cache/huggingface/lerobot/me/pick
     so101 dataset check pick --calibration arm.json --scene table.json --html report.html
     """  # noqa: D301
-    from so101_motion.files.scene_file import read_scene
     from so101_motion.tasks.datasets import (
         Thresholds,
         check_data_set,
@@ -115,12 +78,12 @@ def check(
         open_data_set,
     )
 
-    data_set = open_data_set(path, side=side)
+    data_set = open_data_set(path, side=side or "")
     report = check_data_set(
         data_set,
-        units=units,
+        units=units or "",
         calibration=read_calibration(calibration_file) or data_set.calibration,
-        scene=None if scene_file is None else read_scene(scene_file),
+        scene=scene,
         thresholds=Thresholds(speed=to_rad(speed)),
     )
     if html is not None:
@@ -133,30 +96,19 @@ def check(
         raise SystemExit(CHECK_FAILED)
 
 
-@dataset.command()
-@click.argument("path", type=_FOLDER)
-@click.argument("out", type=click.Path(path_type=Path))
-@_set_options
-@_recorded_option
-@click.option("--to", "to_units", type=_KINDS, help="Units to convert to.  [default: the same]")
-@click.option(
-    "--to-calibration",
-    "to_calibration_file",
-    type=IN_FILE,
-    help="Calibration of the arm that will use it.  [default: that of --calibration]",
-)
-@click.option("--link", is_flag=True, help="Link videos and images instead of copying them.")
-@json_option
+@verb(dataset)
 def convert(
-    path: Path,
-    out: Path,
-    side: str,
-    units: str,
-    calibration_file: Path | None,
-    to_units: str | None,
-    to_calibration_file: Path | None,
-    link: bool,
-    as_json: bool,
+    path: Path = _PATH,
+    out: Path = argument(click.Path(path_type=Path)),
+    side: str | None = _SIDE,
+    units: str | None = _UNITS,
+    calibration_file: Path | None = _RECORDED,
+    to: str | None = option("Units to convert to.  [default: the same]", _KINDS),
+    to_calibration: Path | None = option(
+        "Calibration of the arm that will use it.  [default: that of --calibration]", IN_FILE
+    ),
+    link: bool = flag("Link videos and images instead of copying them."),
+    as_json: bool = JSON,
 ) -> None:
     """Copy the data set in PATH to OUT, in other units or for another calibration.
 
@@ -170,12 +122,12 @@ def convert(
     from so101_motion.tasks.datasets import convert_data_set, open_data_set
     from so101_motion.tasks.datasets.units import exact_units_of
 
-    data_set = open_data_set(path, side=side)
+    data_set = open_data_set(path, side=side or "")
     units = _units_kind(data_set, units)
     calibration = read_calibration(calibration_file) or data_set.calibration
-    other = read_calibration(to_calibration_file) or calibration
+    other = read_calibration(to_calibration) or calibration
     source = exact_units_of(units, calibration, option="calibration")
-    target = exact_units_of(to_units or units, other, option="to-calibration")
+    target = exact_units_of(to or units, other, option="to-calibration")
     for which, meant in (("recorded", source), ("new", target)):
         guessed = [j for j, by in zip(ARM_JOINTS, meant.zeros, strict=True) if by == "middle"]
         if guessed:
@@ -195,37 +147,21 @@ def convert(
     click.echo(f"written to {out}: {done.episodes} episodes, {done.frames} frames", err=True)
 
 
-@dataset.command()
-@click.argument("path", type=_FOLDER)
-@click.option("--episode", type=click.IntRange(0), required=True, help="Which one.")
-@source_options
-@pace_options
-@_set_options
-@click.option(
-    "--recorded-with",
-    "recorded_with",
-    type=IN_FILE,
-    help="Calibration of the arm that was recorded.  [default: that of this arm]",
-)
-@click.option("--state", is_flag=True, help="Follow the measured positions, not the commands.")
-@click.option("--start", type=Finite(0.0), default=0.0, metavar="S", help="Start at this time [s].")
-@click.option(
-    "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles around the arm."
-)
-@yes_option
-@json_option
+@verb(dataset)
 def replay(
-    path: Path,
-    episode: int,
-    source: Source,
-    side: str,
-    units: str,
-    recorded_with: Path | None,
-    state: bool,
-    start: float,
-    scene_file: Path | None,
-    yes: bool,
-    as_json: bool,
+    path: Path = _PATH,
+    episode: int = option("Which one.", click.IntRange(0), required=True),
+    source: Source = paced(SOURCE),
+    side: str | None = _SIDE,
+    units: str | None = _UNITS,
+    recorded_with: Path | None = option(
+        "Calibration of the arm that was recorded.  [default: that of this arm]", IN_FILE
+    ),
+    state: bool = flag("Follow the measured positions, not the commands."),
+    start: float = option("Start at this time [s].", Finite(0.0), 0.0, metavar="S"),
+    scene: Scene | None = SCENE,
+    yes: bool = YES,
+    as_json: bool = JSON,
 ) -> None:
     """Replay an episode of the data set in PATH, and print how closely the arm followed.
 
@@ -237,14 +173,12 @@ def replay(
     so101 dataset replay pick --episode 3 --sim --units degrees
     so101 dataset replay pick --episode 3 --port /dev/ttyACM0 --units range --speed 90
     """  # noqa: D301
-    from so101_motion.files.scene_file import read_scene
     from so101_motion.tasks.datasets import open_data_set, plan_episode, replay_episode, units_of
     from so101_motion.tasks.datasets.replay import calibration_of
 
-    data_set = open_data_set(path, side=side)
+    data_set = open_data_set(path, side=side or "")
     kind = _units_kind(data_set, units)
     recorded = read_calibration(recorded_with) or data_set.calibration
-    scene = None if scene_file is None else read_scene(scene_file)
     with quietly(), _with_replay_caps(source).open() as rig:
         if scene is not None:
             rig.arm.scene = scene
@@ -291,7 +225,7 @@ def _with_replay_caps(source: Source) -> Source:
     return replace(source, speed=speed, acceleration=acceleration)
 
 
-def _units_kind(data_set: DataSet, units: str) -> str:
+def _units_kind(data_set: DataSet, units: str | None) -> str:
     """The units given by option or declared in the data set; refuses if there are none."""
     kind = units or data_set.declared
     if not kind:
@@ -316,16 +250,9 @@ def read_calibration(file: Path | None) -> Stored | None:
 
 def _print_check(report: CheckReport, worst: int) -> None:
     from so101_motion.tasks.datasets.moments import KINDS
-    from so101_motion.tasks.datasets.units import IN_WORDS
 
-    metadata = report.data_set.metadata
-    minutes = report.frames / metadata.fps / 60.0
-    click.echo(
-        f"{metadata.root}: LeRobot {metadata.version}, {metadata.robot or 'no robot named'},"
-        f" {report.episodes} episodes, {report.frames} frames at {metadata.fps:g} a second"
-        f" ({minutes:.1f} min)"
-    )
-    click.echo(f"units: {IN_WORDS[report.units.kind]} ({report.certainty}: {report.why_units})")
+    metadata, (what, units) = report.data_set.metadata, report.headlines
+    click.echo(f"{metadata.root}: {what}\n{units}")
     if report.differences is None:
         click.echo("the joints' measured positions were not recorded, only the commands")
     else:

@@ -7,26 +7,24 @@ import sys
 import click
 import numpy as np
 
+from so101_motion.cli.options import flag, option, verb
 from so101_motion.cli.plan_table import plan_table
 from so101_motion.cli.shared import note_opened, stops_on_ctrl_c
 from so101_motion.cli.sources import CellSource, Source
-from so101_motion.cli.view import Page, page_options, show
+from so101_motion.cli.view import PAGE, Page, show
 from so101_motion.common.units import to_mm
 
 _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
 
 
-@click.command()
-@click.option("--text", is_flag=True, help="Show a plan and the move in the terminal, no browser.")
-@click.option(
-    "--arms",
-    type=click.IntRange(1, 8),
-    default=1,
-    show_default=True,
-    help="Number of arms; they share the space and keep apart.",
-)
-@page_options
-def demo(text: bool, arms: int, page: Page) -> None:
+@verb()
+def demo(
+    text: bool = flag("Show a plan and the move in the terminal, no browser."),
+    arms: int = option(
+        "Number of arms; they share the space and keep apart.", click.IntRange(1, 8), 1
+    ),
+    page: Page = PAGE,
+) -> None:
     """Run the simulated arm with its page in the browser; needs no hardware."""
     if text and arms > 1:
         raise click.UsageError("--text shows a single arm; leave out --arms")

@@ -5,21 +5,17 @@ from __future__ import annotations
 import json
 import time
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from so101_motion import __version__
+from so101_motion.cli.options import JSON, flag, option, verb
 from so101_motion.cli.param_types import OutFile, port_option
-from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, write_report
-from so101_motion.cli.sources import (
-    MachineSource,
-    calibration_option,
-    chosen_among,
-    machine_options,
-)
+from so101_motion.cli.shared import CHECK_FAILED, print_json, write_report
+from so101_motion.cli.sources import CALIBRATION, MACHINE, MachineSource, chosen_among
 from so101_motion.common.errors import CalibrationError, MachineRefused, PortUnavailable, So101Error
 from so101_motion.common.units import to_deg
 
@@ -36,20 +32,14 @@ _FAILURES = 2
 _SIGNS = {"ok": ("✓", "green"), "warn": ("!", "yellow"), "fail": ("✗", "red")}
 
 
-@click.command()
-@click.option("--sim", is_flag=True, help="The simulated arm: checks the installation only.")
-@port_option("Serial port of the arm; by default the only one with an arm")
-@calibration_option
-@click.option("--report", type=OutFile(), help="Write the report to this file as well.")
-@machine_options
-@json_option
+@verb()
 def doctor(
-    sim: bool,
-    port: str | None,
-    calibration: Path | None,
-    report: Path | None,
-    machine: MachineSource | None,
-    as_json: bool,
+    sim: bool = flag("The simulated arm: checks the installation only."),
+    port: str | None = port_option("Serial port of the arm; by default the only one with an arm"),
+    calibration: Path | None = CALIBRATION,
+    report: Path | None = option("Write the report to this file as well.", OutFile()),
+    machine: MachineSource | None = MACHINE,
+    as_json: bool = JSON,
 ) -> None:
     """Check the installation, the port, the servos and the calibration; nothing moves.
 
@@ -265,28 +255,18 @@ def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
     heard, file = seen.bus_quality, seen.file
     return {
         "healthy": is_healthy(checks),
-        "checks": [
-            {"name": c.name, "verdict": c.verdict, "sentence": c.sentence, "fix": c.fix}
-            for c in checks
-        ],
+        "checks": [asdict(check) for check in checks],
         "software": dict(seen.software),
         "port": seen.port,
         "calibration_file": None if file is None else str(file),
         "servos": {
             joint: {"id": facts.servo_id, **facts.held} for joint, facts in seen.facts.items()
         },
-        "bus": None
-        if heard is None
-        else {
-            "asked": heard.asked,
-            "late": heard.late,
-            "lost": heard.lost,
-            "garbled": heard.corrupt,
+        "bus": None if heard is None else {
+            "asked": heard.asked, "late": heard.late, "lost": heard.lost, "garbled": heard.corrupt,
             "lateness_ms": round(1e3 * heard.lateness, 3),
             "cycle_ms": {
-                "median": round(1e3 * heard.median, 3),
-                "p99": round(1e3 * heard.p99, 3),
-                "longest": round(1e3 * heard.longest, 3),
+                name: round(1e3 * getattr(heard, name), 3) for name in ("median", "p99", "longest")
             },
         },
         "zeros": [
@@ -297,7 +277,7 @@ def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
             "speed_degs_per_sec": _deg(seen.speed),
             "acceleration_degs_per_sec_per_sec": _deg(seen.acceleration),
         },
-    }
+    }  # fmt: skip
 
 
 def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:

@@ -9,88 +9,53 @@ from typing import TextIO
 
 import click
 
+from so101_motion.cli.options import flag, option, verb
 from so101_motion.cli.param_types import Finite, Link
 from so101_motion.common import interrupts
 
 
-@click.command()
-@click.option("--link", type=Link(), help="Make a link to the port with this name.")
-@click.option(
-    "--ids", default="1-6", show_default=True, help="Servo ids on the bus: 1-6, 1-3,5, 6=1."
-)
-@click.option("--new", is_flag=True, help="A new kit: all servos have id 1, none is plugged in.")
-@click.option("--realtime", is_flag=True, help="Send bytes at the speed of a real bus.")
-@click.option(
-    "--latency",
-    type=Finite(min=0.0),
-    default=0.0,
-    metavar="S",
-    help="How long the adapter delays replies.",
-)
-@click.option(
-    "--loss",
-    type=Finite(0.0, 1.0),
-    default=0.0,
-    metavar="P",
-    help="Share of replies that get lost.",
-)
-@click.option(
-    "--corrupt",
-    type=Finite(0.0, 1.0),
-    default=0.0,
-    metavar="P",
-    help="Share of replies with a flipped bit.",
-)
-@click.option(
-    "--spread",
-    type=Finite(0.0, 0.5),
-    default=0.0,
-    metavar="S",
-    help="Servos differ by up to this share in friction, play, gain, dead time and zero.",
-)
-@click.option(
-    "--seed", type=int, default=0, metavar="N", help="With --spread: another seed, another arm."
-)
-@click.option(
-    "--like",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Servos as so101 identify found them: the file beside the calibration.",
-)
-@click.option(
-    "--volts",
-    type=click.Choice(["12", "7.4"]),
-    default="12",
-    show_default=True,
-    help="Servos of this kind, at their rated supply: fitted on a pendulum, or on an arm.",
-)
-@click.option("--fault", "faults", multiple=True, help="Such as dead:3 or unplug@4+2; repeatable.")
-@click.option(
-    "--goal-torque/--no-goal-torque",
-    default=True,
-    show_default=True,
-    help="Whether a goal switches torque on. Firmware 3.10 does; one report says it does not.",
-)
-@click.option(
-    "--hand",
-    type=click.File(encoding="utf-8", errors="replace"),
-    help="A script that moves limp joints by hand.",
-)
+@verb()
 def emulate(
-    link: Path | None,
-    ids: str,
-    new: bool,
-    realtime: bool,
-    latency: float,
-    loss: float,
-    corrupt: float,
-    spread: float,
-    seed: int,
-    like: Path | None,
-    volts: str,
-    faults: tuple[str, ...],
-    goal_torque: bool,
-    hand: TextIO | None,
+    link: Path | None = option("Make a link to the port with this name.", Link()),
+    ids: str = option("Servo ids on the bus: 1-6, 1-3,5, 6=1.", default="1-6"),
+    new: bool = flag("A new kit: all servos have id 1, none is plugged in."),
+    realtime: bool = flag("Send bytes at the speed of a real bus."),
+    latency: float = option(
+        "How long the adapter delays replies.", Finite(min=0.0), 0.0, metavar="S"
+    ),
+    loss: float = option("Share of replies that get lost.", Finite(0.0, 1.0), 0.0, metavar="P"),
+    corrupt: float = option(
+        "Share of replies with a flipped bit.", Finite(0.0, 1.0), 0.0, metavar="P"
+    ),
+    spread: float = option(
+        "Servos differ by up to this share in friction, play, gain, dead time and zero.",
+        Finite(0.0, 0.5),
+        0.0,
+        metavar="S",
+    ),
+    seed: int = option("With --spread: another seed, another arm.", int, 0, metavar="N"),
+    like: Path | None = option(
+        "Servos as so101 identify found them: the file beside the calibration.",
+        click.Path(path_type=Path),
+        metavar="FILE",
+    ),
+    volts: str = option(
+        "Servos of this kind, at their rated supply: fitted on a pendulum, or on an arm.",
+        click.Choice(["12", "7.4"]),
+        "12",
+    ),
+    faults: tuple[str, ...] = option(
+        "Such as dead:3 or unplug@4+2; repeatable.", name="--fault", multiple=True
+    ),
+    goal_torque: bool = option(
+        "Whether a goal switches torque on. Firmware 3.10 does; one report says it does not.",
+        default=True,
+        name="--goal-torque/--no-goal-torque",
+    ),
+    hand: TextIO | None = option(
+        "A script that moves limp joints by hand.",
+        click.File(encoding="utf-8", errors="replace"),
+    ),
 ) -> None:
     """Emulate the servos of an arm behind a virtual serial port, until Ctrl-C.
 

@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING
 
 import click
 
+from so101_motion.cli.options import JSON, START, YES, argument, flag, option, verb
 from so101_motion.cli.param_types import IN_FILE, SECONDS, Finite, OutFile
 from so101_motion.cli.shared import (
     STOPPED,
     Verbs,
     have_agreed,
-    json_option,
     print_json,
     quietly,
     stops_on_ctrl_c,
-    yes_option,
 )
-from so101_motion.cli.sources import Source, pace_options, source_options
+from so101_motion.cli.sources import SOURCE, Source, paced
 from so101_motion.common import interrupts
 from so101_motion.common.units import to_deg, to_rad
 
@@ -36,15 +35,14 @@ def guide() -> None:
     """Guide the arm by hand, record its path, and replay it."""
 
 
-@guide.command()
-@click.argument("file", type=OutFile(".json"))
-@source_options
-@click.option("--seconds", type=SECONDS, help="Stop after this time.")
-@click.option("--replace", is_flag=True, help="Replace FILE if it is there.")
-@click.option("--yes", is_flag=True, help="Start without asking.")
-@json_option
+@verb(guide)
 def record(
-    file: Path, source: Source, seconds: float | None, replace: bool, yes: bool, as_json: bool
+    file: Path = argument(OutFile(".json")),
+    source: Source = SOURCE,
+    seconds: float | None = option("Stop after this time.", SECONDS),
+    replace: bool = flag("Replace FILE if it is there."),
+    yes: bool = START,
+    as_json: bool = JSON,
 ) -> None:
     """Guide the arm by hand and record its path in FILE (.json).
 
@@ -114,26 +112,17 @@ def _run_keys(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: flo
         pass
 
 
-@guide.command()
-@click.argument("file", type=IN_FILE)
-@source_options
-@pace_options
-@click.option(
-    "--tolerance", type=Finite(), default=2.0, show_default=True, metavar="DEG",
-    help="How far a joint may be from the path.",
-)  # fmt: skip
-@click.option("--no-gripper", is_flag=True, help="Leave the jaw alone.")
-@click.option("--times", type=click.IntRange(1, 1000), default=1, help="Number of rounds.")
-@yes_option
-@json_option
+@verb(guide)
 def replay(
-    file: Path,
-    source: Source,
-    tolerance: float,
-    no_gripper: bool,
-    times: int,
-    yes: bool,
-    as_json: bool,
+    file: Path = argument(IN_FILE),
+    source: Source = paced(SOURCE),
+    tolerance: float = option(
+        "How far a joint may be from the path.", Finite(), 2.0, metavar="DEG"
+    ),
+    no_gripper: bool = flag("Leave the jaw alone."),
+    times: int = option("Number of rounds.", click.IntRange(1, 1000), 1),
+    yes: bool = YES,
+    as_json: bool = JSON,
 ) -> None:
     """Move to the start of the path in FILE and along it, as fast as the caps allow.
 
@@ -167,12 +156,13 @@ def replay(
             click.echo(f"arrived: joints within {off_deg:.2f} deg of the path's end")
 
 
-@guide.command("list")
-@click.argument(
-    "folder", type=click.Path(path_type=Path, file_okay=False, exists=True), default=_FOLDER
-)
-@json_option
-def list_(folder: Path, as_json: bool) -> None:
+@verb(guide, "list")
+def list_(
+    folder: Path = argument(
+        click.Path(path_type=Path, file_okay=False, exists=True), default=_FOLDER
+    ),
+    as_json: bool = JSON,
+) -> None:
     """List the paths in FOLDER, or in this folder."""
     from so101_motion.tasks.guided import files
 

@@ -7,40 +7,24 @@ from pathlib import Path
 
 import click
 
-from so101_motion.cli.shared import (
-    have_agreed,
-    json_option,
-    print_json,
-    quietly,
-    run_beside,
-    yes_option,
-)
-from so101_motion.cli.sources import Source, source_options
+from so101_motion.cli.options import JSON, YES, flag, option, verb
+from so101_motion.cli.shared import have_agreed, print_json, quietly, run_beside
+from so101_motion.cli.sources import SOURCE, Source
 
 
-@click.command()
-@source_options
-@click.option(
-    "--carrying", is_flag=True, help="The hand holds something: measure its weight as well."
-)
-@click.option("--check", is_flag=True, help="Keep nothing; only say how well the figures predict.")
-@click.option(
-    "--record",
-    type=click.Path(path_type=Path, file_okay=False),
-    metavar="FOLDER",
-    help="Write goals, positions and voltages of each joint there; no serial number.",
-)
-@click.option("--undo", is_flag=True, help="Move nothing: restore the previous figures.")
-@yes_option
-@json_option
+@verb()
 def identify(
-    source: Source,
-    carrying: bool,
-    check: bool,
-    record: Path | None,
-    undo: bool,
-    yes: bool,
-    as_json: bool,
+    source: Source = SOURCE,
+    carrying: bool = flag("The hand holds something: measure its weight as well."),
+    check: bool = flag("Keep nothing; only say how well the figures predict."),
+    record: Path | None = option(
+        "Write goals, positions and voltages of each joint there; no serial number.",
+        click.Path(path_type=Path, file_okay=False),
+        metavar="FOLDER",
+    ),
+    undo: bool = flag("Move nothing: restore the previous figures."),
+    yes: bool = YES,
+    as_json: bool = JSON,
 ) -> None:
     """Measure how this arm's servos differ from their type. The arm MOVES.
 

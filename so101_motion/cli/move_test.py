@@ -10,30 +10,30 @@ from typing import TYPE_CHECKING
 import click
 
 from so101_motion import __version__
+from so101_motion.cli.options import JSON, YES, option, verb
 from so101_motion.cli.param_types import OutFile
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     INTERRUPTED,
     have_agreed,
-    json_option,
     print_json,
     quietly,
     run_beside,
     write_report,
-    yes_option,
 )
-from so101_motion.cli.sources import Source, source_options
+from so101_motion.cli.sources import SOURCE, Source
 
 if TYPE_CHECKING:
     from so101_motion.setup.move_test import MoveTestProgress
 
 
-@click.command("move-test")
-@source_options
-@yes_option
-@click.option("--report", type=OutFile(), help="Write the result to this JSON file.")
-@json_option
-def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> None:
+@verb()
+def move_test(
+    source: Source = SOURCE,
+    yes: bool = YES,
+    report: Path | None = option("Write the result to this JSON file.", OutFile()),
+    as_json: bool = JSON,
+) -> None:
     """Move every joint a little and check that it follows commands. The arm MOVES.
 
     One joint after the other moves six degrees back and forth, slowly, clear of all known

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 from click.shell_completion import CompletionItem
 
 from so101_motion.cli.completion_values import completed_ports
-from so101_motion.cli.shared import F
+from so101_motion.cli.options import option, together
 from so101_motion.common.errors import quoted
+
+if TYPE_CHECKING:
+    from so101_motion.planning.collision.scene import Scene
 
 IN_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 """An existing file."""
@@ -166,11 +168,21 @@ class OutFile(click.Path):
         return path
 
 
-def port_option(words: str) -> Callable[[F], F]:
-    """Add ``--port``; the verb gets ``port``."""
-    return click.option(
-        "--port",
-        envvar="SO101_PORT",
-        type=PORT,
-        help=f"{words} (or SO101_PORT).",
-    )
+def port_option(words: str) -> Any:
+    """The option ``--port``."""
+    return option(f"{words} (or SO101_PORT).", PORT, envvar="SO101_PORT")
+
+
+def read_scene(scene: Path | None) -> Scene | None:
+    """The scene in a file; None for no file."""
+    from so101_motion.files import scene_file
+
+    return None if scene is None else scene_file.read_scene(scene)
+
+
+SCENE_FILE = option("A scene file: the obstacles around the arm.", IN_FILE, name="--scene")
+SCENE = together(read_scene, scene=SCENE_FILE)
+"""The scene in a file; None if none is named."""
+
+POINT = Numbers("X", "Y", "Z", most=1e6)
+JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)

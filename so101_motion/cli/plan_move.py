@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import sys
 import time
 from concurrent.futures import wait
@@ -15,21 +14,19 @@ import click
 import numpy as np
 
 from so101_motion.cli.completion_values import completed_poses
-from so101_motion.cli.param_types import IN_FILE, Numbers, OutFile
+from so101_motion.cli.options import JSON, YES, flag, option, together, verb
+from so101_motion.cli.param_types import JOINTS, POINT, SCENE, OutFile
 from so101_motion.cli.plan_table import plan_table
 from so101_motion.cli.shared import (
-    F,
     aside,
     busy_message,
     have_agreed,
     import_preview,
-    json_option,
     print_json,
     quietly,
     stops_on_ctrl_c,
-    yes_option,
 )
-from so101_motion.cli.sources import AnySource, Source, any_source_options, pace_options
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, Source, paced
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.state import ARM_JOINTS
@@ -43,71 +40,6 @@ if TYPE_CHECKING:
     from so101_motion.planning.request import Plan
     from so101_motion.rig.protocols import RigLike
 
-_POINT = Numbers("X", "Y", "Z", most=1e6)
-_JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
-
-
-def _goal_options(verb: F) -> F:
-    """Add the options for a goal; the verb gets ``goal`` and ``scene``."""
-
-    @click.option("--xyz", type=_POINT, help="Move the tool to this point [mm], base frame.")
-    @click.option(
-        "--approach",
-        type=_POINT,
-        help="With --xyz: direction of the tool's z axis, such as 0,0,-1.",
-    )
-    @click.option("--line", is_flag=True, help="With --xyz: move the tool along a straight line.")
-    @click.option(
-        "--frame",
-        type=click.Choice(["tool", "jaw_tip"]),
-        default="tool",
-        show_default=True,
-        help="With --xyz: the frame of the gripper that moves to the point.",
-    )
-    @click.option("--joints", type=_JOINTS, help="Move the joints to these angles [deg].")
-    @click.option(
-        "--pose",
-        metavar="NAME",
-        shell_complete=completed_poses,
-        help=f"A named pose: {', '.join(pose.name for pose in POSES)}, or one of your own.",
-    )
-    @click.option(
-        "--leave-contact",
-        is_flag=True,
-        help="The goal is to be free: leave the table or an obstacle slowly and straight."
-        " In a surface of which the inside is not known this may lead deeper.",
-    )
-    @click.option(
-        "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles around the arm."
-    )
-    @pace_options
-    @functools.wraps(verb)
-    def with_goal(
-        *args: Any,
-        xyz: np.ndarray | None,
-        approach: np.ndarray | None,
-        line: bool,
-        frame: str,
-        joints: np.ndarray | None,
-        pose: str | None,
-        leave_contact: bool,
-        scene_file: Path | None,
-        **kwargs: Any,
-    ) -> Any:
-        from so101_motion.planning.goals import LeaveContactGoal
-
-        given = [each for each in (xyz, joints, pose, leave_contact or None) if each is not None]
-        if len(given) != 1:
-            raise click.UsageError("give one goal: --xyz, --joints, --pose or --leave-contact")
-        if xyz is None and (approach is not None or line or frame != "tool"):
-            raise click.UsageError("--approach, --line and --frame belong to --xyz")
-        goal: Goal | str = (
-            LeaveContactGoal() if leave_contact else _goal(xyz, approach, line, frame, joints, pose)
-        )
-        return verb(*args, goal=goal, scene=_scene(scene_file), **kwargs)
-
-    return with_goal  # type: ignore[return-value]  # its own options and those above
-
 
 def _goal(
     xyz: np.ndarray | None,
@@ -116,11 +48,25 @@ def _goal(
     frame: str,
     joints: np.ndarray | None,
     pose: str | None,
+    leave_contact: bool,
 ) -> Goal | str:
     """The goal; of a named pose its name, for its angles depend on the arm's zeros."""
     from so101_motion.common.geometry import SE3, frame_along
-    from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PoseGoal
+    from so101_motion.planning.goals import (
+        GoalMetric,
+        JointGoal,
+        LeaveContactGoal,
+        LineGoal,
+        PoseGoal,
+    )
 
+    given = [each for each in (xyz, joints, pose, leave_contact or None) if each is not None]
+    if len(given) != 1:
+        raise click.UsageError("give one goal: --xyz, --joints, --pose or --leave-contact")
+    if xyz is None and (approach is not None or line or frame != "tool"):
+        raise click.UsageError("--approach, --line and --frame belong to --xyz")
+    if leave_contact:
+        return LeaveContactGoal()
     if joints is not None:
         return JointGoal(q=to_rad(joints))
     if xyz is None:
@@ -135,10 +81,25 @@ def _goal(
     return kind(T_base_tool=target, metric=metric, frame=frame)
 
 
-def _scene(file: Path | None) -> Scene | None:
-    from so101_motion.files.scene_file import read_scene
-
-    return None if file is None else read_scene(file)
+_GOAL = together(
+    _goal,
+    xyz=option("Move the tool to this point [mm], base frame.", POINT),
+    approach=option("With --xyz: direction of the tool's z axis, such as 0,0,-1.", POINT),
+    line=flag("With --xyz: move the tool along a straight line."),
+    frame=option(
+        "With --xyz: the frame of the gripper that moves to the point.",
+        click.Choice(["tool", "jaw_tip"]), "tool",
+    ),
+    joints=option("Move the joints to these angles [deg].", JOINTS),
+    pose=option(
+        f"A named pose: {', '.join(pose.name for pose in POSES)}, or one of your own.",
+        metavar="NAME", shell_complete=completed_poses,
+    ),
+    leave_contact=flag(
+        "The goal is to be free: leave the table or an obstacle slowly and straight."
+        " In a surface of which the inside is not known this may lead deeper."
+    ),
+)  # fmt: skip
 
 
 def _pose(name: str, zeros: EncoderZeros | None = None) -> Goal:
@@ -155,25 +116,19 @@ def _pose(name: str, zeros: EncoderZeros | None = None) -> Goal:
         ) from None
 
 
-@click.command()
-@any_source_options
-@_goal_options
-@click.option("--from", "q_from", type=_JOINTS, help="With --sim: the start of the joints [deg].")
-@click.option("--out", type=OutFile(), help="Save the motion: .csv, .json or .mcap.")
-@click.option("--lerobot", is_flag=True, help="With --out: LeRobot's names and units.")
-@click.option("--html", type=OutFile(".html", ".htm"), help="Save a film of it for any browser.")
-@click.option("--preview", is_flag=True, help="Show the motion in the browser.")
-@json_option
+@verb()
 def plan(
-    source: AnySource,
-    goal: Goal | str,
-    scene: Scene | None,
-    q_from: np.ndarray | None,
-    out: Path | None,
-    lerobot: bool,
-    html: Path | None,
-    preview: bool,
-    as_json: bool,
+    source: AnySource = paced(ANY_SOURCE),
+    goal: Goal | str = _GOAL,
+    scene: Scene | None = SCENE,
+    q_from: np.ndarray | None = option(
+        "With --sim: the start of the joints [deg].", JOINTS, name="--from"
+    ),
+    out: Path | None = option("Save the motion: .csv, .json or .mcap.", OutFile()),
+    lerobot: bool = flag("With --out: LeRobot's names and units."),
+    html: Path | None = option("Save a film of it for any browser.", OutFile(".html", ".htm")),
+    preview: bool = flag("Show the motion in the browser."),
+    as_json: bool = JSON,
 ) -> None:
     """Plan a motion and show it; nothing moves.
 
@@ -211,13 +166,13 @@ def plan(
             _show(viewer, rig, found, source)
 
 
-@click.command()
-@any_source_options
-@_goal_options
-@yes_option
-@json_option
+@verb()
 def move(
-    source: AnySource, goal: Goal | str, scene: Scene | None, yes: bool, as_json: bool
+    source: AnySource = paced(ANY_SOURCE),
+    goal: Goal | str = _GOAL,
+    scene: Scene | None = SCENE,
+    yes: bool = YES,
+    as_json: bool = JSON,
 ) -> None:
     """Plan a motion, show it, and run it. Ctrl-C stops the arm.
 

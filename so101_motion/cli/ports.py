@@ -8,28 +8,23 @@ from typing import TYPE_CHECKING
 
 import click
 
+from so101_motion.cli.options import JSON, option, verb
 from so101_motion.cli.param_types import PORT
-from so101_motion.cli.shared import NO_DEVICE, busy_message, json_option, print_json, quietly
+from so101_motion.cli.shared import NO_DEVICE, busy_message, print_json, quietly
 
 if TYPE_CHECKING:
     from so101_motion.setup.port_report import PortReport
 
 
-further_ports_option = click.option(
-    "--port",
-    "extra",
-    multiple=True,
-    envvar="SO101_PORT",
-    type=PORT,
-    help="Search this one as well, such as /dev/ttyAMA0 (or SO101_PORT); repeatable.",
-)
-"""The option of verbs that search all ports; the verb gets ``extra``."""
+FURTHER_PORTS = option(
+    "Search this one as well, such as /dev/ttyAMA0 (or SO101_PORT); repeatable.",
+    PORT, name="--port", multiple=True, envvar="SO101_PORT",
+)  # fmt: skip
+"""The option of verbs that search all ports."""
 
 
-@click.command()
-@further_ports_option
-@json_option
-def ports(extra: tuple[str, ...], as_json: bool) -> None:
+@verb()
+def ports(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None:
     """List the serial ports, which of them have an arm, and why one cannot be used.
 
     Servos are read, nothing is written to them. A port that another program uses is left alone.

@@ -10,44 +10,37 @@ from typing import TYPE_CHECKING
 import click
 
 from so101_motion.cli.completion_values import completed_programs
-from so101_motion.cli.param_types import IN_FILE
+from so101_motion.cli.options import JSON, YES, argument, option, verb
+from so101_motion.cli.param_types import SCENE
 from so101_motion.cli.shared import (
     busy_message,
     have_agreed,
-    json_option,
     print_json,
     quietly,
     stops_on_ctrl_c,
-    yes_option,
 )
-from so101_motion.cli.sources import AnySource, any_source_options, pace_options
+from so101_motion.cli.sources import ANY_SOURCE, AnySource, paced
 from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from pathlib import Path
 
+    from so101_motion.planning.collision.scene import Scene
     from so101_motion.planning.request import Plan
     from so101_motion.tasks.program import Arms, Program, ProgramRun, Rehearsal
 
 
-@click.command()
-@click.argument("program", metavar="PROGRAM", shell_complete=completed_programs)
-@any_source_options
-@pace_options
-@click.option(
-    "--rounds", type=click.IntRange(1, 10_000), help="Number of rounds; by default as saved."
-)
-@click.option("--scene", type=IN_FILE, help="A scene file: the obstacles around the arm.")
-@yes_option
-@json_option
+ROUNDS = option("Number of rounds; by default as saved.", click.IntRange(1, 10_000))
+
+
+@verb()
 def run(
-    program: str,
-    source: AnySource,
-    rounds: int | None,
-    scene: Path | None,
-    yes: bool,
-    as_json: bool,
+    program: str = argument(metavar="PROGRAM", shell_complete=completed_programs),
+    source: AnySource = paced(ANY_SOURCE),
+    rounds: int | None = ROUNDS,
+    scene: Scene | None = SCENE,
+    yes: bool = YES,
+    as_json: bool = JSON,
 ) -> None:
     """Run PROGRAM: the name of one saved on the page, or a .json file.
 
@@ -59,15 +52,13 @@ def run(
     so101 run "stack cubes" --port /dev/ttyACM0
     so101 run --sim wave.json --rounds 3 --scene examples/table.json --yes
     """  # noqa: D301
-    from so101_motion.files.scene_file import read_scene
     from so101_motion.tasks.program import ARM, Solo, files
 
-    around = None if scene is None else read_scene(scene)
     files.read(files.find(program))  # refuses a wrong file before the arm is opened
     with quietly(), closing(source.open()) as rig:
         made = files.read(files.find(program), {ARM: rig.connection.encoder_zeros})
-        if around is not None:
-            rig.arm.scene = around
+        if scene is not None:
+            rig.arm.scene = scene
         carry_out(
             Solo.of(rig), made, rounds, None if yes else f"Move the {source.what}?", quiet=as_json
         )

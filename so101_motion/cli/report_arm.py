@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from so101_motion import __version__
+from so101_motion.cli.options import YES, argument, flag, verb
 from so101_motion.cli.param_types import OutFile
 from so101_motion.cli.shared import (
     CHECK_FAILED,
@@ -18,9 +19,8 @@ from so101_motion.cli.shared import (
     quietly,
     run_beside,
     write_report,
-    yes_option,
 )
-from so101_motion.cli.sources import Source, source_options
+from so101_motion.cli.sources import SOURCE, Source
 
 _KEPT = (
     "firmware_major", "firmware_minor", "p_gain", "d_gain", "i_gain", "startup_force",
@@ -30,12 +30,13 @@ _KEPT = (
 """Registers in the file: what bears on how a servo moves, and nothing that tells which it is."""
 
 
-@click.command("report-arm")
-@click.argument("file", type=OutFile(".json"))
-@source_options
-@click.option("--verify", is_flag=True, help="Lead the limp joints to their stops first.")
-@yes_option
-def report_arm(file: Path, source: Source, verify: bool, yes: bool) -> None:
+@verb()
+def report_arm(
+    file: Path = argument(OutFile(".json")),
+    source: Source = SOURCE,
+    verify: bool = flag("Lead the limp joints to their stops first."),
+    yes: bool = YES,
+) -> None:
     """Write FILE: how this arm is and how it moves. The arm MOVES.
 
     It examines the arm as doctor does, checks the calibration by hand with --verify, then moves one

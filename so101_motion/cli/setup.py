@@ -8,18 +8,16 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
+from so101_motion.cli.options import DRY_RUN, EVENTS, JSON, flag, option, verb
 from so101_motion.cli.param_types import Finite, port_option
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     STOPPED,
-    dry_run_option,
-    events_option,
     have_agreed,
-    json_option,
     print_json,
 )
-from so101_motion.cli.sources import MachineSource, chosen_among, machine_options
-from so101_motion.cli.view import Page, keep_open, page_options
+from so101_motion.cli.sources import MACHINE, MachineSource, chosen_among
+from so101_motion.cli.view import PAGE, Page, keep_open
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
@@ -30,46 +28,29 @@ if TYPE_CHECKING:
     from so101_motion.setup.port_report import PortReport
 
 
-@click.command()
-@port_option("Serial port, such as /dev/ttyACM0; by default the only servo adapter")
-@click.option(
-    "--joint",
-    "joints",
-    type=click.Choice([*ARM_JOINTS, GRIPPER_JOINT]),
-    multiple=True,
-    help="Only this joint's motor; repeatable.",
-)
-@click.option(
-    "--start-over", is_flag=True, help="Start with the gripper again, even if motors are done."
-)
-@click.option(
-    "--repair",
-    is_flag=True,
-    help="All motors on the cable: store sound settings for good. They go limp.",
-)
-@click.option("--yes", is_flag=True, help="Ask no questions; for scripts.")
-@click.option(
-    "--within", type=Finite(min=0.0), metavar="S", help="Give up a step after this many seconds."
-)
-@events_option
-@dry_run_option
-@click.option("--web", is_flag=True, help="In the browser: motors, calibration and final test.")
-@page_options
-@machine_options
-@json_option
+@verb()
 def setup(
-    port: str | None,
-    joints: tuple[str, ...],
-    start_over: bool,
-    repair: bool,
-    yes: bool,
-    within: float | None,
-    events: TextIO | None,
-    dry_run: bool,
-    web: bool,
-    page: Page,
-    machine: MachineSource | None,
-    as_json: bool,
+    port: str | None = port_option(
+        "Serial port, such as /dev/ttyACM0; by default the only servo adapter"
+    ),
+    joints: tuple[str, ...] = option(
+        "Only this joint's motor; repeatable.",
+        click.Choice([*ARM_JOINTS, GRIPPER_JOINT]),
+        name="--joint",
+        multiple=True,
+    ),
+    start_over: bool = flag("Start with the gripper again, even if motors are done."),
+    repair: bool = flag("All motors on the cable: store sound settings for good. They go limp."),
+    yes: bool = flag("Ask no questions; for scripts."),
+    within: float | None = option(
+        "Give up a step after this many seconds.", Finite(min=0.0), metavar="S"
+    ),
+    events: TextIO | None = EVENTS,
+    dry_run: bool = DRY_RUN,
+    web: bool = flag("In the browser: motors, calibration and final test."),
+    page: Page = PAGE,
+    machine: MachineSource | None = MACHINE,
+    as_json: bool = JSON,
 ) -> None:
     """Give the motors of a new kit their ids, one at a time.
 

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from so101_motion.setup.calibrator import Calibrator
     from so101_motion.tasks.program import Arms
 
-F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R", bound="RigLike")
 T = TypeVar("T")
 
@@ -243,29 +242,6 @@ def write_report(path: Path, content: bytes) -> None:
         reason = f"cannot be written: {error.strerror or error}"
         raise ConfigError("report", str(path), reason) from error
     aside(f"written to {path}")
-
-
-def json_option(verb: F) -> F:
-    """The option ``--json``; the verb gets ``as_json``."""
-    return click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")(verb)
-
-
-def dry_run_option(verb: F) -> F:
-    """The option ``--dry-run``; the verb gets ``dry_run``."""
-    says = "Print what would be done, and write nothing."
-    return click.option("--dry-run", is_flag=True, help=says)(verb)
-
-
-def yes_option(verb: F) -> F:
-    """The option ``--yes`` of a verb that moves an arm; the verb gets ``yes``."""
-    return click.option("--yes", is_flag=True, help="Move without asking.")(verb)
-
-
-def events_option(verb: F) -> F:
-    """The option ``--events`` of the setup and calibration verbs; the verb gets ``events``."""
-    file = click.File("w", encoding="utf-8", lazy=False)
-    says = "Write every message to this file, as JSON lines."
-    return click.option("--events", type=file, help=says)(verb)
 
 
 def import_preview() -> Any:

@@ -1,12 +1,11 @@
 """Options that choose the arm of a verb: ``--sim``, ``--port`` or ``--machine``.
 
-A verb that works on servos has the first two (``source_options``); one that only needs an arm and
-its gripper has all three (``any_source_options``). A typed option wins over the environment.
+A verb that works on servos has the first two (``SOURCE``); one that only needs an arm and its
+gripper has all three (``ANY_SOURCE``). A typed option wins over the environment.
 """
 
 from __future__ import annotations
 
-import functools
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,8 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from so101_motion.cli.options import flag, option, together
 from so101_motion.cli.param_types import IN_FILE, Finite, port_option
-from so101_motion.cli.shared import F, aside, busy_message, note_opened
+from so101_motion.cli.shared import aside, busy_message, note_opened
 from so101_motion.common import interrupts
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 from so101_motion.common.errors import PortUnavailable
@@ -236,31 +236,6 @@ AnySource = Source | MachineSource
 S = TypeVar("S", bound=AnySource)
 
 
-def pace_options(verb: F) -> F:
-    """Add ``--speed`` and ``--acceleration``; the decorator goes below that of the source."""
-
-    @click.option(
-        "--speed", type=Finite(*SPEED_RANGE_DEG), metavar="DEG/S", help="Joint speed cap."
-    )
-    @click.option(
-        "--acceleration",
-        type=Finite(*ACCELERATION_RANGE_DEG),
-        metavar="DEG/S2",
-        help="Joint acceleration cap.",
-    )
-    @functools.wraps(verb)
-    def with_pace(
-        *args: Any,
-        source: AnySource,
-        speed: float | None,
-        acceleration: float | None,
-        **kwargs: Any,
-    ) -> Any:
-        return verb(*args, source=with_caps(source, speed, acceleration), **kwargs)
-
-    return with_pace  # type: ignore[return-value]  # its own options and those above
-
-
 def with_caps(source: S, speed_deg: float | None, acceleration_deg: float | None) -> S:
     """The same source with caps on joint speed [deg/s] and acceleration [deg/s^2]."""
     from so101_motion.common.units import to_rad
@@ -269,13 +244,6 @@ def with_caps(source: S, speed_deg: float | None, acceleration_deg: float | None
         source,
         speed=None if speed_deg is None else to_rad(speed_deg),
         acceleration=None if acceleration_deg is None else to_rad(acceleration_deg),
-    )
-
-
-def source_options(verb: F) -> F:
-    """Add ``--sim``, ``--port`` and ``--calibration``; the verb gets ``source``."""
-    return _local_options(
-        _with_source(verb, "which arm? give --sim, or --port and its serial port")
     )
 
 
@@ -321,113 +289,98 @@ def read_cell_source(path: Path) -> CellSource:
     return CellSource(file=read_cell(path), title=f"Arms of {path.name}", path=path)
 
 
-def cell_option(verb: F) -> F:
-    """Add ``--cell`` to the options of ``any_source_options``; the verb gets a ``CellSource``."""
-    says = "Several arms that share a space: a cell file, as for so101 cell."
-    return click.option("--cell", type=IN_FILE, help=says)(verb)
-
-
-def any_source_options(verb: F) -> F:
-    """Add the same options and ``--machine`` with its keys; the verb gets ``source``."""
-    asks = "which arm? give --sim, or --port and its serial port, or --machine and its address"
-    return _local_options(machine_options(_with_source(verb, asks)))
-
-
-def _with_source(verb: F, asks: str) -> F:
-    """Wrap ``verb`` so that it gets the source of these options."""
-
-    @functools.wraps(verb)
-    def with_source(
-        *args: Any,
-        sim: bool,
-        port: str | None,
-        calibration: Path | None,
-        machine: MachineSource | None = None,
-        cell: Path | None = None,
-        **kwargs: Any,
-    ) -> Any:
-        asked = {"--sim": sim or None, "--port": port, "--machine": machine, "--cell": cell}
-        chosen = chosen_among(asked)
-        if chosen is None and kwargs.get("atlas") is not None:
-            chosen = "--sim"  # an atlas needs no arm
-        if chosen is None:
-            raise click.UsageError(asks)
-        _refuse_stray(calibration, chosen)
-        source: AnySource = Source(port=port, calibration_file=calibration)
-        if chosen == "--sim":
-            source = Source(port=None)
-        elif chosen == "--machine":
-            assert machine is not None  # it was chosen
-            source = machine
-        elif chosen == "--cell":
-            assert cell is not None  # it was chosen
-            return verb(*args, source=read_cell_source(cell), **kwargs)
-        return verb(*args, source=source, **kwargs)
-
-    return with_source  # type: ignore[return-value]  # its own options and those above
-
-
-def _refuse_stray(calibration: Path | None, chosen: str) -> None:
+def _source(
+    sim: bool,
+    port: str | None,
+    calibration: Path | None,
+    machine: MachineSource | None = None,
+    **cells: Path | None,
+) -> AnySource | CellSource:
+    """The source that the options of ``SOURCE``, ``ANY_SOURCE`` or ``ARM_OR_CELL`` name."""
+    context, cell = click.get_current_context(), cells.get("cell")
+    asked = {"--sim": sim or None, "--port": port, "--machine": machine, "--cell": cell}
+    chosen = chosen_among(asked)
+    if chosen is None and context.params.get("atlas") is not None:
+        chosen = "--sim"  # an atlas needs no arm
+    if chosen is None:
+        others = ", or --machine and its address" if "address" in context.params else ""
+        raise click.UsageError(f"which arm? give --sim, or --port and its serial port{others}")
     if calibration is not None and chosen != "--port":
         raise click.UsageError("--calibration works only with --port; leave it out")
+    if chosen == "--machine" and machine is not None:
+        return machine
+    if chosen == "--cell" and cell is not None:
+        return read_cell_source(cell)
+    return Source(port=port if chosen == "--port" else None, calibration_file=calibration)
 
 
-def machine_options(verb: F) -> F:
-    """Add the options of a running machine; the verb gets ``machine``, None if none was named."""
+def _machine(
+    address: str | None, arm: str | None, gripper: str | None, **key: Any
+) -> MachineSource | None:
+    if address:
+        return MachineSource(address=address, arm=arm, gripper=gripper, **key)
+    if arm or gripper:
+        raise click.UsageError("--arm and --gripper work only with --machine; give its address")
+    return None
 
-    @click.option(
-        "--machine",
-        "address",
-        envvar="SO101_MACHINE",
+
+CALIBRATION = option(
+    "The arm's calibration file; by default the one that fits its servos.",
+    click.Path(path_type=Path),
+)
+
+MACHINE = together(
+    _machine,
+    address=option(
+        "A running Viam machine (or SO101_MACHINE).", name="--machine", envvar="SO101_MACHINE",
         metavar="ADDRESS",
-        help="A running Viam machine (or SO101_MACHINE).",
-    )
-    @click.option(
-        "--api-key-id",
-        envvar="SO101_API_KEY_ID",
+    ),
+    api_key_id=option(
+        "With --machine: its API key's id (or SO101_API_KEY_ID).", envvar="SO101_API_KEY_ID",
         metavar="ID",
-        help="With --machine: its API key's id (or SO101_API_KEY_ID).",
-    )
-    @click.option(
-        "--api-key",
-        envvar="SO101_API_KEY",
-        metavar="KEY",
-        help="With --machine: its API key; better in SO101_API_KEY, which no process list shows.",
-    )
-    @click.option("--arm", metavar="NAME", help="With --machine: which arm, if it has several.")
-    @click.option("--gripper", metavar="NAME", help="With --machine: which gripper, if several.")
-    @functools.wraps(verb)
-    def with_machine(
-        *args: Any,
-        address: str | None,
-        api_key_id: str | None,
-        api_key: str | None,
-        arm: str | None,
-        gripper: str | None,
-        **kwargs: Any,
-    ) -> Any:
-        machine = None
-        if address:
-            machine = MachineSource(
-                address=address, api_key_id=api_key_id, api_key=api_key, arm=arm, gripper=gripper
-            )
-        elif arm or gripper:
-            raise click.UsageError("--arm and --gripper work only with --machine; give its address")
-        return verb(*args, machine=machine, **kwargs)
+    ),
+    api_key=option(
+        "With --machine: its API key; better in SO101_API_KEY, which no process list shows.",
+        envvar="SO101_API_KEY", metavar="KEY",
+    ),
+    arm=option("With --machine: which arm, if it has several.", metavar="NAME"),
+    gripper=option("With --machine: which gripper, if several.", metavar="NAME"),
+)  # fmt: skip
+"""A running machine; None if none is named."""
 
-    return with_machine  # type: ignore[return-value]  # its own options and those above
+_LOCAL = {
+    "sim": flag("The simulated arm; needs no hardware."),
+    "port": port_option("Serial port of the arm, such as /dev/ttyACM0"),
+    "calibration": CALIBRATION,
+}
+
+SOURCE = together(_source, **_LOCAL)
+"""A ``Source``, for verbs that work on servos."""
+
+ANY_SOURCE = together(_source, **_LOCAL, machine=MACHINE)
+"""An arm of this computer or of a machine."""
+
+ARM_OR_CELL = together(
+    _source,
+    **_LOCAL,
+    machine=MACHINE,
+    cell=option("Several arms that share a space: a cell file, as for so101 cell.", IN_FILE),
+)
 
 
-def calibration_option(verb: F) -> F:
-    """Add ``--calibration``; the verb gets ``calibration``."""
-    says = "The arm's calibration file; by default the one that fits its servos."
-    return click.option("--calibration", type=click.Path(path_type=Path), help=says)(verb)
-
-
-def _local_options(verb: F) -> F:
-    sim = click.option("--sim", is_flag=True, help="The simulated arm; needs no hardware.")
-    port = port_option("Serial port of the arm, such as /dev/ttyACM0")
-    return sim(port(calibration_option(verb)))
+def paced(source: Any) -> Any:
+    """The options of ``source`` with ``--speed`` and ``--acceleration``."""
+    return together(
+        with_caps,
+        source=source,
+        speed_deg=option(
+            "Joint speed cap.", Finite(*SPEED_RANGE_DEG), name="--speed", metavar="DEG/S"
+        ),
+        acceleration_deg=option(
+            "Joint acceleration cap.", Finite(*ACCELERATION_RANGE_DEG), name="--acceleration",
+            metavar="DEG/S2",
+        ),
+    )  # fmt: skip
 
 
 _PARAMETERS = {"--sim": "sim", "--port": "port", "--machine": "address", "--cell": "cell"}

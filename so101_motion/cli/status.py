@@ -8,14 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.shared import json_option, print_json, quietly
-from so101_motion.cli.sources import (
-    AnySource,
-    MachineSource,
-    Source,
-    any_source_options,
-    machine_options,
-)
+from so101_motion.cli.options import JSON, verb
+from so101_motion.cli.shared import print_json, quietly
+from so101_motion.cli.sources import ANY_SOURCE, MACHINE, AnySource, MachineSource, Source
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -30,10 +25,8 @@ _PATIENCE = 1.0
 """How long to wait for a first answer of the servos [s]; chosen for a busy computer."""
 
 
-@click.command()
-@any_source_options
-@json_option
-def status(source: AnySource, as_json: bool) -> None:
+@verb()
+def status(source: AnySource = ANY_SOURCE, as_json: bool = JSON) -> None:
     """Show the arm's mode, its joints, and where its tool is.
 
     It only reads: a limp arm stays limp, and one that holds goes on holding.
@@ -50,10 +43,8 @@ def status(source: AnySource, as_json: bool) -> None:
     _print_state(seen)
 
 
-@click.command()
-@machine_options
-@json_option
-def stop(machine: MachineSource | None, as_json: bool) -> None:
+@verb()
+def stop(machine: MachineSource | None = MACHINE, as_json: bool = JSON) -> None:
     """Stop the arm and the jaw of a running machine, whichever program moves them.
 
     They hold where they come to rest. To stop an arm on a serial port of this computer, press

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.param_types import IN_FILE, PORT, SECONDS, Finite, OutFile, PerJoint
-from so101_motion.cli.shared import STOPPED, have_agreed, json_option, print_json
+from so101_motion.cli.options import JSON, START, flag, option, verb
+from so101_motion.cli.param_types import PORT, SCENE, SECONDS, Finite, OutFile, PerJoint
+from so101_motion.cli.shared import STOPPED, have_agreed, print_json
 from so101_motion.cli.sources import Source
 from so101_motion.common import interrupts
 from so101_motion.common.modes import HELD, Mode
@@ -19,84 +20,45 @@ from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
     from so101_motion.common.clock import Clock
+    from so101_motion.planning.collision.scene import Scene
     from so101_motion.rig.rig import Rig
     from so101_motion.tasks.teleop import Recorder, Status
 
 _EVERY = 0.2  # [s] between two prints of the state
 
 
-@click.command()
-@click.option(
-    "--leader",
-    required=True,
-    type=PORT,
-    help='Serial port of the arm that leads, or "sim".',
-)
-@click.option(
-    "--follower",
-    required=True,
-    type=PORT,
-    help='Serial port of the arm that follows, or "sim" for the simulated one.',
-)
-@click.option("--leader-calibration", type=click.Path(path_type=Path), help="Calibration file.")
-@click.option("--follower-calibration", type=click.Path(path_type=Path), help="Calibration file.")
-@click.option("--no-gripper", is_flag=True, help="Leave the follower's jaw alone.")
-@click.option(
-    "--scale", type=PerJoint(), help="Multiply the leader's angles by this; a minus reverses."
-)
-@click.option("--mirror", is_flag=True, help="For arms that face each other: reverse pan and roll.")
-@click.option("--offsets", type=PerJoint(), help="Add these five angles to the leader's [deg].")
-@click.option(
-    "--guard/--no-guard",
-    default=True,
-    help="Keep the follower clear of itself and the table.  [default: on]",
-)
-@click.option(
-    "--scene", "scene_file", type=IN_FILE, help="A scene file: the obstacles of the follower."
-)
-@click.option(
-    "--speed", type=float, metavar="DEG/S", help="Joint speed cap while it mirrors.  [default: 180]"
-)
-@click.option(
-    "--acceleration",
-    type=float,
-    metavar="DEG/S2",
-    help="Joint acceleration cap while it mirrors.  [default: 500]",
-)
-@click.option(
-    "--approach-speed",
-    type=float,
-    metavar="DEG/S",
-    help="Joint speed cap while it approaches the leader.  [default: 30]",
-)
-@click.option(
-    "--record", type=OutFile(".csv", ".mcap"), help="Record it to this file, .csv or .mcap."
-)
-@click.option(
-    "--fps", type=Finite(0.1, 1000.0), default=100.0, show_default=True, help="Rows a second."
-)
-@click.option("--seconds", type=SECONDS, help="Stop after this time.")
-@click.option("--yes", is_flag=True, help="Start without asking.")
-@json_option
+@verb()
 def teleop(
-    leader: str,
-    follower: str,
-    leader_calibration: Path | None,
-    follower_calibration: Path | None,
-    no_gripper: bool,
-    scale: object,
-    mirror: bool,
-    offsets: object,
-    guard: bool,
-    scene_file: Path | None,
-    speed: float | None,
-    acceleration: float | None,
-    approach_speed: float | None,
-    record: Path | None,
-    fps: float,
-    seconds: float | None,
-    yes: bool,
-    as_json: bool,
+    leader: str = option('Serial port of the arm that leads, or "sim".', PORT, required=True),
+    follower: str = option(
+        'Serial port of the arm that follows, or "sim" for the simulated one.', PORT, required=True
+    ),
+    leader_calibration: Path | None = option("Calibration file.", click.Path(path_type=Path)),
+    follower_calibration: Path | None = option("Calibration file.", click.Path(path_type=Path)),
+    no_gripper: bool = flag("Leave the follower's jaw alone."),
+    scale: object = option("Multiply the leader's angles by this; a minus reverses.", PerJoint()),
+    mirror: bool = flag("For arms that face each other: reverse pan and roll."),
+    offsets: object = option("Add these five angles to the leader's [deg].", PerJoint()),
+    guard: bool = option(
+        "Keep the follower clear of itself and the table.", default=True, name="--guard/--no-guard"
+    ),
+    scene: Scene | None = SCENE,
+    speed: float | None = option(
+        "Joint speed cap while it mirrors.  [default: 180]", float, metavar="DEG/S"
+    ),
+    acceleration: float | None = option(
+        "Joint acceleration cap while it mirrors.  [default: 500]", float, metavar="DEG/S2"
+    ),
+    approach_speed: float | None = option(
+        "Joint speed cap while it approaches the leader.  [default: 30]", float, metavar="DEG/S"
+    ),
+    record: Path | None = option(
+        "Record it to this file, .csv or .mcap.", OutFile(".csv", ".mcap")
+    ),
+    fps: float = option("Rows a second.", Finite(0.1, 1000.0), 100.0),
+    seconds: float | None = option("Stop after this time.", SECONDS),
+    yes: bool = START,
+    as_json: bool = JSON,
 ) -> None:
     """Guide one arm by hand and let another follow. Ctrl-C ends it; then both arms hold.
 
@@ -109,11 +71,9 @@ def teleop(
     so101 teleop --leader /dev/ttyACM0 --follower sim --record first.csv --fps 30
     """  # noqa: D301
     from so101_motion.drivers.port.port_list import device_of
-    from so101_motion.files.scene_file import read_scene
     from so101_motion.files.trajectory_export import mcap_writer
-    from so101_motion.tasks.teleop import LocalFollower, LocalLeader, Teleop
-    from so101_motion.tasks.teleop.config import read_mirror, read_pace
-    from so101_motion.tasks.teleop.local_arms import side_of
+    from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
+    from so101_motion.tasks.teleop.config import read_how
 
     how = {
         "scale": scale,
@@ -123,12 +83,11 @@ def teleop(
         "acceleration_degs_per_sec_per_sec": acceleration,
         "approach_speed_degs_per_sec": approach_speed,
     }
-    turned, pace = read_mirror(how), read_pace(how)
+    turned, pace = read_how(how)
     if follower != "sim" and device_of(leader) == device_of(follower):
         raise click.UsageError("--leader and --follower must be two arms")
-    if scene_file is not None and not guard:
+    if scene is not None and not guard:
         raise click.UsageError("--scene is only for the guard; leave out --no-guard")
-    scene = None if scene_file is None else read_scene(scene_file)
     if record is not None and record.suffix.lower() == ".mcap":
         mcap_writer(record)  # fails now rather than when a hand is on the arm
     with ExitStack() as stack:
@@ -138,10 +97,13 @@ def teleop(
             following.arm.scene = scene
         if not yes:
             have_agreed("The leader goes limp now. Are you holding it?")
+        leads, follows = (
+            LocalArm(station=rig, jaw=None if no_gripper else rig) for rig in (leading, following)
+        )
         session = stack.enter_context(
             Teleop(
-                LocalLeader(side_of(leading, None if no_gripper else leading)),
-                LocalFollower(side_of(following, None if no_gripper else following), guarded=guard),
+                LocalLeader(leads),
+                LocalFollower(follows, guarded=guard),
                 following.clock,
                 mirror=turned,
                 pace=pace,

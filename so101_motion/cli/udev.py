@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from so101_motion.cli.shared import dry_run_option
+from so101_motion.cli.options import DRY_RUN, flag, verb
 from so101_motion.common.errors import PortUnavailable
 
 _EXPLANATION = """\
@@ -28,11 +28,11 @@ before its version 6.5 they then have no port at all. Unless you use a Braille d
 """
 
 
-@click.command("install-udev")
-@click.option("--install", is_flag=True, help="Write the rule; needs root.")
-@click.option("--print", "printed", is_flag=True, help="Print the rule; this is the default.")
-@dry_run_option
-def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
+@verb()
+def install_udev(
+    install: bool = flag("Write the rule; needs root."),
+    dry_run: bool = DRY_RUN,
+) -> None:
     """Give users of this Linux computer access to servo adapters, without root.
 
     Prints the udev rule on stdout, and its purpose on stderr; --install writes it to
@@ -40,8 +40,6 @@ def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
     """
     from so101_motion.drivers.port import host_checks
 
-    if install and printed:
-        raise click.UsageError("give either --print or --install")
     if sys.platform != "linux":
         raise click.UsageError("udev is only on Linux; no rule is needed on this computer")
     if install and not dry_run:

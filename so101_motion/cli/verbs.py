@@ -27,7 +27,7 @@ from so101_motion.cli.report_arm import report_arm
 from so101_motion.cli.setup import setup
 from so101_motion.cli.shared import forget_opened_arms
 from so101_motion.cli.status import status, stop
-from so101_motion.cli.sweeps.place import sweep  # with its verb place
+from so101_motion.cli.sweep import sweep
 from so101_motion.cli.teleop import teleop
 from so101_motion.cli.udev import install_udev
 from so101_motion.cli.viam import viam

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from so101_motion.cli.ports import further_ports_option
+from so101_motion.cli.options import JSON, argument, verb
+from so101_motion.cli.ports import FURTHER_PORTS
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     NO_DEVICE,
     Verbs,
     busy_message,
-    json_option,
     print_json,
     quietly,
 )
@@ -27,10 +27,8 @@ def viam() -> None:
     """Print a machine's configuration, or migrate one from the published module."""
 
 
-@viam.command("import")
-@click.argument("file", type=click.File(encoding="utf-8"))
-@json_option
-def import_(file: TextIO, as_json: bool) -> None:
+@verb(viam, "import")
+def import_(file: TextIO = argument(click.File(encoding="utf-8")), as_json: bool = JSON) -> None:
     """Read a machine's configuration and print it rewritten for this module.
 
     FILE is the machine's JSON (Configure, then JSON, in Viam's app; or /etc/viam.json), or - to
@@ -46,7 +44,13 @@ def import_(file: TextIO, as_json: bool) -> None:
 
     migration = migrate(_content(file))
     if as_json:
-        print_json("viam-import", _facts(migration))
+        told = ("name", "model", "problem", "notes")
+        parts = [{key: getattr(part, key) for key in told} for part in migration.parts]
+        facts = {"notes": migration.notes, "steps_back": migration.steps_back()}
+        print_json(
+            "viam-import",
+            {"parts": parts, **facts, "configuration": migration.configuration()},
+        )
     else:
         _tell(migration)
         click.echo(json.dumps(migration.configuration(), indent=2))
@@ -54,10 +58,8 @@ def import_(file: TextIO, as_json: bool) -> None:
         raise SystemExit(CHECK_FAILED)
 
 
-@viam.command()
-@further_ports_option
-@json_option
-def config(extra: tuple[str, ...], as_json: bool) -> None:
+@verb(viam)
+def config(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None:
     """Print a complete Viam configuration for the arms that are plugged in.
 
     Paste it into the machine's configuration (Configure, then JSON), beside the other entries. The
@@ -113,20 +115,3 @@ def _tell(migration: Migration) -> None:
     for line in migration.steps_back():
         echo(f"- {line}", indent="  ", err=True)
     click.echo("replace the entries of these names with the following; leave the rest:", err=True)
-
-
-def _facts(migration: Migration) -> dict[str, Any]:
-    return {
-        "parts": [
-            {
-                "name": part.name,
-                "model": part.model,
-                "problem": part.problem,
-                "notes": list(part.notes),
-            }
-            for part in migration.parts
-        ],
-        "notes": list(migration.notes),
-        "configuration": migration.configuration(),
-        "steps_back": list(migration.steps_back()),
-    }

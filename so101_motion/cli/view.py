@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import sys
 import time
@@ -14,9 +13,10 @@ from urllib.parse import urlsplit
 
 import click
 
+from so101_motion.cli.options import flag, option, together, verb
 from so101_motion.cli.param_types import IN_FILE, PORT
-from so101_motion.cli.shared import F, import_preview, in_lines
-from so101_motion.cli.sources import AnySource, CellSource, Source, any_source_options, cell_option
+from so101_motion.cli.shared import import_preview, in_lines
+from so101_motion.cli.sources import ARM_OR_CELL, AnySource, CellSource, Source
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
@@ -65,82 +65,44 @@ class Page:
         return key
 
 
-def page_options(verb: F) -> F:
-    """Add the options of the page; the verb gets ``page``."""
-
-    @click.option(
-        "--host", default="127.0.0.1", show_default=True, help="Address the page listens on."
-    )
-    @click.option(
-        "--web-port",
-        type=int,
-        show_default="8080, or the next free one",
-        help="Port the page listens on.",
-    )
-    @click.option(
-        "--allow-remote", is_flag=True, help="Allow a --host that other computers can reach."
-    )
-    @click.option("--no-browser", is_flag=True, help="Only print the link.")
-    @click.option("--new-link", is_flag=True, help="Make the links of earlier starts invalid.")
-    @functools.wraps(verb)
-    def with_page(
-        *args: Any,
-        host: str,
-        web_port: int | None,
-        allow_remote: bool,
-        no_browser: bool,
-        new_link: bool,
-        **kwargs: Any,
-    ) -> Any:
-        page = Page(
-            host=host,
-            port=web_port,
-            allow_remote=allow_remote,
-            browser=not no_browser,
-            new_link=new_link,
-        )
-        return verb(*args, page=page, **kwargs)
-
-    return with_page  # type: ignore[return-value]  # its own options and those above
+def _page(web_port: int | None, no_browser: bool, **more: Any) -> Page:
+    return Page(port=web_port, browser=not no_browser, **more)
 
 
-@click.command()
-@any_source_options
-@cell_option
-@click.option(
-    "--scene",
-    "scene_file",
-    type=IN_FILE,
-    help="A scene file: the obstacles around the arm, as for so101 plan.",
+PAGE = together(
+    _page,
+    host=option("Address the page listens on.", default="127.0.0.1"),
+    web_port=option("Port the page listens on.", int, show_default="8080, or the next free one"),
+    allow_remote=flag("Allow a --host that other computers can reach."),
+    no_browser=flag("Only print the link."),
+    new_link=flag("Make the links of earlier starts invalid."),
 )
-@click.option(
-    "--leader",
-    type=PORT,
-    help='An arm that this one can follow: its serial port, or "sim". Start it on the Teach tab.',
-)
-@click.option(
-    "--camera",
-    metavar="CAMERA",
-    help="Camera shown over the scene: the URL of a picture or of an MJPEG stream, or a camera"
-    " of the machine.",
-)
-@click.option(
-    "--atlas",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Show the arm's reach as cubes: a folder that so101 sweep reach made.",
-)
-@click.option(
-    "--leader-calibration", type=click.Path(path_type=Path), help="The leader's calibration file."
-)
-@page_options
+"""The options of the page."""
+
+
+@verb()
 def view(
-    source: AnySource | CellSource,
-    scene_file: Path | None,
-    leader: str | None,
-    leader_calibration: Path | None,
-    camera: str | None,
-    atlas: Path | None,
-    page: Page,
+    source: AnySource | CellSource = ARM_OR_CELL,
+    scene_file: Path | None = option(
+        "A scene file: the obstacles around the arm, as for so101 plan.", IN_FILE, name="--scene"
+    ),
+    leader: str | None = option(
+        'An arm that this one can follow: its serial port, or "sim". Start it on the Teach tab.',
+        PORT,
+    ),
+    camera: str | None = option(
+        "Camera shown over the scene: the URL of a picture or of an MJPEG stream, or a camera of"
+        " the machine.",
+        metavar="CAMERA",
+    ),
+    atlas: Path | None = option(
+        "Show the arm's reach as cubes: a folder that so101 sweep reach made.",
+        click.Path(path_type=Path, exists=True, file_okay=False),
+    ),
+    leader_calibration: Path | None = option(
+        "The leader's calibration file.", click.Path(path_type=Path)
+    ),
+    page: Page = PAGE,
 ) -> None:
     """See, plan and move the arm in the browser; opening the page moves nothing.
 

@@ -239,12 +239,7 @@ class TeleopBench:
         """Begin; the leader is held by a hand where it stands."""
         self.leader.lead_to(np.degrees(self.leader.world.q), 0.1)
         leading, following = (
-            LocalArm(
-                station=arm.rig,
-                jaw=arm.rig,
-                loads=lambda arm=arm: [joint.load for joint in arm.rig.servos.health],
-            )
-            for arm in (self.leader, self.follower)
+            LocalArm(station=arm.rig, jaw=arm.rig) for arm in (self.leader, self.follower)
         )
         self.teleop = Teleop(
             LocalLeader(leading), LocalFollower(following, guarded=guarded), self.clock, **options

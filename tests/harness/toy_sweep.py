@@ -10,7 +10,6 @@ import itertools
 import os
 import signal
 import sys
-import threading
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -29,7 +28,6 @@ class ToySweep:
     Attributes:
         fails: Shards that fail as long as ``mended`` is no file.
         kills: Shards that kill their process whenever they run.
-        hangs: Shards that never end.
     """
 
     seed: int = 0
@@ -37,7 +35,6 @@ class ToySweep:
     fails: tuple[int, ...] = ()
     mended: str = ""
     kills: tuple[int, ...] = ()
-    hangs: tuple[int, ...] = ()
 
     kind = "toy"
     unit = "numbers"
@@ -57,8 +54,6 @@ class ToySweep:
             raise ConfigError("shard", shard, "is not what it should be")
         if shard in self.kills:
             os.kill(os.getpid(), signal.SIGKILL)
-        if shard in self.hangs:
-            threading.Event().wait()
         random = np.random.default_rng((self.seed, shard))
         return {"value": random.normal(size=(10, 2)), "number": np.arange(10) + 10 * shard}
 

@@ -177,8 +177,19 @@ class CheckReport:
         """How many frames they have together."""
         return sum(self.lengths.values())
 
+    @property
+    def headlines(self) -> tuple[str, str]:
+        """What the data set is, and its units, as text."""
+        metadata = self.data_set.metadata
+        return (
+            f"LeRobot {metadata.version}, {metadata.robot or 'no robot named'}: {self.episodes}"
+            f" episodes, {self.frames} frames at {metadata.fps:g} a second"
+            f" ({self.frames / metadata.fps / 60.0:.1f} min)",
+            f"units: {IN_WORDS[self.units.kind]} ({self.certainty}: {self.why_units})",
+        )
+
     def to_json(self) -> dict[str, object]:
-        """For programs."""
+        """Return the report as JSON-ready values."""
         metadata = self.data_set.metadata
         return {
             "path": str(metadata.root),

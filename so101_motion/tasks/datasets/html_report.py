@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 from so101_motion.tasks.datasets.check import CheckReport, angles
 from so101_motion.tasks.datasets.moments import CONTACT, KINDS, Moment
-from so101_motion.tasks.datasets.units import IN_WORDS
 
 MOST_PLOTS = 24
 """How many moments are drawn; as many more are listed. Chosen."""
@@ -39,18 +38,9 @@ svg{display:block;max-width:100%;height:auto}svg text{font:11px system-ui,sans-s
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Excerpt:
-    """The joints around a moment.
+class _Excerpt(NamedTuple):
+    """Times [s], and angles of the five joints as sent and as measured [deg], around a moment."""
 
-    Attributes:
-        moment: The moment.
-        t: Times from the beginning of the episode, shape (m,), [s].
-        action_deg: Where the joints were sent, shape (m, 5), [deg].
-        state_deg: Where they were, likewise; None if it was not recorded.
-    """
-
-    moment: Moment
     t: Array
     action_deg: Array
     state_deg: Array | None
@@ -62,17 +52,13 @@ def html_report(report: CheckReport) -> bytes:
     Raises:
         ConfigError: A file of the data set has been broken since.
     """
-    metadata = report.data_set.metadata
-    minutes = report.frames / metadata.fps / 60.0
+    root = report.data_set.metadata.root
     parts = [
         "<!doctype html><html lang=en><meta charset=utf-8>",
         "<meta name=viewport content='width=device-width'>",
-        f"<title>{escape(metadata.root.name)}: check</title><style>{_STYLE}</style>",
-        f"<h1>{escape(str(metadata.root))}</h1>",
-        f"<p>LeRobot {escape(metadata.version)}, {escape(metadata.robot or 'no robot named')}:"
-        f" {report.episodes} episodes, {report.frames} frames at {metadata.fps:g} a second"
-        f" ({minutes:.1f} min).<br>Units: {IN_WORDS[report.units.kind]}"
-        f" ({report.certainty}: {escape(report.why_units)}).</p>",
+        f"<title>{escape(root.name)}: check</title><style>{_STYLE}</style>",
+        f"<h1>{escape(str(root))}</h1>",
+        f"<p>{'.<br>'.join(map(escape, report.headlines))}.</p>",
         *(f"<p class=note>{escape(note)}</p>" for note in report.notes),
         _findings(report),
         _differences(report),
@@ -142,11 +128,11 @@ def _worst(report: CheckReport) -> Iterable[str]:
         return
     yield "<h2>The worst moments</h2>"
     yield "<p class=quiet>Solid: where joints were sent. Dashed: where they were. Degrees.</p>"
-    excerpts = {id(each.moment): each for each in _excerpts(report, report.moments[:MOST_PLOTS])}
+    excerpts = _excerpts(report)
     for place, moment in enumerate(report.moments[:MOST_PLOTS], start=1):
         yield (
             f"<h3>{place}. Episode {moment.episode}, {moment.t:.2f} s:"
-            f" {escape(moment.sentence)}</h3>{_plot(excerpts[id(moment)])}"
+            f" {escape(moment.sentence)}</h3>{_plot(moment, *excerpts[id(moment)])}"
         )
     rest = report.moments[MOST_PLOTS : 2 * MOST_PLOTS]
     if rest:
@@ -159,33 +145,26 @@ def _worst(report: CheckReport) -> Iterable[str]:
         yield "</table>"
 
 
-def _excerpts(report: CheckReport, moments: Sequence[Moment]) -> Iterable[_Excerpt]:
-    """The joints around some moments, in the order of the episodes."""
-    fps = report.data_set.metadata.fps
-    wanted = {moment.episode for moment in moments}
-    for episode in report.data_set.episodes():
-        if episode.index not in wanted:
-            continue
+def _excerpts(report: CheckReport) -> dict[int, _Excerpt]:
+    """The joints around the worst moments, by the moment's ``id``."""
+    fps, moments = report.data_set.metadata.fps, report.moments[:MOST_PLOTS]
+    around = round(_AROUND * fps)
+    wanted, found = {moment.episode for moment in moments}, {}
+    for episode in (each for each in report.data_set.episodes() if each.index in wanted):
         action, state = angles(report.data_set, report.units, episode)
-        for moment in moments:
-            if moment.episode == episode.index:
-                around = round(_AROUND * fps)
-                begin = max(min(moment.frame, moment.first) - around, moment.frame - 4 * around, 0)
-                end = min(max(moment.frame, moment.last) + around, moment.frame + 4 * around)
-                k = np.arange(begin, min(end + 1, len(episode)))
-                k = k[:: max(1, -(-len(k) // _MOST_POINTS))]
-                yield _Excerpt(
-                    moment=moment,
-                    t=k / fps,
-                    action_deg=to_deg(action[k, :5]),
-                    state_deg=None if state is None else to_deg(state[k, :5]),
-                )
+        for moment in (each for each in moments if each.episode == episode.index):
+            begin = max(min(moment.frame, moment.first) - around, moment.frame - 4 * around, 0)
+            end = min(max(moment.frame, moment.last) + around, moment.frame + 4 * around)
+            k = np.arange(begin, min(end + 1, len(episode)))
+            k = k[:: max(1, -(-len(k) // _MOST_POINTS))]
+            state_deg = None if state is None else to_deg(state[k, :5])
+            found[id(moment)] = _Excerpt(k / fps, to_deg(action[k, :5]), state_deg)
+    return found
 
 
-def _plot(excerpt: _Excerpt) -> str:
-    moment, t = excerpt.moment, excerpt.t
+def _plot(moment: Moment, t: Array, action_deg: Array, state_deg: Array | None) -> str:
     joints = [ARM_JOINTS.index(moment.what)] if moment.what in ARM_JOINTS else list(range(5))
-    drawn = [(excerpt.action_deg, ""), (excerpt.state_deg, " stroke-dasharray='5 3'")]
+    drawn = [(action_deg, ""), (state_deg, " stroke-dasharray='5 3'")]
     if moment.kind == CONTACT:
         drawn = [each for k, each in enumerate(drawn) if (moment.of == "state") == (k == 1)]
     lines = [(x[:, i], i, dash) for x, dash in drawn if x is not None for i in joints]

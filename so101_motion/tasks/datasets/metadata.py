@@ -47,9 +47,6 @@ zeros and travels than an SO-101."""
 MOBILE = ("lekiwi", "xlerobot")
 """How the robot types begin that carry SO-101 arms on a base, with no table at their foot."""
 
-MOST_FEATURES, MOST_NAMES = 1000, 1000
-"""More columns, or entries of one, than any robot has. Chosen."""
-
 MOST_FILES = 100_000
 """Most data files; version 2.1 has one for each episode. Chosen."""
 
@@ -256,8 +253,6 @@ def _count(root: Path, info: Mapping[str, Any], key: str) -> int | None:
 def _features(root: Path, content: object) -> dict[str, Feature]:
     if not isinstance(content, dict) or not content:
         raise refusal(root, f"features must be an object, not {quoted(content)}")
-    if len(content) > MOST_FEATURES:
-        raise refusal(root, f"has {len(content)} features; {MOST_FEATURES} are the most")
     return {str(name): _feature(root, str(name), entry) for name, entry in content.items()}
 
 
@@ -270,6 +265,4 @@ def _feature(root: Path, name: str, entry: object) -> Feature:
         names = lists[0] if len(lists) == 1 else None
     if not isinstance(names, list) or not all(isinstance(each, str) for each in names):
         names = []
-    if len(names) > MOST_NAMES:
-        raise refusal(root, f"feature {quoted(name)} has {len(names)} names")
     return Feature(dtype=entry["dtype"], names=tuple(names))

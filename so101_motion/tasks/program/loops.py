@@ -7,9 +7,9 @@ A loop may lie inside one other. The arm stops at its last waypoint, because it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, count
+from itertools import combinations
 from math import prod
 from typing import NamedTuple
 
@@ -127,28 +127,6 @@ def checked_loops(loops: Sequence[Loop], count: int) -> tuple[Loop, ...]:
     return tuple(sorted(loops, key=lambda loop: (loop.first, -loop.last)))
 
 
-def with_loop(loops: Sequence[Loop], loop: Loop) -> tuple[Loop, ...]:
-    """One more loop, or another number of times for the same steps."""
-    others = (each for each in loops if (each.first, each.last) != (loop.first, loop.last))
-    return (*others, loop)
-
-
-def without_step(loops: Sequence[Loop], index: int) -> tuple[Loop, ...]:
-    """The loops when a step has been removed."""
-    return _left(loop.without(index) for loop in loops)
-
-
-def with_step_moved(loops: Sequence[Loop], index: int, to: int) -> tuple[Loop, ...]:
-    """The loops when a step has been moved."""
-    return _left(loop.moved(index, to) for loop in loops)
-
-
-def loops_of_part(loops: Sequence[Loop], begin: int, end: int) -> tuple[Loop, ...]:
-    """The loops that lie in the steps from ``begin`` to before ``end``, counted from there."""
-    inside = (loop for loop in loops if begin <= loop.first and loop.last < end)
-    return tuple(replace(loop, first=loop.first - begin, last=loop.last - begin) for loop in inside)
-
-
 def times_in_round(laps: Sequence[int], around: Sequence[Loop]) -> int:
     """How often an arrival comes in a round, if those of later laps count as the second's.
 
@@ -160,36 +138,10 @@ def times_in_round(laps: Sequence[int], around: Sequence[Loop]) -> int:
     return prod(1 if lap == 0 else loop.times - 1 for lap, loop in pairs)
 
 
-def visits_of(
-    steps: int,
-    loops: Sequence[Loop],
-    rounds: int | None,
-    *,
-    stops_at: Callable[[int], bool] = lambda _index: True,
-    most: int | None = None,
-) -> Iterator[Visit]:
-    """Every arrival at a stop, in order; without end if the program is endless.
-
-    Args:
-        steps: How many steps there are.
-        loops: Its loops, as ``checked_loops`` orders them.
-        rounds: How often all of it is repeated; None for endless.
-        stops_at: Whether the step of an index is stopped at; true for the last one of a loop.
-        most: Loops and rounds are repeated at most so often. Two times give every path there is,
-            because what a loop does to arms and jaws holds from its second time on.
-    """
-    origin: int | None = None
-    for lap in count():
-        if steps == 0 or lap in (most, rounds):
-            return
-        for laps, indices in _round(steps, loops, stops_at, most):
-            yield Visit(lap, laps, origin, indices)
-            origin = indices[-1]
-
-
-def _round(
+def round_of(
     steps: int, loops: Sequence[Loop], stops_at: Callable[[int], bool], most: int | None
 ) -> Iterator[tuple[tuple[int, ...], range]]:
+    """The stops of one round: the repetitions of the loops around each, and its steps."""
     laps = [0] * len(loops)
     begin = index = 0
     while index < steps:
@@ -207,7 +159,3 @@ def _round(
             index = begin
         else:
             index += 1
-
-
-def _left(loops: Iterable[Loop | None]) -> tuple[Loop, ...]:
-    return tuple(loop for loop in loops if loop is not None)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import count
 
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import ConfigError
@@ -18,11 +19,7 @@ from so101_motion.tasks.program.loops import (
     Visit,
     checked_count,
     checked_loops,
-    loops_of_part,
-    visits_of,
-    with_loop,
-    with_step_moved,
-    without_step,
+    round_of,
 )
 
 ARM = "arm"
@@ -197,8 +194,19 @@ class Program:
         return tuple(loop for loop in self.loops if index in loop)
 
     def visits(self, most: int | None = None) -> Iterator[Visit]:
-        """Every arrival at a stop, in order; see ``loops.visits_of``."""
-        return visits_of(len(self), self.loops, self.rounds, stops_at=self.stops_at, most=most)
+        """Every arrival at a stop, in order; without end if the program is endless.
+
+        Args:
+            most: Loops and rounds are repeated at most so often. Two times give every path there
+                is, because what a loop does to arms and jaws holds from its second time on.
+        """
+        origin: int | None = None
+        for lap in count():
+            if not self.steps or lap in (most, self.rounds):
+                return
+            for laps, indices in round_of(len(self), self.loops, self.stops_at, most):
+                yield Visit(lap, laps, origin, indices)
+                origin = indices[-1]
 
     def with_step(self, step: Step) -> Program:
         """This program with one more step at the end."""
@@ -208,7 +216,8 @@ class Program:
         """This program without one step."""
         self._check(index)
         others = self.steps[:index] + self.steps[index + 1 :]
-        return replace(self, steps=others, loops=without_step(self.loops, index))
+        loops = tuple(left for each in self.loops if (left := each.without(index)))
+        return replace(self, steps=others, loops=loops)
 
     def with_changed(self, index: int, step: Step) -> Program:
         """This program with one step replaced."""
@@ -221,7 +230,7 @@ class Program:
         self._check(to)
         others = [*self.steps]
         others.insert(to, others.pop(index))
-        loops = with_step_moved(self.loops, index, to)
+        loops = tuple(left for each in self.loops if (left := each.moved(index, to)))
         return replace(self, steps=tuple(others), loops=loops)
 
     def with_rounds(self, rounds: int | None) -> Program:
@@ -230,7 +239,9 @@ class Program:
 
     def with_loop(self, loop: Loop) -> Program:
         """This program with one more loop, or with another number of times for the same steps."""
-        return replace(self, loops=with_loop(self.loops, loop))
+        same = (loop.first, loop.last)
+        others = (each for each in self.loops if (each.first, each.last) != same)
+        return replace(self, loops=(*others, loop))
 
     def without_loop(self, loop: Loop) -> Program:
         """This program without one of its loops; its steps stay."""
@@ -238,11 +249,12 @@ class Program:
 
     def part(self, begin: int, end: int) -> Program:
         """The steps from ``begin`` to before ``end``, once, with the loops that are in it."""
-        return Program(
-            steps=self.steps[begin:end],
-            loops=loops_of_part(self.loops, begin, end),
-            before=self.before + begin,
+        loops = tuple(
+            replace(each, first=each.first - begin, last=each.last - begin)
+            for each in self.loops
+            if begin <= each.first and each.last < end
         )
+        return Program(steps=self.steps[begin:end], loops=loops, before=self.before + begin)
 
     def _check(self, index: int) -> None:
         if not 0 <= index < len(self):

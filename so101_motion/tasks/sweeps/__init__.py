@@ -14,10 +14,9 @@ from so101_motion.tasks.sweeps.engine import (
     default_workers,
     run_sweep,
 )
-from so101_motion.tasks.sweeps.judged_bases import Base
 from so101_motion.tasks.sweeps.mounting import FixedArm, Region
 from so101_motion.tasks.sweeps.place import PlaceSweep
-from so101_motion.tasks.sweeps.placement import Placement, find_bases
+from so101_motion.tasks.sweeps.placement import Base, Placement, find_bases
 from so101_motion.tasks.sweeps.placement_files import write_placement
 from so101_motion.tasks.sweeps.placement_task import (
     PlacementTask,

@@ -6,10 +6,9 @@ are under way at any time, which keeps all of them busy and bounds memory. An in
 only whole shards behind: the same sweep into the same folder computes only those that are missing.
 
 - A shard that fails is recorded with the reason and the others go on; the next run tries it again.
-- A worker process that dies (``kill -9``, out of memory) breaks its pool: the pool is replaced, and
-  shards that were under way run again, one at a time, so that one that kills its process is found.
+- A worker process that dies (``kill -9``, out of memory) is replaced, and its shard runs again.
 - Ctrl-C: no new shards are handed out, those under way end and are written, then the interrupt is
-  raised. If this process is killed, its workers notice and end.
+  raised. If this process is killed, its workers end after the shard in work.
 """
 
 from __future__ import annotations
@@ -18,38 +17,36 @@ import multiprocessing
 import os
 import pickle
 import signal
-import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
     CancelledError,
     Executor,
     Future,
-    ProcessPoolExecutor,
+    ThreadPoolExecutor,
     wait,
 )
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing.connection import wait as wait_for
-from multiprocessing.context import SpawnContext, SpawnProcess
-from multiprocessing.process import BaseProcess
+from functools import partial
+from multiprocessing.connection import Connection
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 from so101_motion.common.errors import WorkerError
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.tasks.sweeps.folder import SweepFolder, combined
-from so101_motion.tasks.sweeps.packed import digest
-from so101_motion.tasks.sweeps.sweep import Outcome, Sweep, compute
+from so101_motion.tasks.sweeps.sweep import Outcome, Sweep, compute, digest
 
 _AHEAD = 3
 """Shards under way for each worker: one in work, and the next ones. Chosen."""
 
-_DEATHS = 2
-"""A shard fails when its process has died so often while it ran alone. Chosen."""
+_DEATHS = 3
+"""A shard fails when its process has died so often. Chosen."""
 
 _IN_A_ROW = 4
 """If so many shards in a row get lost, the executor is at fault. Chosen."""
@@ -104,9 +101,9 @@ def run_sweep(
     sweep: Sweep,
     folder: Path,
     *,
-    workers: int | WorkerPool | None = None,
+    workers: int | None = None,
     executor: Executor | None = None,
-    ahead: int | None = None,
+    ahead: int = 32,
     on_progress: Callable[[Progress], None] | None = None,
     now: Callable[[], float] = time.monotonic,
 ) -> SweepResult:
@@ -118,10 +115,11 @@ def run_sweep(
     Args:
         sweep: The sweep.
         folder: The folder for the shards; a new one, or that of the same sweep.
-        workers: How many processes of this computer, or an open pool of them. A script that uses
-            this needs ``if __name__ == "__main__":`` around its own work, because Python's
-            processes import it again.
-        executor: Computes instead: any ``concurrent.futures.Executor``, for example
+        workers: How many processes of this computer. A script that uses this needs
+            ``if __name__ == "__main__":`` around its own work, because Python's processes import
+            it again.
+        executor: Computes instead: any ``concurrent.futures.Executor``, for example a
+            ``WorkerPool`` for several sweeps, or
             ``dask.distributed.Client(...).get_executor()``. It stays open.
         ahead: How many shards are under way in it at a time.
         on_progress: Called after each shard.
@@ -135,8 +133,13 @@ def run_sweep(
         WorkerError: The executor stopped working; the same call goes on.
         ValueError: Both ``workers`` and an executor are given.
     """
-    if workers is not None and executor is not None:
-        raise ValueError("give workers or an executor, not both")
+    if workers is not None:
+        if executor is not None:
+            raise ValueError("give workers or an executor, not both")
+        with WorkerPool(workers) as pool:
+            return run_sweep(
+                sweep, folder, executor=pool, ahead=pool.ahead, on_progress=on_progress, now=now
+            )
     place = SweepFolder(folder)
     with place.opened_for(sweep):
         digests = {}
@@ -144,14 +147,7 @@ def run_sweep(
             columns = place.read(shard)
             if columns is not None:
                 digests[shard] = digest(columns)
-        pool: _Backend
-        if workers is not None:
-            pool = WorkerPool(workers) if isinstance(workers, int) else workers
-        else:
-            pool = _InProcess() if executor is None else _GivenExecutor(executor, ahead or 32)
-        run = _Run(sweep, place, digests, pool, on_progress, now)
-        with pool.opened():
-            return run.go()
+        return _Run(sweep, place, digests, executor, ahead, on_progress, now).go()
 
 
 class _Run:
@@ -162,17 +158,17 @@ class _Run:
         sweep: Sweep,
         folder: SweepFolder,
         digests: dict[int, str],
-        pool: _Backend,
+        executor: Executor | None,
+        ahead: int,
         on_progress: Callable[[Progress], None] | None,
         now: Callable[[], float],
     ) -> None:
-        self._sweep, self._folder, self._pool = sweep, folder, pool
+        self._sweep, self._folder, self._executor = sweep, folder, executor
+        self._ahead = 1 if executor is None else ahead
         self._on_progress, self._now = on_progress, now
         self._digests, self._before = digests, len(digests)
         self._failed: dict[int, str] = {}
         self._todo = deque(each for each in range(sweep.shards) if each not in digests)
-        self._alone: deque[int] = deque()  # to be run one at a time: their process died
-        self._deaths: dict[int, int] = {}
         self._in_a_row = 0
         self._under_way: dict[Future[Outcome], int] = {}
         self._began = now()
@@ -180,7 +176,7 @@ class _Run:
     def go(self) -> SweepResult:
         """Compute the missing shards."""
         try:
-            while self._todo or self._alone or self._under_way:
+            while self._todo or self._under_way:
                 self._hand_out()
                 self._collect()
         except BaseException as error:
@@ -198,15 +194,19 @@ class _Run:
         )
 
     def _hand_out(self) -> None:
-        queue, most = (self._alone, 1) if self._alone else (self._todo, self._pool.ahead)
-        while queue and len(self._under_way) < most:
-            shard = queue.popleft()
+        while self._todo and len(self._under_way) < self._ahead:
+            shard = self._todo.popleft()
             try:
-                self._under_way[self._pool.submit(self._sweep, shard)] = shard
+                self._under_way[self._submit(shard)] = shard
             except BrokenExecutor as error:
-                queue.appendleft(shard)
-                self._replace(error, [])
-                return
+                raise WorkerError(f"the executor broke ({error}){_KEPT}") from error
+
+    def _submit(self, shard: int) -> Future[Outcome]:
+        if self._executor is not None:
+            return self._executor.submit(pickle.loads, pickle.dumps(_Call(self._sweep, shard)))
+        done: Future[Outcome] = Future()
+        done.set_result(compute(self._sweep, shard))
+        return done
 
     def _collect(self) -> None:
         """Take results that are ready; wait for one if none is."""
@@ -214,17 +214,13 @@ class _Run:
             return
         ready, _ = wait(self._under_way, LOOK_FOR_SIGNALS, FIRST_COMPLETED)
         for future in ready:
-            shard = self._under_way.pop(future, None)
-            if shard is None:
-                continue  # it was lost with the pool
+            shard = self._under_way.pop(future)
             try:
                 outcome = future.result()
-            except BrokenExecutor as error:
-                self._replace(error, [shard])
             except CancelledError as error:
                 raise WorkerError(f"the executor gave up a shard{_KEPT}") from error
             except Exception as error:  # not the shard's own: those are outcomes
-                self._lose(shard, f"lost: {type(error).__name__}: {error}", error)
+                self._lose(shard, f"{type(error).__name__}: {error}", error)
             else:
                 self._in_a_row = 0
                 self._take(shard, outcome)
@@ -251,24 +247,6 @@ class _Run:
             left=(self._sweep.shards - done - failed) / pace if pace else None,
         )
 
-    def _replace(self, error: BrokenExecutor, lost: list[int]) -> None:
-        """Replace a pool whose process died, and remember what was under way in it."""
-        wait(self._under_way, 10.0)  # the pool says of all of them that it is broken
-        alone = len(lost) + len(self._under_way) == 1
-        for future, shard in self._under_way.items():
-            if future.done() and not future.cancelled() and future.exception() is None:
-                self._take(shard, future.result())
-            else:
-                lost.append(shard)
-        self._under_way.clear()
-        self._pool.replace(error)
-        for shard in lost:
-            self._deaths[shard] = self._deaths.get(shard, 0) + alone
-            if self._deaths[shard] < _DEATHS:
-                self._alone.append(shard)
-            else:
-                self._lose(shard, "its process died: killed, or out of memory", error)
-
     def _lose(self, shard: int, why: str, error: Exception) -> None:
         """Note that an executor lost a shard; give up when it loses one after the other."""
         self._in_a_row += 1
@@ -290,55 +268,6 @@ class _Run:
         self._folder.describe(self._sweep, done=done, failed=self._failed, sha256=sha256)
 
 
-class _Backend:
-    """Computes shards.
-
-    Attributes:
-        ahead: How many shards to have under way.
-    """
-
-    ahead: int
-
-    def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
-        """Have a shard computed."""
-        raise NotImplementedError
-
-    def replace(self, error: BrokenExecutor) -> None:
-        """Replace a broken executor.
-
-        Raises:
-            WorkerError: It cannot be replaced.
-        """
-        raise WorkerError(f"the executor broke ({error}){_KEPT}") from error
-
-    @contextmanager
-    def opened(self) -> Iterator[None]:
-        """Keep it open for a block."""
-        yield
-
-
-class _InProcess(_Backend):
-    """Computes in this process, at once."""
-
-    ahead = 1
-
-    def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
-        future: Future[Outcome] = Future()
-        future.set_result(compute(sweep, shard))
-        return future
-
-
-class _GivenExecutor(_Backend):
-    """Computes on an executor of the caller."""
-
-    def __init__(self, executor: Executor, ahead: int) -> None:
-        self._executor, self.ahead = executor, ahead
-
-    def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
-        call = pickle.dumps(_Call(sweep, shard))
-        return self._executor.submit(pickle.loads, call)
-
-
 class _Call:
     """Computes a shard where it is unpickled.
 
@@ -353,78 +282,82 @@ class _Call:
         return compute, self._arguments
 
 
-class WorkerPool(_Backend):
-    """Processes of this computer, which are replaced when one of them dies.
+class WorkerPool(Executor):
+    """Processes of this computer, each of which is replaced when it dies.
+
+    A thread waits for each of them, so it is known which call a process died of.
 
     Args:
-        workers: How many processes.
+        workers: How many processes; they start when they are needed.
+
+    Attributes:
+        ahead: How many shards are best under way in it.
     """
 
     def __init__(self, workers: int) -> None:
-        self._workers, self.ahead = workers, _AHEAD * workers
-        self._is_open = False
+        self.ahead = _AHEAD * workers
+        self._threads = ThreadPoolExecutor(workers)
+        self._idle = SimpleQueue[_Worker | None]()
+        for _ in range(workers):
+            self._idle.put(None)
 
-    @contextmanager
-    def opened(self) -> Iterator[None]:
-        """Keep them for a block, in which several sweeps may run; nested calls do nothing."""
-        if self._is_open:
-            yield
-            return
-        self._pool, self._is_open = self._new(), True
-        try:
-            yield
-        finally:
-            self._is_open = False
-            self._pool.shutdown(wait=True, cancel_futures=True)
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call a function in a process; ``BrokenExecutor`` if it kills one after the other."""
+        return self._threads.submit(self._run, pickle.dumps(partial(fn, *args, **kwargs)))
 
-    def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
-        """Have a shard computed."""
-        return self._pool.submit(compute, sweep, shard)
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes after their present calls."""
+        self._threads.shutdown(cancel_futures=cancel_futures)
+        while not self._idle.empty():
+            if (worker := self._idle.get()) is not None:
+                worker.end()
 
-    def replace(self, error: BrokenExecutor) -> None:
-        """Replace the processes.
-
-        The old ones are killed: a pool waits for ever for a process that was starting when another
-        died (seen with Python 3.11).
-        """
-        for process in self._spawned.made:
-            with suppress(ValueError):  # closed already
-                if process.is_alive():
-                    process.kill()
-        self._pool.shutdown(wait=True, cancel_futures=True)
-        self._pool = self._new()
-
-    def _new(self) -> ProcessPoolExecutor:
-        self._spawned = _Spawned()
-        return ProcessPoolExecutor(self._workers, mp_context=self._spawned, initializer=_begin)
+    def _run(self, call: bytes) -> Any:
+        for _ in range(_DEATHS):
+            worker, left = self._idle.get() or _Worker(), None
+            try:
+                result, error = worker.result_of(call)
+                left = worker
+            except (EOFError, OSError):
+                worker.end()
+                continue
+            finally:
+                self._idle.put(left)
+            if error is not None:
+                raise error
+            return result
+        raise BrokenExecutor("its process died: killed, or out of memory")
 
 
-class _Spawned(SpawnContext):
-    """Spawns processes and remembers them; a fork would copy locks of threads and libraries.
-
-    Attributes:
-        made: All processes.
-    """
+class _Worker:
+    """A process that carries out calls; a fork would copy locks of threads and libraries."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.made: list[BaseProcess] = []
+        spawned = multiprocessing.get_context("spawn")
+        self._pipe, its_end = spawned.Pipe()
+        self._process = spawned.Process(target=_serve, args=(its_end,), daemon=True)
+        self._process.start()
+        its_end.close()
 
-    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]
-        """Make a process, and remember it."""
-        made = SpawnProcess(*args, **kwargs)
-        self.made.append(made)
-        return made
+    def result_of(self, call: bytes) -> tuple[Any, Exception | None]:
+        """The result of a call or its error; ``EOFError`` or ``OSError`` if the process died."""
+        self._pipe.send_bytes(call)
+        answer: tuple[Any, Exception | None] = self._pipe.recv()
+        return answer
+
+    def end(self) -> None:
+        """Let the process end."""
+        self._pipe.close()
+        self._process.join()
 
 
-def _begin() -> None:
-    """Set up a worker: ignore Ctrl-C, which is the parent's, and end when the parent has."""
+def _serve(pipe: Connection) -> None:
+    """Carry out calls until the other process ends; Ctrl-C is for that one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    wait_for([sentinel])
-    os._exit(1)
+    with suppress(EOFError, OSError):
+        while True:
+            call = pipe.recv_bytes()
+            try:
+                pipe.send((pickle.loads(call)(), None))
+            except Exception as error:
+                pipe.send((None, error))

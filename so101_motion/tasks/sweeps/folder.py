@@ -29,8 +29,7 @@ import numpy as np
 from so101_motion import __version__
 from so101_motion.common.errors import ConfigError
 from so101_motion.files import atomic
-from so101_motion.tasks.sweeps.packed import Packed
-from so101_motion.tasks.sweeps.sweep import Sweep
+from so101_motion.tasks.sweeps.sweep import Packed, Sweep
 
 MANIFEST = "sweep.json"
 _SHARDS = "shards"

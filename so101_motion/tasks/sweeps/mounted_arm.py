@@ -22,6 +22,7 @@ import numpy as np
 
 from so101_motion.arm.cell_member import Stand
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
+from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.bodies import around_base
@@ -31,8 +32,8 @@ from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
-from so101_motion.tasks.program.program import ARM, Program
+from so101_motion.planning.timing.torque import Payload, Strength, carried
+from so101_motion.tasks.program.program import ARM
 from so101_motion.tasks.program.rehearsal import PASSING, plan_leg
 from so101_motion.tasks.sweeps.placement_task import PlacementTask
 from so101_motion.tasks.sweeps.pose_configurations import PoseConfigurations
@@ -43,8 +44,8 @@ _LOOKS = 100
 """A leg is given up after so many checkpoints. Chosen: some tenths of a second."""
 
 
-class SceneLegs:
-    """The planner for ``plan_leg``; always a fresh one. Belongs to one thread.
+class _Legs:
+    """Plans legs from one base and keeps them, by a planner for ``plan_leg``. For one thread.
 
     Args:
         model: The arm.
@@ -59,15 +60,15 @@ class SceneLegs:
         model: RobotModel,
         scene: Scene,
         limits: MotionLimits,
-        *,
-        payload: Payload | None = None,
-        strength: Strength | None = None,
+        payload: Payload | None,
+        strength: Strength,
     ) -> None:
-        self.limits = limits
-        self._scene, self._payload, self._strength = scene, payload, strength
+        self._limits, self._scene = limits, scene
+        self._payload, self._strength = payload, strength
         self._patience = WorkBudget(_LOOKS)
         # A fresh one: checkpoints are counted in batches that continue from plan to plan.
         self._planner = Planner(model, self._patience)
+        self._made: dict[bytes, Plan | PlanningError | None] = {}
 
     def plan_together(
         self,
@@ -91,10 +92,31 @@ class SceneLegs:
         )
         return {name: self._planner.plan(request)}
 
-    def leg(self, program: Program, indices: range, q_start: Array, q_jaw: float) -> Plan | None:
-        """The motion of a leg; arguments and errors of ``plan_leg``. None if there is none."""
-        stands, caps = {ARM: Stand(q_start, q_jaw)}, {ARM: self.limits}
-        return plan_leg(self, program.on([ARM]), indices, stands, caps).plan
+    def plan(self, task: PlacementTask, q: Array, indices: range, q_jaw: float) -> Plan | None:
+        """The motion through some poses, from the one before them; None if there is nothing to do.
+
+        Args:
+            task: The task with the poses.
+            q: The joint angles at each, shape (n, 5), [rad].
+            indices: The poses of the leg.
+            q_jaw: The jaw's angle meanwhile [rad].
+
+        Raises:
+            PlanningError: There is no such motion.
+        """
+        q_start = q[(indices[0] - 1) % len(q)]
+        key = np.array([indices[0], q_jaw, *q_start, *q[indices].ravel()]).tobytes()
+        if key not in self._made:
+            stands, caps = {ARM: Stand(q_start, q_jaw)}, {ARM: self._limits}
+            try:
+                program = task.program(q).on([ARM])
+                self._made[key] = plan_leg(self, program, indices, stands, caps).plan
+            except PlanningError as error:
+                self._made[key] = error
+        made = self._made[key]
+        if isinstance(made, PlanningError):
+            raise made
+        return made
 
 
 def jaw_angles(apertures: Sequence[float | None], *, goes_around: bool) -> list[float]:
@@ -191,24 +213,6 @@ _Leg = tuple[int, int, int]
 """The pose where a leg begins, and the configurations at both its ends."""
 
 
-class MountedCaps(NamedTuple):
-    """The caps and the load of a mounted arm.
-
-    Attributes:
-        velocity: Velocity cap of the joints [rad/s].
-        acceleration: Acceleration cap [rad/s^2].
-        jerk: Jerk cap [rad/s^3].
-        payload: Mass in the hand, at the jaw's tip [kg].
-        voltage: The servos' rated voltage [V].
-    """
-
-    velocity: float
-    acceleration: float
-    jerk: float
-    payload: float
-    voltage: float
-
-
 class Choice(NamedTuple):
     """The configurations at the poses of a task from one base, one array a pose.
 
@@ -257,7 +261,9 @@ class MountedArm:
 
     Args:
         task: The task with its poses.
-        caps: The arm's caps and load.
+        limits: The caps of its motions, the same for all joints.
+        payload: Mass in the hand, at the jaw's tip [kg].
+        voltage: The servos' rated voltage [V].
         R_world_base: Orientation of its base, for torques, shape (3, 3).
         attached: What it holds.
         by: The criterion, one of ``CRITERIA``.
@@ -269,22 +275,21 @@ class MountedArm:
     def __init__(
         self,
         task: PlacementTask,
-        caps: MountedCaps,
+        limits: MotionLimits,
         *,
+        payload: float,
+        voltage: float,
         R_world_base: Array,
         attached: tuple[Attached, ...],
         by: str,
     ) -> None:
-        self._task, self._caps, self._by = task, caps, by
+        self._task, self._limits, self._by = task, limits, by
         self.model = RobotModel.load().mounted(R_world_base)
-        self._payload = None
-        if caps.payload > 0.0:
-            x, y, z = place_in_hand(self.model).tolist()
-            self._payload = Payload(mass=caps.payload, com=(x, y, z))
+        self._payload = Payload.of(LoadConfig(mass=payload), self.model)
         held = carried(self._payload, attached)
         loaded = self.model
         self._loaded = loaded if held is None else loaded.with_payload(held.mass, held.com)
-        self._strength = Strength.of_servos(caps.voltage)
+        self._strength = Strength.of_servos(voltage)
         self._ways = PoseConfigurations(self.model, task.frame)
         self._around = lru_cache(maxsize=4)(partial(CollisionModel, self.model))
         self._pauses = sum(pose.pause for pose in task.poses)
@@ -346,7 +351,7 @@ class MountedArm:
 
     def planned(self, choice: Choice, scene: Scene) -> Cycle | str:
         """Plan the fastest cycle; returns the name of the error if there is none."""
-        legs = _Legs(self, scene)
+        legs = _Legs(self.model, scene, self._limits, self._payload, self._strength)
         known: dict[_Leg, float] = {}
         best: Cycle | None = None
         why = "NoPath"
@@ -375,20 +380,6 @@ class MountedArm:
             left = min(left, 1.0 - held / self._strength.holding)
         return room, left
 
-    @property
-    def limits(self) -> MotionLimits:
-        """The caps of its motions."""
-        caps = self._caps
-        return MotionLimits.uniform(
-            velocity=caps.velocity, acceleration=caps.acceleration, jerk=caps.jerk
-        )
-
-    def legs(self, scene: Scene) -> SceneLegs:
-        """The planner of its legs in a scene."""
-        return SceneLegs(
-            self.model, scene, self.limits, payload=self._payload, strength=self._strength
-        )
-
     def _along(
         self, choice: Choice, options: list[int], legs: _Legs, known: dict[_Leg, float]
     ) -> Cycle:
@@ -416,7 +407,8 @@ class MountedArm:
 
     def _cheapest(self, choice: Choice, known: Mapping[_Leg, float]) -> tuple[float, list[int]]:
         """Time of the cheapest cycle, with pauses, and its configuration at each pose."""
-        poses, n, caps = self._task.poses, len(choice.q), self._caps
+        poses, n = self._task.poses, len(choice.q)
+        velocity, acceleration, jerk = self._caps
         costs = []
         for k in range(n if self._closed else n - 1):
             after = (k + 1) % n
@@ -425,15 +417,23 @@ class MountedArm:
             if passed:
                 costs.append(self._passing(off, passed))
             else:
-                costs.append(least_time(off, caps.velocity, caps.acceleration, caps.jerk))
+                costs.append(least_time(off, velocity, acceleration, jerk))
         for (k, first, second), duration in known.items():
             costs[k][first, second] = max(duration, float(costs[k][first, second]))
         time, options = cheapest(costs, closed=self._closed)
         return time + self._pauses, options
 
+    @property
+    def _caps(self) -> tuple[float, float, float]:
+        limits = self._limits
+        velocity, acceleration, jerk = (
+            float(each[0]) for each in (limits.velocity, limits.acceleration, limits.jerk)
+        )
+        return velocity, acceleration, jerk
+
     def _passing(self, off: Array, passed: int) -> Array:
         """Lower bound on the time of a leg with passed ends, over a joint distance [rad] to [s]."""
-        velocity, acceleration = self._caps.velocity, self._caps.acceleration
+        velocity, acceleration, _ = self._caps
         d = np.maximum(off - passed * PASSING, 0.0)
         if passed == 2:
             return np.asarray(d / velocity)
@@ -449,35 +449,3 @@ class MountedArm:
                 yield indices
             elif len(indices) > 1:
                 yield indices[1:]
-
-
-class _Legs:
-    """Plans legs from one base and caches them."""
-
-    def __init__(self, arm: MountedArm, scene: Scene) -> None:
-        self._planner = arm.legs(scene)
-        self._made: dict[bytes, Plan | PlanningError | None] = {}
-
-    def plan(self, task: PlacementTask, q: Array, indices: range, q_jaw: float) -> Plan | None:
-        """The motion through some poses, from the one before them; None if there is nothing to do.
-
-        Args:
-            task: The task with the poses.
-            q: The joint angles at each, shape (n, 5), [rad].
-            indices: The poses of the leg.
-            q_jaw: The jaw's angle meanwhile [rad].
-
-        Raises:
-            PlanningError: There is no such motion.
-        """
-        q_start = q[(indices[0] - 1) % len(q)]
-        key = np.array([indices[0], q_jaw, *q_start, *q[indices].ravel()]).tobytes()
-        if key not in self._made:
-            try:
-                self._made[key] = self._planner.leg(task.program(q), indices, q_start, q_jaw)
-            except PlanningError as error:
-                self._made[key] = error
-        made = self._made[key]
-        if isinstance(made, PlanningError):
-            raise made
-        return made

@@ -19,10 +19,11 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.files.scene_file import scene_from
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.tasks.sweeps.mounted_arm import CRITERIA, MountedArm, MountedCaps
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.tasks.sweeps.mounted_arm import CRITERIA, MountedArm
 from so101_motion.tasks.sweeps.mounting import FixedArm, LatticeIndex, Region
-from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.placement_task import task_from
+from so101_motion.tasks.sweeps.sweep import Columns
 
 SCREENED, PLANNED = 64, 4
 """How many bases a shard has. Chosen: some tenths of a second of work."""
@@ -159,9 +160,11 @@ class _Judge:
         self._task = task_from(json.loads(sweep.task))
         self._arm = MountedArm(
             self._task,
-            MountedCaps(
-                sweep.velocity, sweep.acceleration, sweep.jerk, sweep.payload, sweep.voltage
+            MotionLimits.uniform(
+                velocity=sweep.velocity, acceleration=sweep.acceleration, jerk=sweep.jerk
             ),
+            payload=sweep.payload,
+            voltage=sweep.voltage,
             R_world_base=sweep.region.base((0, 0, 0, 0)).R,
             attached=self._scene.attached,
             by=sweep.by,

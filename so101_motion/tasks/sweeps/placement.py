@@ -10,17 +10,26 @@ lies next to a better one. The result does not depend on the number of workers.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from so101_motion.common.errors import PlanningError
-from so101_motion.tasks.sweeps.engine import Progress, SweepResult, WorkerPool, run_sweep
-from so101_motion.tasks.sweeps.judged_bases import Base, JudgedBases
+from so101_motion.common.geometry import Array
+from so101_motion.tasks.sweeps.engine import Progress, SweepResult, run_sweep
+from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.mounted_arm import GAIN
 from so101_motion.tasks.sweeps.mounting import COARSE, LatticeIndex
-from so101_motion.tasks.sweeps.place import PlaceSweep, Screened
+from so101_motion.tasks.sweeps.place import Placed, PlaceSweep, Screened
+from so101_motion.tasks.sweeps.placement_task import task_from
 
 BEST = 10
 """How many bases are kept."""
@@ -40,6 +49,38 @@ Chosen."""
 
 OnStep = Callable[[PlaceSweep], Callable[[Progress], None]]
 """Called with a step before it begins; returns the function that is called with its progress."""
+
+
+_Key = tuple[float, ...]
+"""Sort key of bases; smaller is better."""
+
+
+class Base(NamedTuple):
+    """A base that was found.
+
+    Attributes:
+        lattice_index: Its place on the lattice.
+        x: Its position in the cell [m].
+        y: Its position in the cell [m].
+        z: Its position in the cell [m].
+        turn: Its turn about its own z axis [rad].
+        time: Time of one cycle [s].
+        clearance: Smallest clearance beyond the margins on the whole path [m].
+        torque_left: Smallest share of the servos' holding torque that is left.
+        robust: Share of eight bases, 5 mm and 2 degrees off, from which all can still be reached.
+        q: The joint angles at each pose, shape (n, 5), [rad].
+    """
+
+    lattice_index: LatticeIndex
+    x: float
+    y: float
+    z: float
+    turn: float
+    time: float
+    clearance: float
+    torque_left: float
+    robust: float
+    q: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,9 +106,8 @@ def find_bases(
     sweep: PlaceSweep,
     folder: Path,
     *,
-    workers: int | WorkerPool | None = None,
     executor: Executor | None = None,
-    ahead: int | None = None,
+    ahead: int = 32,
     on_step: OnStep | None = None,
 ) -> Placement:
     """Find the best bases for a task, or resume such a search.
@@ -75,8 +115,7 @@ def find_bases(
     Args:
         sweep: The parameters; the search sets ``indices``, ``planned`` and ``jittered`` itself.
         folder: The folder for the steps.
-        workers: As for ``run_sweep``; better a pool, because there are some dozens of steps.
-        executor: As for ``run_sweep``.
+        executor: As for ``run_sweep``, such as a ``WorkerPool``.
         ahead: As for ``run_sweep``.
         on_step: Called before each step.
 
@@ -88,24 +127,29 @@ def find_bases(
 
     def run(step: PlaceSweep, place: Path) -> SweepResult:
         shown = None if on_step is None else on_step(step)
-        return run_sweep(
-            step, place, workers=workers, executor=executor, ahead=ahead, on_progress=shown
-        )
+        return run_sweep(step, place, executor=executor, ahead=ahead, on_progress=shown)
 
-    return _Search(JudgedBases(sweep, folder, run)).go()
+    return _Search(sweep, folder, run).go()
 
 
 class _Search:
-    """One search."""
+    """One search. Each step is a sweep with a folder of its own, ``01-screen``, ``02-place`` ..."""
 
-    def __init__(self, bases: JudgedBases) -> None:
-        self._bases, self._region = bases, bases.sweep.region
+    def __init__(
+        self, sweep: PlaceSweep, folder: Path, run: Callable[[PlaceSweep, Path], SweepResult]
+    ) -> None:
+        self._sweep, self._folder, self._run = sweep, folder, run
+        self._steps = 0
+        self._screened: dict[LatticeIndex, Screened] = {}
+        self._placed: dict[LatticeIndex, Placed] = {}
+        self._failed: dict[str, str] = {}
+        self._ratio = math.inf  # the least time of a plan, by its bound
+        self._digest = hashlib.sha256()
 
     def go(self) -> Placement:
         """Run all rounds."""
-        bases = self._bases
-        first = bases.first_round()
-        self._plan([each.lattice_index for each in first])
+        first = self._first_round()
+        self._plan_best([each.lattice_index for each in first])
         middles = self._places()
         step = COARSE // 2
         while step:
@@ -116,42 +160,41 @@ class _Search:
         if not middles:
             raise PlanningError("some bases reach all poses, but no plan between them was found")
         best = self._places()
-        if bases.sweep.by != "robust":
-            bases.plan(best, jittered=True)
+        if self._sweep.by != "robust":
+            self._plan(best, jittered=True)
         return Placement(
-            best=tuple(bases.base(index) for index in best),
+            best=tuple(self._base(index) for index in best),
             screened=first,
-            planned=len(bases.placed),
-            failed=bases.failed,
-            sha256=bases.sha256,
+            planned=len(self._placed),
+            failed=self._failed,
+            sha256=self._digest.hexdigest(),
         )
 
-    def _plan(self, indices: list[LatticeIndex]) -> None:
+    def _plan_best(self, indices: list[LatticeIndex]) -> None:
         """Plan bases until no other one can be among the best."""
         for _ in range(_BATCHES):
             best = self._places()
-            worst = self._bases.key(best[-1]) if len(best) == BEST else (math.inf,)
-            promising = self._bases.promising(indices, worst)[:_BATCH]
+            worst = self._key(best[-1]) if len(best) == BEST else (math.inf,)
+            promising = self._promising(indices, worst)[:_BATCH]
             if not promising:
                 return
-            self._bases.plan(promising)
+            self._plan(promising)
 
     def _closer(self, middles: list[LatticeIndex], which: list[int], step: int) -> list[int]:
         """Move some bases to the best one ``step`` around them; returns those that moved."""
-        bases = self._bases
-        around = {k: list(self._region.around(middles[k], step)) for k in which}
-        bases.screen(index for indices in around.values() for index in indices)
+        around = {k: list(self._sweep.region.around(middles[k], step)) for k in which}
+        self._screen(index for indices in around.values() for index in indices)
         for _ in range(_CLOSER):
             promising = []
             for k, indices in around.items():
-                best = bases.key(bases.ranked([middles[k], *indices])[0])
-                promising += bases.promising(indices, best)[:_OF_A_PLACE]
+                best = self._key(self._ranked([middles[k], *indices])[0])
+                promising += self._promising(indices, best)[:_OF_A_PLACE]
             if not promising:
                 break
-            bases.plan(promising)
+            self._plan(promising)
         moved = []
         for k, indices in around.items():
-            moved_to = bases.ranked([middles[k], *indices])[0]
+            moved_to = self._ranked([middles[k], *indices])[0]
             if moved_to != middles[k]:
                 middles[k] = moved_to
                 moved.append(k)
@@ -160,9 +203,135 @@ class _Search:
     def _places(self) -> list[LatticeIndex]:
         """The best ten planned bases, none of them next to a better one."""
         chosen: list[LatticeIndex] = []
-        for each in self._bases.ranked(self._bases.placed):
-            if all(self._region.are_apart(each, other) for other in chosen):
+        for each in self._ranked(self._placed):
+            if all(self._sweep.region.are_apart(each, other) for other in chosen):
                 chosen.append(each)
             if len(chosen) == BEST:
                 break
         return chosen
+
+    # Steps
+
+    def _first_round(self) -> tuple[Screened, ...]:
+        """Screen the bases of the region's first round.
+
+        Raises:
+            PlanningError: From no base all poses can be reached; names the pose that is missed.
+        """
+        self._note_screened(self._sweep)
+        first = tuple(self._screened.values())
+        if not any(math.isfinite(each.time) for each in first):
+            task = task_from(json.loads(self._sweep.task))
+            further = max(each.missed for each in first)
+            if further < 0:
+                raise PlanningError(
+                    f"each of {len(first)} bases would be inside an obstacle; give another region"
+                )
+            raise PlanningError(
+                f"from none of {len(first)} bases all poses can be reached; the best ones miss pose"
+                f" {further + 1} ({task.poses[further].name}); give another region, or wider"
+                " tolerances"
+            )
+        return first
+
+    def _screen(self, indices: Iterable[LatticeIndex]) -> None:
+        """Screen the bases that have not been screened."""
+        new = tuple(dict.fromkeys(index for index in indices if index not in self._screened))
+        if new:
+            self._note_screened(replace(self._sweep, indices=new))
+
+    def _note_screened(self, sweep: PlaceSweep) -> None:
+        for row in self._rows(replace(sweep, planned=False)):
+            index = _index(row[0])
+            self._screened[index] = Screened(index, *row[1:])
+
+    def _promising(self, indices: Iterable[LatticeIndex], than: _Key) -> list[LatticeIndex]:
+        """Bases not planned yet whose bounds are better than a key, the best first."""
+        left = [
+            index
+            for index in indices
+            if index not in self._placed
+            and math.isfinite(self._screened[index].time)
+            and self._bound(index) < than
+        ]
+        return sorted(left, key=self._bound)
+
+    def _plan(self, indices: Iterable[LatticeIndex], *, jittered: bool = False) -> None:
+        """Plan bases, again if they have been planned."""
+        wanted = tuple(dict.fromkeys(indices))
+        if not wanted:
+            return
+        jittered |= self._sweep.by == "robust"
+        for row in self._rows(
+            replace(self._sweep, indices=wanted, planned=True, jittered=jittered)
+        ):
+            index = _index(row[0])
+            self._placed[index] = Placed(index, *row[1:])
+        for index in wanted:  # of shards that failed; those are reported at the end
+            self._placed.setdefault(index, Placed.nowhere(index, "failed", 1))
+        ratios = (self._placed[index].time / self._screened[index].time for index in wanted)
+        self._ratio = min(self._ratio, *ratios)
+
+    def _ranked(self, indices: Iterable[LatticeIndex]) -> list[LatticeIndex]:
+        """The bases that have a plan, the best first."""
+        good = [
+            index
+            for index in indices
+            if index in self._placed and math.isfinite(self._placed[index].time)
+        ]
+        return sorted(good, key=self._key)
+
+    def _key(self, index: LatticeIndex) -> _Key:
+        """The sort key of a planned base."""
+        it = self._placed[index]
+        return (
+            *_first_of(self._sweep.by, it.time, it.clearance, it.torque_left, it.robust),
+            *index,
+        )
+
+    def _base(self, index: LatticeIndex) -> Base:
+        """A planned base with its place."""
+        it, (x, y, z, turn) = self._placed[index], self._sweep.region.place(index)
+        return Base(
+            index, x, y, z, turn, it.time, it.clearance, it.torque_left, it.robust, np.array(it.q)
+        )
+
+    def _bound(self, index: LatticeIndex) -> _Key:
+        it = self._screened[index]
+        # A base is not worth planning if it cannot gain more than GAIN, or if its plan would have
+        # to be nearer to its bound than any plan is: with passed poses, bounds are far off.
+        time = it.time * (1.0 if self._ratio == math.inf else self._ratio) / (1.0 - GAIN)
+        return _first_of(self._sweep.by, time, it.clearance, it.torque_left, 1.0)
+
+    def _rows(self, step: PlaceSweep) -> Iterator[list[Any]]:
+        """Run a step and yield its rows, as plain values and arrays."""
+        self._steps += 1
+        place = self._folder / f"{self._steps:02d}-{step.kind}"
+        result = self._run(step, place)
+        self._digest.update(f"{result.sha256}\n".encode())
+        for number, why in result.failed.items():
+            self._failed[f"{place.name}, shard {number}"] = why
+        names = (Placed if step.planned else Screened)._fields
+        for number in range(step.shards):
+            shard = SweepFolder(place).read(number)
+            if shard is not None:
+                columns = (
+                    of if of.ndim > 1 else of.tolist() for of in (shard[name] for name in names)
+                )
+                yield from map(list, zip(*columns, strict=True))
+
+
+def _first_of(by: str, time: float, clearance: float, left: float, robust: float) -> _Key:
+    """The figures to compare, that of the criterion first; smaller is better."""
+    if by == "clearance":
+        return -clearance, time
+    if by == "torque":
+        return -left, time
+    if by == "robust":
+        return -robust, time
+    return (time,)
+
+
+def _index(row: NDArray[np.int64]) -> LatticeIndex:
+    x, y, z, turn = row.tolist()
+    return x, y, z, turn

@@ -19,9 +19,8 @@ from so101_motion.files.cell_file import CellArm, CellFile, write_cell
 from so101_motion.files.scene_file import scene_from, write_scene
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.program.files import write as write_program
-from so101_motion.tasks.sweeps.judged_bases import Base
 from so101_motion.tasks.sweeps.place import PlaceSweep
-from so101_motion.tasks.sweeps.placement import Placement
+from so101_motion.tasks.sweeps.placement import Base, Placement
 from so101_motion.tasks.sweeps.placement_task import task_from
 
 _PIXELS_PER_M = 800.0

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from so101_motion.common.attributes import SERVO_VOLTAGES
+from so101_motion.common.attributes import SERVO_VOLTAGES, LoadConfig
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
@@ -34,10 +34,10 @@ from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
+from so101_motion.planning.timing.torque import Payload, Strength, carried
 from so101_motion.tasks.sweeps.folder import SweepFolder
-from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.reach import STEPS
+from so101_motion.tasks.sweeps.sweep import Columns
 from so101_motion.tasks.sweeps.work_budget import NEVER, WorkBudget
 
 _SCATTER = 1
@@ -153,10 +153,7 @@ class _Source:
             velocity=sweep.velocity, acceleration=sweep.acceleration, jerk=sweep.jerk
         )
         self._strength = None if sweep.voltage is None else Strength.of_servos(sweep.voltage)
-        self._payload: Payload | None = None
-        if sweep.payload > 0.0:
-            x, y, z = place_in_hand(self._model).tolist()
-            self._payload = Payload(mass=sweep.payload, com=(x, y, z))
+        self._payload = Payload.of(LoadConfig(mass=sweep.payload), self._model)
         self._scenes = [json.loads(each) for each in sweep.scenes]
         self._patience = WorkBudget(_LOOKS)
 

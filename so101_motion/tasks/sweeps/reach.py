@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from so101_motion.common.attributes import SERVO_VOLTAGES
+from so101_motion.common.attributes import SERVO_VOLTAGES, LoadConfig
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_mm
@@ -39,8 +39,8 @@ from so101_motion.planning.kinematics.batch_ik import (
 from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.timing.torque import Payload, Strength, place_in_hand
-from so101_motion.tasks.sweeps.packed import Columns
+from so101_motion.planning.timing.torque import Payload, Strength
+from so101_motion.tasks.sweeps.sweep import Columns
 
 POINTS = 4096
 """How many points a shard has. Chosen: a quarter of a second of work, and some fifty kilobytes."""
@@ -195,10 +195,7 @@ class _Fan:
     def __init__(self, sweep: ReachSweep) -> None:
         self._sweep, self._grid = sweep, sweep.grid
         model = RobotModel.load()
-        payload = None
-        if sweep.payload > 0.0:
-            x, y, z = place_in_hand(model).tolist()
-            payload = Payload(mass=sweep.payload, com=(x, y, z))
+        payload = Payload.of(LoadConfig(mass=sweep.payload), model)
         self._collision = CollisionModel(model, scene_from(json.loads(sweep.scene), folder=None))
         self._structure = IkSolver(model).structure
         self._chain = ArmChain(model, sweep.frame)

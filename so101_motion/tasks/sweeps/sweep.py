@@ -8,13 +8,33 @@ the order or the number of workers.
 
 from __future__ import annotations
 
+import hashlib
+import io
 import threading
 import traceback
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from so101_motion.common.errors import So101Error, clipped
-from so101_motion.tasks.sweeps.packed import Columns, Packed, packed
+
+Columns = Mapping[str, NDArray[Any]]
+"""The arrays of a shard by name."""
+
+
+class Packed(NamedTuple):
+    """A packed shard; workers make it, and one process writes it.
+
+    Attributes:
+        data: The bytes of its file.
+        digest: The digest of its arrays.
+    """
+
+    data: bytes
+    digest: str
+
 
 _LONGEST = 500
 """How much of an error's message is kept. Chosen."""
@@ -83,3 +103,20 @@ def _opened(sweep: Sweep) -> Callable[[int], Columns]:
     if _OPENED.newest is None or _OPENED.newest[0] != sweep:
         _OPENED.newest = sweep, sweep.open()
     return _OPENED.newest[1]
+
+
+def packed(columns: Columns) -> Packed:
+    """Pack the arrays of a shard as an npz file."""
+    file = io.BytesIO()
+    np.savez_compressed(file, **columns)  # type: ignore[arg-type]  # arrays by name only
+    return Packed(file.getvalue(), digest(columns))
+
+
+def digest(columns: Columns) -> str:
+    """The SHA-256 of arrays: their names, types, shapes and values, in the order of the names."""
+    whole = hashlib.sha256()
+    for name in sorted(columns):
+        array = np.ascontiguousarray(columns[name])
+        whole.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        whole.update(array.tobytes())
+    return whole.hexdigest()

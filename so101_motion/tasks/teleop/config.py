@@ -176,19 +176,11 @@ class TeleopConfig(Config):
         return tuple(name for name in (self.leader_arm, self.follower_arm, *grippers) if name)
 
 
-def read_mirror(attributes: Mapping[str, object]) -> Mirror:
-    """Read ``scale``, ``offsets_deg`` and ``mirror``.
+def read_how(attributes: Mapping[str, object]) -> tuple[Mirror, Pace]:
+    """Read the scale, the offsets, ``mirror``, the speeds and the acceleration.
 
     Raises:
         ConfigError: One of them cannot be used.
     """
-    return _mirror(Attributes(attributes, TeleopConfig.rows()), "")
-
-
-def read_pace(attributes: Mapping[str, object]) -> Pace:
-    """Read the speeds and the acceleration.
-
-    Raises:
-        ConfigError: One of them cannot be used.
-    """
-    return _pace(Attributes(attributes, TeleopConfig.rows()), "")
+    given = Attributes(attributes, TeleopConfig.rows())
+    return _mirror(given, ""), _pace(given, "")

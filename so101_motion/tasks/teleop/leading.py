@@ -10,9 +10,8 @@ from so101_motion.common.errors import Interrupted
 from so101_motion.common.operation import LocalOperation, Offer, View
 from so101_motion.rig.rig import Rig
 from so101_motion.tasks.teleop.gate import Phase
-from so101_motion.tasks.teleop.local_arms import side_of
 from so101_motion.tasks.teleop.session import Teleop
-from so101_motion.tasks.teleop.sides import LocalFollower, LocalLeader
+from so101_motion.tasks.teleop.sides import LocalArm, LocalFollower, LocalLeader
 
 OFF = "Keep a hand on the leader: it goes limp, and this arm moves to it slowly."
 
@@ -54,8 +53,8 @@ class LeadingOperation(LocalOperation):
             self._leader = self._open()
         if self._teleop is None:
             self._teleop = Teleop(
-                LocalLeader(side_of(self._leader, self._leader)),
-                LocalFollower(side_of(self._follower, self._follower)),
+                LocalLeader(LocalArm(station=self._leader, jaw=self._leader)),
+                LocalFollower(LocalArm(station=self._follower, jaw=self._follower)),
                 self._follower.clock,
             )
         self._refuse_stopped(asked)

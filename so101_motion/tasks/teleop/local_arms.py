@@ -1,8 +1,6 @@
-"""Make the leader or follower of a teleoperation from rigs, and convert to LeRobot's units."""
+"""The jaw of a rig, and its angles in LeRobot's units."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,27 +12,6 @@ from so101_motion.files.trajectory_export import LeRobot
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
-from so101_motion.tasks.teleop import LocalArm
-
-
-def side_of(rig: Rig, jaw: Rig | None) -> LocalArm:
-    """Make one side from an arm and a gripper, which may belong to another rig.
-
-    Args:
-        rig: The arm's.
-        jaw: The gripper's; None to leave it alone.
-
-    Raises:
-        NotReady: The servos of one have not been found yet.
-    """
-    for part in (rig, jaw):
-        if isinstance(part, HardwareRig):
-            part.require_ready()
-
-    def loads() -> Sequence[float]:
-        return [joint.load for joint in rig.servos.health] if isinstance(rig, HardwareRig) else ()
-
-    return LocalArm(station=rig, jaw=jaw if jaw and jaw_of(jaw) else None, loads=loads)
 
 
 def jaw_of(rig: Rig) -> Gripper | None:

@@ -31,7 +31,8 @@ from so101_motion.tasks.teleop.mirror import Mirror
 from so101_motion.tasks.teleop.pilot import HORIZON, LOST_AFTER, Pace, Pilot
 from so101_motion.tasks.teleop.predictor import LONGEST, Predictor
 from so101_motion.tasks.teleop.recording import RecordedSample, Recorder
-from so101_motion.tasks.teleop.sides import Follower, Leader
+from so101_motion.tasks.teleop.side_state import SideState
+from so101_motion.tasks.teleop.sides import Follower, Leader, Side
 
 _log = logging.getLogger(__name__)
 
@@ -185,7 +186,7 @@ class Teleop:
     @property
     def status(self) -> Status:
         """The state of the session; never waits."""
-        gate = self._pilot.gate
+        gate, follower = self._pilot.gate, self._follower.state
         return Status(
             phase=gate.phase,
             reason=gate.reason or self._ended_by,
@@ -194,9 +195,9 @@ class Teleop:
             last_error=self._last_error,
             gap=gate.gap,
             beyond=self._pilot.beyond,
-            held_by=self._follower.held_by,
-            is_gripping=self._follower.is_gripping,
-            leader_is_limp=self._leader.is_limp,
+            held_by=follower.held_by,
+            is_gripping=follower.is_gripping,
+            leader_is_limp=self._leader.state.is_limp,
             recorded=self._recorder.rows if self._recorder is not None else None,
         )
 
@@ -244,7 +245,7 @@ class Teleop:
             self._pilot.trouble(str(error))
             self._retry_at = self._clock.now() + RETRY
 
-    def _recover(self, side: Leader | Follower) -> None:
+    def _recover(self, side: Side) -> None:
         try:
             side.recover()
         except Exception as error:
@@ -257,59 +258,52 @@ class Teleop:
         """Start and stop the follower as needed; brief, called in every period."""
         if not self._is_running:
             return
-        self._count()
-        self._record()
-        if self.job is not None and not self.job.done():
+        is_busy = self.job is not None and not self.job.done()
+        error = None if is_busy else self._follower.ending()
+        follower, now = self._follower.state, self._clock.now()
+        self._count(follower, now)
+        self._record(follower, now)
+        if is_busy:
             return
-        error = self._follower.ending()
         if isinstance(error, Interrupted):
             self._note(error)
             self._submit(partial(self._end, f"ended by {error.by} of the follower"))
-        elif error is not None:
+            return
+        if error is not None:
             self._note(error)
             self._pilot.trouble(str(error))
-        elif self._follower.is_engaged:
-            if self._follower.held_by:
-                self._pilot.hold_back()
-            for side in (self._follower, self._leader):
-                if side.needs_recovery and self._clock.now() >= self._retry_at:
-                    self._submit(partial(self._recover, side))
-                    break
-        elif self._may_set_off():
-            self._submit(self._engage)
-
-    def _may_set_off(self) -> bool:
-        if not self._follower.is_there or self._clock.now() < self._retry_at:
-            return False
-        return self._pilot.may_begin(self._follower.state.x[:5])
+            return
+        may_try = now >= self._retry_at
+        if not follower.is_engaged:
+            if may_try and follower.is_there and self._pilot.may_begin(follower.x[:5]):
+                self._submit(self._engage)
+            return
+        if follower.held_by:
+            self._pilot.hold_back()
+        if may_try and follower.needs_recovery:
+            self._submit(partial(self._recover, self._follower))
+        elif may_try and self._leader.state.needs_recovery:
+            self._submit(partial(self._recover, self._leader))
 
     def _submit(self, job: Callable[[], None]) -> None:
         if not self._closed.is_set():
             self.job = self._pool.submit(job)
 
-    def _count(self) -> None:
+    def _count(self, follower: SideState, now: float) -> None:
         self._cycles += 1
         track = self._predictor.track
-        is_heard = track is not None and self._clock.now() - track.t_heard < self._unheard_after
-        if is_heard and self._follower.is_there:
-            self._errors = 0
-        else:
-            self._errors += 1
+        is_heard = track is not None and now - track.t_heard < self._unheard_after
+        self._errors = 0 if is_heard and follower.is_there else self._errors + 1
 
-    def _record(self) -> None:
-        recorder, track = self._recorder, self._predictor.track
-        if recorder is None or track is None:
+    def _record(self, follower: SideState, now: float) -> None:
+        recorder = self._recorder
+        if recorder is None or self._predictor.track is None:
             return
-        leader, follower = self._leader.state, self._follower.state
+        leader = self._leader.state
         action = np.append(self._mirror.of(leader.x[:5]), leader.x[5])
+        phase = self._pilot.gate.phase.value
         recorder.take(
-            RecordedSample(
-                t=self._clock.now(),
-                leader=leader,
-                action=action,
-                follower=follower,
-                state=self._pilot.gate.phase.value,
-            )
+            RecordedSample(t=now, leader=leader, action=action, follower=follower, state=phase)
         )
 
     # How

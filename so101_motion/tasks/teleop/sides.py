@@ -3,30 +3,29 @@
 ``Leader`` and ``Follower`` are the interfaces that a session needs; ``LocalLeader`` and
 ``LocalFollower`` are arms of this process. For arms of other modules see
 ``viam/models/teleop_remote.py``.
-
-A ``Station`` is an arm or a gripper with the thread that moves it. If both are on one port, one
-station is both.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
-from so101_motion.arm.arm import SCENE, Arm
-from so101_motion.arm.gripper import Gripper, JawFollowing
-from so101_motion.common.clock import Clock
+from so101_motion.arm.arm import SCENE
+from so101_motion.arm.gripper import JawFollowing
 from so101_motion.common.errors import Interrupted, NotHolding, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.control.executor import Channel, Executor
 from so101_motion.control.following import Following
+from so101_motion.rig.hardware_rig import HardwareRig
+from so101_motion.rig.rig import Rig
+from so101_motion.tasks.teleop.local_arms import jaw_of
 from so101_motion.tasks.teleop.pilot import Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
 from so101_motion.tasks.teleop.side_state import SideState
@@ -40,38 +39,32 @@ FRESH = 0.05
 """An arm answers if its last snapshot is not older than this [s]; chosen, some periods."""
 
 
-class Leader(ABC):
-    """The side that is guided by hand. Its methods may block."""
+class Side(ABC):
+    """An arm of a teleoperation. Its methods may block."""
+
+    @abstractmethod
+    def detach(self) -> None:
+        """End it and hold; a leader that was released is held again."""
+
+    def recover(self) -> None:  # noqa: B027  # most sides need none
+        """Do what ``state.needs_recovery`` announces; raises ``So101Error`` if it fails."""
+
+    @property
+    @abstractmethod
+    def state(self) -> SideState:
+        """Its state; never waits."""
+
+
+class Leader(Side):
+    """The side that is guided by hand."""
 
     @abstractmethod
     def attach(self, predictor: Predictor) -> None:
         """Release the joints and pass every measurement to ``predictor`` from now on."""
 
-    @abstractmethod
-    def detach(self) -> None:
-        """End the measurements; hold the joints again if they were released."""
 
-    def recover(self) -> None:  # noqa: B027  # most sides need none
-        """Do the work that ``needs_recovery`` announces; raises ``So101Error`` if it fails."""
-
-    @property
-    def needs_recovery(self) -> bool:
-        """Whether there is work to do that takes a moment."""
-        return False
-
-    @property
-    @abstractmethod
-    def is_limp(self) -> bool:
-        """Whether it can be moved by hand."""
-
-    @property
-    @abstractmethod
-    def state(self) -> SideState:
-        """Its state."""
-
-
-class Follower(ABC):
-    """The side that follows. ``attach``, ``engage``, ``detach`` and ``recover`` may block."""
+class Follower(Side):
+    """The side that follows."""
 
     @abstractmethod
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
@@ -82,69 +75,28 @@ class Follower(ABC):
         """Start to follow the pilot; raises ``So101Error`` if it cannot."""
 
     @abstractmethod
-    def detach(self) -> None:
-        """Stop and hold; ends the calls of ``look``."""
-
-    @abstractmethod
     def ending(self) -> BaseException | None:
         """Why it stopped following, reported once; None while it follows."""
-
-    def recover(self) -> None:  # noqa: B027  # most sides need none
-        """Do the work that ``needs_recovery`` announces; raises ``So101Error`` if it fails."""
-
-    @property
-    def needs_recovery(self) -> bool:
-        """Whether there is work to do that takes a moment."""
-        return False
-
-    @property
-    @abstractmethod
-    def is_engaged(self) -> bool:
-        """Whether it follows the pilot."""
-
-    @property
-    @abstractmethod
-    def is_there(self) -> bool:
-        """Whether it answers."""
-
-    @property
-    def held_by(self) -> tuple[str, ...]:
-        """What is in its way, such as ``"the jaw close to the floor"``, as far as it says so."""
-        return ()
-
-    @property
-    def is_gripping(self) -> bool:
-        """Whether the jaw has closed on something, as far as it reports that."""
-        return False
-
-    @property
-    @abstractmethod
-    def state(self) -> SideState:
-        """Its state."""
-
-
-class Station(Protocol):
-    """An arm or a gripper of this process; every ``Rig`` is one."""
-
-    arm: Arm
-    gripper: Gripper
-    executor: Executor
-    clock: Clock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalArm:
-    """An arm of this process as one side.
+    """An arm of this process as one side; raises ``NotReady`` until its servos have been found.
 
     Attributes:
         station: The arm.
-        jaw: Its gripper; None to leave it alone.
-        loads: Asked for the share of full drive of each servo, base to jaw.
+        jaw: Its gripper, perhaps of another rig; None to leave it alone, or without one.
     """
 
-    station: Station
-    jaw: Station | None = None
-    loads: Callable[[], Sequence[float]] = field(default=tuple)
+    station: Rig
+    jaw: Rig | None = None
+
+    def __post_init__(self) -> None:
+        for part in (self.station, self.jaw):
+            if isinstance(part, HardwareRig):
+                part.require_ready()
+        if self.jaw is not None and jaw_of(self.jaw) is None:
+            object.__setattr__(self, "jaw", None)
 
     @property
     def executors(self) -> tuple[Executor, ...]:
@@ -152,10 +104,10 @@ class LocalArm:
         both = [self.station.executor, *([self.jaw.executor] if self.jaw else [])]
         return tuple(dict.fromkeys(both))
 
-    @property
-    def state(self) -> SideState:
-        """Its state."""
-        state = self.station.executor.state
+    def state(self, **facts: Any) -> SideState:
+        """The state of its joints, with further facts."""
+        rig, state = self.station, self.station.executor.state
+        loads = rig.servos.health if isinstance(rig, HardwareRig) else ()
         aperture = goal = 0.0
         if self.jaw is not None:
             jaw = self.jaw.gripper
@@ -164,7 +116,8 @@ class LocalArm:
         return SideState(
             x=np.append(state.q, aperture),
             x_goal=np.append(state.q_ref, goal),
-            loads=tuple(self.loads()),
+            loads=[joint.load for joint in loads],
+            **facts,
         )
 
 
@@ -193,7 +146,7 @@ class LocalLeader(Leader):
             self._ends.append(self._arm.jaw.executor.listen(lambda _: None))  # to be kept fresh
 
     def detach(self) -> None:
-        """See ``Leader.detach``."""
+        """See ``Side.detach``."""
         for end in self._ends:
             end()
         self._ends.clear()
@@ -202,28 +155,19 @@ class LocalLeader(Leader):
                 executor.hold().result()
 
     def recover(self) -> None:
-        """See ``Leader.recover``: after a fault the joints are released again."""
+        """See ``Side.recover``: after a fault the joints are released again."""
         for executor in self._arm.executors:
             executor.release().result()
 
     @property
-    def needs_recovery(self) -> bool:
-        """See ``Leader.needs_recovery``."""
-        if not self._lets_go:
-            return False
-        now = self._arm.station.clock.now()
-        states = [executor.state for executor in self._arm.executors]
-        return any(state.mode is Mode.FAULT and now - state.t < FRESH for state in states)
-
-    @property
-    def is_limp(self) -> bool:
-        """See ``Leader.is_limp``."""
-        return all(executor.state.mode is Mode.LIMP for executor in self._arm.executors)
-
-    @property
     def state(self) -> SideState:
-        """See ``Leader.state``."""
-        return self._arm.state
+        """See ``Side.state``."""
+        now, states = self._arm.station.clock.now(), [each.state for each in self._arm.executors]
+        return self._arm.state(
+            needs_recovery=self._lets_go
+            and any(each.mode is Mode.FAULT and now - each.t < FRESH for each in states),
+            is_limp=all(each.mode is Mode.LIMP for each in states),
+        )
 
     def _hear(self, predictor: Predictor, state: JointState) -> None:
         is_old, self._t = state.t == self._t, state.t
@@ -285,7 +229,7 @@ class LocalFollower(Follower):
             self._jaw.regrip()
 
     def detach(self) -> None:
-        """See ``Follower.detach``."""
+        """See ``Side.detach``."""
         if self._end is not None:
             self._end()
         followings, self._following, self._jaw = (self._following, self._jaw), None, None
@@ -304,7 +248,7 @@ class LocalFollower(Follower):
         return following.future.exception()
 
     def recover(self) -> None:
-        """See ``Follower.recover``: the jaw follows again."""
+        """See ``Side.recover``: the jaw follows again."""
         jaw = self._arm.jaw
         if jaw is None:
             return
@@ -315,40 +259,20 @@ class LocalFollower(Follower):
         self._jaw = jaw.gripper.follow(approach=slow)
 
     @property
-    def needs_recovery(self) -> bool:
-        """See ``Follower.needs_recovery``."""
-        if self._following is None or self._arm.jaw is None:
-            return False
-        return self._jaw is None or self._jaw.future.done()
-
-    @property
-    def is_engaged(self) -> bool:
-        """See ``Follower.is_engaged``."""
-        return self._following is not None
-
-    @property
-    def is_there(self) -> bool:
-        """See ``Follower.is_there``."""
-        station = self._arm.station
-        state = station.executor.state
-        is_fresh = station.clock.now() - state.t < FRESH
-        return is_fresh and not state.reading.unanswered and state.mode is not Mode.CALIBRATING
-
-    @property
-    def held_by(self) -> tuple[str, ...]:
-        """See ``Follower.held_by``."""
-        following = self._following
-        return () if following is None or not following.is_held else following.held_by
-
-    @property
-    def is_gripping(self) -> bool:
-        """See ``Follower.is_gripping``."""
-        return self._jaw is not None and self._jaw.is_gripping
-
-    @property
     def state(self) -> SideState:
-        """See ``Follower.state``."""
-        return self._arm.state
+        """See ``Side.state``."""
+        station, following, jaw = self._arm.station, self._following, self._jaw
+        now, state = station.clock.now(), station.executor.state
+        has_lost_jaw = self._arm.jaw is not None and (jaw is None or jaw.future.done())
+        return self._arm.state(
+            needs_recovery=following is not None and has_lost_jaw,
+            is_there=now - state.t < FRESH
+            and not state.reading.unanswered
+            and state.mode is not Mode.CALIBRATING,
+            is_engaged=following is not None,
+            held_by=following.held_by if following is not None and following.is_held else (),
+            is_gripping=jaw is not None and jaw.is_gripping,
+        )
 
     # The I/O threads
 

@@ -33,7 +33,7 @@ from so101_motion.tasks.teleop import (
 )
 from so101_motion.tasks.teleop.config import TeleopConfig
 from so101_motion.tasks.teleop.gate import Phase
-from so101_motion.tasks.teleop.local_arms import middles_of, side_of
+from so101_motion.tasks.teleop.local_arms import middles_of
 from so101_motion.tasks.teleop.recording import FPS
 from so101_motion.tasks.teleop.sides import Follower, Leader
 from so101_motion.viam.conversion import convert
@@ -265,7 +265,7 @@ class So101Teleop(Configured, Generic):
             raise ConfigError(
                 "grippers", jaw, f"is not a gripper of this module, but {arm} is its arm"
             )
-        return side_of(here.rig, gripper.rig if gripper is not None else None)
+        return LocalArm(station=here.rig, jaw=gripper.rig if gripper is not None else None)
 
     def _client(self, name: str, subtype: str) -> ResourceBase:
         for resource, client in self._dependencies.items():

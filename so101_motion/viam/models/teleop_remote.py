@@ -164,7 +164,7 @@ class RemoteLeader(Leader):
         self._asking = self._arm.begin(ask)
 
     def detach(self) -> None:
-        """See ``Leader.detach``."""
+        """See ``Side.detach``."""
         if self._asking is not None:
             self._asking.cancel()
         if self._is_to_hold:
@@ -172,14 +172,9 @@ class RemoteLeader(Leader):
             self._is_limp = self._is_to_hold = False
 
     @property
-    def is_limp(self) -> bool:
-        """See ``Leader.is_limp``: whether the request to release its joints succeeded."""
-        return self._is_limp
-
-    @property
     def state(self) -> SideState:
-        """See ``Leader.state``."""
-        return SideState(x=self._x, x_goal=self._x)
+        """See ``Side.state``; it is limp if the request to release its joints succeeded."""
+        return SideState(x=self._x, x_goal=self._x, is_limp=self._is_limp)
 
 
 class RemoteFollower(Follower):
@@ -223,7 +218,7 @@ class RemoteFollower(Follower):
         self._engaged = True
 
     def detach(self) -> None:
-        """See ``Follower.detach``."""
+        """See ``Side.detach``."""
         self._engaged = False
         if self._going is not None:
             self._going.cancel()
@@ -238,19 +233,14 @@ class RemoteFollower(Follower):
         return problem
 
     @property
-    def is_engaged(self) -> bool:
-        """See ``Follower.is_engaged``."""
-        return self._engaged
-
-    @property
-    def is_there(self) -> bool:
-        """See ``Follower.is_there``."""
-        return self._arm.clock.now() - self._seen < PATIENCE
-
-    @property
     def state(self) -> SideState:
-        """See ``Follower.state``."""
-        return SideState(x=self._x, x_goal=self._x if self._x_goal is None else self._x_goal)
+        """See ``Side.state``."""
+        return SideState(
+            x=self._x,
+            x_goal=self._x if self._x_goal is None else self._x_goal,
+            is_there=self._arm.clock.now() - self._seen < PATIENCE,
+            is_engaged=self._engaged,
+        )
 
     # In the event loop
 

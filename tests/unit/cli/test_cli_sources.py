@@ -7,15 +7,15 @@ import pytest
 from click.testing import CliRunner
 
 from so101_motion.cli.error_exit import parted, reports_errors
+from so101_motion.cli.options import verb
 from so101_motion.cli.shared import DEBUG
-from so101_motion.cli.sources import MachineSource, Source, any_source_options, with_caps
+from so101_motion.cli.sources import ANY_SOURCE, MachineSource, Source, with_caps
 from so101_motion.cli.verbs import main
 from so101_motion.common import errors
 
 
-@click.command()
-@any_source_options
-def which(source):
+@verb()
+def which(source=ANY_SOURCE):
     """Says what it was given."""
     click.echo(repr(source))
 
@@ -135,9 +135,9 @@ def test_verbs_and_options_are_completed():
 
 def test_every_verb_has_its_place_in_the_help_and_help_of_its_own():
     told = CliRunner().invoke(main, ["--help"]).stdout
-    for name, verb in main.commands.items():
+    for name, command in main.commands.items():
         assert f"\n  {name} " in told
-        assert verb.help
+        assert command.help
         result = CliRunner().invoke(main, [name, "--help"])
         assert result.exit_code == 0
         assert "--help" in result.stdout

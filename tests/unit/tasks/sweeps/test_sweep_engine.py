@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from harness import toy_sweep
 from harness.toy_sweep import ToySweep
 
 from so101_motion.common.errors import ConfigError, WorkerError
-from so101_motion.tasks.sweeps import WorkerPool, run_sweep
+from so101_motion.tasks.sweeps import run_sweep
 
 TOY = ToySweep()
 
@@ -151,17 +151,6 @@ def test_a_run_that_is_killed_twice_at_random_instants_resumes(tmp_path):
     sha256, kept = killed(tmp_path / "out", "2")
     assert sha256 == run_sweep(ToySweep(shards=toy_sweep.SHARDS), tmp_path / "whole").sha256
     assert 1 < int(kept) < toy_sweep.SHARDS
-
-
-@pytest.mark.slow
-def test_a_pool_is_replaced_though_one_of_its_processes_does_not_end(tmp_path):
-    """As one that was being started when another died, of which Python's pool does not know."""
-    pool = WorkerPool(1)
-    with pool.opened():
-        stuck = pool.submit(replace(TOY, hangs=(0,)), 0)
-        pool.replace(BrokenExecutor("another process died"))
-        assert isinstance(stuck.exception(), BrokenExecutor)
-        assert pool.submit(TOY, 0).result().shard is not None
 
 
 @pytest.mark.slow
