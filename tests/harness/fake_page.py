@@ -9,7 +9,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from so101_viewer.page.screen_state import Screen
 from so101_viewer.page.target_ik import Surroundings, TargetSolver
 from so101_viewer.view_model import ViewModel
 
@@ -212,7 +211,7 @@ class PageInputs:
         )
 
 
-def planned(page: ViewModel) -> Screen:
+def planned(page: ViewModel) -> ViewModel:
     page.plan()
     page.refresh()
-    return page.screen()
+    return page

@@ -114,15 +114,13 @@ class UndoButtons:
 
     def show(self) -> None:
         """Let each be pressed if there is something for it."""
-        self._row.show(nothing_to(undo=self._edited.can_undo, redo=self._edited.can_redo))
-
-
-def nothing_to(*, undo: bool, redo: bool) -> dict[str, str | None]:
-    """Why undo and redo cannot be pressed, None if there is something to ``undo``, to ``redo``."""
-    return {
-        "undo": None if undo else "There is nothing to undo.",
-        "redo": None if redo else "Nothing was undone.",
-    }
+        can_undo, can_redo = self._edited.can_undo, self._edited.can_redo
+        self._row.show(
+            {
+                "undo": None if can_undo else "There is nothing to undo.",
+                "redo": None if can_redo else "Nothing was undone.",
+            }
+        )
 
 
 def grey(group: Any, greyed: bool) -> None:

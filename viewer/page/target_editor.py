@@ -47,7 +47,7 @@ class TargetEditor(ABC):
     """
 
     def __init__(self, solver: TargetSolver, state: JointState, now: Callable[[], float]) -> None:
-        self._solver, self._state = solver, state
+        self._solver, self.state = solver, state
         self._target = solver.first_target(state.q_ref, q_jaw=state.q_jaw_ref)
         self._kind = ANY
         self._targets = History((self._target, self._kind), now)
@@ -113,7 +113,7 @@ class TargetEditor(ABC):
 
     def set_target_here(self) -> None:
         """Set the target to where the arm is."""
-        self.set_target_joints(self._state.q_ref)
+        self.set_target_joints(self.state.q_ref)
 
     def set_target_frame(self, frame: str) -> None:
         """Set the frame that targets are for; the ghost stays where it is.
@@ -124,6 +124,16 @@ class TargetEditor(ABC):
         if frame not in FRAMES:
             raise ConfigError("frame", frame, f"must be one of {', '.join(FRAMES)}")
         self._take(self._at_joints(self._target.q, frame))
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there was a target before."""
+        return self._targets.can_undo
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether one was undone."""
+        return self._targets.can_redo
 
     # Where the gripper points
 
@@ -203,13 +213,13 @@ class TargetEditor(ABC):
             self._take(self._at_point(target.p_base, target.frame, wanted), "turn")
 
     def _at_point(self, p_base: Array, frame: str, direction: Direction | None) -> Target:
-        state = self._state
+        state = self.state
         return self._solver.at_point(
             p_base, frame, q_seed=state.q_ref, q_jaw=state.q_jaw_ref, direction=direction
         )
 
     def _at_joints(self, q: Array, frame: str) -> Target:
-        return self._solver.at_joints(q, frame, q_jaw=self._state.q_jaw_ref)
+        return self._solver.at_joints(q, frame, q_jaw=self.state.q_jaw_ref)
 
     def _again(self, target: Target) -> Target:
         """The same target, solved for how things are now."""

@@ -16,7 +16,7 @@ from so101_motion.planning.collision.apart import Meeting
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 
-from .screen_state import PlanView, Screen, Sentence, Tone
+from .screen_state import PlanView, Sentence, Tone
 from .tracking import Tracking
 
 PRESS_PLAN = Sentence(text="Reachable. Press Plan.")
@@ -217,10 +217,9 @@ def opening(q_jaw: float) -> str:
     return f"{100.0 * aperture(q_jaw):.0f} % open"
 
 
-def grip(screen: Screen) -> str:
-    """What the gripper does."""
-    q_jaw = screen.state.q_jaw
-    if screen.holds:
+def grip(q_jaw: float, *, holds: bool) -> str:
+    """What the gripper does, with the jaw at ``q_jaw`` [rad]."""
+    if holds:
         return f"Holding something: the tips are {to_mm(tip_distance(q_jaw)):.0f} mm apart."
     return f"Holding nothing, {opening(q_jaw)}."
 

@@ -23,11 +23,11 @@ from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, Views, set_up_view
 from ..scene.click import hit
 from ..scene.reach_view import ReachView
-from ..scene.stage import Stage
 from ..view_model import ViewModel
 from .arm_panel import ArmPanel, docked_left
 from .plan_panel import SELECTS, PlanPanel
 from .poses import PoseList
+from .stage import Stage
 
 _WORDS_EVERY = 3
 """Figures are updated every so many pictures of a motion; nobody reads 30 a second."""
@@ -95,7 +95,7 @@ class MovePart(Part):
         if isinstance(self.model, ViewModel):
             (rig,) = rigs.values()
             poses = PoseList(SavedPoses(zeros=lambda: rig.connection.encoder_zeros), self.model)
-        self._words = PlanPanel(context, self.model, self.pages, poses, on_click=self._set_click)
+        self._words = PlanPanel(context, self.model, poses, on_click=self._set_click)
         context.bar.plan = self._words.plan_button
         context.bar.stop = self.stop_button
         self._pictures = 0
@@ -119,10 +119,10 @@ class MovePart(Part):
                 context.server.scene.add_label(f"{node}/name", name, position=(-0.08, 0.0, 0.0))
             self._stages[name] = Stage(
                 context,
+                page,
                 model=robot,
                 views=views if is_one else None,
                 on_drag=partial(self._dragged, name),
-                on_turn=page.set_turn,
                 on_release=lambda: None if self._reach is None else self._reach.hide(),
                 on_click=self._clicked,
                 root=self.nodes[name],
@@ -169,12 +169,12 @@ class MovePart(Part):
 
     def show(self) -> None:
         """Draw the arms; update their figures now and then."""
-        screen, self._drawn = self.model.screen(), self._context.front.drawn
         self._pictures += 1
-        for name, each in screen.arms.items():
-            self._stages[name].show(each)
-        moves = any(each.state.arm_moving for each in screen.arms.values())
+        self._drawn = self._context.front.drawn
+        for stage in self._stages.values():
+            stage.show()
+        moves = any(each.state.arm_moving for each in self.pages.values())
         if not moves or self._pictures % _WORDS_EVERY == 0:
-            for name, each in screen.arms.items():
-                self._joints[name].show(each.state, each.range)
-            self._words.show(screen)
+            for name, each in self.pages.items():
+                self._joints[name].show(each.state, each.arm.range)
+            self._words.show()

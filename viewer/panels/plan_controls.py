@@ -10,11 +10,10 @@ import viser
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 from so101_motion.common.units import to_deg, to_rad
 
-from ..cell_model import CellModel, CellScreen
+from ..cell_model import CellModel
 from ..page.bar import board, uuid_of
 from ..page.page_context import PageContext
 from ..page.playback import RATES
-from ..page.screen_state import Screen
 from ..page.shared_fields import SharedField, grey, put
 from ..view_model import ViewModel
 
@@ -63,9 +62,9 @@ class PlanControls:
         """How fast the next plan may be, and whether configurations along it are drawn."""
         gui = self._context.gui
         self._now = gui.add_html("", visible=False)
-        self._speed_deg = self._add_cap("Speed (°/s)", SPEED_RANGE_DEG, self._page.set_speed)
-        self._acceleration_deg = self._add_cap(
-            "Accel. (°/s²)", ACCELERATION_RANGE_DEG, self._page.set_acceleration
+        self._caps_deg = (
+            self._add_cap("Speed (°/s)", SPEED_RANGE_DEG, self._page.set_speed),
+            self._add_cap("Accel. (°/s²)", ACCELERATION_RANGE_DEG, self._page.set_acceleration),
         )
         sweep = gui.add_checkbox("Swept motion", True)
         self._sweeps = SharedField(sweep, self._page.show_sweep, self._context, shown=bool)
@@ -81,28 +80,28 @@ class PlanControls:
             shown=round,
         )
 
-    def show(self, screen: Screen | CellScreen, plots: list[str]) -> None:
-        """Show ``screen``; viser sends only what differs.
+    def show(self, plots: list[str]) -> None:
+        """Update the widgets; viser sends only what differs.
 
         Args:
-            screen: What to show.
             plots: The ids of the plots over the time of the plan.
         """
-        if screen.plan is not None:
-            self._preview.max = math.ceil(100.0 * screen.plan.duration) / 100.0
-        self.plan_button.disabled = not screen.can_plan
-        self._execute.disabled = not screen.can_execute
-        put(self._progress, round(100.0 * screen.progress, 1))
-        has_plan = screen.plan_is_current
+        page = self._page
+        if page.plan_view is not None:
+            self._preview.max = math.ceil(100.0 * page.plan_view.duration) / 100.0
+        self.plan_button.disabled = not page.can_plan
+        self._execute.disabled = not page.can_execute
+        put(self._progress, round(100.0 * page.progress, 1))
+        has_plan = page.plan_is_current
         self._preview.disabled = not has_plan
         grey(self._play, not has_plan)
-        self._preview_time.show(screen.preview_time if has_plan else 0.0)
+        self._preview_time.show(page.preview_time if has_plan else 0.0)
         self._now.content = board(
             "plot",
-            t=round(screen.preview_time, 2) if has_plan else None,
+            t=round(page.preview_time, 2) if has_plan else None,
             plots=plots,
             seek=uuid_of(self._preview) if has_plan else None,
         )
-        self._speed_deg.show(to_deg(screen.speed))
-        self._acceleration_deg.show(to_deg(screen.acceleration))
-        self._sweeps.show(screen.sweeps)
+        for field, cap in zip(self._caps_deg, page.caps, strict=True):
+            field.show(to_deg(cap))
+        self._sweeps.show(page.sweeps)

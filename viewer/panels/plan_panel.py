@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import viser
 
-from ..cell_model import CellModel, CellScreen, CommonPlan
+from ..cell_model import CellModel, CommonPlan
 from ..page import markup, texts
 from ..page.page_context import PageContext
-from ..page.screen_state import Screen
 from ..view_model import ViewModel
 from .plan_controls import PlanControls
 from .plots import PlanPlots
@@ -31,7 +30,6 @@ class PlanPanel:
 
     Args:
         model: What is shown of all arms.
-        pages: The target of each arm, by name.
         poses: The poses of a single arm; None for several.
         on_click: Called with what clicks in the picture do, ``SELECTS`` or another.
     """
@@ -40,21 +38,20 @@ class PlanPanel:
         self,
         context: PageContext,
         model: ViewModel | CellModel,
-        pages: Mapping[str, ViewModel],
         poses: PoseList | None,
         *,
         on_click: Callable[[str], None],
     ) -> None:
-        self._context, self._plan = context, PlanControls(context, model)
-        self._targets = {name: TargetControls(context, page) for name, page in pages.items()}
+        self._context, self._model, self._plan = context, model, PlanControls(context, model)
+        self._targets = {name: TargetControls(context, page) for name, page in model.arms.items()}
         self._own_poses: PoseFolder | None = None
         with context.tabs.add_tab("Move"):
             self._sentence = context.gui.add_html("")
             if poses is None:
                 self._add_several()
             else:
-                self._add_one(pages[""], poses, on_click)
-        self._plots = PlanPlots(context.gui, tuple(pages))
+                self._add_one(model.arms[""], poses, on_click)
+        self._plots = PlanPlots(context.gui, tuple(model.arms))
 
     def _add_several(self) -> None:
         gui = self._context.gui
@@ -103,21 +100,22 @@ class PlanPanel:
         """The button Plan."""
         return self._plan.plan_button
 
-    def show(self, screen: Screen | CellScreen) -> None:
-        """Show ``screen``; viser sends only what differs."""
-        self._sentence.content = markup.sentence(screen.sentence)
-        for name, each in screen.arms.items():
-            self._targets[name].show(each)
+    def show(self) -> None:
+        """Show the model; viser sends only what differs."""
+        model = self._model
+        self._sentence.content = markup.sentence(model.sentence)
+        for target in self._targets.values():
+            target.show()
         if self._own_poses is not None:
             self._own_poses.show()
-        self._plots.show(screen)
-        self._plan.show(screen, self._plots.uuids)
-        if isinstance(screen, CellScreen):
-            common = screen.plan if screen.plan_is_current else None
+        self._plots.show(model)
+        self._plan.show(self._plots.uuids)
+        if isinstance(model, CellModel):
+            common = model.plan_view if model.plan_is_current else None
             self._facts.content = markup.facts(plan_facts(common))
         else:
-            self._back_out.visible = screen.can_back_out
-            plan = screen.plan if screen.plan_is_current else None
+            self._back_out.visible = model.can_back_out
+            plan = model.plan_view if model.plan_is_current else None
             figures = texts.NO_FACTS if plan is None else texts.plan_facts(plan)
             self._facts.content = markup.facts(figures, lines=_LINES)
 
