@@ -31,7 +31,7 @@ from .panels.health_panel import EventsPart, HealthPart
 from .panels.hold_buttons import HoldButtons
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
-from .panels.share_panel import SharePart, SharingArm
+from .panels.share_panel import SharePart
 from .program.program_panel import ProgramPart
 from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded
@@ -111,11 +111,7 @@ class Preview(SearchingPage):
             now=next(iter(rigs.values())).clock.now,
             on_handles=lambda shown: move.set_handles(not shown),
         )
-        arms = {
-            name: SharingArm(rig=rig, page=move.pages[name], T_scene_base=bases[name])
-            for name, rig in rigs.items()
-        }
-        share = SharePart(context, arms, title=source.title)
+        share = SharePart(context, rigs, move.pages, bases, title=source.title)
         self._teaches = [
             TeachPart(each, source.open_leader, title=name or "Teach", node=move.nodes[name])
             for name, each in self._tab_for_each("Teach", rigs)
