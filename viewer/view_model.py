@@ -51,7 +51,6 @@ class ViewModel(TargetEditor):
         now: The time [s].
 
     Attributes:
-        state: The arm, as it was last seen.
         plan_view: The newest plan and what is drawn of it; None before the first.
         plan_is_current: Whether that plan can still be executed.
         path: The line to the target, or None.
@@ -121,7 +120,7 @@ class ViewModel(TargetEditor):
     def show(self, plan: Plan) -> None:
         """Show a plan that was made elsewhere."""
         self._target = self._at_joints(plan.q_goal, self._target.frame)
-        self._targets.add((self._target, self._kind))
+        self.history.add((self._target, self._kind))
         self.take_plan(plan)
 
     def take_plan(self, plan: Plan, name: str = "") -> None:

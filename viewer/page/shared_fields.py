@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 from .bar import board, uuid_of
+from .history import History
 from .page_context import PageContext
+from .saved_files import SavedFiles
 
 
 class SharedField:
@@ -56,24 +58,6 @@ class SharedField:
             self.show(value)
 
 
-class CanUndo(Protocol):
-    """Something with edits."""
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is an edit to undo."""
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether one was undone."""
-
-    def undo(self) -> None:
-        """Undo the last edit."""
-
-    def redo(self) -> None:
-        """Redo what was undone last."""
-
-
 class ButtonRow:
     """A row of buttons of which each can be grey by itself, and then says why.
 
@@ -107,14 +91,14 @@ class ButtonRow:
 class UndoButtons:
     """A pair of buttons: undo and redo."""
 
-    def __init__(self, context: PageContext, label: str, edited: CanUndo) -> None:
+    def __init__(self, context: PageContext, label: str, edited: History[Any] | SavedFiles) -> None:
         self._edited = edited
         commands = {"undo": edited.undo, "redo": edited.redo}
         self._row = ButtonRow(context, label, commands, lambda name: commands[name]())
 
-    def show(self) -> None:
-        """Let each be pressed if there is something for it."""
-        can_undo, can_redo = self._edited.can_undo, self._edited.can_redo
+    def show(self, *, can: bool = True) -> None:
+        """Let each be pressed if there is something for it, and nothing else is under way."""
+        can_undo, can_redo = can and self._edited.can_undo, can and self._edited.can_redo
         self._row.show(
             {
                 "undo": None if can_undo else "There is nothing to undo.",

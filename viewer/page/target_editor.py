@@ -44,13 +44,17 @@ class TargetEditor(ABC):
         solver: Inverse kinematics for the ghost.
         state: The arm.
         now: The time [s].
+
+    Attributes:
+        state: The arm, as it was last seen.
+        history: The targets before, with how much of the direction was chosen.
     """
 
     def __init__(self, solver: TargetSolver, state: JointState, now: Callable[[], float]) -> None:
         self._solver, self.state = solver, state
         self._target = solver.first_target(state.q_ref, q_jaw=state.q_jaw_ref)
         self._kind = ANY
-        self._targets = History((self._target, self._kind), now)
+        self.history = History((self._target, self._kind), self._restore, now)
 
     @abstractmethod
     def _aim(self, target: Target) -> None:
@@ -101,16 +105,6 @@ class TargetEditor(ABC):
             raise ConfigError("target", None, f"no place {far} can be reached; choose another one")
         self._take(near)
 
-    def undo(self) -> None:
-        """Go back to the target before."""
-        target, self._kind = self._targets.undo()
-        self._aim(self._again(target))
-
-    def redo(self) -> None:
-        """Set the target again that was undone last."""
-        target, self._kind = self._targets.redo()
-        self._aim(self._again(target))
-
     def set_target_here(self) -> None:
         """Set the target to where the arm is."""
         self.set_target_joints(self.state.q_ref)
@@ -124,16 +118,6 @@ class TargetEditor(ABC):
         if frame not in FRAMES:
             raise ConfigError("frame", frame, f"must be one of {', '.join(FRAMES)}")
         self._take(self._at_joints(self._target.q, frame))
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there was a target before."""
-        return self._targets.can_undo
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether one was undone."""
-        return self._targets.can_redo
 
     # Where the gripper points
 
@@ -227,6 +211,10 @@ class TargetEditor(ABC):
             return self._at_point(target.p_base, target.frame, target.direction)
         return self._at_joints(target.q, target.frame)
 
+    def _restore(self, before: tuple[Target, str], _words: str) -> None:
+        target, self._kind = before
+        self._aim(self._again(target))
+
     def _take(self, target: Target, kind: Hashable = None) -> None:
-        self._targets.add((target, self._kind), kind)
+        self.history.add((target, self._kind), kind)
         self._aim(target)

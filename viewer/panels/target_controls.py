@@ -65,7 +65,7 @@ class TargetControls:
     def add_choices(self) -> None:
         """The frame of the target, the gripper's direction, single joints, and undo."""
         gui = self._context.gui
-        self._history = UndoButtons(self._context, "Target", self._page)
+        self._history = UndoButtons(self._context, "Target", self._page.history)
         self._frame = SharedField(
             gui.add_dropdown("Target for", tuple(_FRAME_NAMES.values())),
             lambda name: self._page.set_target_frame(name.replace(" ", "_")),

@@ -148,6 +148,7 @@ class ProgramModel:
         program: What is edited, or run.
         chosen: Index of the step that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
+        history: The programs before.
         saved_files: The user's programs.
         timeline: The plan over time, as long as it is valid; else None.
         run: What is being run; else None.
@@ -166,7 +167,7 @@ class ProgramModel:
         self.edit = {name: ArmInStep(self, name) for name in pages}
         self._now = arms.clock.now
         self.program = Program()
-        self._history = History(self.program, self._now)
+        self.history = History(self.program, self._restore, self._now)
         self.chosen: int | None = None
         folder = files.folder if isinstance(arms, Solo) else files.cell_folder
         self._file_of: Callable[[str], Path] = lambda name: files.file_of(name, folder())
@@ -252,24 +253,6 @@ class ProgramModel:
         again = {name: replace(each, name=letter) for name, each in self._step.items()}
         self._edit(self.program.with_step(again).moved(len(self.program), index + 1))
         self.chosen = index + 1
-
-    def undo(self) -> None:
-        """Undo the last edit."""
-        self._set(self._history.undo())
-
-    def redo(self) -> None:
-        """Redo what was undone last."""
-        self._set(self._history.redo())
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is an edit to undo."""
-        return self._history.can_undo and self.run is None
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether one was undone."""
-        return self._history.can_redo and self.run is None
 
     def set_rounds(self, rounds: int | None) -> None:
         """Set the number of rounds; None for endless."""
@@ -515,12 +498,12 @@ class ProgramModel:
         self._edit(self.program.with_changed(self._chosen_index(), step), kind)
 
     def _edit(self, program: Program, kind: Hashable = None) -> None:
+        self._restore(program)
+        self.history.add(program, kind)
+
+    def _restore(self, program: Program, _words: str = "") -> None:
         if self.run is not None:
             raise ConfigError("program", None, "stop the program before you change it")
-        self._history.add(program, kind)
-        self._set(program)
-
-    def _set(self, program: Program) -> None:
         self.program = program
         if self.chosen is not None:
             left = len(program)

@@ -119,7 +119,7 @@ class ProgramPart(Part):
         does["delete"] = model.remove
         hint = "re-record: it moves to where the arm is now" if self._is_one else None
         self._add_chosen(model.texts.step.capitalize(), does, hint)
-        self._undo = UndoButtons(self._context, "Edits", model)
+        self._undo = UndoButtons(self._context, "Edits", model.history)
 
     def _add_rehearsal(self, gui: viser.GuiApi) -> None:
         self._plan_part = gui.add_button_group(
@@ -188,7 +188,7 @@ class ProgramPart(Part):
         self._loops.show(index, (program.steps, program.loops), loops)
         for group in self._chosen:
             grey(group, index is None)
-        self._undo.show()
+        self._undo.show(can=run is None)
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
         grey(self._plan_part, not model.can_plan or model.chosen is None)

@@ -62,6 +62,7 @@ class WorldModel:
         dragging: Whether somebody holds a thing by its handles.
         voxel: Edge of the cubes of a cloud that is loaded [m].
         scale: Factor for the lengths of a mesh or cloud that is loaded.
+        history: The scenes before.
         saved_files: Undoes ``save``.
     """
 
@@ -80,7 +81,7 @@ class WorldModel:
         self.voxel = VOXEL
         self.scale = 1.0
         self.saved_files = SavedFiles(lambda _name: self.file, lambda: (), self._tell)
-        self._history = History(scene, now)
+        self.history = History(scene, self._return_to, now)
         self._given, self._given_at = scene, float("-inf")
 
     # Looking
@@ -96,16 +97,6 @@ class WorldModel:
         if self.selected is None:
             return None
         return scene_edits.thing_named(self.scene, self.selected)
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is an edit to undo."""
-        return self._history.can_undo
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether one was undone."""
-        return self._history.can_redo
 
     def due(self, t: float) -> Scene | None:
         """The scene to plan with from ``t`` [s] on, once for each; None when none is due."""
@@ -208,16 +199,6 @@ class WorldModel:
         name = self._name()
         self._change(scene_edits.let_go(self.scene, name, T_base_tool), f"{name} stays here.")
 
-    def undo(self) -> None:
-        """Undo the last edit."""
-        if self.can_undo:
-            self._return_to(self._history.undo(), "Undone.")
-
-    def redo(self) -> None:
-        """Redo what was undone last."""
-        if self.can_redo:
-            self._return_to(self._history.redo(), "Redone.")
-
     # Files
 
     def save(self) -> None:
@@ -275,7 +256,7 @@ class WorldModel:
 
     def refuse(self, error: So101Error) -> None:
         """Take back an edit that cannot be planned with, and say why."""
-        self.undo()
+        self.history.undo()
         self.sentence = texts.ended(error)
 
     def adopt(self, scene: Scene) -> None:
@@ -321,9 +302,9 @@ class WorldModel:
 
     def _change(self, scene: Scene, text: str, kind: Hashable = None) -> None:
         if self.dragging:
-            self._history.amend(scene)
+            self.history.amend(scene)
         else:
-            self._history.add(scene, kind)
+            self.history.add(scene, kind)
         self.scene = scene
         self.sentence = Sentence(text=text)
 

@@ -119,7 +119,7 @@ class WorldPart(Part):
             hint="Which arm holds it",
             visible=len(self._tools) > 1,
         )
-        self._edits = UndoButtons(context, "Edits", world)
+        self._edits = UndoButtons(context, "Edits", world.history)
         gui.add_divider()
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),

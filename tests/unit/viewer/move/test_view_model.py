@@ -34,27 +34,27 @@ def test_targets_are_undone_and_redone_and_a_drag_is_one_change(
     page: ViewModel, inputs: PageInputs
 ) -> None:
     first = page.target.p_base
-    assert not page.can_undo
+    assert not page.history.can_undo
     for k in range(5):
         inputs.t += 0.1
         page.set_target_point(np.array([0.1, 0.1, 0.01 * k]))
     inputs.t += 5.0
     page.set_target_joints(np.full(5, 0.3))
-    page.undo()
+    page.history.undo()
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, 0.04])
-    page.undo()
+    page.history.undo()
     np.testing.assert_allclose(page.target.p_base, first)
-    assert (page.can_undo, page.can_redo) == (False, True)
-    page.redo()
-    page.redo()
+    assert (page.history.can_undo, page.history.can_redo) == (False, True)
+    page.history.redo()
+    page.history.redo()
     np.testing.assert_allclose(page.target.q, np.full(5, 0.3))
-    page.undo()
+    page.history.undo()
     page.set_target_point(np.array([0.2, 0.0, 0.1]))  # soon after, but what was undone is gone
-    assert not page.can_redo
-    page.undo()
+    assert not page.history.can_redo
+    page.history.undo()
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, 0.04])
     planned(page)
-    page.undo()
+    page.history.undo()
     assert not page.plan_is_current
 
 
@@ -66,7 +66,7 @@ def test_the_nearest_place_is_taken_also_when_the_target_is_in_contact(page: Vie
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, -0.195])
     assert page.target.problem is None
     assert page.target.problem is None
-    page.undo()
+    page.history.undo()
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, -0.235])
     page.set_target_point(np.array([0.1, 0.1, -0.4]))
     with pytest.raises(ConfigError, match="no place within 120 mm of it can be reached"):

@@ -140,14 +140,14 @@ def test_a_click_on_the_table_is_reached_from_above(
 def test_undo_brings_back_how_much_of_the_direction_was_chosen(editor: Editor) -> None:
     editor.set_target_point(np.array([0.2, 0.08, 0.12]))
     editor.set_direction("tilt and roll")
-    editor.undo()
+    editor.history.undo()
     assert editor.kind == "any"
     editor.set_target_point(np.array([0.2, 0.0, 0.12]))
     assert editor.target.direction is None
-    editor.undo()
+    editor.history.undo()
     editor.set_direction("tilt")
-    editor.undo()
-    editor.redo()
+    editor.history.undo()
+    editor.history.redo()
     assert editor.kind == "tilt"
     assert editor.target.direction is not None
 
