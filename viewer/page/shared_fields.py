@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from .bar import board, uuid_of
@@ -58,53 +58,27 @@ class SharedField:
             self.show(value)
 
 
-class ButtonRow:
-    """A row of buttons of which each can be grey by itself, and then says why.
+class UndoButtons:
+    """A pair of buttons, undo and redo, of which each can be grey by itself, and then says why.
 
     viser greys a row only as a whole; ``front/row.js`` does it. Presses of a button that has just
-    become grey must be harmless.
-
-    Args:
-        command: Called with the name of the button that is pressed.
+    become grey are harmless.
     """
-
-    def __init__(
-        self,
-        context: PageContext,
-        label: str,
-        names: Iterable[str],
-        command: Callable[[str], None],
-        *,
-        hint: str | None = None,
-    ) -> None:
-        self._group = context.gui.add_button_group(label, tuple(names), hint=hint)
-        self._told = context.gui.add_html("", visible=False)
-        context.on_choice(self._group, command)
-
-    def show(self, why_not: Mapping[str, str | None]) -> None:
-        """Grey each button for which there is a reason, a sentence."""
-        row = uuid_of(self._group)
-        told = {name: why for name, why in why_not.items() if why is not None}
-        self._told.content = board(f"row {row}", row=row, why_not=told)
-
-
-class UndoButtons:
-    """A pair of buttons: undo and redo."""
 
     def __init__(self, context: PageContext, label: str, edited: History[Any] | SavedFiles) -> None:
         self._edited = edited
-        commands = {"undo": edited.undo, "redo": edited.redo}
-        self._row = ButtonRow(context, label, commands, lambda name: commands[name]())
+        self._group = context.buttons(label, {"undo": edited.undo, "redo": edited.redo})
+        self._told = context.gui.add_html("", visible=False)
 
     def show(self, *, can: bool = True) -> None:
         """Let each be pressed if there is something for it, and nothing else is under way."""
-        can_undo, can_redo = can and self._edited.can_undo, can and self._edited.can_redo
-        self._row.show(
-            {
-                "undo": None if can_undo else "There is nothing to undo.",
-                "redo": None if can_redo else "Nothing was undone.",
-            }
-        )
+        why_not = {}
+        if not (can and self._edited.can_undo):
+            why_not["undo"] = "There is nothing to undo."
+        if not (can and self._edited.can_redo):
+            why_not["redo"] = "Nothing was undone."
+        row = uuid_of(self._group)
+        self._told.content = board(f"row {row}", row=row, why_not=why_not)
 
 
 def grey(group: Any, greyed: bool) -> None:

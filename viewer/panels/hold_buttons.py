@@ -108,9 +108,7 @@ class HoldButtons(Part):
         self._buttons = bar.buttons = (self._hold, self._guide, self._let_go)
 
     def _button(self, label: str, command: Callable[[], None]) -> BarButton:
-        button = self._context.gui.add_button(label, visible=False)
-        self._context.on_press(button, command)
-        return BarButton(label=label, button=button)
+        return BarButton(label=label, button=self._context.button(label, command, visible=False))
 
     def refresh(self) -> bool:
         """Check whether the arms are connected and ready, and fill the bar."""

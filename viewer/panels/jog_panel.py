@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import viser
@@ -53,14 +54,16 @@ class JogPart(Part):
         gui = context.gui
         with context.tabs.add_tab(title):
             self._sentence = gui.add_html("")
-            self._switch = gui.add_button("Start jogging", icon=viser.Icon.HAND_FINGER)
-            modes = gui.add_button_group("Moves", MODES, hint="Joints, or the tool along axes")
-            speeds = gui.add_button_group("Speed", tuple(SPEEDS))
+            self._switch = context.button(
+                "Start jogging", self._toggle, icon=viser.Icon.HAND_FINGER
+            )
+            modes = {mode: partial(self._choose, mode) for mode in MODES}
+            context.buttons("Moves", modes, "Joints, or the tool along axes")
+            context.buttons(
+                "Speed", {name: partial(self.jogging.set_speed, name) for name in SPEEDS}
+            )
             self._buttons = gui.add_html("")
             self._hand = gui.add_text("Held", "", visible=False)
-        context.on_press(self._switch, self._toggle)
-        context.on_choice(modes, self._choose)
-        context.on_choice(speeds, self.jogging.set_speed)
         self._hand.on_update(self._hear)
 
     async def _hear(self, event: viser.GuiEvent[Any]) -> None:

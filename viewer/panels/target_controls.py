@@ -25,10 +25,6 @@ from ..view_model import ViewModel
 
 _FRAME_NAMES = {frame: frame.replace("_", " ") for frame in FRAMES}
 _ROUNDING = 1e-6  # 110 degrees, converted to radians and back, is not exactly 110
-_NEAREST = "take the nearest"
-_HERE = "here"
-"""Among the named poses: where the arm is now."""
-
 _OFF = (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
 
 
@@ -53,14 +49,13 @@ class TargetControls:
             self._context,
             shown=tenths,
         )
-        self._nearest = gui.add_button_group(
+        self._nearest = self._context.buttons(
             "If unreachable",
-            (_NEAREST,),
-            hint="Sets the target to the nearest place that can be reached without contact",
+            {"take the nearest": self._page.take_nearest},
+            "Sets the target to the nearest place that can be reached without contact",
         )
-        self._context.on_choice(self._nearest, lambda _name: self._page.take_nearest())
-        poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
-        self._context.on_choice(poses, self._choose)
+        poses = {pose.name: partial(self._page.set_target_joints, pose.q) for pose in POSES}
+        self._context.buttons("Pose", {**poses, "here": self._page.set_target_here})
 
     def add_choices(self) -> None:
         """The frame of the target, the gripper's direction, single joints, and undo."""
@@ -99,10 +94,12 @@ class TargetControls:
     def add_jaw(self) -> None:
         """The jaw, which moves at once."""
         gui = self._context.gui
-        self._jaw = gui.add_button_group(
-            "Gripper", ("open", "close"), hint="Moves at once, without a plan"
+        move = self._page.move_jaw
+        self._jaw = self._context.buttons(
+            "Gripper",
+            {"open": partial(move, 1.0), "close": partial(move, 0.0)},
+            "Moves at once, without a plan",
         )
-        self._context.on_choice(self._jaw, lambda name: self._page.move_jaw(float(name == "open")))
         self._opening = gui.add_slider(
             "Opening (%)", 0, 100, 1, 0, hint="The jaw follows at once, without a plan"
         )
@@ -150,9 +147,3 @@ class TargetControls:
                 slider.max = math.floor(10.0 * to_deg(upper) + _ROUNDING) / 10.0
         for field, angle in zip(self._joints_deg, page.target.q, strict=True):
             field.show(to_deg(float(angle)))
-
-    def _choose(self, name: str) -> None:
-        if name == _HERE:
-            self._page.set_target_here()
-        else:
-            self._page.set_target_joints(next(pose for pose in POSES if pose.name == name).q)
