@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from harness.emulated_rig import hardware_bench
-from so101_viewer.page.health import read_health
+from so101_viewer.panels.health_panel import read_health
 from so101_viewer.page.markup import health
 
 from so101_motion.cli.verbs import main

@@ -136,7 +136,7 @@ def _figures(name: str, view: PlanView) -> list[tuple[str, str]]:
 def film_of_plan(plan: Plan, scene: Scene, *, title: str, q_jaw: float) -> Film:
     """Make a film of a plan that no page shows."""
     model = RobotModel.load()
-    solver = TargetSolver.load(Surroundings(scene=scene, range=(model.lower, model.upper)))
+    solver = TargetSolver(Surroundings(scene=scene, range=(model.lower, model.upper)))
     view = plan_view(plan, solver, "tool", scene=scene, q_jaw=q_jaw)
     return Film(title=title, arms={"": MovedArm(view=view)})
 

@@ -16,6 +16,7 @@ from ..page.page_context import PageContext
 from ..page.screen_state import PathLine, Tone
 from ..page.target_editor import ANY
 from ..scene.camera_and_lights import Views
+from ..scene.reach_view import ReachView
 from ..scene.robot_view import MOVED_LINK, RobotView, looks_different, segments
 from ..scene.sweep_view import SweepView
 from ..view_model import ViewModel
@@ -38,8 +39,7 @@ class Stage:
         views: The cameras that can follow the jaw's tip; None without.
         root: The node that all nodes are under, placed where the arm's base stands; empty for an
             arm whose base is the origin.
-        on_drag: Called with the new target point, shape (3,), [m].
-        on_release: Called when the target is let go.
+        reach: Shades what is within reach while the target is dragged; None without.
         on_click: Called with the ray of a click, while clicks are wanted: where it begins, shape
             (3,), [m], and its direction, shape (3,).
     """
@@ -50,10 +50,9 @@ class Stage:
         page: ViewModel,
         *,
         model: RobotModel,
-        on_drag: Callable[[Array], None],
-        on_release: Callable[[], None],
         on_click: Callable[[Array, Array], None] = lambda _from, _along: None,
         views: Views | None = None,
+        reach: ReachView | None = None,
         root: str = "",
     ) -> None:
         self._scene, self._model, self._root = context.server.scene, model, root
@@ -73,9 +72,9 @@ class Stage:
                 anchor="center-center",
                 font_screen_scale=0.8,
             )
-        self._page, self._on_drag = page, on_drag
+        self._page, self._reach = page, reach
         context.on_drag(self._target, self._dragged)
-        context.on_release(self._target, lambda _: self._released(on_release))
+        context.on_release(self._target, lambda _: self._released())
         self._sweep = SweepView(self._scene, f"{root}/sweep", color=_GHOST)
         self._p_target, self._R_target, self._turns = np.full(3, np.nan), np.eye(3), False
         self._path: PathLine | None = None
@@ -109,22 +108,22 @@ class Stage:
         self._has_handles = shown
         self._target.visible = self._visible and shown
 
-    def dragged_to(self, p_base: Array) -> None:
-        """Note that the browsers already show the target at ``p_base``, shape (3,), [m]."""
-        self._p_target = p_base
-
     def _dragged(self, handle: viser.TransformControlsHandle) -> None:
         self._is_dragged = True
         p_base = np.array(handle.position)
         if np.allclose(p_base, self._p_target, atol=1e-6):  # only turned
             self._page.set_turn(np.array(SO3(np.array(handle.wxyz)).as_matrix(), dtype=np.float64))
         else:
-            self._on_drag(p_base)
+            self._p_target = p_base  # the browsers show it already
+            self._page.set_target_point(p_base)
+            if self._reach is not None:
+                self._reach.show(self._page.target.frame, float(p_base[2]))
 
-    def _released(self, on_release: Callable[[], None]) -> None:
+    def _released(self) -> None:
         self._is_dragged = False
         self._show_handles()
-        on_release()
+        if self._reach is not None:
+            self._reach.hide()
 
     def _show_handles(self) -> None:
         self._target.position, self._target.wxyz = (

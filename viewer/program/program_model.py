@@ -15,7 +15,7 @@ from functools import partial
 from itertools import count
 from pathlib import Path
 from string import ascii_uppercase
-from typing import Any, Protocol
+from typing import Any
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.errors import ConfigError
@@ -43,7 +43,8 @@ from ..page.history import History
 from ..page.playback import Playback
 from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence
-from ..page.target_ik import Surroundings, Target, TargetSolver
+from ..page.target_ik import Surroundings, TargetSolver
+from ..view_model import ViewModel
 from . import program_texts as words
 from .rehearsal_time import RehearsalTime
 
@@ -117,21 +118,6 @@ SAME_JAW = 0.05
 """A jaw that moved by less than this since the program was planned makes no difference [rad]."""
 
 
-class ArmOnPage(Protocol):
-    """Where an arm is, and the target of its Move tab."""
-
-    @property
-    def q_arm(self) -> Array:
-        """Where the arm is, as it can be gone to again, shape (5,), [rad]."""
-
-    @property
-    def target(self) -> Target:
-        """The target."""
-
-    def set_target_joints(self, q: Array) -> None:
-        """Put the target, and with it the ghost, to joint angles, shape (5,), [rad]."""
-
-
 class ProgramModel:
     """State and commands of the Program tab.
 
@@ -157,7 +143,7 @@ class ProgramModel:
     def __init__(
         self,
         arms: Arms,
-        pages: Mapping[str, ArmOnPage],
+        pages: Mapping[str, ViewModel],
         submit: Callable[[Callable[[], Any]], Future[Any]],
         zeros: Callable[[], ZerosOfArms] | None = None,
     ) -> None:
@@ -328,7 +314,7 @@ class ProgramModel:
                 rehearsal = rehearse(arms, program)
                 if not isinstance(arms, Solo):
                     return RehearsalTime(rehearsal, arms)
-                solver = TargetSolver.load(Surroundings(arms.arm.scene, arms.arm.range))
+                solver = TargetSolver(Surroundings(arms.arm.scene, arms.arm.range))
                 return RehearsalTime(rehearsal, arms, solver.clearance)
 
             self._planning = self._submit(plan_all)

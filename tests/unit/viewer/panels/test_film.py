@@ -126,5 +126,5 @@ def test_a_film_of_several_arms_has_them_where_they_stand_with_what_they_hold(pl
 def _seen(plan, scene=SCENE):
     from so101_viewer.page.target_ik import Surroundings, TargetSolver
 
-    solver = TargetSolver.load(Surroundings(scene=scene, range=(np.full(5, -3.0), np.full(5, 3.0))))
+    solver = TargetSolver(Surroundings(scene=scene, range=(np.full(5, -3.0), np.full(5, 3.0))))
     return plan_view(plan, solver, "tool", scene=scene, q_jaw=0.0)
