@@ -44,7 +44,7 @@ from .world.scene_user import ArmsOfCell, OneArm, SceneUser
 from .world.world_panel import WorldPart
 
 _WAITS = Sentence(
-    text="This page keeps looking for the arm, and shows it here as soon as it answers. Nothing"
+    "This page keeps looking for the arm, and shows it here as soon as it answers. Nothing"
     " moves. Meanwhile check:"
 )
 _CHECK = (
@@ -205,7 +205,7 @@ class Preview(ServedPage):
             yield name, replace(self.host.arm_context(rig), tabs=arms)
 
     def _log(self, name: str, text: str, tone: Tone) -> None:
-        said = texts.named(name, Sentence(text=text, tone=tone))
+        said = texts.named(name, Sentence(text, tone=tone))
         self.host.events.add(said.text, said.tone)
 
 

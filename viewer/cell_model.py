@@ -93,7 +93,7 @@ class CellModel:
         welcome: str,
     ) -> None:
         self._cell, self.arms, self._submit, self._now = cell, dict(arms), submit, now
-        self._sentence = Sentence(text=welcome)
+        self._sentence = Sentence(welcome)
         self.plan_view: CommonPlan | None = None
         self._planning: Future[CommonPlan] | None = None
         self._motions: dict[str, Motion] = {}

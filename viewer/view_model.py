@@ -77,7 +77,7 @@ class ViewModel(TargetEditor):
         super().__init__(load_solver(self._around), arm.state, now)
         self._loading: Future[TargetSolver] | None = None
         self._shown = arm.state
-        self._sentence = Sentence(text=welcome)
+        self._sentence = Sentence(welcome)
         self.plan_view: PlanView | None = None
         self.plan_is_current = False
         self._planning: Future[Plan] | None = None
@@ -251,7 +251,7 @@ class ViewModel(TargetEditor):
         """What to know or to do now."""
         sentence = self._sentence
         if self._target.problem is not None and self._motion is None:
-            sentence = Sentence(text=self._target.problem, tone=Tone.BAD)
+            sentence = Sentence(self._target.problem, Tone.BAD)
         return texts.blocked(self.state) or sentence
 
     @property

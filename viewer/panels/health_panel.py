@@ -344,12 +344,12 @@ def _alarm(cause: str, cases: list[tuple[str, str, Tone]]) -> Alarm:
     return Alarm(
         cause=cause,
         joints=(joint, *others),
-        sentence=Sentence(text=f"{joint}: {text}.{more}", tone=tone),
+        sentence=Sentence(f"{joint}: {text}.{more}", tone=tone),
     )
 
 
 def _warm(cause: str, joints: tuple[str, ...], text: str) -> Alarm:
-    return Alarm(cause=cause, joints=joints, sentence=Sentence(text=text, tone=Tone.WARM))
+    return Alarm(cause=cause, joints=joints, sentence=Sentence(text, Tone.WARM))
 
 
 def _listed(joints: tuple[str, ...]) -> str:

@@ -25,20 +25,20 @@ from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
 
-_OFF = Sentence(text="Off. Start jogging, then hold a button or key: the arm moves while you do.")
-_OPENS = Sentence(text="Starting …")
+_OFF = Sentence("Off. Start jogging, then hold a button or key: the arm moves while you do.")
+_OPENS = Sentence("Starting …")
 _ON = Sentence(
-    text="Hold a button or its key. Gamepad: hold a shoulder button and use the sticks.",
-    tone=Tone.GOOD,
+    "Hold a button or its key. Gamepad: hold a shoulder button and use the sticks.",
+    Tone.GOOD,
 )
 _ARROWS = Sentence(
-    text="Drag the target's arrows in the picture: the arm follows while you drag.", tone=Tone.GOOD
+    "Drag the target's arrows in the picture: the arm follows while you drag.", Tone.GOOD
 )
 _FAR = Sentence(
-    text="The arm of a machine cannot be jogged: over a network it may be heard too late that you"
+    "The arm of a machine cannot be jogged: over a network it may be heard too late that you"
     " let go. Plan a motion on the Move tab, or guide the arm by hand."
 )
-_STOPPED = Sentence(text="Stopped. Start jogging to go on.")
+_STOPPED = Sentence("Stopped. Start jogging to go on.")
 
 
 class JogPart(Part):
@@ -130,7 +130,7 @@ class JogPart(Part):
             return _OPENS
         if jogging.held_by:
             held = texts.capital(", ".join(jogging.held_by))
-            return Sentence(text=f"Held back: {held}", tone=Tone.WARM)
+            return Sentence(f"Held back: {held}", Tone.WARM)
         return _ARROWS if jogging.mode == ARROWS else _ON
 
     def close(self) -> None:

@@ -36,7 +36,7 @@ KINDS = {
 
 PLAN, RUN = "The plan", "The last run"
 
-NOTHING = Sentence(text="Nothing to share yet: plan a motion first.")
+NOTHING = Sentence("Nothing to share yet: plan a motion first.")
 READY = "Choose a file type. The file goes to this browser's downloads."
 
 
@@ -147,9 +147,9 @@ class SharePart(Part):
             return NOTHING
         first = next(iter(moved.values()))
         if first.run is not None:
-            return Sentence(text=f"The last run, of {first.view.name}. {READY}")
+            return Sentence(f"The last run, of {first.view.name}. {READY}")
         plan = texts.which(first.view.name, is_current=self._has_current_plan())
-        return Sentence(text=f"{plan}. {READY}")
+        return Sentence(f"{plan}. {READY}")
 
     def _moved(self, what: str = "") -> dict[str, MovedArm]:
         """How the arms move in the plan or the last run, by default in what is chosen."""
@@ -166,7 +166,7 @@ class SharePart(Part):
         arms, chosen, kind = self._moved(), self._arm.value, self._kind.value
         if chosen not in arms:
             return
-        self._status = Sentence(text="Making the file …")
+        self._status = Sentence("Making the file …")
         arm, lerobot = arms[chosen], lerobot_of(self._rigs[chosen])
         film = Film(title=self._title, arms=arms)
         self._orders.append(
@@ -186,7 +186,7 @@ class SharePart(Part):
             return
         data = order.file.result()
         order.client.send_file_download(order.name, data, save_immediately=True)
-        self._status = Sentence(text=f"{order.name}, {_size(len(data))}.", tone=Tone.GOOD)
+        self._status = Sentence(f"{order.name}, {_size(len(data))}.", Tone.GOOD)
 
 
 def _size(count: int) -> str:

@@ -44,7 +44,7 @@ from .loaded_files import VOXEL, read_loaded, thinned
 DRAG_PERIOD = 0.2
 """How often the scene for planning is updated during a drag [s]; chosen."""
 
-INVITATION = Sentence(text="Add an object, or click one to change it.")
+INVITATION = Sentence("Add an object, or click one to change it.")
 
 
 class WorldModel:
@@ -211,7 +211,7 @@ class WorldModel:
             ) from error
         with self.saved_files.changing(self.file.name):
             self._write(self.scene, self.file)
-        self.sentence = Sentence(text=f"Saved to {self.file}", tone=Tone.GOOD)
+        self.sentence = Sentence(f"Saved to {self.file}", Tone.GOOD)
 
     def as_file(self) -> bytes:
         """The scene as ``so101 plan --scene`` reads it, without what one of several arms holds."""
@@ -243,7 +243,7 @@ class WorldModel:
         elif isinstance(found, PointCloud):
             self._add(found, PurePath(name).stem, place=SE3.identity())
             count = f"{len(found.points)} cubes of {1000.0 * self.voxel:g} mm"
-            self.sentence = Sentence(text=f"Added {self.selected}, {count}, where it was seen.")
+            self.sentence = Sentence(f"Added {self.selected}, {count}, where it was seen.")
         else:
             self._add(found, PurePath(name).stem)
 
@@ -298,7 +298,7 @@ class WorldModel:
     def _return_to(self, scene: Scene, text: str) -> None:
         self.scene = scene
         self.select(self.selected)
-        self.sentence = Sentence(text=text)
+        self.sentence = Sentence(text)
 
     def _change(self, scene: Scene, text: str, kind: Hashable = None) -> None:
         if self.dragging:
@@ -306,7 +306,7 @@ class WorldModel:
         else:
             self.history.add(scene, kind)
         self.scene = scene
-        self.sentence = Sentence(text=text)
+        self.sentence = Sentence(text)
 
 
 class OverlapCheck:
@@ -342,7 +342,7 @@ def in_each_other(pair: tuple[str, str]) -> Sentence:
     """The sentence about two bodies that overlap."""
     first, second = pair
     return Sentence(
-        text=f"{capital(f'{first} is inside {second}')} Nothing moves now; the next"
+        f"{capital(f'{first} is inside {second}')} Nothing moves now; the next"
         " motion first backs out slowly, if it can.",
-        tone=Tone.BAD,
+        Tone.BAD,
     )
