@@ -21,36 +21,83 @@ from so101_motion.setup.identify_operation import IdentifyOperation
 from so101_motion.tasks.program import ARM, Solo
 from so101_motion.viam.client import MachineRig
 
-from .page import texts
+from .page import markup, texts
 from .page.events import ArmEvents
 from .page.operation_panel import OperationPanel
 from .page.page_context import ArmContext, PageContext
 from .page.screen_state import Sentence, Tone
 from .panels.camera_panel import CameraPart
 from .panels.health_panel import EventsPart, HealthPart
-from .panels.hold_buttons import HoldButtons
+from .panels.hold_buttons import HoldButtons, waiting
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
-from .panels.share_panel import SharePart, SharingArm
+from .panels.share_panel import SharePart
 from .program.program_panel import ProgramPart
-from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded
+from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key
 from .setup.part import setup_parts
-from .source import Source
+from .source import Source, SourceOpener
 from .teach.teach_panel import TeachPart
 from .world.atlas_panel import AtlasPart
 from .world.scene_user import ArmsOfCell, OneArm, SceneUser
 from .world.world_panel import WorldPart
 
+_WAITS = Sentence(
+    "This page keeps looking for the arm, and shows it here as soon as it answers. Nothing"
+    " moves. Meanwhile check:"
+)
+_CHECK = (
+    ("Power", "the arm's own supply is switched on: USB does not feed the motors"),
+    ("Cable", "the USB cable is plugged in at both ends"),
+    ("Port", "no other program has it open"),
+    ("Machine", "if the arm is one of a machine: it runs, and its address is right"),
+)
 
-class Preview(SearchingPage):
-    """A served page of one arm or several."""
+
+class Preview(ServedPage):
+    """A served page of one arm or several; it shows them as soon as they can be opened."""
 
     def __init__(self, source: Source, server: GuardedServer, *, plan: Plan | None = None) -> None:
-        self._plan = plan
+        super().__init__(server)
+        self._source, self._plan = source, plan
         self._teaches: list[TeachPart] = []
-        super().__init__(source, server)
+        self._opened: RigLike | CellRigs | None = None
+        self._search: SourceOpener | None = None
+        self._waits: viser.GuiHtmlHandle | None = None
+        self.host.say = self._missed
+        if source.lasts:
+            self._take(source.open())
+        else:
+            waiting(self.host.bar, source.title)
+            about = markup.sentence(_WAITS, is_whole=True) + markup.facts(_CHECK)
+            self._waits = self.host.gui.add_html(about)
+        self.host.start()
+        if not source.lasts:
+            self._search = SourceOpener(source.open, found=self._found, failed=self._missed)
+
+    def close(self) -> None:
+        """Stop serving. What was passed in stays open; what was opened is closed."""
+        if self._search is not None:
+            self._search.close()
+        self.host.close()
+        opened, self._opened = self._opened, None
+        if opened is not None and not self._source.lasts:
+            opened.close()
+
+    def _missed(self, error: Exception) -> None:
+        self.host.post(lambda: waiting(self.host.bar, self._source.title, error))
+
+    def _found(self, opened: RigLike | CellRigs) -> None:
+        self._opened = opened
+        self.host.post(lambda: self._take(opened))
+
+    def _take(self, opened: RigLike | CellRigs) -> None:
+        self._opened = opened
+        if self._waits is not None:
+            self._waits.remove()
+        self._add_parts(opened)
+        self.host.events.add(f"{self._source.title}: connected")
 
     def stop(self) -> None:
         """Stop all arms and drop all waiting commands; returns when they are at rest."""
@@ -111,11 +158,7 @@ class Preview(SearchingPage):
             now=next(iter(rigs.values())).clock.now,
             on_handles=lambda shown: move.set_handles(not shown),
         )
-        arms = {
-            name: SharingArm(rig=rig, page=move.pages[name], T_scene_base=bases[name])
-            for name, rig in rigs.items()
-        }
-        share = SharePart(context, arms, title=source.title)
+        share = SharePart(context, rigs, move.pages, bases, title=source.title)
         self._teaches = [
             TeachPart(each, source.open_leader, title=name or "Teach", node=move.nodes[name])
             for name, each in self._tab_for_each("Teach", rigs)
@@ -162,7 +205,7 @@ class Preview(SearchingPage):
             yield name, replace(self.host.arm_context(rig), tabs=arms)
 
     def _log(self, name: str, text: str, tone: Tone) -> None:
-        said = texts.named(name, Sentence(text=text, tone=tone))
+        said = texts.named(name, Sentence(text, tone=tone))
         self.host.events.add(said.text, said.tone)
 
 

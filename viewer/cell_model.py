@@ -23,7 +23,7 @@ from so101_motion.planning.request import Plan
 
 from .page import texts
 from .page.playback import Playback
-from .page.screen_state import PlanScreen, Screen, Sentence
+from .page.screen_state import Sentence
 from .view_model import ViewModel
 
 LOOKS = 80
@@ -69,19 +69,6 @@ class CommonPlan:
         return max(each.duration for each in self.plans.values())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CellScreen(PlanScreen):
-    """What the Move tab shows of several arms.
-
-    Attributes:
-        arms: What it shows of each arm, by its name.
-        plan: The newest plan, or None before the first.
-    """
-
-    arms: Mapping[str, Screen]
-    plan: CommonPlan | None
-
-
 class CellModel:
     """State and commands of the Move tab of several arms.
 
@@ -91,6 +78,9 @@ class CellModel:
         submit: Runs a slow call on another thread.
         now: The time [s].
         welcome: What the tab says first.
+
+    Attributes:
+        plan_view: The newest plan; None before the first.
     """
 
     def __init__(
@@ -103,8 +93,8 @@ class CellModel:
         welcome: str,
     ) -> None:
         self._cell, self.arms, self._submit, self._now = cell, dict(arms), submit, now
-        self._sentence = Sentence(text=welcome)
-        self._plan: CommonPlan | None = None
+        self._sentence = Sentence(welcome)
+        self.plan_view: CommonPlan | None = None
         self._planning: Future[CommonPlan] | None = None
         self._motions: dict[str, Motion] = {}
         self._playback = Playback()
@@ -114,7 +104,7 @@ class CellModel:
 
     def plan(self) -> None:
         """Plan one motion that brings every arm to its target; the arms stay where they are."""
-        if self._can_plan(self._screens()):
+        if self.can_plan:
             goals = {name: arm.target.goal for name, arm in self.arms.items()}
             self._count += 1
             called = f"Plan {self._count}"
@@ -129,22 +119,22 @@ class CellModel:
 
     def execute(self) -> None:
         """Move all arms along the plan that is shown."""
-        if self._plan is not None and self._can_execute(self._screens()):
-            self._motions = self._cell.move(self._plan.plans, wait=False)
+        if self.plan_view is not None and self.can_execute:
+            self._motions = self._cell.move(self.plan_view.plans, wait=False)
             for name, motion in self._motions.items():
                 self.arms[name].follow(motion)
-            self._playback.seek(self._plan.duration)
+            self._playback.seek(self.plan_view.duration)
             self._sentence = texts.MOVING
 
     def preview(self, t: float) -> None:
         """Show the ghosts ``t`` seconds into the plan."""
-        if self._is_current:
+        if self.plan_is_current:
             self._playback.seek(t)
             self._place_ghosts()
 
     def play(self, rate: float) -> None:
         """Play the plan with the ghosts at ``rate`` times real time, or pause."""
-        if self._is_current:
+        if self.plan_is_current:
             self._playback.play(rate)
 
     def set_speed(self, speed: float) -> None:
@@ -185,57 +175,62 @@ class CellModel:
             news.append(True)
         return any(news)
 
-    def screen(self) -> CellScreen:
-        """Everything to be shown now."""
-        screens = self._screens()
-        return CellScreen(
-            arms=screens,
-            sentence=self._words(screens),
-            plan=self._plan,
-            plan_is_current=self._is_current,
-            can_plan=self._can_plan(screens),
-            can_execute=self._can_execute(screens),
-            preview_time=self._playback.t,
-            progress=max(each.progress for each in screens.values()),
-            speed=min(each.speed for each in screens.values()),
-            acceleration=min(each.acceleration for each in screens.values()),
-            sweeps=all(each.sweeps for each in screens.values()),
-        )
-
-    # Helpers
-
-    def _screens(self) -> dict[str, Screen]:
-        return {name: arm.screen() for name, arm in self.arms.items()}
+    # What is shown
 
     @property
-    def _is_current(self) -> bool:
+    def sentence(self) -> Sentence:
+        """The sentence of an arm with a problem, or else the common one."""
+        for name, each in self.arms.items():
+            has_problem = each.target.problem is not None and not self._motions
+            if has_problem or texts.blocked(each.state) is not None:
+                return texts.named(name, each.sentence)
+        return self._sentence
+
+    @property
+    def plan_is_current(self) -> bool:
+        """Whether the newest plan can still be looked at and executed."""
         return all(arm.plan_is_current for arm in self.arms.values())
 
-    def _can_plan(self, screens: Mapping[str, Screen]) -> bool:
+    @property
+    def can_plan(self) -> bool:
         """Whether all arms can be planned for, and one of them is not at its target."""
         return (
             self._planning is None
             and not self._motions
             and all(
                 each.target.problem is None and texts.blocked(each.state) is None
-                for each in screens.values()
+                for each in self.arms.values()
             )
-            and any(each.can_plan for each in screens.values())
+            and any(each.can_plan for each in self.arms.values())
         )
 
-    def _can_execute(self, screens: Mapping[str, Screen]) -> bool:
-        return not self._motions and all(each.can_execute for each in screens.values())
+    @property
+    def can_execute(self) -> bool:
+        """Whether the plan is still true and the arms may move."""
+        return not self._motions and all(each.can_execute for each in self.arms.values())
 
-    def _words(self, screens: Mapping[str, Screen]) -> Sentence:
-        """The sentence of an arm with a problem, or else the common one."""
-        for name, each in screens.items():
-            if texts.blocked(each.state) is not None:
-                return texts.named(name, each.sentence)
-        if not self._motions:
-            for name, each in screens.items():
-                if each.target.problem is not None:
-                    return texts.named(name, each.sentence)
-        return self._sentence
+    @property
+    def preview_time(self) -> float:
+        """How far into the plan the ghosts stand [s]."""
+        return self._playback.t
+
+    @property
+    def progress(self) -> float:
+        """Share of the motion that is done, 0 to 1."""
+        return max(each.progress for each in self.arms.values())
+
+    @property
+    def caps(self) -> tuple[float, float]:
+        """Speed [rad/s] and acceleration cap [rad/s^2] of the next plan, of the slowest arm."""
+        speeds, accelerations = zip(*(each.caps for each in self.arms.values()), strict=True)
+        return min(speeds), min(accelerations)
+
+    @property
+    def sweeps(self) -> bool:
+        """Whether configurations along the path are shown when there is a plan."""
+        return all(each.sweeps for each in self.arms.values())
+
+    # Helpers
 
     def _collect_plan(self) -> bool:
         if self._planning is None or not self._planning.done():
@@ -248,10 +243,10 @@ class CellModel:
         if error is not None:
             self._sentence = texts.ended(error)
             return True
-        self._plan = future.result()
+        self.plan_view = future.result()
         for name, arm in self.arms.items():
-            arm.take_plan(self._plan.plans[name], self._plan.name)
-        self._playback.load(self._plan.duration)
+            arm.take_plan(self.plan_view.plans[name], self.plan_view.name)
+        self._playback.load(self.plan_view.duration)
         self._sentence = texts.ALL_PLANNED
         return True
 
@@ -279,7 +274,7 @@ class CellModel:
             return False
         for name, arm in self.arms.items():
             if not arm.plan_is_current:
-                self._sentence = texts.named(name, arm.screen().sentence)
+                self._sentence = texts.named(name, arm.sentence)
         for arm in self.arms.values():
             if arm.plan_is_current:
                 arm.drop_plan(texts.PRESS_PLAN)

@@ -27,7 +27,7 @@ from so101_motion.rig.protocols import GripperLike
 
 from .page import texts
 from .page.playback import Playback
-from .page.screen_state import PathLine, PlanView, Screen, Sentence, Tone
+from .page.screen_state import PathLine, PlanView, Sentence, Tone
 from .page.target_editor import TargetEditor
 from .page.target_ik import Surroundings, Target, TargetSolver
 from .page.tracking import MotionTracker, Tracking
@@ -51,6 +51,11 @@ class ViewModel(TargetEditor):
         now: The time [s].
 
     Attributes:
+        plan_view: The newest plan and what is drawn of it; None before the first.
+        plan_is_current: Whether that plan can still be executed.
+        path: The line to the target, or None.
+        sweeps: Whether configurations along the path are shown when there is a plan.
+        tracker: Measures how well motions are followed.
         drops: How often a plan was dropped because something has changed.
         ran: The newest plan that was executed and how it was followed; None before.
     """
@@ -65,73 +70,73 @@ class ViewModel(TargetEditor):
         now: Callable[[], float],
         welcome: str,
     ) -> None:
-        self._arm, self._gripper, self._submit, self._now = arm, gripper, submit, now
+        self.arm, self.gripper, self._submit, self._now = arm, gripper, submit, now
         self._load_solver = load_solver
         self._around = Surroundings(arm.scene, arm.range)
         self._caps = (arm.speed, arm.acceleration)  # of the plan that is shown or being made
         super().__init__(load_solver(self._around), arm.state, now)
         self._loading: Future[TargetSolver] | None = None
         self._shown = arm.state
-        self._sentence = Sentence(text=welcome)
-        self._plan: PlanView | None = None
-        self._plan_is_current = False
+        self._sentence = Sentence(welcome)
+        self.plan_view: PlanView | None = None
+        self.plan_is_current = False
         self._planning: Future[Plan] | None = None
         self._motion: Motion | None = None
         self._backs_out = False
         self._in_contact: tuple[object, bytes, bool] = (None, b"", False)  # where it was looked
-        self._sweeps = True
+        self.sweeps = True
         self._playback = Playback()
-        self._tracker = MotionTracker()
+        self.tracker = MotionTracker()
         self._count = 0  # plans that were shown
         self.drops = 0
         self.ran: tuple[PlanView, Tracking] | None = None
-        self._path = self._hint()
+        self.path = self._hint()
 
     # Commands
 
     def set_speed(self, speed: float) -> None:
         """Set the speed cap of the next plan [rad/s]."""
-        self._arm.set_speed(speed)
+        self.arm.set_speed(speed)
         self._follow_caps()
 
     def set_acceleration(self, acceleration: float) -> None:
         """Set the acceleration cap of the next plan [rad/s^2]."""
-        self._arm.set_acceleration(acceleration)
+        self.arm.set_acceleration(acceleration)
         self._follow_caps()
 
     def plan(self) -> None:
         """Plan to the target; the arm stays where it is."""
-        if self._can_plan():
+        if self.can_plan:
             goal = self._target.goal
-            self._planning = self._submit(lambda: self._arm.plan(goal))
+            self._planning = self._submit(lambda: self.arm.plan(goal))
             self._backs_out, self._sentence = False, texts.PLANNING
 
     def plan_back_out(self) -> None:
         """Plan slowly out of the contact in which the arm stands; it stays where it is."""
         if self._may_plan():
-            self._planning = self._submit(lambda: self._arm.plan(LeaveContactGoal()))
+            self._planning = self._submit(lambda: self.arm.plan(LeaveContactGoal()))
             self._backs_out, self._sentence = True, texts.PLANNING
 
     def show(self, plan: Plan) -> None:
         """Show a plan that was made elsewhere."""
         self._target = self._at_joints(plan.q_goal, self._target.frame)
-        self._targets.add((self._target, self._kind))
+        self.history.add((self._target, self._kind))
         self.take_plan(plan)
 
     def take_plan(self, plan: Plan, name: str = "") -> None:
         """Show a plan to the target that is set, under a name or its number."""
-        newest, self._count = self._arm.newest, self._count + 1
+        newest, self._count = self.arm.newest, self._count + 1
         made_for = newest[0] if newest is not None and newest[1] is plan else None
         view = plan_view(
             plan,
             self._solver,
             self._target.frame,
-            scene=self._arm.scene if made_for is None else made_for.scene,
-            q_jaw=self._state.q_jaw_ref if made_for is None else made_for.q_jaw,
+            scene=self.arm.scene if made_for is None else made_for.scene,
+            q_jaw=self.state.q_jaw_ref if made_for is None else made_for.q_jaw,
             name=name or f"Plan {self._count}",
         )
-        self._plan, self._plan_is_current = view, True
-        self._path = view.path
+        self.plan_view, self.plan_is_current = view, True
+        self.path = view.path
         self._playback.load(plan.duration)
         self._sentence = texts.PLANNED
 
@@ -139,48 +144,48 @@ class ViewModel(TargetEditor):
         """Forget the plan, also one that is being made, and say why."""
         self.drops += 1
         self._planning = None
-        self._plan_is_current = False
-        self._path = self._hint()
+        self.plan_is_current = False
+        self.path = self._hint()
         if self._motion is None:
             self._sentence = sentence
 
     def preview(self, t: float) -> None:
         """Show the ghost ``t`` seconds into the plan."""
-        if self._plan_is_current:
+        if self.plan_is_current:
             self._playback.seek(t)
 
     def play(self, rate: float) -> None:
         """Play the plan with the ghost at ``rate`` times real time, or pause."""
-        if self._plan_is_current:
+        if self.plan_is_current:
             self._playback.play(rate)
 
     def show_sweep(self, shown: bool) -> None:
         """Show configurations along the path beside the ghost, or hide them."""
-        self._sweeps = shown
+        self.sweeps = shown
 
     def execute(self) -> None:
         """Move the arm along the plan that is shown."""
-        if self._plan is not None and self._can_execute():
-            self.follow(self._arm.move(self._plan.plan, wait=False))
+        if self.plan_view is not None and self.can_execute:
+            self.follow(self.arm.move(self.plan_view.plan, wait=False))
 
     def follow(self, motion: Motion) -> None:
         """Show how the arm moves along the plan that is shown."""
-        if self._plan is not None:
+        if self.plan_view is not None:
             self._motion = motion
-            self._tracker.began = None
-            self._playback.seek(self._plan.plan.duration)
+            self.tracker.began = None
+            self._playback.seek(self.plan_view.plan.duration)
             self._sentence = texts.MOVING
 
     def move_jaw(self, aperture: float) -> None:
         """Move the gripper at once: 0 closed, 1 open."""
-        self._gripper.move(aperture, wait=False)
-        if self._plan_is_current and self._motion is None:
+        self.gripper.move(aperture, wait=False)
+        if self.plan_is_current and self._motion is None:
             self.drop_plan(texts.JAW_MOVED)
 
     def set_force(self, force: float) -> None:
         """Set how hard a grip presses, as a share of what the servo can keep up."""
-        if isinstance(self._gripper, Gripper):
-            self._gripper.set_force(force)
+        if isinstance(self.gripper, Gripper):
+            self.gripper.set_force(force)
 
     def report(self, error: BaseException) -> None:
         """Show that a command failed."""
@@ -193,28 +198,18 @@ class ViewModel(TargetEditor):
     @property
     def q_arm(self) -> Array:
         """The arm's reference, shape (5,), [rad], or its measured angles after hand guiding."""
-        state = self._arm.state
-        return state.q_ref if state.mode is Mode.HOLDING else np.clip(state.q, *self._arm.range)
-
-    @property
-    def plan_view(self) -> PlanView | None:
-        """The newest plan and what is drawn of it."""
-        return self._plan
+        state = self.arm.state
+        return state.q_ref if state.mode is Mode.HOLDING else np.clip(state.q, *self.arm.range)
 
     def distance_to_goal(self) -> float:
         """How far the arm is from the end of the newest plan [m]; 0 before the first."""
-        if self._plan is None:
+        if self.plan_view is None:
             return 0.0
         goal, here = (
             self._solver.point(q, self._target.frame)
-            for q in (self._plan.plan.q_goal, self._state.q)
+            for q in (self.plan_view.plan.q_goal, self.state.q)
         )
         return float(np.linalg.norm(here - goal))
-
-    @property
-    def plan_is_current(self) -> bool:
-        """Whether that plan can still be executed."""
-        return self._plan_is_current
 
     # Updates
 
@@ -224,10 +219,10 @@ class ViewModel(TargetEditor):
         Returns:
             Whether there is anything new to show.
         """
-        self._state = self._arm.state
-        if self._motion is None and texts.blocked(self._state) is not None:
+        self.state = self.arm.state
+        if self._motion is None and texts.blocked(self.state) is not None:
             self._sentence = texts.HOLDS_AGAIN  # for later: where it arrived is no longer true
-        own = None if self._motion is None else self._plan
+        own = None if self._motion is None else self.plan_view
         events = (
             self._follow_surroundings(),
             self._follow_caps(),
@@ -237,70 +232,115 @@ class ViewModel(TargetEditor):
             self._notice_departure(),
             self._playback.advance(self._now()),
         )
-        if not any(events) and not _looks_different(self._state, self._shown):
+        if not any(events) and not _looks_different(self.state, self._shown):
             return False
-        self._shown = self._state
-        if not self._plan_is_current:
-            self._path = self._hint()
+        self._shown = self.state
+        if not self.plan_is_current:
+            self.path = self._hint()
         return True
 
-    def screen(self) -> Screen:
-        """Everything to be shown now."""
-        q_ghost = self._q_ghost()
+    # What is shown
+
+    @property
+    def arms(self) -> dict[str, ViewModel]:
+        """This one, as that of a single arm."""
+        return {"": self}
+
+    @property
+    def sentence(self) -> Sentence:
+        """What to know or to do now."""
         sentence = self._sentence
         if self._target.problem is not None and self._motion is None:
-            sentence = Sentence(text=self._target.problem, tone=Tone.BAD)
-        plan = self._plan if self._plan_is_current else None
-        return Screen(
-            state=self._state,
-            target=self._target,
-            q_ghost=None if _apart(q_ghost, self._state.q) < SAME_POSE else q_ghost,
-            path=self._path,
-            sweep=plan.sweep if plan is not None and self._sweeps else None,
-            sweeps=self._sweeps,
-            sentence=texts.blocked(self._state) or sentence,
-            plan=self._plan,
-            plan_is_current=self._plan_is_current,
-            can_plan=self._can_plan(),
-            can_execute=self._can_execute(),
-            can_take_nearest=self._target.problem is not None,
-            kind=self.kind,
-            direction=self.direction,
-            R_base_target=self.R_base_target,
-            can_back_out=self._may_plan() and self._stands_in_contact(),
-            can_undo=self._targets.can_undo,
-            can_redo=self._targets.can_redo,
-            holds=self._gripper.is_holding,
-            force=self._gripper.force if isinstance(self._gripper, Gripper) else None,
-            preview_time=self._playback.t,
-            rate=self._playback.rate,
-            progress=self._progress(),
-            tracking=self._tracker.newest,
-            tracked=self._tracker.newest_name,
-            speed=self._arm.speed,
-            acceleration=self._arm.acceleration,
-            range=self._arm.range,
+            sentence = Sentence(self._target.problem, Tone.BAD)
+        return texts.blocked(self.state) or sentence
+
+    @property
+    def q_ghost(self) -> Array | None:
+        """Where the ghost stands, shape (5,), [rad]; None when it is hidden."""
+        q = self._target.q
+        if self.plan_view is not None and self.plan_is_current:
+            q = self.plan_view.plan.trajectory.sample(self._playback.t).q
+        return None if _apart(q, self.state.q) < SAME_POSE else q
+
+    @property
+    def sweep(self) -> Array | None:
+        """Configurations along the path to be shown, shape (k, 5), [rad], or None."""
+        has_plan = self.plan_view is not None and self.plan_is_current and self.sweeps
+        return self.plan_view.sweep if self.plan_view is not None and has_plan else None
+
+    @property
+    def preview_time(self) -> float:
+        """How far into the plan the ghost stands [s]."""
+        return self._playback.t
+
+    @property
+    def progress(self) -> float:
+        """Share of the motion that is done, 0 to 1."""
+        began = self.tracker.began
+        if self._motion is None or self.plan_view is None or began is None:
+            return 0.0
+        return min((self.state.t - began) / max(self.plan_view.duration, 1e-9), 1.0)
+
+    @property
+    def caps(self) -> tuple[float, float]:
+        """Speed [rad/s] and acceleration cap [rad/s^2] of the next plan."""
+        return self.arm.speed, self.arm.acceleration
+
+    @property
+    def force(self) -> float | None:
+        """How hard a grip presses, as a share of what the servo can keep up; None if unknown."""
+        return self.gripper.force if isinstance(self.gripper, Gripper) else None
+
+    @property
+    def can_plan(self) -> bool:
+        """Whether there is a target to plan to, and the arm may move."""
+        return (
+            self._may_plan()
+            and self._target.problem is None
+            and _apart(self._target.q, self.state.q_ref) > START_TOLERANCE
+        )
+
+    @property
+    def can_back_out(self) -> bool:
+        """Whether the arm is in contact where it stands and may leave it."""
+        if not self._may_plan():
+            return False
+        place = np.append(self.state.q_ref, self.state.q_jaw_ref)
+        if self._in_contact[:2] != (self._solver, place.tobytes()):
+            touches = self._solver.is_in_contact(self.state.q_ref, self.state.q_jaw_ref)
+            self._in_contact = self._solver, place.tobytes(), touches
+        return self._in_contact[2]
+
+    @property
+    def can_execute(self) -> bool:
+        """Whether the plan is still true and the arm may move."""
+        return (
+            self.plan_is_current
+            and self._motion is None
+            and self.state.mode is Mode.HOLDING
+            and Surroundings(self.arm.scene, self.arm.range).same_as(self._around)
+            and self.caps == self._caps
         )
 
     # Helpers
 
     def _aim(self, target: Target) -> None:
         self._target = target
-        there = _apart(target.q, self._state.q_ref) <= START_TOLERANCE
+        there = _apart(target.q, self.state.q_ref) <= START_TOLERANCE
         self.drop_plan(texts.ALREADY_THERE if there else texts.PRESS_PLAN)
 
     def _follow_caps(self) -> bool:
         """Drop a plan that was made with other caps, whoever has set the new ones."""
-        caps = (self._arm.speed, self._arm.acceleration)
+        caps = self.caps
         if caps == self._caps:
             return False
         self._caps = caps
-        if self._plan_is_current or self._planning is not None:
+        if self.plan_is_current or self._planning is not None:
             self.drop_plan(texts.CAPS_CHANGED)
         return True
 
     def _hint(self) -> PathLine | None:
-        start, goal = self._state.q_ref, self._target.q
+        start, goal = self.state.q_ref, self._target.q
         if self._target.problem is not None or _apart(goal, start) < SAME_POSE:
             return None
         steps = np.linspace(start, goal, HINT_POINTS)
@@ -309,11 +349,11 @@ class ViewModel(TargetEditor):
 
     def _follow_surroundings(self) -> bool:
         """Use a changed scene or joint range, on a worker thread."""
-        around = Surroundings(self._arm.scene, self._arm.range)
+        around = Surroundings(self.arm.scene, self.arm.range)
         if self._loading is None and not around.same_as(self._around):
             self._around = around
             self._loading = self._submit(lambda: self._load_solver(around))
-            if self._plan_is_current or self._planning is not None:
+            if self.plan_is_current or self._planning is not None:
                 self.drop_plan(texts.SURROUNDINGS_CHANGED)
             return True
         if self._loading is None or not self._loading.done():
@@ -329,8 +369,8 @@ class ViewModel(TargetEditor):
 
     def _track(self, name: str) -> bool:
         """Measure the motion under way; keep the result with its plan."""
-        tracker, plan = self._tracker, self._plan
-        ended = tracker.take(self._state, name)
+        tracker, plan = self.tracker, self.plan_view
+        ended = tracker.take(self.state, name)
         is_own = ended and plan is not None and tracker.newest_name == plan.name
         if is_own and plan is not None and tracker.newest is not None:
             self.ran = plan, tracker.newest
@@ -353,7 +393,7 @@ class ViewModel(TargetEditor):
         if self._motion is None or not self._motion.future.done():
             return False
         motion, self._motion = self._motion, None
-        self._plan_is_current = False
+        self.plan_is_current = False
         error = motion.future.exception()
         if error is not None:
             self._sentence = texts.ended(error)
@@ -363,49 +403,15 @@ class ViewModel(TargetEditor):
 
     def _notice_departure(self) -> bool:
         """Drop a plan whose start the arm has left."""
-        if self._plan is None or not self._plan_is_current or self._motion is not None:
+        if self.plan_view is None or not self.plan_is_current or self._motion is not None:
             return False
-        if _apart(self._plan.plan.q_start, self._state.q_ref) <= START_TOLERANCE:
+        if _apart(self.plan_view.plan.q_start, self.state.q_ref) <= START_TOLERANCE:
             return False
         self.drop_plan(texts.ARM_MOVED)
         return True
 
-    def _q_ghost(self) -> Array:
-        if self._plan is not None and self._plan_is_current:
-            return self._plan.plan.trajectory.sample(self._playback.t).q
-        return self._target.q
-
-    def _stands_in_contact(self) -> bool:
-        place = np.append(self._state.q_ref, self._state.q_jaw_ref)
-        if self._in_contact[:2] != (self._solver, place.tobytes()):
-            touches = self._solver.is_in_contact(self._state.q_ref, self._state.q_jaw_ref)
-            self._in_contact = self._solver, place.tobytes(), touches
-        return self._in_contact[2]
-
     def _may_plan(self) -> bool:
-        return self._planning is None and self._motion is None and self._state.mode is Mode.HOLDING
-
-    def _can_plan(self) -> bool:
-        return (
-            self._may_plan()
-            and self._target.problem is None
-            and _apart(self._target.q, self._state.q_ref) > START_TOLERANCE
-        )
-
-    def _can_execute(self) -> bool:
-        return (
-            self._plan_is_current
-            and self._motion is None
-            and self._state.mode is Mode.HOLDING
-            and Surroundings(self._arm.scene, self._arm.range).same_as(self._around)
-            and (self._arm.speed, self._arm.acceleration) == self._caps
-        )
-
-    def _progress(self) -> float:
-        began = self._tracker.began
-        if self._motion is None or self._plan is None or began is None:
-            return 0.0
-        return min((self._state.t - began) / max(self._plan.plan.duration, 1e-9), 1.0)
+        return self._planning is None and self._motion is None and self.state.mode is Mode.HOLDING
 
 
 def _apart(q: Array, other: Array) -> float:

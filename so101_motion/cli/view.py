@@ -180,7 +180,7 @@ def show(
 
 def _check_camera(camera: str | None, *, has_machine: bool) -> None:
     if camera is not None:
-        from so101_viewer.page.camera_feed import check_camera
+        from so101_viewer.panels.camera_panel import check_camera
 
         check_camera(camera, has_machine=has_machine)
 

@@ -15,7 +15,7 @@ from harness.emulated_kit import Kit
 from harness.fake_parent import ARM, HARDWARE_ARM
 from harness.viam_machine import carried_out, running_machine
 from so101_viewer import Source, serve_source
-from so101_viewer.page.alarms import LATE_MANY
+from so101_viewer.panels.health_panel import LATE_MANY
 from so101_viewer.scene.robot_view import MOVED_LINK
 
 from so101_motion.calib.record import record, store

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from harness.emulated_rig import hardware_bench
-from so101_viewer.page.health import read_health
-from so101_viewer.page.markup import health
+from so101_viewer.panels.health_panel import figures, read_health
 
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import FollowingError
@@ -68,7 +67,7 @@ def test_a_fault_names_it_too_and_only_so_many_are_kept(bench, monkeypatch, capl
         bench.advance(0.5)
         seen.append(rig.last_failure)
         assert f"The second before is in {seen[-1]}" in caplog.text
-        assert seen[-1].name in health(read_health(rig))
+        assert seen[-1].name in figures(read_health(rig))
         bench.emulator.plug()
         bench.advance(3.0)
         bench.finish(rig.executor.hold())

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from so101_viewer.page.screen_state import Screen
 from so101_viewer.page.target_ik import Surroundings, TargetSolver
 from so101_viewer.view_model import ViewModel
 
@@ -173,7 +172,7 @@ def pages_of(opened: CellRigs, clock: Clock) -> dict[str, ViewModel]:
         name: ViewModel(
             arm=rig.arm,
             gripper=rig.gripper,
-            load_solver=TargetSolver.load,
+            load_solver=TargetSolver,
             submit=run_at_once,
             now=clock.now,
             welcome="",
@@ -202,17 +201,22 @@ class PageInputs:
         self.loaded.append(around)
         if self.failure is not None:
             raise self.failure
-        return TargetSolver(
-            point=point,
-            candidates=candidates,
-            clearance=clearance,
-            contact=contact,
+        return FakeSolver()
+
+
+class FakeSolver(TargetSolver):
+    """Inverse kinematics of the fake arm."""
+
+    def __init__(self) -> None:
+        self._model: Any = SimpleNamespace(
+            frame=lambda q, frame: SimpleNamespace(p=point(q, frame), R=np.eye(3)),
             check_limits=check_limits,
-            rotation=lambda _q, _frame: np.eye(3),
         )
+        self._collisions: Any = SimpleNamespace(clearance=clearance, first_contact=contact)
+        self._ik: Any = SimpleNamespace(candidates=candidates)
 
 
-def planned(page: ViewModel) -> Screen:
+def planned(page: ViewModel) -> ViewModel:
     page.plan()
     page.refresh()
-    return page.screen()
+    return page

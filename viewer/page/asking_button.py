@@ -32,8 +32,7 @@ class AskingButton:
     ) -> None:
         self._label, self._question, self._command = label, question, command
         self._until = 0.0
-        self._button = context.gui.add_button(label, icon=icon, color="gray")
-        context.on_press(self._button, self._press)
+        self._button = context.button(label, self._press, icon=icon, color="gray")
 
     @property
     def order(self) -> float:

@@ -8,7 +8,7 @@ HTML, and presses the buttons by the ids of invisible widgets (``server/front/ba
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,3 +94,20 @@ def board(name: str, **content: Any) -> str:
 def uuid_of(widget: Any) -> str | None:
     """The id by which a browser presses ``widget``."""
     return None if widget is None else str(widget._impl.uuid)
+
+
+def add_stop(gui: viser.GuiApi, *stops: Callable[[], None]) -> viser.GuiButtonHandle:
+    """Add the invisible button that the bar's Stop and the keys Space and Escape press.
+
+    Args:
+        gui: Where.
+        stops: What it calls, each in a thread of its own because it may wait for rest.
+    """
+    button = gui.add_button("STOP", color="red", visible=False)
+    for stop in stops:
+        button.on_click(_ignoring_event(stop))
+    return button
+
+
+def _ignoring_event(call: Callable[[], None]) -> Callable[[object], None]:
+    return lambda _event: call()

@@ -21,11 +21,17 @@ class History(Generic[T]):
 
     Args:
         value: The first one.
+        restore: Takes the value that was undone or redone to, and which of both in a sentence.
         now: The time [s]; without it each value counts.
     """
 
-    def __init__(self, value: T, now: Callable[[], float] | None = None) -> None:
-        self._values, self._at = [value], 0
+    def __init__(
+        self,
+        value: T,
+        restore: Callable[[T, str], None],
+        now: Callable[[], float] | None = None,
+    ) -> None:
+        self._values, self._at, self._restore = [value], 0, restore
         self._now, self._changed = now, -inf
         self._kind: Hashable = None
 
@@ -59,12 +65,16 @@ class History(Generic[T]):
         """Put a value in the place of the present one."""
         self._values[self._at] = value
 
-    def undo(self) -> T:
-        """The value before, or the first one again."""
-        self._at, self._changed = max(self._at - 1, 0), -inf
-        return self._values[self._at]
+    def undo(self) -> None:
+        """Restore the value before, if there is one."""
+        if self.can_undo:
+            self._go(-1, "Undone.")
 
-    def redo(self) -> T:
-        """The value after, or the last one again."""
-        self._at, self._changed = min(self._at + 1, len(self._values) - 1), -inf
-        return self._values[self._at]
+    def redo(self) -> None:
+        """Restore the value after, if there is one."""
+        if self.can_redo:
+            self._go(1, "Redone.")
+
+    def _go(self, by: int, words: str) -> None:
+        self._restore(self._values[self._at + by], words)
+        self._at, self._changed = self._at + by, -inf

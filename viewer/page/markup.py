@@ -1,7 +1,6 @@
 """Small pieces of HTML for what viser has no widget for.
 
-This module and ``jog_markup.py`` write all HTML of the page. They escape every text, because names
-and messages may come from configurations and devices.
+Every text is escaped, because names and messages may come from configurations and devices.
 """
 
 from __future__ import annotations
@@ -9,51 +8,20 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from html import escape
 from typing import NamedTuple
 
-from so101_motion.drivers.feetech.health import JointHealth
-
 from .events import Event
-from .health import Health, tones
 from .screen_state import Sentence, Tone
 from .texts import capital
 
-_TONES = {
+TONES = {
     Tone.PLAIN: "inherit",
     Tone.GOOD: "var(--so101-good)",
     Tone.WARM: "var(--so101-warm)",
     Tone.BAD: "var(--so101-bad)",
 }
 """Legible on light and on dark; see ``front.css``."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gauge:
-    """A value between its limits, in the unit that is shown.
-
-    Attributes:
-        name: What it is.
-        value: The value.
-        lower: Smallest possible value.
-        upper: Largest possible value.
-        unit: Written behind the value.
-        warns: Whether it turns red near its limits; a closed gripper is nothing to warn of.
-    """
-
-    name: str
-    value: float
-    lower: float
-    upper: float
-    unit: str
-    warns: bool = True
-
-    @property
-    def share(self) -> float:
-        """Where the value is, 0 at the lower limit to 1 at the upper."""
-        share = (self.value - self.lower) / (self.upper - self.lower)
-        return min(max(share, 0.0), 1.0)
 
 
 ROUNDED = 0.01
@@ -78,7 +46,7 @@ def sentence(sentence: Sentence, *, is_whole: bool = False) -> str:
     return (
         f'<div{by_keys} style="padding:.35em .7em .5em;{height};'
         "box-sizing:border-box;"
-        f'font-size:.95em;line-height:1.35;font-weight:500;color:{_TONES[sentence.tone]}">{escape(sentence.text)}</div>'
+        f'font-size:.95em;line-height:1.35;font-weight:500;color:{TONES[sentence.tone]}">{escape(sentence.text)}</div>'
     )
 
 
@@ -171,72 +139,11 @@ def to_copy(about: str, text: str) -> str:
     )
 
 
-def health(found: Health) -> str:
-    """The figures of the servos and of their bus."""
-    if found.silence is not None:
-        servos = f'<div style="opacity:.8">{escape(found.silence)}</div>'
-    else:
-        head = "".join(f"<span>{name}</span>" for name in ("", "V", "A", "°C", "load %", "errors"))
-        rows = "".join(map(_servo, found.servos))
-        servos = (
-            '<div style="display:grid;grid-template-columns:1fr repeat(5,max-content);'
-            'gap:.15em .75em;text-align:right;font-variant-numeric:tabular-nums">'
-            f'<div style="display:contents;color:var(--so101-dim)">{head}</div>{rows}</div>'
-        )
-    lines = []
-    if found.period is not None:
-        lines.append(("Control cycle", f"{1000.0 * found.period:.0f} ms"))
-    lines.append(("Late cycles", f"{found.late_ticks}"))
-    if found.servos:
-        retries, lost, corrupt = (
-            sum(getattr(servo, name) for servo in found.servos)
-            for name in ("retries", "lost", "corrupt")
-        )
-        lines.append(("Bus", f"{retries} retries, {lost} lost, {corrupt} garbled"))
-    if found.port_losses is not None:
-        lines.append(("Disconnected", _times(found.port_losses)))
-    if found.last_failure is not None:
-        lines.append(("Before the last failure", found.last_failure))
-    return f'<div style="padding:.5em .7em .2em;font-size:.82em">{servos}</div>{facts(lines)}'
-
-
-def _times(count: int) -> str:
-    return {0: "never", 1: "once"}.get(count, f"{count} times")
-
-
-def _servo(servo: JointHealth) -> str:
-    count = servo.lost + servo.corrupt
-    errors = _figure(f"{count}", Tone.WARM if count else Tone.PLAIN)
-    if servo.is_silent:
-        figures = f'<b style="grid-column:span 4;color:{_TONES[Tone.BAD]}">does not answer</b>'
-    else:
-        tone = tones(servo)
-        figures = (
-            _figure(f"{servo.volts:.1f}", tone["volts"])
-            + _figure(f"{abs(servo.amps):.2f}", Tone.PLAIN)
-            + _figure(f"{servo.temperature_c:.0f}", tone["celsius"])
-            + _figure(f"{100.0 * abs(servo.load):.0f}", tone["load"])
-        )
-    name = f'<span style="text-align:left">{escape(servo.joint)}</span>'
-    reports = ""
-    if servo.faults:
-        reports = (
-            f'<b style="grid-column:span 6;text-align:left;color:{_TONES[Tone.BAD]}">'
-            f"reports: {escape(', '.join(servo.faults))}</b>"
-        )
-    return f"{name}{figures}{errors}{reports}"
-
-
-def _figure(text: str, tone: Tone) -> str:
-    weight = 400 if tone is Tone.PLAIN else 700
-    return f'<span style="color:{_TONES[tone]};font-weight:{weight}">{text}</span>'
-
-
 def events(items: Iterable[Event]) -> str:
     """The events, the newest first."""
     rows = "".join(
         f'<span style="color:var(--so101-dim)">{event.at:%H:%M:%S}</span>'
-        f'<span style="color:{_TONES[event.tone]};overflow-wrap:anywhere">'
+        f'<span style="color:{TONES[event.tone]};overflow-wrap:anywhere">'
         f"{escape(event.text)}</span>"
         for event in items
     )
@@ -323,31 +230,34 @@ def steps(
     return f'<div class="so101-steps" data-move="{escape(move or "")}">{"".join(lines)}</div>'
 
 
-def gauges(items: Iterable[Gauge]) -> str:
-    """Values between their limits, one below the other."""
-    return f'<div style="padding:.3em .7em .5em">{"".join(map(_gauge, items))}</div>'
+def gauge(
+    name: str, value: float, lower: float, upper: float, *, unit: str = "°", warns: bool = True
+) -> str:
+    """A value between its limits, in the unit that is shown.
 
-
-def _gauge(gauge: Gauge) -> str:
-    near = gauge.warns and min(gauge.share, 1.0 - gauge.share) < NEAR_LIMIT
+    Args:
+        name: What it is.
+        value: The value.
+        lower: Smallest possible value.
+        upper: Largest possible value.
+        unit: Written behind the value.
+        warns: Whether it turns red near its limits; a closed gripper is nothing to warn of.
+    """
+    share = min(max((value - lower) / (upper - lower), 0.0), 1.0)
+    near = warns and min(share, 1.0 - share) < NEAR_LIMIT
     color = "#e03131" if near else "#f08c00"
-    least, most = math.ceil(gauge.lower - ROUNDED), math.floor(gauge.upper + ROUNDED)
-    ends = f"{least} to {most} {gauge.unit}"
+    least, most = math.ceil(lower - ROUNDED), math.floor(upper + ROUNDED)
+    ends = f"{least} to {most} {unit}"
     limit = "position:absolute;top:.75em;font-size:.72em;line-height:1;color:var(--so101-dim)"
     return (
-        f'<div title="{escape(gauge.name)}: {escape(ends)}" style="display:grid;'
+        f'<div title="{escape(name)}: {escape(ends)}" style="display:grid;'
         "grid-template-columns:7em 1fr 4.2em;gap:.6em;align-items:center;font-size:.82em;"
-        f'line-height:2.3"><span>{escape(gauge.name)}</span>'
+        f'line-height:2.3"><span>{escape(name)}</span>'
         '<span style="height:.45em;border-radius:.25em;background:#8884;position:relative">'
-        f'<i style="position:absolute;left:calc({100.0 * gauge.share:.1f}% - .2em);top:-.2em;'
+        f'<i style="position:absolute;left:calc({100.0 * share:.1f}% - .2em);top:-.2em;'
         f'width:.4em;height:.85em;border-radius:.2em;background:{color}"></i>'
         f'<small style="{limit};left:0">{least}</small>'
         f'<small style="{limit};right:0">{most}</small></span>'
         '<span style="text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap">'
-        f"{_no_minus_zero(gauge.value)} {escape(gauge.unit)}</span></div>"
+        f"{round(value, 1) + 0.0:.1f} {escape(unit)}</span></div>"
     )
-
-
-def _no_minus_zero(value: float) -> str:
-    text = f"{value:.1f}"
-    return "0.0" if text == "-0.0" else text

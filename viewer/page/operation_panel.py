@@ -204,9 +204,7 @@ class OperationPanel(Part):
         press = partial(self._press, slot)
         if offer.asks:
             return AskingButton(self._context, offer.title, offer.asks, press)
-        button = self._context.gui.add_button(offer.title)
-        self._context.on_press(button, press)
-        return button
+        return self._context.button(offer.title, press)
 
     def _press(self, slot: str) -> None:
         offer = self._offers.get(slot)  # as it was shown

@@ -7,7 +7,7 @@ window in control reaches a handler; see ``control_filter.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -88,6 +88,20 @@ class PageContext:
     def on_press(self, button: Any, command: Command) -> None:
         """Run ``command`` when ``button`` is pressed."""
         button.on_click(self._on(lambda _event: command))
+
+    def button(self, label: str, command: Command, **look: Any) -> viser.GuiButtonHandle:
+        """Add a button that runs ``command``; ``look`` as for viser's ``add_button``."""
+        button = self.gui.add_button(label, **look)
+        self.on_press(button, command)
+        return button
+
+    def buttons(
+        self, label: str, does: Mapping[str, Command], hint: str | None = None
+    ) -> viser.GuiButtonGroupHandle:
+        """Add a row of buttons; ``does`` has the command of each by its name."""
+        group = self.gui.add_button_group(label, tuple(does), hint=hint)
+        self.on_choice(group, lambda name: does[name]())
+        return group
 
     def on_choice(self, group: Any, command: Callable[[str], None]) -> None:
         """Run ``command`` with the name on the button of ``group`` that is pressed."""

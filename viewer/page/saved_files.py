@@ -19,8 +19,8 @@ _KEPT = 20
 _LOOKS_EVERY = 1.0
 """How often the folder is read for files of other programs [s]; chosen, nobody waits for it."""
 
-UNDONE = Sentence(text="Undone: the saved files are as before.")
-REDONE = Sentence(text="Redone.")
+UNDONE = Sentence("Undone: the saved files are as before.")
+REDONE = Sentence("Redone.")
 
 
 @dataclass(frozen=True, slots=True)

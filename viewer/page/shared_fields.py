@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable
+from typing import Any
 
 from .bar import board, uuid_of
+from .history import History
 from .page_context import PageContext
+from .saved_files import SavedFiles
 
 
 class SharedField:
@@ -56,73 +58,27 @@ class SharedField:
             self.show(value)
 
 
-class CanUndo(Protocol):
-    """Something with edits."""
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is an edit to undo."""
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether one was undone."""
-
-    def undo(self) -> None:
-        """Undo the last edit."""
-
-    def redo(self) -> None:
-        """Redo what was undone last."""
-
-
-class ButtonRow:
-    """A row of buttons of which each can be grey by itself, and then says why.
+class UndoButtons:
+    """A pair of buttons, undo and redo, of which each can be grey by itself, and then says why.
 
     viser greys a row only as a whole; ``front/row.js`` does it. Presses of a button that has just
-    become grey must be harmless.
-
-    Args:
-        command: Called with the name of the button that is pressed.
+    become grey are harmless.
     """
 
-    def __init__(
-        self,
-        context: PageContext,
-        label: str,
-        names: Iterable[str],
-        command: Callable[[str], None],
-        *,
-        hint: str | None = None,
-    ) -> None:
-        self._group = context.gui.add_button_group(label, tuple(names), hint=hint)
-        self._told = context.gui.add_html("", visible=False)
-        context.on_choice(self._group, command)
-
-    def show(self, why_not: Mapping[str, str | None]) -> None:
-        """Grey each button for which there is a reason, a sentence."""
-        row = uuid_of(self._group)
-        told = {name: why for name, why in why_not.items() if why is not None}
-        self._told.content = board(f"row {row}", row=row, why_not=told)
-
-
-class UndoButtons:
-    """A pair of buttons: undo and redo."""
-
-    def __init__(self, context: PageContext, label: str, edited: CanUndo) -> None:
+    def __init__(self, context: PageContext, label: str, edited: History[Any] | SavedFiles) -> None:
         self._edited = edited
-        commands = {"undo": edited.undo, "redo": edited.redo}
-        self._row = ButtonRow(context, label, commands, lambda name: commands[name]())
+        self._group = context.buttons(label, {"undo": edited.undo, "redo": edited.redo})
+        self._told = context.gui.add_html("", visible=False)
 
-    def show(self) -> None:
-        """Let each be pressed if there is something for it."""
-        self._row.show(nothing_to(undo=self._edited.can_undo, redo=self._edited.can_redo))
-
-
-def nothing_to(*, undo: bool, redo: bool) -> dict[str, str | None]:
-    """Why undo and redo cannot be pressed, None if there is something to ``undo``, to ``redo``."""
-    return {
-        "undo": None if undo else "There is nothing to undo.",
-        "redo": None if redo else "Nothing was undone.",
-    }
+    def show(self, *, can: bool = True) -> None:
+        """Let each be pressed if there is something for it, and nothing else is under way."""
+        why_not = {}
+        if not (can and self._edited.can_undo):
+            why_not["undo"] = "There is nothing to undo."
+        if not (can and self._edited.can_redo):
+            why_not["redo"] = "Nothing was undone."
+        row = uuid_of(self._group)
+        self._told.content = board(f"row {row}", row=row, why_not=why_not)
 
 
 def grey(group: Any, greyed: bool) -> None:

@@ -44,13 +44,17 @@ class TargetEditor(ABC):
         solver: Inverse kinematics for the ghost.
         state: The arm.
         now: The time [s].
+
+    Attributes:
+        state: The arm, as it was last seen.
+        history: The targets before, with how much of the direction was chosen.
     """
 
     def __init__(self, solver: TargetSolver, state: JointState, now: Callable[[], float]) -> None:
-        self._solver, self._state = solver, state
+        self._solver, self.state = solver, state
         self._target = solver.first_target(state.q_ref, q_jaw=state.q_jaw_ref)
         self._kind = ANY
-        self._targets = History((self._target, self._kind), now)
+        self.history = History((self._target, self._kind), self._restore, now)
 
     @abstractmethod
     def _aim(self, target: Target) -> None:
@@ -101,19 +105,9 @@ class TargetEditor(ABC):
             raise ConfigError("target", None, f"no place {far} can be reached; choose another one")
         self._take(near)
 
-    def undo(self) -> None:
-        """Go back to the target before."""
-        target, self._kind = self._targets.undo()
-        self._aim(self._again(target))
-
-    def redo(self) -> None:
-        """Set the target again that was undone last."""
-        target, self._kind = self._targets.redo()
-        self._aim(self._again(target))
-
     def set_target_here(self) -> None:
         """Set the target to where the arm is."""
-        self.set_target_joints(self._state.q_ref)
+        self.set_target_joints(self.state.q_ref)
 
     def set_target_frame(self, frame: str) -> None:
         """Set the frame that targets are for; the ghost stays where it is.
@@ -203,13 +197,13 @@ class TargetEditor(ABC):
             self._take(self._at_point(target.p_base, target.frame, wanted), "turn")
 
     def _at_point(self, p_base: Array, frame: str, direction: Direction | None) -> Target:
-        state = self._state
+        state = self.state
         return self._solver.at_point(
             p_base, frame, q_seed=state.q_ref, q_jaw=state.q_jaw_ref, direction=direction
         )
 
     def _at_joints(self, q: Array, frame: str) -> Target:
-        return self._solver.at_joints(q, frame, q_jaw=self._state.q_jaw_ref)
+        return self._solver.at_joints(q, frame, q_jaw=self.state.q_jaw_ref)
 
     def _again(self, target: Target) -> Target:
         """The same target, solved for how things are now."""
@@ -217,6 +211,10 @@ class TargetEditor(ABC):
             return self._at_point(target.p_base, target.frame, target.direction)
         return self._at_joints(target.q, target.frame)
 
+    def _restore(self, before: tuple[Target, str], _words: str) -> None:
+        target, self._kind = before
+        self._aim(self._again(target))
+
     def _take(self, target: Target, kind: Hashable = None) -> None:
-        self._targets.add((target, self._kind), kind)
+        self.history.add((target, self._kind), kind)
         self._aim(target)

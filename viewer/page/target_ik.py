@@ -6,7 +6,6 @@ would end, or why there will be none.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,7 +18,7 @@ from so101_motion.common.units import range_deg, to_deg, to_mm, to_rad
 from so101_motion.planning.collision.collision import Clearance, CollisionModel
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import GoalMetric, JointGoal, PoseGoal
-from so101_motion.planning.kinematics.ik import IkSolution, IkSolver
+from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 
 FRAMES = ("jaw_tip", "tool")
@@ -99,48 +98,25 @@ class TargetSolver:
     """Solves targets by inverse kinematics. Belongs to one thread.
 
     Args:
-        point: Where a frame is for joint angles (5,); shape (3,), [m].
-        candidates: All solutions for a goal, nearest to the given angles first.
-        clearance: How close bodies are for joint angles and jaw angle.
-        contact: Which two bodies touch for joint angles and jaw angle, or None.
-        check_limits: Refuses joint angles (5,) with ``OutsideLimits``.
-        rotation: How a frame is turned for joint angles; shape (3, 3), in the base frame.
+        around: What the arm has around it, and its range.
     """
 
-    def __init__(
-        self,
-        *,
-        point: Callable[[Array, str], Array],
-        candidates: Callable[[PoseGoal, Array], Iterable[IkSolution]],
-        clearance: Callable[[Array, float], Clearance],
-        contact: Callable[[Array, float], tuple[str, str] | None],
-        check_limits: Callable[[Array], None],
-        rotation: Callable[[Array, str], Array],
-    ) -> None:
-        self.point = point
-        self._rotation = rotation
-        self.clearance = clearance
-        self._candidates = candidates
-        self._contact = contact
-        self._check_limits = check_limits
+    def __init__(self, around: Surroundings) -> None:
+        self._model = RobotModel.load().narrowed(*around.range)
+        self._collisions = CollisionModel(self._model, around.scene)
+        self._ik = IkSolver(self._model)
 
-    @classmethod
-    def load(cls, around: Surroundings) -> TargetSolver:
-        """Make a solver for the SO-101 with its surroundings."""
-        model = RobotModel.load().narrowed(*around.range)
-        collisions = CollisionModel(model, around.scene)
-        return cls(
-            point=lambda q, frame: model.frame(q, frame).p,
-            candidates=IkSolver(model).candidates,
-            clearance=collisions.clearance,
-            contact=collisions.first_contact,
-            check_limits=model.check_limits,
-            rotation=lambda q, frame: model.frame(q, frame).R,
-        )
+    def point(self, q: Array, frame: str) -> Array:
+        """Where a frame is for joint angles (5,); shape (3,), [m]."""
+        return self._model.frame(q, frame).p
+
+    def clearance(self, q: Array, q_jaw: float) -> Clearance:
+        """How close bodies are for joint angles (5,) and jaw angle [rad]."""
+        return self._collisions.clearance(q, q_jaw)
 
     def direction(self, q: Array) -> Direction:
         """Where the gripper points for joint angles (5,)."""
-        up = self._rotation(q, "tool")[2, 2]
+        up = self._model.frame(q, "tool").R[2, 2]
         return Direction(tilt=float(np.arcsin(np.clip(up, -1.0, 1.0))), roll=float(q[4]))
 
     def turned(self, direction: Direction, pan: float, frame: str) -> Array:
@@ -153,7 +129,7 @@ class TargetSolver:
         """
         # With upper arm and forearm at zero the wrist alone tilts the gripper, down from level.
         q = np.array([pan, 0.0, 0.0, -direction.tilt, direction.roll or 0.0])
-        return self._rotation(q, frame)
+        return self._model.frame(q, frame).R
 
     def at_point(
         self,
@@ -197,8 +173,8 @@ class TargetSolver:
         q_first: Array | None = None
         touching = ("", "")
         try:
-            for solution in self._candidates(goal, q_seed):
-                contact = self._contact(solution.q, q_jaw)
+            for solution in self._ik.candidates(goal, q_seed):
+                contact = self._collisions.first_contact(solution.q, q_jaw)
                 if contact is None:
                     return Target(goal=goal, frame=frame, p_base=p_base, q=solution.q, problem=None)
                 if q_first is None:
@@ -246,14 +222,14 @@ class TargetSolver:
 
     def is_in_contact(self, q: Array, q_jaw: float) -> bool:
         """Whether the arm touches itself or something at joint angles (5,) and jaw angle [rad]."""
-        return self._contact(q, q_jaw) is not None
+        return self._collisions.first_contact(q, q_jaw) is not None
 
     def _problem(self, q: Array, q_jaw: float) -> str | None:
         try:
-            self._check_limits(q)
+            self._model.check_limits(q)
         except OutsideLimits as error:
             return _beyond(error)
-        contact = self._contact(q, q_jaw)
+        contact = self._collisions.first_contact(q, q_jaw)
         return None if contact is None else _collides(contact)
 
 

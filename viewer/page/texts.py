@@ -16,26 +16,22 @@ from so101_motion.planning.collision.apart import Meeting
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 
-from .screen_state import PlanView, Screen, Sentence, Tone
+from .screen_state import PlanView, Sentence, Tone
 from .tracking import Tracking
 
-PRESS_PLAN = Sentence(text="Reachable. Press Plan.")
-PLANNING = Sentence(text="Planning …")
-PLANNED = Sentence(
-    text="Planned. Check the path, then press Execute to move the arm.", tone=Tone.GOOD
-)
-MOVING = Sentence(text="Moving. Press Space or Stop to stop.")
-ALREADY_THERE = Sentence(text="The arm is already there.")
-ARM_MOVED = Sentence(text="The arm has moved. Press Plan again.")
-JAW_MOVED = Sentence(text="The gripper has moved. Press Plan again.")
-CAPS_CHANGED = Sentence(text="The speed limits have changed. Press Plan again.")
-HOLDS_AGAIN = Sentence(text="The arm holds again. Set a target, then press Plan.")
-CHANGED_MEANWHILE = Sentence(text="Something has changed meanwhile. Press Plan again.")
-ALL_PLANNED = Sentence(
-    text="Planned. Check the paths, then press Execute to move all arms.", tone=Tone.GOOD
-)
-ALL_STOPPED = Sentence(text="Stopped. All arms hold where they are.")
-SURROUNDINGS_CHANGED = Sentence(text="The surroundings have changed. Press Plan again.")
+PRESS_PLAN = Sentence("Reachable. Press Plan.")
+PLANNING = Sentence("Planning …")
+PLANNED = Sentence("Planned. Check the path, then press Execute to move the arm.", Tone.GOOD)
+MOVING = Sentence("Moving. Press Space or Stop to stop.")
+ALREADY_THERE = Sentence("The arm is already there.")
+ARM_MOVED = Sentence("The arm has moved. Press Plan again.")
+JAW_MOVED = Sentence("The gripper has moved. Press Plan again.")
+CAPS_CHANGED = Sentence("The speed limits have changed. Press Plan again.")
+HOLDS_AGAIN = Sentence("The arm holds again. Set a target, then press Plan.")
+CHANGED_MEANWHILE = Sentence("Something has changed meanwhile. Press Plan again.")
+ALL_PLANNED = Sentence("Planned. Check the paths, then press Execute to move all arms.", Tone.GOOD)
+ALL_STOPPED = Sentence("Stopped. All arms hold where they are.")
+SURROUNDINGS_CHANGED = Sentence("The surroundings have changed. Press Plan again.")
 
 SINKS = "It will sink. Let go?"
 HELD_ALREADY = "The joints are held already."
@@ -100,7 +96,7 @@ def blocked(state: JointState) -> Sentence | None:
         Mode.CALIBRATING: "The arm is being calibrated.",
     }
     reason = reasons.get(state.mode)
-    return None if reason is None else Sentence(text=reason, tone=Tone.BAD)
+    return None if reason is None else Sentence(reason, Tone.BAD)
 
 
 def named(arm: str, sentence: Sentence) -> Sentence:
@@ -110,23 +106,23 @@ def named(arm: str, sentence: Sentence) -> Sentence:
 
 def saved(name: str) -> Sentence:
     """Something was saved under a name."""
-    return Sentence(text=f"Saved as {name}.", tone=Tone.GOOD)
+    return Sentence(f"Saved as {name}.", Tone.GOOD)
 
 
 def renamed(name: str, new: str) -> Sentence:
     """Something was renamed."""
-    return Sentence(text=f"{name} is now called {new}.", tone=Tone.GOOD)
+    return Sentence(f"{name} is now called {new}.", Tone.GOOD)
 
 
 def deleted(name: str) -> Sentence:
     """Something was deleted."""
-    return Sentence(text=f"Deleted {name}.")
+    return Sentence(f"Deleted {name}.")
 
 
 def arrived(distance: float) -> Sentence:
     """At the target, with the tool ``distance`` [m] away from it."""
     return Sentence(
-        text=f"Arrived, {to_mm(distance):.1f} mm off. Drag to set the next target.", tone=Tone.GOOD
+        f"Arrived, {to_mm(distance):.1f} mm off. Drag to set the next target.", Tone.GOOD
     )
 
 
@@ -134,11 +130,11 @@ def ended(error: BaseException) -> Sentence:
     """Why a plan or a motion failed."""
     if isinstance(error, Interrupted):
         by = "Stopped" if error.by == "stop" else f"Ended early by {error.by}"
-        return Sentence(text=f"{by}. The arm holds where it is.")
+        return Sentence(f"{by}. The arm holds where it is.")
     if isinstance(error, So101Error):
         text = _refused(error) if isinstance(error, ConfigError) else str(error)
-        return Sentence(text=capital(text), tone=Tone.BAD)
-    return Sentence(text=f"Internal error: {quoted(error)}. See the log.", tone=Tone.BAD)
+        return Sentence(capital(text), Tone.BAD)
+    return Sentence(f"Internal error: {quoted(error)}. See the log.", Tone.BAD)
 
 
 def _refused(error: ConfigError) -> str:
@@ -217,10 +213,9 @@ def opening(q_jaw: float) -> str:
     return f"{100.0 * aperture(q_jaw):.0f} % open"
 
 
-def grip(screen: Screen) -> str:
-    """What the gripper does."""
-    q_jaw = screen.state.q_jaw
-    if screen.holds:
+def grip(q_jaw: float, *, holds: bool) -> str:
+    """What the gripper does, with the jaw at ``q_jaw`` [rad]."""
+    if holds:
         return f"Holding something: the tips are {to_mm(tip_distance(q_jaw)):.0f} mm apart."
     return f"Holding nothing, {opening(q_jaw)}."
 

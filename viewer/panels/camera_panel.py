@@ -1,17 +1,194 @@
-"""A camera's picture over the scene."""
+"""A camera's picture over the scene, from the camera's address or the machine that has it.
+
+An address sends a JPEG or PNG for each request, or a stream of JPEG. The thread
+``so101-viewer-camera`` keeps the newest picture as the camera sent it; nothing is decoded here.
+After an error the thread keeps the reason in ``problem``, and tries again.
+"""
 
 from __future__ import annotations
 
+import base64
+import threading
 import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from http.client import HTTPException
+from socket import gaierror
+from typing import BinaryIO
+from urllib.error import HTTPError, URLError
+from urllib.parse import urlsplit
+from urllib.request import Request, urlopen
 
 import viser
 
+from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.viam.client import MachineRig
 
 from ..page import markup
-from ..page.camera_feed import CameraFeed
 from ..page.page_context import PageContext
 from ..page.part import Part
+
+PERIOD = 0.2
+"""Least time between two pictures [s]; chosen: often enough to see what happens, and light on the
+network."""
+
+PATIENCE = 4.0
+"""How long to wait for the camera [s]; chosen."""
+
+RETRY = 2.0
+"""How long until it is tried again [s]; chosen."""
+
+LARGEST = 4_000_000
+"""Largest picture that is taken [byte]; chosen."""
+
+_KINDS = {b"\xff\xd8": "image/jpeg", b"\x89P": "image/png"}
+_END = b"\xff\xd9"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A picture of a camera.
+
+    Attributes:
+        data: As the camera sent it.
+        kind: ``"image/jpeg"`` or ``"image/png"``.
+        t: When it came, ``time.monotonic`` [s].
+    """
+
+    data: bytes
+    kind: str
+    t: float
+
+    @property
+    def as_url(self) -> str:
+        """For the ``src`` of an image."""
+        return f"data:{self.kind};base64,{base64.b64encode(self.data).decode()}"
+
+
+def check_camera(camera: str, *, has_machine: bool) -> None:
+    """Refuse what is neither an address nor, where there is a machine, a name.
+
+    Raises:
+        ConfigError: It is neither.
+    """
+    parts = urlsplit(camera)
+    if parts.scheme in ("http", "https") and parts.hostname:
+        return
+    if not has_machine or not camera or "/" in camera:
+        also = ", or the name of a camera of the machine" if has_machine else ""
+        raise ConfigError(
+            "camera",
+            camera,
+            f"must be an address that begins with http://{also}; ustreamer --device /dev/video0"
+            " --port 8090 gives a camera of this computer one, http://127.0.0.1:8090/stream",
+        )
+
+
+class CameraFeed:
+    """Fetches pictures until it is closed.
+
+    Args:
+        camera: The address of a picture or of a stream, http or https, or the machine's name of
+            it.
+        ask: Asks the machine for a picture of the camera of that name; None without a machine.
+        wanted: Whether anybody is watching; otherwise nothing is fetched.
+
+    Attributes:
+        picture: The newest one; None before the first.
+        problem: Why there is no newer one; empty when there is.
+
+    Raises:
+        ConfigError: It is neither.
+    """
+
+    def __init__(
+        self,
+        camera: str,
+        wanted: Callable[[], bool] = lambda: True,
+        ask: Callable[[str], bytes] | None = None,
+    ) -> None:
+        check_camera(camera, has_machine=ask is not None)
+        self._camera, self._ask = camera, None if "/" in camera else ask
+        self._wanted = wanted
+        self.picture: Picture | None = None
+        self.problem = ""
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="so101-viewer-camera", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop fetching."""
+        self._closing.set()
+        self._thread.join(2.0 * PATIENCE)
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            pause = PERIOD
+            if self._wanted():
+                try:
+                    self._fetch()
+                except (OSError, HTTPException, ValueError, So101Error) as error:
+                    self.problem, pause = _words(error), RETRY
+            self._closing.wait(pause)
+
+    def _fetch(self) -> None:
+        """One picture, or those of a stream until it ends."""
+        if self._ask is not None:
+            self._take(self._ask(self._camera))
+            return
+        request = Request(self._camera, headers={"User-Agent": "so101_motion"})
+        with urlopen(request, timeout=PATIENCE) as reply:
+            if "multipart" in reply.headers.get("Content-Type", ""):
+                self._take_each(_jpegs(reply))
+            else:
+                self._take(reply.read(LARGEST + 1))
+
+    def _take_each(self, pictures: Iterable[bytes]) -> None:
+        for data in pictures:
+            self._take(data)
+            if self._closing.is_set() or not self._wanted():
+                return
+        raise ValueError("the stream has ended")
+
+    def _take(self, data: bytes) -> None:
+        kind = _KINDS.get(data[:2])
+        if kind is None or len(data) > LARGEST:
+            raise ValueError("what it sends is no picture (JPEG or PNG)")
+        now = time.monotonic()
+        if self.picture is None or now - self.picture.t >= PERIOD:
+            self.picture = Picture(data=data, kind=kind, t=now)
+        self.problem = ""
+
+
+def _words(error: Exception) -> str:
+    """Why no picture comes."""
+    if isinstance(error, HTTPError):
+        return f"the camera answers {error.code} {error.reason}; check its address"
+    cause = error.reason if isinstance(error, URLError) else error
+    if isinstance(cause, ConnectionRefusedError):
+        return "nothing answers at its address; is the camera on?"
+    if isinstance(cause, TimeoutError):
+        return "the camera does not answer"
+    if isinstance(cause, gaierror):
+        return "its address does not exist; check it"
+    return str(cause) or type(cause).__name__
+
+
+def _jpegs(stream: BinaryIO) -> Iterator[bytes]:
+    """The pictures of a stream, whatever stands between them."""
+    buffer = b""
+    while chunk := stream.read1(65_536):  # type: ignore[attr-defined]  # http.client has it
+        buffer += chunk
+        while (begin := buffer.find(b"\xff\xd8")) >= 0:
+            end = buffer.find(_END, begin)
+            if end < 0:
+                buffer = buffer[begin:]
+                break
+            yield buffer[begin : end + 2]
+            buffer = buffer[end + 2 :]
+        if len(buffer) > LARGEST:
+            raise ValueError("what it sends is no stream of JPEG")
+
 
 OLD = 2.0
 """A picture older than this is grey, and says so [s]; chosen."""

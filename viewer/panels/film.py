@@ -16,7 +16,7 @@ import numpy as np
 import viser
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import SE3, Array
 from so101_motion.files import atomic
 from so101_motion.files.trajectory_export import Run
 from so101_motion.planning.collision.scene import Scene
@@ -51,60 +51,6 @@ _POLICY = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FilmedArm:
-    """The motion of one arm in a recording.
-
-    Attributes:
-        t: Times of the configurations, from 0 up, shape (n,), [s].
-        q: Where the arm is then, shape (n, 5), [rad].
-        q_ghost: Where its ghost is, shape (n, 5) or (5,), [rad].
-        q_jaw: Jaw angle [rad].
-        path: Points of the tool path in the base frame, shape (k, 3), [m].
-        T_scene_base: Where its base stands in the frame of the scene.
-    """
-
-    t: Array
-    q: Array
-    q_ghost: Array
-    q_jaw: float
-    path: Array
-    T_scene_base: SE3 = field(default_factory=SE3.identity)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "t", frozen_array(self.t, (-1,)))
-        n = len(self.t)
-        object.__setattr__(self, "q", frozen_array(self.q, (n, 5)))
-        object.__setattr__(self, "q_ghost", frozen_array(np.broadcast_to(self.q_ghost, (n, 5))))
-        object.__setattr__(self, "path", frozen_array(self.path, (-1, 3)))
-
-    def at(self, t: Array) -> tuple[Array, Array]:
-        """Configurations and ghosts, shape (m, 5), at times (m,); it rests once it has arrived."""
-        return _at(t, self.t, self.q), _at(t, self.t, self.q_ghost)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Film:
-    """The content of a recording.
-
-    Attributes:
-        title: What it is called.
-        facts: Figures, as names and values.
-        scene: What stands around the arms and what they hold.
-        arms: The arms, as ``holder_of`` calls them.
-    """
-
-    title: str
-    facts: tuple[tuple[str, str], ...]
-    scene: Scene
-    arms: Mapping[str, FilmedArm]
-
-    def times(self) -> Array:
-        """When there is a picture [s]: ``FRAMES`` a second, both ends included."""
-        end = max(float(each.t[-1]) for each in self.arms.values())
-        return np.append(np.arange(0.0, end, 1.0 / FRAMES), end)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovedArm:
     """How an arm moves, or has moved.
 
@@ -118,41 +64,64 @@ class MovedArm:
     run: Run | None = None
     T_scene_base: SE3 = field(default_factory=SE3.identity)
 
-    def filmed(self) -> FilmedArm:
-        """Along its plan with the ghost at the goal; or as measured, with the ghost as planned."""
-        trajectory, run = self.view.plan.trajectory, self.run
-        return FilmedArm(
-            t=trajectory.t if run is None else run.t,
-            q=trajectory.q if run is None else run.q,
-            q_ghost=self.view.plan.q_goal if run is None else run.q_ref,
-            q_jaw=self.view.q_jaw,
-            path=self.view.plan.tool_path,
-            T_scene_base=self.T_scene_base,
+    @property
+    def duration(self) -> float:
+        """How long it moves [s]."""
+        return float((self.view.plan.trajectory if self.run is None else self.run).t[-1])
+
+    def at(self, t: Array) -> tuple[Array, Array]:
+        """Configurations and ghosts, shape (m, 5), at times (m,); it rests once it has arrived.
+
+        The ghost of a plan stands at the goal; that of a run moves as planned.
+        """
+        if self.run is not None:
+            return _at(t, self.run.t, self.run.q), _at(t, self.run.t, self.run.q_ref)
+        trajectory, q_goal = self.view.plan.trajectory, self.view.plan.q_goal
+        return _at(t, trajectory.t, trajectory.q), np.tile(q_goal, (len(t), 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Film:
+    """A motion of one arm or several to be recorded.
+
+    Attributes:
+        title: Which arms they are, or what they do.
+        arms: How they move, as ``holder_of`` calls the arms; a single one has an empty name.
+    """
+
+    title: str
+    arms: Mapping[str, MovedArm]
+
+    def times(self) -> Array:
+        """When there is a picture [s]: ``FRAMES`` a second, both ends included."""
+        end = max(each.duration for each in self.arms.values())
+        return np.append(np.arange(0.0, end, 1.0 / FRAMES), end)
+
+    def facts(self) -> tuple[tuple[str, str], ...]:
+        """Figures, as names and values."""
+        first = next(iter(self.arms.values()))
+        return (
+            ("Motion", f"{first.view.name}, {first.view.made_at:%Y-%m-%d %H:%M}"),
+            *(fact for name, each in self.arms.items() for fact in _figures(name, each.view)),
+            ("Limits", texts.caps(first.view.plan.limits)),
+            ("Orange line", "path of the tool"),
+            ("Blue arm", "the goal" if first.run is None else "as planned; the orange as measured"),
         )
 
-
-def film_of(arms: Mapping[str, MovedArm], *, title: str) -> Film:
-    """Make a film of a motion of one arm or several.
-
-    Args:
-        arms: What to show, as ``holder_of`` calls the arms; a single one has an empty name.
-        title: Which arms they are, or what they do.
-    """
-    first = next(iter(arms.values()))
-    figures = [fact for name, each in arms.items() for fact in _figures(name, each.view)]
-    facts = [
-        ("Motion", f"{first.view.name}, {first.view.made_at:%Y-%m-%d %H:%M}"),
-        *figures,
-        ("Limits", texts.caps(first.view.plan.limits)),
-        ("Orange line", "path of the tool"),
-        ("Blue arm", "the goal" if first.run is None else "as planned; the orange as measured"),
-    ]
-    return Film(
-        title=title,
-        facts=tuple(facts),
-        scene=_common_scene(arms),
-        arms={name: each.filmed() for name, each in arms.items()},
-    )
+    def scene(self) -> Scene:
+        """What stands around all of the arms, and what each of them holds."""
+        first = next(iter(self.arms.values()))
+        seen, T = first.view.scene, first.T_scene_base
+        if list(self.arms) == [""]:
+            return seen
+        arms = ((name, arm.view.scene.attached) for name, arm in self.arms.items())
+        return Scene(
+            obstacles=tuple(
+                replace(each, T_base_obstacle=T @ each.T_base_obstacle) for each in seen.obstacles
+            ),
+            attached=tuple(held_by(each, name) for name, held in arms for each in held),
+            floor_z=None if seen.floor_z is None else seen.floor_z + float(T.p[2]),
+        )
 
 
 def _figures(name: str, view: PlanView) -> list[tuple[str, str]]:
@@ -164,28 +133,12 @@ def _figures(name: str, view: PlanView) -> list[tuple[str, str]]:
     return [fact for fact in figures.items() if fact[0] != "Planned in"]
 
 
-def _common_scene(arms: Mapping[str, MovedArm]) -> Scene:
-    """What stands around all of the arms, and what each of them holds."""
-    first = next(iter(arms.values()))
-    if list(arms) == [""]:
-        return first.view.scene
-    seen, T = first.view.scene, first.T_scene_base
-    held = (held_by(each, name) for name, arm in arms.items() for each in arm.view.scene.attached)
-    return Scene(
-        obstacles=tuple(
-            replace(each, T_base_obstacle=T @ each.T_base_obstacle) for each in seen.obstacles
-        ),
-        attached=tuple(held),
-        floor_z=None if seen.floor_z is None else seen.floor_z + float(T.p[2]),
-    )
-
-
 def film_of_plan(plan: Plan, scene: Scene, *, title: str, q_jaw: float) -> Film:
     """Make a film of a plan that no page shows."""
     model = RobotModel.load()
-    solver = TargetSolver.load(Surroundings(scene=scene, range=(model.lower, model.upper)))
+    solver = TargetSolver(Surroundings(scene=scene, range=(model.lower, model.upper)))
     view = plan_view(plan, solver, "tool", scene=scene, q_jaw=q_jaw)
-    return film_of({"": MovedArm(view=view)}, title=title)
+    return Film(title=title, arms={"": MovedArm(view=view)})
 
 
 def write_recording(film: Film, path: Path) -> None:
@@ -221,7 +174,7 @@ def _played(server: viser.ViserServer, film: Film, model: RobotModel) -> str:
         name: _DrawnArm(stage, each, f"/arms/{k}")
         for k, (name, each) in enumerate(film.arms.items())
     }
-    t = film.times()
+    t, scene = film.times(), film.scene()
     courses = {name: each.at(t) for name, each in film.arms.items()}
 
     def draw(k: int) -> None:
@@ -229,7 +182,7 @@ def _played(server: viser.ViserServer, film: Film, model: RobotModel) -> str:
         for name, each in drawn.items():
             q, q_ghost = courses[name]
             tools[name] = each.draw(model, q[k], q_ghost[k])
-        around.show(film.scene, tools)
+        around.show(scene, tools)
 
     draw(0)
     tape = server.get_scene_serializer()
@@ -244,8 +197,8 @@ def _played(server: viser.ViserServer, film: Film, model: RobotModel) -> str:
 class _DrawnArm:
     """An arm, its ghost and its path."""
 
-    def __init__(self, stage: viser.SceneApi, filmed: FilmedArm, node: str) -> None:
-        self._T_base, self._q_jaw = filmed.T_scene_base, filmed.q_jaw
+    def __init__(self, stage: viser.SceneApi, moved: MovedArm, node: str) -> None:
+        self._T_base, self._q_jaw = moved.T_scene_base, moved.view.q_jaw
         stage.add_frame(
             node,
             show_axes=False,
@@ -255,10 +208,10 @@ class _DrawnArm:
         self._arm = RobotView(stage, f"{node}/arm")
         self._ghost = RobotView(stage, f"{node}/ghost", color=_GHOST, opacity=_GHOST_OPACITY)
         self._ghost_at, self._T_ghost = np.full(5, np.nan), dict[str, SE3]()
-        if len(filmed.path) > 1:
+        if len(moved.view.plan.tool_path) > 1:
             stage.add_line_segments(
                 f"{node}/path",
-                segments(filmed.path),
+                segments(moved.view.plan.tool_path),
                 _PATH,
                 thickness=4.0,
                 thickness_units="screen",
@@ -287,7 +240,7 @@ def _dressed(player: str, film: Film) -> str:
     return (
         f"{player[:head]}{policy}<title>{title}</title><script>{script(NOTICE)}</script>"
         f"{player[head:body]}"
-        f"{_card(title, film.facts)}{player[body:]}"
+        f"{_card(title, film.facts())}{player[body:]}"
     )
 
 

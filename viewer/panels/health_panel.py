@@ -1,28 +1,361 @@
-"""The tabs with servo and bus health and the event log; they raise the alarms."""
+"""The tabs with servo and bus health and the event log; they raise the alarms.
+
+A rig on a serial port measures its servos; a machine sends the figures with its status. A simulated
+arm has none.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import Any
 
 import viser
 
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import JointState
+from so101_motion.common.units import to_deg
+from so101_motion.control.limit_recovery import FARTHEST_OUT
+from so101_motion.drivers.feetech.health import JointHealth
+from so101_motion.drivers.feetech.servo_judgement import HOT_C, LOW_V, TOO_LOW_V, WARM_C, judge
+from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 
 from ..page import markup, texts
-from ..page.alarms import Alarm, LateCycles, not_said_yet, servo_alarms, state_alarms
 from ..page.events import EventLog
-from ..page.health import Health, read_health
 from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
-from ..page.screen_state import Tone
+from ..page.screen_state import Sentence, Tone
+from ..page.texts import capital
 
 _EVERY = 0.5
 """How often the figures are read anew [s]; nobody reads faster."""
 
 _LINES = 60
 """How many events the page shows; the saved file has all."""
+
+
+_HARD_WORK = 0.8
+"""Share of its drive from which a servo is near its end; chosen."""
+
+
+def tones(servo: JointHealth) -> dict[str, Tone]:
+    """Which figures of a servo are unusual: ``volts``, ``celsius``, ``load``."""
+    faults = set(servo.faults)
+    hot = "overheated" in faults or servo.temperature_c >= HOT_C
+    weak = "voltage" in faults or servo.volts < TOO_LOW_V
+    pressed = bool({"overload", "overcurrent"} & faults)
+    return {
+        "volts": _tone(weak, servo.volts < LOW_V),
+        "celsius": _tone(hot, servo.temperature_c >= WARM_C),
+        "load": _tone(pressed, abs(servo.load) >= _HARD_WORK),
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Health:
+    """The health of an arm's servos and its bus.
+
+    Attributes:
+        servos: Base to jaw; empty when nothing is measured.
+        silence: Why nothing is measured; None when it is.
+        period: Of the control loop [s]; None when the source does not tell.
+        late_ticks: Setpoints that came more than half a period late since the start.
+        port_losses: How often the port went away; None when there is no port or it is unknown.
+        uncalibrated: The joints that were never calibrated.
+        last_failure: The file with the second before the last failure; None when there is none.
+        not_ready: Why a machine does not drive its arm; empty when it does, or cannot be asked.
+    """
+
+    servos: tuple[JointHealth, ...]
+    silence: str | None
+    period: float | None
+    late_ticks: int
+    port_losses: int | None
+    uncalibrated: tuple[str, ...] = ()
+    last_failure: str | None = None
+    not_ready: str = ""
+
+
+def read_health(rig: RigLike) -> Health:
+    """The newest figures of ``rig``; never waits."""
+    servos: tuple[JointHealth, ...]
+    silence, losses, failure = None, None, None
+    uncalibrated: tuple[str, ...] = ()
+    not_ready = ""
+    period = rig.executor.dt if isinstance(rig, Rig) else None
+    if isinstance(rig, HardwareRig):
+        servos = rig.servos.health
+        losses = rig.servos.port_losses
+        uncalibrated = rig.uncalibrated
+        failure = rig.last_failure
+        if not servos:
+            silence = "No servo has answered yet."
+    elif isinstance(rig, Rig):
+        servos, silence = (), "Simulated: there are no servos to measure."
+    else:
+        status = getattr(rig, "status", {})
+        reported, unknown = status.get("health"), status.get("uncalibrated")
+        servos = tuple(_from_status(reported)) if isinstance(reported, Mapping) else ()
+        not_ready = str(status.get("not_ready") or "")
+        uncalibrated = tuple(map(str, unknown)) if isinstance(unknown, list) else ()
+        if not servos:
+            silence = "The machine's arm reports no servo health."
+    return Health(
+        servos=servos,
+        silence=silence,
+        period=period,
+        late_ticks=rig.arm.state.late_ticks,
+        port_losses=losses,
+        uncalibrated=uncalibrated,
+        last_failure=None if failure is None else str(failure),
+        not_ready=not_ready,
+    )
+
+
+def _tone(bad: bool, odd: bool) -> Tone:
+    return Tone.BAD if bad else Tone.WARM if odd else Tone.PLAIN
+
+
+def _from_status(reported: Mapping[str, Any]) -> list[JointHealth]:
+    """The servos in a machine's status; leaves out entries that cannot be read."""
+    found = []
+    for joint, figures in reported.items():
+        try:
+            servo = JointHealth(
+                joint=str(joint),
+                servo_id=int(figures.get("servo_id", 0)),
+                t=0.0,
+                latched=(),
+                volts=float(figures["volts"]),
+                amps=float(figures["amps"]),
+                temperature_c=int(figures["temperature_c"]),
+                load=0.01 * float(figures["load_percent"]),
+                faults=tuple(map(str, figures["faults"])),
+                answers=int(figures["answers"]),
+                lost=int(figures["lost"]),
+                corrupt=int(figures["corrupt"]),
+                retries=int(figures["retries"]),
+                is_silent=figures["silent"] is True,
+            )
+        except (KeyError, TypeError, ValueError):
+            continue
+        found.append(servo)
+    return sorted(found, key=lambda servo: servo.servo_id)
+
+
+def figures(found: Health) -> str:
+    """The figures of the servos and of their bus."""
+    if found.silence is not None:
+        servos = f'<div style="opacity:.8">{escape(found.silence)}</div>'
+    else:
+        head = "".join(f"<span>{name}</span>" for name in ("", "V", "A", "°C", "load %", "errors"))
+        rows = "".join(map(_servo, found.servos))
+        servos = (
+            '<div style="display:grid;grid-template-columns:1fr repeat(5,max-content);'
+            'gap:.15em .75em;text-align:right;font-variant-numeric:tabular-nums">'
+            f'<div style="display:contents;color:var(--so101-dim)">{head}</div>{rows}</div>'
+        )
+    lines = []
+    if found.period is not None:
+        lines.append(("Control cycle", f"{1000.0 * found.period:.0f} ms"))
+    lines.append(("Late cycles", f"{found.late_ticks}"))
+    if found.servos:
+        retries, lost, corrupt = (
+            sum(getattr(servo, name) for servo in found.servos)
+            for name in ("retries", "lost", "corrupt")
+        )
+        lines.append(("Bus", f"{retries} retries, {lost} lost, {corrupt} garbled"))
+    if found.port_losses is not None:
+        lines.append(("Disconnected", _times(found.port_losses)))
+    if found.last_failure is not None:
+        lines.append(("Before the last failure", found.last_failure))
+    return (
+        f'<div style="padding:.5em .7em .2em;font-size:.82em">{servos}</div>{markup.facts(lines)}'
+    )
+
+
+def _times(count: int) -> str:
+    return {0: "never", 1: "once"}.get(count, f"{count} times")
+
+
+def _servo(servo: JointHealth) -> str:
+    count = servo.lost + servo.corrupt
+    errors = _figure(f"{count}", Tone.WARM if count else Tone.PLAIN)
+    if servo.is_silent:
+        figures = (
+            f'<b style="grid-column:span 4;color:{markup.TONES[Tone.BAD]}">does not answer</b>'
+        )
+    else:
+        tone = tones(servo)
+        figures = (
+            _figure(f"{servo.volts:.1f}", tone["volts"])
+            + _figure(f"{abs(servo.amps):.2f}", Tone.PLAIN)
+            + _figure(f"{servo.temperature_c:.0f}", tone["celsius"])
+            + _figure(f"{100.0 * abs(servo.load):.0f}", tone["load"])
+        )
+    name = f'<span style="text-align:left">{escape(servo.joint)}</span>'
+    reports = ""
+    if servo.faults:
+        reports = (
+            f'<b style="grid-column:span 6;text-align:left;color:{markup.TONES[Tone.BAD]}">'
+            f"reports: {escape(', '.join(servo.faults))}</b>"
+        )
+    return f"{name}{figures}{errors}{reports}"
+
+
+def _figure(text: str, tone: Tone) -> str:
+    weight = 400 if tone is Tone.PLAIN else 700
+    return f'<span style="color:{markup.TONES[tone]};font-weight:{weight}">{text}</span>'
+
+
+SILENCE = "silence"
+"""The cause of an alarm about servos that do not answer."""
+
+LATE_WITHIN, LATE_MANY = 10.0, 10
+"""So many late setpoints within this time [s] are worth an alarm. Chosen: a busy computer has one
+or two; ten are seen as a jerk."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alarm:
+    """One thing that is wrong.
+
+    Attributes:
+        cause: What it is about; there is one alarm for each cause.
+        joints: The joints it is about.
+        sentence: What is wrong and what to do.
+    """
+
+    cause: str
+    joints: tuple[str, ...]
+    sentence: Sentence
+
+
+def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
+    """What is wrong with servos, one alarm a cause, of the joint that suffers most."""
+    found: dict[str, list[tuple[str, str, Tone]]] = {}
+    for servo in servos:
+        if servo.is_silent:
+            text = "its servo does not answer; check its plugs and its power"
+            found.setdefault(SILENCE, []).append((servo.joint, text, Tone.BAD))
+            continue
+        for trouble in judge(
+            volts=servo.volts,
+            celsius=servo.temperature_c,
+            load=servo.load,
+            amps=servo.amps,
+            faults=servo.faults,
+        ):
+            tone = Tone.BAD if trouble.level == "stop" else Tone.WARM
+            text = str(trouble).replace(" degC", " °C")
+            found.setdefault(trouble.kind, []).append((servo.joint, text, tone))
+    return tuple(_alarm(cause, cases) for cause, cases in found.items())
+
+
+def state_alarms(
+    state: JointState, uncalibrated: Iterable[str], not_ready: str = ""
+) -> tuple[Alarm, ...]:
+    """What is wrong with the joints' places and calibration.
+
+    Args:
+        state: The arm.
+        uncalibrated: The joints that were never calibrated.
+        not_ready: Why a machine does not drive the arm; empty when it does.
+    """
+    found = []
+    if not_ready:
+        found.append(_warm("not ready", (), f"{capital(not_ready)}."))
+    unknown = tuple(uncalibrated)
+    if unknown:
+        text = (
+            f"No calibration: {_listed(unknown)} may not be where the picture shows it. Calibrate"
+            " on the Setup tab before you move the arm."
+        )
+        found.append(_warm("calibration", unknown, text))
+    outside = tuple(state.reading.out_of_range)
+    if outside:
+        found.append(_warm("range", outside, _about_range(state)))
+    return tuple(found)
+
+
+def _about_range(state: JointState) -> str:
+    """How far joints are outside their limits, and what brings them back."""
+    reading, here = state.reading, state.reading.angles
+    off = {joint: abs(here[joint] - at) for joint, at in reading.out_of_range.items()}
+    where = ", ".join(
+        f"{joint} by {to_deg(off[joint]):.0f}°, limit {to_deg(limit):.0f}°"
+        for joint, limit in reading.out_of_range.items()
+    )
+    far = tuple(joint for joint in off if off[joint] > FARTHEST_OUT)
+    then = (
+        f"Move {_listed(far)} back by hand, or calibrate the arm again."
+        if far
+        else "The next motion brings it back slowly."
+    )
+    return f"Outside its range: {where}. {then}"
+
+
+def not_said_yet(alarms: Iterable[Alarm], state: JointState) -> tuple[Alarm, ...]:
+    """The alarms that the bar does not say already: a fault names the servos that fell silent."""
+    is_fault = state.mode is Mode.FAULT
+    return tuple(alarm for alarm in alarms if not (is_fault and alarm.cause == SILENCE))
+
+
+class LateCycles:
+    """Counts late setpoints of the last ``LATE_WITHIN`` seconds.
+
+    Args:
+        computer: What runs the control loop, in words.
+    """
+
+    def __init__(self, computer: str) -> None:
+        self._computer = computer
+        self._seen: list[tuple[float, int]] = []
+
+    def alarm(self, t: float, late_ticks: int) -> tuple[Alarm, ...]:
+        """The alarm for many late setpoints.
+
+        Args:
+            t: The time [s].
+            late_ticks: How many there have been since the start.
+        """
+        self._seen.append((t, late_ticks))
+        while self._seen[0][0] < t - LATE_WITHIN:
+            self._seen.pop(0)
+        late = late_ticks - self._seen[0][1]
+        if late < LATE_MANY:
+            return ()
+        text = (
+            f"{late} setpoints came late in the last {LATE_WITHIN:.0f} s, so motions may jerk."
+            f" Close other programs on {self._computer}."
+        )
+        return (_warm("late", (), text),)
+
+
+def _alarm(cause: str, cases: list[tuple[str, str, Tone]]) -> Alarm:
+    worst = next((case for case in cases if case[2] is Tone.BAD), cases[0])
+    joint, text, tone = worst
+    others = tuple(each for each, _, _ in cases if each != joint)
+    more = f" Also: {_listed(others)}." if others else ""
+    return Alarm(
+        cause=cause,
+        joints=(joint, *others),
+        sentence=Sentence(f"{joint}: {text}.{more}", tone=tone),
+    )
+
+
+def _warm(cause: str, joints: tuple[str, ...], text: str) -> Alarm:
+    return Alarm(cause=cause, joints=joints, sentence=Sentence(text, Tone.WARM))
+
+
+def _listed(joints: tuple[str, ...]) -> str:
+    if len(joints) < 3:
+        return " and ".join(joints)
+    return f"{joints[0]} and {len(joints) - 1} other joints"
 
 
 class HealthPart(Part):
@@ -101,7 +434,7 @@ class HealthPart(Part):
     def show(self) -> None:
         """Update the widgets; viser sends only what differs."""
         if self._health is not None:
-            self._figures.content = markup.health(self._health)
+            self._figures.content = figures(self._health)
 
 
 class EventsPart(Part):

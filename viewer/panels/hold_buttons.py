@@ -32,9 +32,9 @@ def waiting(bar: Bar, title: str, error: Exception | None = None) -> None:
     """Say in the bar that the first arm has not been found yet."""
     bar.state, bar.title = "No arm yet", title
     if error is None:
-        said = Sentence(text="Looking for the arm …", tone=Tone.WARM)
+        said = Sentence("Looking for the arm …", Tone.WARM)
     else:
-        said = Sentence(text=f"{capital(str(error))} Still looking.", tone=Tone.BAD)
+        said = Sentence(f"{capital(str(error))} Still looking.", Tone.BAD)
     bar.alert(CONNECTION, [said])
 
 
@@ -56,21 +56,21 @@ def notice(
             f"Lost the {connection.to} at {since:%H:%M:%S}. {why} Showing its last position."
             " It reconnects by itself; nothing will move."
         )
-        return Sentence(text=text, tone=Tone.BAD)
+        return Sentence(text, Tone.BAD)
     if state.mode is Mode.FAULT and is_back:
         text = "Connected again. Nothing moves. Press Hold to go on."
-        return Sentence(text=text, tone=Tone.WARM)
+        return Sentence(text, Tone.WARM)
     if state.mode is Mode.FAULT:
         text = f"Fault: {texts.fault(state)}. Fix this, then press Hold."
-        return Sentence(text=text, tone=Tone.BAD)
+        return Sentence(text, Tone.BAD)
     if state.mode is Mode.LIMP:
-        return Sentence(text="The arm is limp. Press Hold to keep it where it is.", tone=Tone.WARM)
+        return Sentence("The arm is limp. Press Hold to keep it where it is.", Tone.WARM)
     if state.mode is Mode.GUIDING and connection.is_simulated:
         text = "A real arm could be moved by hand now; a simulated one cannot. Press Hold to go on."
-        return Sentence(text=text, tone=Tone.WARM)
+        return Sentence(text, Tone.WARM)
     if state.mode is Mode.GUIDING:
         text = "You can move the arm by hand. Press Hold to keep it where it is."
-        return Sentence(text=text, tone=Tone.WARM)
+        return Sentence(text, Tone.WARM)
     return None
 
 
@@ -108,9 +108,7 @@ class HoldButtons(Part):
         self._buttons = bar.buttons = (self._hold, self._guide, self._let_go)
 
     def _button(self, label: str, command: Callable[[], None]) -> BarButton:
-        button = self._context.gui.add_button(label, visible=False)
-        self._context.on_press(button, command)
-        return BarButton(label=label, button=button)
+        return BarButton(label=label, button=self._context.button(label, command, visible=False))
 
     def refresh(self) -> bool:
         """Check whether the arms are connected and ready, and fill the bar."""
@@ -144,7 +142,7 @@ class HoldButtons(Part):
         )
         for name, refused in self._refused.items():
             text = f"{capital(str(refused))}; or press Store the file."
-            alerts.setdefault(Sentence(text=text, tone=Tone.BAD), []).append(self._called(name))
+            alerts.setdefault(Sentence(text, Tone.BAD), []).append(self._called(name))
         self._bar.buttons = (*self._buttons, *([self._accept] if self._refused else []))
         said_of = (texts.named(", ".join(names), said) for said, names in alerts.items())
         self._bar.alert(CONNECTION, list(said_of))

@@ -1,7 +1,12 @@
-"""The Jog tab: move joints or tool while a button, a key or a gamepad's stick is held."""
+"""The Jog tab: move joints or tool while a button, a key or a gamepad's stick is held.
+
+``server/front/jog.js`` handles its buttons.
+"""
 
 from __future__ import annotations
 
+from functools import partial
+from html import escape
 from typing import Any
 
 import viser
@@ -9,31 +14,31 @@ import viser
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS
 from so101_motion.viam.client import MachineRig
 
 from ..page import markup, texts
 from ..page.bar import uuid_of
-from ..page.jog_markup import jog_buttons
-from ..page.jogging import MODES, SPEEDS, Jogging, read_held
+from ..page.jogging import ARROWS, JOINTS, MODES, SPEEDS, Jogging, read_held
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
 
-_OFF = Sentence(text="Off. Start jogging, then hold a button or key: the arm moves while you do.")
-_OPENS = Sentence(text="Starting …")
+_OFF = Sentence("Off. Start jogging, then hold a button or key: the arm moves while you do.")
+_OPENS = Sentence("Starting …")
 _ON = Sentence(
-    text="Hold a button or its key. Gamepad: hold a shoulder button and use the sticks.",
-    tone=Tone.GOOD,
+    "Hold a button or its key. Gamepad: hold a shoulder button and use the sticks.",
+    Tone.GOOD,
 )
 _ARROWS = Sentence(
-    text="Drag the target's arrows in the picture: the arm follows while you drag.", tone=Tone.GOOD
+    "Drag the target's arrows in the picture: the arm follows while you drag.", Tone.GOOD
 )
 _FAR = Sentence(
-    text="The arm of a machine cannot be jogged: over a network it may be heard too late that you"
+    "The arm of a machine cannot be jogged: over a network it may be heard too late that you"
     " let go. Plan a motion on the Move tab, or guide the arm by hand."
 )
-_STOPPED = Sentence(text="Stopped. Start jogging to go on.")
+_STOPPED = Sentence("Stopped. Start jogging to go on.")
 
 
 class JogPart(Part):
@@ -53,14 +58,16 @@ class JogPart(Part):
         gui = context.gui
         with context.tabs.add_tab(title):
             self._sentence = gui.add_html("")
-            self._switch = gui.add_button("Start jogging", icon=viser.Icon.HAND_FINGER)
-            modes = gui.add_button_group("Moves", MODES, hint="Joints, or the tool along axes")
-            speeds = gui.add_button_group("Speed", tuple(SPEEDS))
+            self._switch = context.button(
+                "Start jogging", self._toggle, icon=viser.Icon.HAND_FINGER
+            )
+            modes = {mode: partial(self._choose, mode) for mode in MODES}
+            context.buttons("Moves", modes, "Joints, or the tool along axes")
+            context.buttons(
+                "Speed", {name: partial(self.jogging.set_speed, name) for name in SPEEDS}
+            )
             self._buttons = gui.add_html("")
             self._hand = gui.add_text("Held", "", visible=False)
-        context.on_press(self._switch, self._toggle)
-        context.on_choice(modes, self._choose)
-        context.on_choice(speeds, self.jogging.set_speed)
         self._hand.on_update(self._hear)
 
     async def _hear(self, event: viser.GuiEvent[Any]) -> None:
@@ -123,9 +130,61 @@ class JogPart(Part):
             return _OPENS
         if jogging.held_by:
             held = texts.capital(", ".join(jogging.held_by))
-            return Sentence(text=f"Held back: {held}", tone=Tone.WARM)
-        return _ARROWS if jogging.mode == MODES[3] else _ON
+            return Sentence(f"Held back: {held}", Tone.WARM)
+        return _ARROWS if jogging.mode == ARROWS else _ON
 
     def close(self) -> None:
         """End the jogging."""
         self.jogging.close()
+
+
+_JOINT_ROWS = tuple(
+    (i, joint.replace("_", " "), keys)
+    for i, (joint, keys) in enumerate(zip(ARM_JOINTS, ("aq", "sw", "de", "fr", "gt"), strict=True))
+)
+_TOOL_ROWS = (
+    (0, "X", "sw"),
+    (1, "Y", "da"),
+    (2, "Z", "fr"),
+    (3, "turn about X", "ju"),
+    (4, "turn about Y", "ki"),
+    (5, "turn about Z", "lo"),
+)
+_JAW_ROW = (6, "gripper", "hy")
+
+
+def jog_buttons(mode: str, speed: str, *, hand: str, is_on: bool) -> str:
+    """Two buttons a row, less and more, with their keys.
+
+    Args:
+        mode: What is moved; its button above is lit.
+        speed: The step of the speed; its button is lit too.
+        hand: The id of the widget that receives what is held.
+        is_on: Whether they can be used.
+    """
+    moved = _JOINT_ROWS if mode == JOINTS else () if mode == ARROWS else _TOOL_ROWS
+    rows = "".join(_row(*row, is_on=is_on) for row in (*moved, _JAW_ROW))
+    kind = "drag" if mode == ARROWS else "hold"
+    on = "on" if is_on else "off"
+    return (
+        f'<div class="so101-jog" data-hand="{escape(hand)}" data-jog="{on}" data-kind="{kind}"'
+        f' data-chosen="{escape(mode)} {escape(speed)}">{rows}</div>'
+    )
+
+
+def _row(axis: int, name: str, keys: str, *, is_on: bool) -> str:
+    less, more = keys[0], keys[1]
+    words = ("close", "open") if axis == _JAW_ROW[0] else ("less", "more")
+    return (
+        _button(axis, -1, "−", less, f"{name}, {words[0]}", is_on=is_on)
+        + f"<span>{escape(name)}</span>"
+        + _button(axis, 1, "+", more, f"{name}, {words[1]}", is_on=is_on)
+    )
+
+
+def _button(axis: int, way: int, sign: str, key: str, name: str, *, is_on: bool) -> str:
+    return (
+        f'<button type="button" data-axis="{axis}" data-way="{way}" data-key="{key}"'
+        f' aria-label="{escape(name)}"{"" if is_on else " disabled"}>'
+        f"{sign} <kbd>{key.upper()}</kbd></button>"
+    )

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
+
+import viser
 
 from so101_motion.arm.cell import Cell
+from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.units import to_deg
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
@@ -14,23 +18,49 @@ from so101_motion.rig.protocols import RigLike
 from so101_motion.tasks.sweeps.atlas import Atlas
 
 from ..cell_model import CellModel
+from ..page import markup
+from ..page.bar import add_stop
 from ..page.front_tab import Drawn
 from ..page.page_context import PageContext
 from ..page.part import Part
 from ..page.screen_state import Tone
-from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, Views, set_up_view
 from ..scene.click import hit
 from ..scene.reach_view import ReachView
-from ..scene.stage import Stage
 from ..view_model import ViewModel
-from .arm_panel import ArmPanel, docked_left
 from .plan_panel import SELECTS, PlanPanel
 from .poses import PoseList
+from .stage import Stage
+
+_WIDTH = 290
+_KEYS = "Space or Esc stops, P plans."
 
 _WORDS_EVERY = 3
 """Figures are updated every so many pictures of a motion; nobody reads 30 a second."""
+
+
+class ArmPanel:
+    """The joint angles of an arm, in a tab that is named after it."""
+
+    def __init__(self, gui: viser.GuiApi, panel: viser.PanelHandle, name: str = "Arm") -> None:
+        with panel.add_tab(name, viser.Icon.ROBOT):
+            self._joints = gui.add_html("")
+            gui.add_html(markup.small(_KEYS))
+
+    def show(self, state: JointState, bounds: tuple[Array, Array]) -> None:
+        """Show the joints between their limits.
+
+        Args:
+            state: The arm now, or its last known state.
+            bounds: Smallest and largest angles, shapes (5,), [rad].
+        """
+        angles = zip(ARM_JOINTS, to_deg(state.q), *map(to_deg, bounds), strict=True)
+        joints = [markup.gauge(name, *map(float, each)) for name, *each in angles]
+        opened = 100.0 * (state.q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED)
+        jaw = markup.gauge("gripper", opened, 0.0, 100.0, unit="%", warns=False)
+        html = "".join((*joints, jaw))
+        self._joints.content = f'<div style="padding:.3em .7em .5em">{html}</div>'
 
 
 class MovePart(Part):
@@ -72,7 +102,7 @@ class MovePart(Part):
             name: ViewModel(
                 arm=rig.arm,
                 gripper=rig.gripper,
-                load_solver=TargetSolver.load,
+                load_solver=TargetSolver,
                 submit=context.in_background,
                 now=now,
                 welcome=welcome,
@@ -89,13 +119,15 @@ class MovePart(Part):
             self._first.show(plan)
         self._set_up_scene(bases, atlas, is_one=cell is None)
         self.stop_button = add_stop(context.gui, *stops)
-        self.panel = docked_left(context.gui)
+        self.panel = context.gui.add_panel()
+        self.panel.dock_left()
+        self.panel.set_width(_WIDTH)
         self._joints = {name: ArmPanel(context.gui, self.panel, name or "Arm") for name in rigs}
         poses = None
         if isinstance(self.model, ViewModel):
             (rig,) = rigs.values()
             poses = PoseList(SavedPoses(zeros=lambda: rig.connection.encoder_zeros), self.model)
-        self._words = PlanPanel(context, self.model, self.pages, poses, on_click=self._set_click)
+        self._words = PlanPanel(context, self.model, poses, on_click=self._set_click)
         context.bar.plan = self._words.plan_button
         context.bar.stop = self.stop_button
         self._pictures = 0
@@ -107,7 +139,6 @@ class MovePart(Part):
         views, robot = Views(context.server, sight, follows=is_one), RobotModel.load()
         context.bar.views = views.buttons
         context.leave_open(*(button for _, button in views.buttons))
-        self._reach = ReachView(context.server.scene, robot, atlas) if is_one else None
         self.nodes = {name: "" if is_one else f"/arms/{k}" for k, name in enumerate(self.pages)}
         self._stages = {}
         for name, page in self.pages.items():
@@ -119,11 +150,10 @@ class MovePart(Part):
                 context.server.scene.add_label(f"{node}/name", name, position=(-0.08, 0.0, 0.0))
             self._stages[name] = Stage(
                 context,
+                page,
                 model=robot,
                 views=views if is_one else None,
-                on_drag=partial(self._dragged, name),
-                on_turn=page.set_turn,
-                on_release=lambda: None if self._reach is None else self._reach.hide(),
+                reach=ReachView(context.server.scene, robot, atlas) if is_one else None,
                 on_click=self._clicked,
                 root=self.nodes[name],
             )
@@ -136,13 +166,6 @@ class MovePart(Part):
         met = hit(self._arm.scene, p_from, along)
         if met is not None:
             self._first.set_target_above(met)
-
-    def _dragged(self, name: str, p_base: Array) -> None:
-        page = self.pages[name]
-        self._stages[name].dragged_to(p_base)
-        page.set_target_point(p_base)
-        if self._reach is not None:
-            self._reach.show(page.target.frame, float(p_base[2]))
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide the arms and their targets."""
@@ -169,12 +192,12 @@ class MovePart(Part):
 
     def show(self) -> None:
         """Draw the arms; update their figures now and then."""
-        screen, self._drawn = self.model.screen(), self._context.front.drawn
         self._pictures += 1
-        for name, each in screen.arms.items():
-            self._stages[name].show(each)
-        moves = any(each.state.arm_moving for each in screen.arms.values())
+        self._drawn = self._context.front.drawn
+        for stage in self._stages.values():
+            stage.show()
+        moves = any(each.state.arm_moving for each in self.pages.values())
         if not moves or self._pictures % _WORDS_EVERY == 0:
-            for name, each in screen.arms.items():
-                self._joints[name].show(each.state, each.range)
-            self._words.show(screen)
+            for name, each in self.pages.items():
+                self._joints[name].show(each.state, each.arm.range)
+            self._words.show()

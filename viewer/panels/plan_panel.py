@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable
+from functools import partial
 
 import viser
 
-from ..cell_model import CellModel, CellScreen, CommonPlan
+from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
+from so101_motion.common.units import to_deg, to_rad
+
+from ..cell_model import CellModel, CommonPlan
 from ..page import markup, texts
+from ..page.bar import board, uuid_of
 from ..page.page_context import PageContext
-from ..page.screen_state import Screen
+from ..page.playback import RATES
+from ..page.shared_fields import SharedField, grey, put
 from ..view_model import ViewModel
-from .plan_controls import PlanControls
 from .plots import PlanPlots
 from .poses import PoseFolder, PoseList
 from .target_controls import TargetControls
@@ -31,34 +37,37 @@ class PlanPanel:
 
     Args:
         model: What is shown of all arms.
-        pages: The target of each arm, by name.
         poses: The poses of a single arm; None for several.
         on_click: Called with what clicks in the picture do, ``SELECTS`` or another.
+
+    Attributes:
+        plan_button: The button Plan.
     """
+
+    plan_button: viser.GuiButtonHandle
 
     def __init__(
         self,
         context: PageContext,
         model: ViewModel | CellModel,
-        pages: Mapping[str, ViewModel],
         poses: PoseList | None,
         *,
         on_click: Callable[[str], None],
     ) -> None:
-        self._context, self._plan = context, PlanControls(context, model)
-        self._targets = {name: TargetControls(context, page) for name, page in pages.items()}
+        self._context, self._model = context, model
+        self._targets = {name: TargetControls(context, page) for name, page in model.arms.items()}
         self._own_poses: PoseFolder | None = None
         with context.tabs.add_tab("Move"):
             self._sentence = context.gui.add_html("")
             if poses is None:
                 self._add_several()
             else:
-                self._add_one(pages[""], poses, on_click)
-        self._plots = PlanPlots(context.gui, tuple(pages))
+                self._add_one(model.arms[""], poses, on_click)
+        self._plots = PlanPlots(context.gui, tuple(model.arms))
 
     def _add_several(self) -> None:
         gui = self._context.gui
-        self._plan.add_buttons()
+        self._add_buttons()
         arms = gui.add_tab_group()
         for name, target in self._targets.items():
             with arms.add_tab(name):
@@ -71,14 +80,14 @@ class PlanPanel:
     def _add_one(self, page: ViewModel, poses: PoseList, on_click: Callable[[str], None]) -> None:
         context, gui, target = self._context, self._context.gui, self._targets[""]
         target.add_target()
-        self._plan.add_buttons()
-        self._back_out = gui.add_button(
+        self._add_buttons()
+        self._back_out = context.button(
             "Back out slowly",
+            page.plan_back_out,
             visible=False,
             hint="Plans a slow straight motion out of the contact; Execute runs it. In a surface"
             " whose inside is not known it may lead deeper.",
         )
-        context.on_press(self._back_out, page.plan_back_out)
         self._add_plan()
         gui.add_divider()
         target.add_jaw()
@@ -93,33 +102,86 @@ class PlanPanel:
         target.add_choices()
         self._own_poses = PoseFolder(context, poses)
 
+    def _add_buttons(self) -> None:
+        """Plan and Execute. The key P plans; no key executes, so that people look at the plan."""
+        context, model = self._context, self._model
+        self.plan_button = context.button("Plan", model.plan, icon=viser.Icon.ROUTE)
+        self._execute = context.button(
+            "Execute", model.execute, icon=viser.Icon.PLAYER_PLAY, color="green", disabled=True
+        )
+        self._progress = context.gui.add_progress_bar(0.0, color="green")
+
     def _add_plan(self) -> None:
-        self._plan.add_timeline()
-        self._facts = self._context.gui.add_html("")
-        self._plan.add_caps()
+        """The ghost on the plan's timeline, figures, and limits for the next plan."""
+        context, gui, model = self._context, self._context.gui, self._model
+        self._preview = gui.add_slider("Preview (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
+        self._preview_time = SharedField(
+            self._preview, model.preview, context, shown=lambda t: round(t, 2)
+        )
+        self._play = context.buttons(
+            "Play",
+            {f"{rate:g}×": partial(model.play, rate) for rate in RATES},
+            "Plays only the ghost, at this fraction of the arm's speed; press again to pause",
+        )
+        self._facts = gui.add_html("")
+        self._now = gui.add_html("", visible=False)
+        self._caps_deg = (
+            self._add_cap("Speed (°/s)", SPEED_RANGE_DEG, model.set_speed),
+            self._add_cap("Accel. (°/s²)", ACCELERATION_RANGE_DEG, model.set_acceleration),
+        )
+        sweep = gui.add_checkbox("Swept motion", True)
+        self._sweeps = SharedField(sweep, model.show_sweep, context, shown=bool)
 
-    @property
-    def plan_button(self) -> viser.GuiButtonHandle:
-        """The button Plan."""
-        return self._plan.plan_button
+    def _add_cap(
+        self, label: str, range_deg: tuple[float, float], command: Callable[[float], None]
+    ) -> SharedField:
+        slowest, fastest = (round(end) for end in range_deg)
+        return SharedField(
+            self._context.gui.add_slider(label, slowest, fastest, 1, slowest),
+            lambda value: command(to_rad(value)),
+            self._context,
+            shown=round,
+        )
 
-    def show(self, screen: Screen | CellScreen) -> None:
-        """Show ``screen``; viser sends only what differs."""
-        self._sentence.content = markup.sentence(screen.sentence)
-        for name, each in screen.arms.items():
-            self._targets[name].show(each)
+    def show(self) -> None:
+        """Show the model; viser sends only what differs."""
+        model = self._model
+        self._sentence.content = markup.sentence(model.sentence)
+        for target in self._targets.values():
+            target.show()
         if self._own_poses is not None:
             self._own_poses.show()
-        self._plots.show(screen)
-        self._plan.show(screen, self._plots.uuids)
-        if isinstance(screen, CellScreen):
-            common = screen.plan if screen.plan_is_current else None
+        self._plots.show(model)
+        self._show_plan()
+        if isinstance(model, CellModel):
+            common = model.plan_view if model.plan_is_current else None
             self._facts.content = markup.facts(plan_facts(common))
         else:
-            self._back_out.visible = screen.can_back_out
-            plan = screen.plan if screen.plan_is_current else None
+            self._back_out.visible = model.can_back_out
+            plan = model.plan_view if model.plan_is_current else None
             figures = texts.NO_FACTS if plan is None else texts.plan_facts(plan)
             self._facts.content = markup.facts(figures, lines=_LINES)
+
+    def _show_plan(self) -> None:
+        model = self._model
+        if model.plan_view is not None:
+            self._preview.max = math.ceil(100.0 * model.plan_view.duration) / 100.0
+        self.plan_button.disabled = not model.can_plan
+        self._execute.disabled = not model.can_execute
+        put(self._progress, round(100.0 * model.progress, 1))
+        has_plan = model.plan_is_current
+        self._preview.disabled = not has_plan
+        grey(self._play, not has_plan)
+        self._preview_time.show(model.preview_time if has_plan else 0.0)
+        self._now.content = board(
+            "plot",
+            t=round(model.preview_time, 2) if has_plan else None,
+            plots=self._plots.uuids,
+            seek=uuid_of(self._preview) if has_plan else None,
+        )
+        for field, cap in zip(self._caps_deg, model.caps, strict=True):
+            field.show(to_deg(cap))
+        self._sweeps.show(model.sweeps)
 
 
 def plan_facts(plan: CommonPlan | None) -> tuple[tuple[str, str], ...]:

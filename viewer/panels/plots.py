@@ -16,11 +16,12 @@ from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.collision.apart import ROOM
 from so101_motion.planning.request import Plan
 
-from ..cell_model import CellScreen, CommonPlan
+from ..cell_model import CellModel, CommonPlan
 from ..page import markup, texts
 from ..page.bar import uuid_of
-from ..page.screen_state import PlanView, Screen
+from ..page.screen_state import PlanView
 from ..page.tracking import Tracking
+from ..view_model import ViewModel
 
 _COLORS = ("#e03131", "#2f9e44", "#1c7ed6", "#f08c00", "#9c36b5")
 _GRAY = "#868e96"
@@ -100,25 +101,25 @@ class PlanPlots:
         """The ids of the plots over the time of a plan."""
         return [uuid_of(plot) or "" for plot in self._plots]
 
-    def show(self, screen: Screen | CellScreen) -> None:
-        """Draw what is new in ``screen``, and say whether the plan is old."""
-        for name, arm in screen.arms.items():
-            view = arm.plan
+    def show(self, model: ViewModel | CellModel) -> None:
+        """Draw what is new, and say whether the plan is old."""
+        for name, arm in model.arms.items():
+            view = arm.plan_view
             if view is not None:
                 if not self._shown:
                     self._panel.expand()
                 if view is not self._shown.get(name):
                     self._shown[name] = view
-                    self._draw(name, view.plan, arm.range)
+                    self._draw(name, view.plan, arm.arm.range)
                 said = texts.plotted(view, is_current=arm.plan_is_current)
                 for caption in self._captions[name]:
                     caption.content = markup.caption(said, not arm.plan_is_current)
-            tracking = arm.tracking
+            tracking = arm.tracker.newest
             if name == self._only and tracking is not None and tracking is not self._tracking:
                 self._tracking = tracking
-                self._show_tracking(tracking, arm.tracked)
-        if isinstance(screen, CellScreen) and self._only is None:
-            self._show_clearance(screen)
+                self._show_tracking(tracking, arm.tracker.newest_name)
+        if isinstance(model, CellModel) and self._only is None:
+            self._show_clearance(model)
 
     def _draw(self, name: str, plan: Plan, bounds: tuple[Array, Array]) -> None:
         trajectory, limits = plan.trajectory, plan.limits
@@ -130,8 +131,8 @@ class PlanPlots:
             self._acceleration.data = _columns(t, trajectory.qdd[keep], push, -push)
             self._position.data = _columns(t, q, nearest_limit(q, bounds))
 
-    def _show_clearance(self, screen: CellScreen) -> None:
-        plan, is_current = screen.plan, screen.plan_is_current
+    def _show_clearance(self, model: CellModel) -> None:
+        plan, is_current = model.plan_view, model.plan_is_current
         if plan is None:
             return
         said = texts.common_plotted(plan.name, plan.duration, is_current=is_current)

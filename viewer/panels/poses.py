@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import NamedPose
@@ -98,19 +96,6 @@ class PoseList:
         return self.chosen
 
 
-COMMANDS: dict[str, Callable[[PoseList], None]] = {
-    "set as target": PoseList.use,
-    "rename": PoseList.rename,
-    "delete": PoseList.delete,
-}
-"""What can be done with the chosen pose, by the names on the buttons."""
-
-SOURCES: dict[str, Callable[[PoseList], None]] = {
-    "current pose": PoseList.save_arm,
-    "target": PoseList.save_target,
-}
-"""What can be saved as a pose, by the names on the buttons."""
-
 _NONE = "none saved yet"
 
 
@@ -122,16 +107,19 @@ class PoseFolder:
         gui = context.gui
         with gui.add_folder("My poses", expand_by_default=False):
             self._list = gui.add_dropdown("Pose", (_NONE,))
-            self._use = gui.add_button_group("Chosen pose", tuple(COMMANDS))
+            self._use = context.buttons(
+                "Chosen pose",
+                {"set as target": poses.use, "rename": poses.rename, "delete": poses.delete},
+            )
             self._text = gui.add_text("Name", "")
-            save = gui.add_button_group(
-                "Save", tuple(SOURCES), hint="Where the arm is, or where the ghost is"
+            context.buttons(
+                "Save",
+                {"current pose": poses.save_arm, "target": poses.save_target},
+                "Where the arm is, or where the ghost is",
             )
             self._undo = UndoButtons(context, "Saved poses", poses.saved_files)
         self._chosen = SharedField(self._list, poses.choose, context, shown=str)
         self._name = SharedField(self._text, poses.call, context, shown=str)
-        context.on_choice(self._use, lambda name: COMMANDS[name](poses))
-        context.on_choice(save, lambda name: SOURCES[name](poses))
 
     def show(self) -> None:
         """Update the widgets."""

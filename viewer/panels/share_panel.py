@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from operator import is_not
 
 import viser
 
 from so101_motion.common.geometry import SE3
+from so101_motion.files.trajectory_export import LeRobot, encoded
 from so101_motion.rig.protocols import RigLike
 from so101_motion.tasks.teleop.local_arms import lerobot_of
 
@@ -19,10 +21,22 @@ from ..page.page_context import PageContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
-from .film import MovedArm
-from .share import FILM, KINDS, PLAN, RUN, SharedMotion, content, file_name, kind_called
+from .film import Film, MovedArm, recording
 
-NOTHING = Sentence(text="Nothing to share yet: plan a motion first.")
+FILM = "Film for any browser (HTML)"
+KINDS = {
+    FILM: (".html", False),
+    "Table, degrees (CSV)": (".csv", False),
+    "JSON, degrees": (".json", False),
+    "MCAP: Foxglove, Rerun": (".mcap", False),
+    "LeRobot names (CSV)": (".csv", True),
+    "LeRobot names (JSON)": (".json", True),
+}
+"""Kinds of files: the ending, and whether it has LeRobot's names and units."""
+
+PLAN, RUN = "The plan", "The last run"
+
+NOTHING = Sentence("Nothing to share yet: plan a motion first.")
 READY = "Choose a file type. The file goes to this browser's downloads."
 
 
@@ -35,30 +49,53 @@ class _PendingFile:
     file: Future[bytes]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SharingArm:
-    """An arm whose motions can be downloaded.
+def file_name(arm: MovedArm, kind: str, now: datetime, *, chosen: str = "") -> str:
+    """A file name with time and content, so that names sort by time.
 
-    Attributes:
-        rig: The arm.
-        page: Has its newest plan and its newest run.
-        T_scene_base: Where its base stands in the frame of a scene that it shares with others.
+    Args:
+        arm: How the arm moves; for a film any of the arms.
+        kind: One of ``KINDS``.
+        now: Local time.
+        chosen: The name of the arm; empty for a single one.
     """
+    suffix, is_lerobot = KINDS[kind]
+    what, names = "plan" if arm.run is None else "run", "-lerobot" if is_lerobot else ""
+    which = "" if kind == FILM else re.sub(r"\W+", "-", f" {chosen}".rstrip())
+    return f"so101-{what}-{now:%Y%m%d-%H%M%S}{which}{names}{suffix}"
 
-    rig: RigLike
-    page: ViewModel
-    T_scene_base: SE3 = field(default_factory=SE3.identity)
+
+def content(arm: MovedArm, kind: str, lerobot: LeRobot) -> bytes:
+    """The bytes of a file that holds the motion of one arm, any of ``KINDS`` but a film.
+
+    Raises:
+        ConfigError: MCAP needs a package that is not installed.
+    """
+    suffix, is_lerobot = KINDS[kind]
+    motion = arm.view.plan.trajectory if arm.run is None else arm.run
+    return encoded(motion, f"motion{suffix}", lerobot=lerobot if is_lerobot else None)
 
 
 class SharePart(Part):
     """Offers motions for download.
 
     Args:
-        arms: The arms by name; that of a single one is empty.
+        rigs: The arms by name; that of a single one is empty.
+        pages: Their newest plans and runs.
+        bases: Where their bases stand in the frame of the scene.
+        title: Which arms they are.
     """
 
-    def __init__(self, context: PageContext, arms: Mapping[str, SharingArm], *, title: str) -> None:
-        self._context, self._arms, self._title = context, arms, title
+    def __init__(
+        self,
+        context: PageContext,
+        rigs: Mapping[str, RigLike],
+        pages: Mapping[str, ViewModel],
+        bases: Mapping[str, SE3],
+        *,
+        title: str,
+    ) -> None:
+        self._context, self._title = context, title
+        self._rigs, self._pages, self._bases = rigs, pages, bases
         self._seen: tuple[object, ...] = ()
         self._is_current = False
         self._orders: list[_PendingFile] = []
@@ -67,8 +104,8 @@ class SharePart(Part):
         with context.tabs.add_tab("Share"):
             self._sentence = gui.add_html("")
             self._what = gui.add_dropdown("Motion", (PLAN, RUN), disabled=True)
-            self._kind = gui.add_dropdown("File", tuple(kind.label for kind in KINDS))
-            self._arm = gui.add_dropdown("Of", tuple(arms), visible=False)
+            self._kind = gui.add_dropdown("File", tuple(KINDS))
+            self._arm = gui.add_dropdown("Of", tuple(rigs), visible=False)
             self._download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD, disabled=True)
         context.on_asked(self._download, self._order)
         context.leave_open(self._what, self._kind, self._arm, self._download)
@@ -78,8 +115,8 @@ class SharePart(Part):
         before, self._seen = (
             self._seen,
             (
-                *(each.page.plan_view for each in self._arms.values()),
-                *(each.page.ran for each in self._arms.values()),
+                *(each.plan_view for each in self._pages.values()),
+                *(each.ran for each in self._pages.values()),
                 self._what.value,
                 self._kind.value,
             ),
@@ -98,11 +135,11 @@ class SharePart(Part):
         """Update the widgets."""
         self._download.disabled = not self._moved(PLAN)
         self._what.disabled = not self._moved(RUN)
-        self._arm.visible = len(self._arms) > 1 and kind_called(self._kind.value) is not FILM
+        self._arm.visible = len(self._rigs) > 1 and self._kind.value != FILM
         self._sentence.content = markup.sentence(self._status or self._offer())
 
     def _has_current_plan(self) -> bool:
-        return all(each.page.plan_is_current for each in self._arms.values())
+        return all(each.plan_is_current for each in self._pages.values())
 
     def _offer(self) -> Sentence:
         moved = self._moved()
@@ -110,32 +147,35 @@ class SharePart(Part):
             return NOTHING
         first = next(iter(moved.values()))
         if first.run is not None:
-            return Sentence(text=f"The last run, of {first.view.name}. {READY}")
+            return Sentence(f"The last run, of {first.view.name}. {READY}")
         plan = texts.which(first.view.name, is_current=self._has_current_plan())
-        return Sentence(text=f"{plan}. {READY}")
+        return Sentence(f"{plan}. {READY}")
 
     def _moved(self, what: str = "") -> dict[str, MovedArm]:
         """How the arms move in the plan or the last run, by default in what is chosen."""
         wanted, moved = what or self._what.value, {}
-        for name, arm in self._arms.items():
-            view, run = arm.page.plan_view, None
-            if wanted == RUN and arm.page.ran is not None:
-                view, run = arm.page.ran[0], arm.page.ran[1].run
+        for name, page in self._pages.items():
+            view, run = page.plan_view, None
+            if wanted == RUN and page.ran is not None:
+                view, run = page.ran[0], page.ran[1].run
             if view is not None and (run is not None or what != RUN):
-                moved[name] = MovedArm(view=view, run=run, T_scene_base=arm.T_scene_base)
+                moved[name] = MovedArm(view=view, run=run, T_scene_base=self._bases[name])
         return moved
 
     def _order(self, client: viser.ClientHandle) -> None:
-        subject = self._subject()
-        if subject is None:
+        arms, chosen, kind = self._moved(), self._arm.value, self._kind.value
+        if chosen not in arms:
             return
-        kind = kind_called(self._kind.value)
-        self._status = Sentence(text="Making the file …")
+        self._status = Sentence("Making the file …")
+        arm, lerobot = arms[chosen], lerobot_of(self._rigs[chosen])
+        film = Film(title=self._title, arms=arms)
         self._orders.append(
             _PendingFile(
                 client=client,
-                name=file_name(subject, kind, datetime.now()),
-                file=self._context.in_background(lambda: content(subject, kind)),
+                name=file_name(arm, kind, datetime.now(), chosen=chosen),
+                file=self._context.in_background(
+                    lambda: recording(film) if kind == FILM else content(arm, kind, lerobot)
+                ),
             )
         )
 
@@ -146,18 +186,7 @@ class SharePart(Part):
             return
         data = order.file.result()
         order.client.send_file_download(order.name, data, save_immediately=True)
-        self._status = Sentence(text=f"{order.name}, {_size(len(data))}.", tone=Tone.GOOD)
-
-    def _subject(self) -> SharedMotion | None:
-        moved, chosen = self._moved(), self._arm.value
-        if chosen not in moved:
-            return None
-        return SharedMotion(
-            arms=moved,
-            chosen=chosen,
-            lerobot=lerobot_of(self._arms[chosen].rig),
-            title=self._title,
-        )
+        self._status = Sentence(f"{order.name}, {_size(len(data))}.", Tone.GOOD)
 
 
 def _size(count: int) -> str:

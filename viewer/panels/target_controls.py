@@ -18,18 +18,13 @@ from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
 from ..page import markup, texts
 from ..page.page_context import PageContext
-from ..page.screen_state import Screen
-from ..page.shared_fields import ButtonRow, SharedField, grey, nothing_to, tenth, tenths
+from ..page.shared_fields import SharedField, UndoButtons, grey, tenth, tenths
 from ..page.target_editor import DIRECTIONS
 from ..page.target_ik import FRAMES
 from ..view_model import ViewModel
 
 _FRAME_NAMES = {frame: frame.replace("_", " ") for frame in FRAMES}
 _ROUNDING = 1e-6  # 110 degrees, converted to radians and back, is not exactly 110
-_NEAREST = "take the nearest"
-_HERE = "here"
-"""Among the named poses: where the arm is now."""
-
 _OFF = (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
 
 
@@ -54,20 +49,18 @@ class TargetControls:
             self._context,
             shown=tenths,
         )
-        self._nearest = gui.add_button_group(
+        self._nearest = self._context.buttons(
             "If unreachable",
-            (_NEAREST,),
-            hint="Sets the target to the nearest place that can be reached without contact",
+            {"take the nearest": self._page.take_nearest},
+            "Sets the target to the nearest place that can be reached without contact",
         )
-        self._context.on_choice(self._nearest, lambda _name: self._page.take_nearest())
-        poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
-        self._context.on_choice(poses, self._choose)
+        poses = {pose.name: partial(self._page.set_target_joints, pose.q) for pose in POSES}
+        self._context.buttons("Pose", {**poses, "here": self._page.set_target_here})
 
     def add_choices(self) -> None:
         """The frame of the target, the gripper's direction, single joints, and undo."""
         gui = self._context.gui
-        commands = {"undo": self._page.undo, "redo": self._page.redo}
-        self._history = ButtonRow(self._context, "Target", commands, lambda name: commands[name]())
+        self._history = UndoButtons(self._context, "Target", self._page.history)
         self._frame = SharedField(
             gui.add_dropdown("Target for", tuple(_FRAME_NAMES.values())),
             lambda name: self._page.set_target_frame(name.replace(" ", "_")),
@@ -101,10 +94,12 @@ class TargetControls:
     def add_jaw(self) -> None:
         """The jaw, which moves at once."""
         gui = self._context.gui
-        self._jaw = gui.add_button_group(
-            "Gripper", ("open", "close"), hint="Moves at once, without a plan"
+        move = self._page.move_jaw
+        self._jaw = self._context.buttons(
+            "Gripper",
+            {"open": partial(move, 1.0), "close": partial(move, 0.0)},
+            "Moves at once, without a plan",
         )
-        self._context.on_choice(self._jaw, lambda name: self._page.move_jaw(float(name == "open")))
         self._opening = gui.add_slider(
             "Opening (%)", 0, 100, 1, 0, hint="The jaw follows at once, without a plan"
         )
@@ -128,35 +123,27 @@ class TargetControls:
         )
         self._grip = gui.add_html("")
 
-    def show(self, screen: Screen) -> None:
-        """Show ``screen``; viser sends only what differs."""
-        is_off = screen.state.mode in _OFF
+    def show(self) -> None:
+        """Show the target and the jaw; viser sends only what differs."""
+        page, state = self._page, self._page.state
+        is_off = state.mode in _OFF
         self._opening.disabled = is_off
         grey(self._jaw, is_off)
-        if not screen.state.jaw_moving:
-            self._opened.show(100.0 * texts.aperture(screen.state.q_jaw_ref))
-        self._grip.content = markup.small(texts.grip(screen))
-        self._force.show(None if screen.force is None else 100.0 * screen.force)
-        grey(self._nearest, not screen.can_take_nearest)
-        self._history.show(nothing_to(undo=screen.can_undo, redo=screen.can_redo))
-        self._show_target(screen)
-
-    def _show_target(self, screen: Screen) -> None:
-        self._target_mm.show(to_mm(screen.target.p_base))
-        self._kind.show(screen.kind)
-        self._tilt.show(to_deg(screen.direction.tilt))
-        self._roll.show(to_deg(screen.direction.roll or 0.0))
-        self._frame.show(_FRAME_NAMES[screen.target.frame])
-        if screen.range is not self._range:
-            self._range = screen.range
-            for slider, lower, upper in zip(self._sliders, *screen.range, strict=True):
+        if not state.jaw_moving:
+            self._opened.show(100.0 * texts.aperture(state.q_jaw_ref))
+        self._grip.content = markup.small(texts.grip(state.q_jaw, holds=page.gripper.is_holding))
+        self._force.show(None if page.force is None else 100.0 * page.force)
+        grey(self._nearest, page.target.problem is None)
+        self._history.show()
+        self._target_mm.show(to_mm(page.target.p_base))
+        self._kind.show(page.kind)
+        self._tilt.show(to_deg(page.direction.tilt))
+        self._roll.show(to_deg(page.direction.roll or 0.0))
+        self._frame.show(_FRAME_NAMES[page.target.frame])
+        if page.arm.range is not self._range:
+            self._range = page.arm.range
+            for slider, lower, upper in zip(self._sliders, *self._range, strict=True):
                 slider.min = math.ceil(10.0 * to_deg(lower) - _ROUNDING) / 10.0
                 slider.max = math.floor(10.0 * to_deg(upper) + _ROUNDING) / 10.0
-        for field, angle in zip(self._joints_deg, screen.target.q, strict=True):
+        for field, angle in zip(self._joints_deg, page.target.q, strict=True):
             field.show(to_deg(float(angle)))
-
-    def _choose(self, name: str) -> None:
-        if name == _HERE:
-            self._page.set_target_here()
-        else:
-            self._page.set_target_joints(next(pose for pose in POSES if pose.name == name).q)

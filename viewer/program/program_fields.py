@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from functools import partial
 
 from so101_motion.common.units import to_deg
 from so101_motion.tasks.program.loops import MOST_TIMES, Loop
@@ -18,7 +19,6 @@ from . import program_texts as words
 from .program_model import ArmInStep, ProgramModel
 from .rehearsal_time import RehearsalTime
 
-_RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
 _PLAYS = "Only ghosts move. Pauses are cut to 2 s, and loops are shown twice. Press again to pause."
 _NONE = "none"
 _PART_WAY = "part way"
@@ -139,13 +139,11 @@ class LoopFields:
                 gui.add_number("To", 1, min=1, max=MOST, step=1),
                 gui.add_number("Times", 2, min=2, max=MOST_TIMES, step=1),
             )
-            self._acts = gui.add_button_group(
+            self._acts = context.buttons(
                 "Loop",
-                ("repeat", "remove"),
-                hint="Repeat these rows so many times; remove the loop around the chosen row",
+                {"repeat": self._repeat, "remove": model.end_loop},
+                "Repeat these rows so many times; remove the loop around the chosen row",
             )
-        acts = {"repeat": self._repeat, "remove": model.end_loop}
-        context.on_choice(self._acts, lambda name: acts[name]())
 
     def _repeat(self) -> None:
         first, last, times = (int(field.value) for field in self._loop)
@@ -182,8 +180,8 @@ class RehearsalFields:
         self._now = gui.add_html("", visible=False)
         self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
         self._t = SharedField(self._slider, model.preview, context, shown=lambda t: round(t, 2))
-        self._play = gui.add_button_group("Play", tuple(_RATES), hint=_PLAYS)
-        context.on_choice(self._play, lambda name: model.play(_RATES[name]))
+        rates = {f"{rate:g}×": partial(model.play, rate) for rate in (0.5, 1.0, 2.0)}
+        self._play = context.buttons("Play", rates, _PLAYS)
         self._drawn: RehearsalTime | None = None
 
     def show(self, timeline: RehearsalTime | None, t: float) -> None:
@@ -232,15 +230,15 @@ class FileFields:
         with gui.add_folder("Save and load", expand_by_default=False):
             name = gui.add_text("Program name", "")
             self._called = SharedField(name, model.call, context, shown=str)
-            write = gui.add_button_group("Program", ("save", "new"))
+            context.buttons("Program", {"save": model.save, "new": model.clear})
             self._saved = saved = gui.add_dropdown("Saved", (_NONE,))
-            self._use = gui.add_button_group("Saved one", ("load", "delete"))
+            uses = {
+                "load": lambda: model.load(saved.value),
+                "delete": lambda: model.delete(saved.value),
+            }
+            self._use = context.buttons("Saved one", uses)
             self._undo = UndoButtons(context, "Files", model.saved_files)
         self._shelf = model.saved_files
-        writes = {"save": model.save, "new": model.clear}
-        uses = {"load": model.load, "delete": model.delete}
-        context.on_choice(write, lambda chosen: writes[chosen]())
-        context.on_choice(self._use, lambda chosen: uses[chosen](saved.value))
 
     def show(self, name: str) -> None:
         """Show the name for saving, and what is saved."""

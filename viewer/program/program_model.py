@@ -15,7 +15,7 @@ from functools import partial
 from itertools import count
 from pathlib import Path
 from string import ascii_uppercase
-from typing import Any, Protocol
+from typing import Any
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.errors import ConfigError
@@ -43,7 +43,8 @@ from ..page.history import History
 from ..page.playback import Playback
 from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence
-from ..page.target_ik import Surroundings, Target, TargetSolver
+from ..page.target_ik import Surroundings, TargetSolver
+from ..view_model import ViewModel
 from . import program_texts as words
 from .rehearsal_time import RehearsalTime
 
@@ -117,21 +118,6 @@ SAME_JAW = 0.05
 """A jaw that moved by less than this since the program was planned makes no difference [rad]."""
 
 
-class ArmOnPage(Protocol):
-    """Where an arm is, and the target of its Move tab."""
-
-    @property
-    def q_arm(self) -> Array:
-        """Where the arm is, as it can be gone to again, shape (5,), [rad]."""
-
-    @property
-    def target(self) -> Target:
-        """The target."""
-
-    def set_target_joints(self, q: Array) -> None:
-        """Put the target, and with it the ghost, to joint angles, shape (5,), [rad]."""
-
-
 class ProgramModel:
     """State and commands of the Program tab.
 
@@ -148,6 +134,7 @@ class ProgramModel:
         program: What is edited, or run.
         chosen: Index of the step that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
+        history: The programs before.
         saved_files: The user's programs.
         timeline: The plan over time, as long as it is valid; else None.
         run: What is being run; else None.
@@ -156,7 +143,7 @@ class ProgramModel:
     def __init__(
         self,
         arms: Arms,
-        pages: Mapping[str, ArmOnPage],
+        pages: Mapping[str, ViewModel],
         submit: Callable[[Callable[[], Any]], Future[Any]],
         zeros: Callable[[], ZerosOfArms] | None = None,
     ) -> None:
@@ -166,7 +153,7 @@ class ProgramModel:
         self.edit = {name: ArmInStep(self, name) for name in pages}
         self._now = arms.clock.now
         self.program = Program()
-        self._history = History(self.program, self._now)
+        self.history = History(self.program, self._restore, self._now)
         self.chosen: int | None = None
         folder = files.folder if isinstance(arms, Solo) else files.cell_folder
         self._file_of: Callable[[str], Path] = lambda name: files.file_of(name, folder())
@@ -253,24 +240,6 @@ class ProgramModel:
         self._edit(self.program.with_step(again).moved(len(self.program), index + 1))
         self.chosen = index + 1
 
-    def undo(self) -> None:
-        """Undo the last edit."""
-        self._set(self._history.undo())
-
-    def redo(self) -> None:
-        """Redo what was undone last."""
-        self._set(self._history.redo())
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is an edit to undo."""
-        return self._history.can_undo and self.run is None
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether one was undone."""
-        return self._history.can_redo and self.run is None
-
     def set_rounds(self, rounds: int | None) -> None:
         """Set the number of rounds; None for endless."""
         self._edit(self.program.with_rounds(rounds), "rounds")
@@ -345,7 +314,7 @@ class ProgramModel:
                 rehearsal = rehearse(arms, program)
                 if not isinstance(arms, Solo):
                     return RehearsalTime(rehearsal, arms)
-                solver = TargetSolver.load(Surroundings(arms.arm.scene, arms.arm.range))
+                solver = TargetSolver(Surroundings(arms.arm.scene, arms.arm.range))
                 return RehearsalTime(rehearsal, arms, solver.clearance)
 
             self._planning = self._submit(plan_all)
@@ -515,12 +484,12 @@ class ProgramModel:
         self._edit(self.program.with_changed(self._chosen_index(), step), kind)
 
     def _edit(self, program: Program, kind: Hashable = None) -> None:
+        self._restore(program)
+        self.history.add(program, kind)
+
+    def _restore(self, program: Program, _words: str = "") -> None:
         if self.run is not None:
             raise ConfigError("program", None, "stop the program before you change it")
-        self._history.add(program, kind)
-        self._set(program)
-
-    def _set(self, program: Program) -> None:
         self.program = program
         if self.chosen is not None:
             left = len(program)

@@ -84,10 +84,11 @@ class ProgramPart(Part):
         model = self.model
         self._sentence = gui.add_html("")
         if self._is_one:
-            record = gui.add_button_group(
-                "Record", ("arm", "target"), hint="Where the arm is, or where the ghost is"
+            self._context.buttons(
+                "Record",
+                {"arm": model.record_arms, "target": model.record_targets},
+                "Where the arm is, or where the ghost is",
             )
-            self._on_choice(record, {"arm": model.record_arms, "target": model.record_targets})
         else:
             self._add_record("Record arm", model.record_arms, "they go to where they stand now")
             self._add_record("Record target", model.record_targets, "they go to their targets")
@@ -97,14 +98,13 @@ class ProgramPart(Part):
         self, label: str, record: Callable[[Sequence[str] | None], None], what: str
     ) -> None:
         hint = f"A step in which {what}, at the same time"
-        group = self._context.gui.add_button_group(label, (*self._pages, _ALL), hint=hint)
-        self._context.on_choice(group, lambda name: record(None if name == _ALL else (name,)))
+        of_each = {name: partial(record, (name,)) for name in self._pages}
+        self._context.buttons(label, {**of_each, _ALL: partial(record, None)}, hint)
 
     def _add_run(self, gui: viser.GuiApi) -> None:
-        self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
-        self._context.on_press(self._plan, self.model.plan)
-        self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
-        self._context.on_press(self._run, self.model.start)
+        button, model = self._context.button, self.model
+        self._plan = button("Plan program", model.plan, icon=viser.Icon.ROUTE)
+        self._run = button("Run program", model.start, icon=viser.Icon.PLAYER_PLAY, color="green")
         self._progress = gui.add_progress_bar(0.0, color="green")
 
     def _add_order(self, gui: viser.GuiApi) -> None:
@@ -118,14 +118,15 @@ class ProgramPart(Part):
             does["re-record"] = model.edit[ARM].take_place
         does["delete"] = model.remove
         hint = "re-record: it moves to where the arm is now" if self._is_one else None
-        self._add_chosen(model.texts.step.capitalize(), does, hint)
-        self._undo = UndoButtons(self._context, "Edits", model)
+        self._chosen.append(self._context.buttons(model.texts.step.capitalize(), does, hint))
+        self._undo = UndoButtons(self._context, "Edits", model.history)
 
     def _add_rehearsal(self, gui: viser.GuiApi) -> None:
-        self._plan_part = gui.add_button_group(
-            "Plan only", (REST, STEP), hint="From the chosen row on, or only the way to it"
+        self._plan_part = self._context.buttons(
+            "Plan only",
+            {part: partial(self.model.plan, part) for part in (REST, STEP)},
+            "From the chosen row on, or only the way to it",
         )
-        self._context.on_choice(self._plan_part, self.model.plan)
         self._rehearsal = RehearsalFields(self._context, self.model)
         self._facts = gui.add_html(markup.facts(self.model.texts.facts(None), lines=_LINES))
 
@@ -143,21 +144,8 @@ class ProgramPart(Part):
                     "to target": edit.take_target,
                     "leave out": edit.leave_out,
                 }
-                self._add_chosen("In this step", does, _USES)
+                self._chosen.append(self._context.buttons("In this step", does, _USES))
                 self._fields[name] = WaypointFields(self._context, edit)
-
-    def _add_chosen(
-        self, label: str, does: Mapping[str, Callable[[], None]], hint: str | None
-    ) -> None:
-        """Buttons for the chosen step."""
-        group = self._context.gui.add_button_group(label, tuple(does), hint=hint)
-        self._on_choice(group, does)
-        self._chosen.append(group)
-
-    def _on_choice(
-        self, group: viser.GuiButtonGroupHandle, does: Mapping[str, Callable[[], None]]
-    ) -> None:
-        self._context.on_choice(group, lambda name: does[name]())
 
     # The page
 
@@ -188,7 +176,7 @@ class ProgramPart(Part):
         self._loops.show(index, (program.steps, program.loops), loops)
         for group in self._chosen:
             grey(group, index is None)
-        self._undo.show()
+        self._undo.show(can=run is None)
         self._plan.disabled = not model.can_plan
         self._run.disabled = not model.can_run
         grey(self._plan_part, not model.can_plan or model.chosen is None)

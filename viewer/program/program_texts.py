@@ -15,19 +15,17 @@ from ..page import markup, texts
 from ..page.screen_state import Sentence, Tone
 from .rehearsal_time import RehearsalTime
 
-PRESS_PLAN = Sentence(text="Press Plan program to check all of it; nothing moves.")
+PRESS_PLAN = Sentence("Press Plan program to check all of it; nothing moves.")
 PLANNED_PART = Sentence(
-    text="Planned, no collisions. Loops that begin earlier run once. Press Run program.",
-    tone=Tone.GOOD,
+    "Planned, no collisions. Loops that begin earlier run once. Press Run program.",
+    Tone.GOOD,
 )
-ARM_MOVED = Sentence(text="The arm has moved. Press Plan program again.")
-JAW_MOVED = Sentence(text="The gripper has moved. Press Plan program again.")
-THINGS_CHANGED = Sentence(
-    text="Speed limits or surroundings have changed. Press Plan program again."
-)
-PAUSE_STOPS = Sentence(text="A pause needs a stop, so this waypoint is no longer passed.")
-JAW_STOPS = Sentence(text="The gripper needs a stop, so this waypoint is no longer passed.")
-HELD_AGAIN = Sentence(text="Hand guiding has timed out. The arm holds where it is.")
+ARM_MOVED = Sentence("The arm has moved. Press Plan program again.")
+JAW_MOVED = Sentence("The gripper has moved. Press Plan program again.")
+THINGS_CHANGED = Sentence("Speed limits or surroundings have changed. Press Plan program again.")
+PAUSE_STOPS = Sentence("A pause needs a stop, so this waypoint is no longer passed.")
+JAW_STOPS = Sentence("The gripper needs a stop, so this waypoint is no longer passed.")
+HELD_AGAIN = Sentence("Hand guiding has timed out. The arm holds where it is.")
 
 deleted = texts.deleted
 
@@ -51,28 +49,28 @@ class Words:
     @property
     def planning(self) -> Sentence:
         """The program is being planned."""
-        return Sentence(text=f"Planning all {self.step}s …")
+        return Sentence(f"Planning all {self.step}s …")
 
     @property
     def planned(self) -> Sentence:
         """All of it is planned."""
         text = f"Planned, no collisions. Press Run program to move the {self.arms}."
-        return Sentence(text=text, tone=Tone.GOOD)
+        return Sentence(text, Tone.GOOD)
 
     def recorded(self, number: int) -> Sentence:
         """A step was added."""
         text = f"Recorded {self.step} {number}. Record more, or press Plan program."
-        return Sentence(text=text)
+        return Sentence(text)
 
     def loaded(self, name: str, count: int) -> Sentence:
         """A program was loaded."""
         steps = f"{count} {self.step}{'' if count == 1 else 's'}"
-        return Sentence(text=f"Loaded {name}, {steps}. Press Plan program.")
+        return Sentence(f"Loaded {name}, {steps}. Press Plan program.")
 
     def ended(self, error: BaseException) -> Sentence:
         """Why a plan or a run failed."""
         if isinstance(error, Interrupted) and (error.by == "stop" or self.arms == "arms"):
-            return Sentence(text=f"Stopped. {self.hold}; the rest was not run.")
+            return Sentence(f"Stopped. {self.hold}; the rest was not run.")
         return texts.ended(error)
 
     def facts(self, timeline: RehearsalTime | None) -> tuple[tuple[str, str], ...]:
@@ -100,31 +98,29 @@ ONE = Words(
     "waypoint",
     "arm",
     "The arm holds where it is",
-    Sentence(text="Record the arm or the target as the first waypoint."),
+    Sentence("Record the arm or the target as the first waypoint."),
 )
 SEVERAL = Words(
     "step",
     "arms",
     "All arms hold where they are",
-    Sentence(
-        text="Record where the arms stand, or the targets of the Move tab, as the first step."
-    ),
+    Sentence("Record where the arms stand, or the targets of the Move tab, as the first step."),
 )
 
 
 def passing(before: Waypoint, *, stops: bool) -> Sentence:
     """A waypoint is passed without a stop now, or where nothing follows it ``stops``."""
     if stops:
-        return Sentence(text="The arm stops at the last waypoint, until another follows it.")
+        return Sentence("The arm stops at the last waypoint, until another follows it.")
     if before.pause > 0.0 or before.aperture is not None:
         text = "Passed without stopping. Its pause and its gripper setting are removed."
-        return Sentence(text=text)
-    return Sentence(text="Passed without stopping.")
+        return Sentence(text)
+    return Sentence("Passed without stopping.")
 
 
 def saved(file: Path) -> Sentence:
     """The program was saved."""
-    return Sentence(text=f"Saved as {file.stem}: {file}", tone=Tone.GOOD)
+    return Sentence(f"Saved as {file.stem}: {file}", Tone.GOOD)
 
 
 def guided(names: Sequence[str], left: float | None) -> Sentence:
@@ -135,7 +131,7 @@ def guided(names: Sequence[str], left: float | None) -> Sentence:
     arms = "the arm" if [*names] == [ARM] else " and ".join(names)
     stand, hold = ("stands", "It holds") if len(names) == 1 else ("stand", "They hold")
     end = "" if left is None else f" {hold} again in {max(math.ceil(left), 0)} s."
-    return Sentence(text=f"Record keeps where {arms} {stand} now.{end}", tone=Tone.WARM)
+    return Sentence(f"Record keeps where {arms} {stand} now.{end}", Tone.WARM)
 
 
 def running(run: ProgramRun) -> Sentence:
@@ -150,14 +146,14 @@ def running(run: ProgramRun) -> Sentence:
     of = "" if program.rounds is None else f" of {program.rounds}"
     said = "" if program.rounds == 1 else f" Round {where.round + 1}{of}."
     text = f"{doing} {program.called(index)}.{laps}{said} Press Space or Stop to stop."
-    return Sentence(text=text)
+    return Sentence(text)
 
 
 def done(run: ProgramRun) -> Sentence:
     """A run has ended as planned."""
     rounds = run.program.rounds
     times = "" if rounds == 1 else f" {rounds} times"
-    return Sentence(text=f"Done{times}. Press Plan program to run it again.", tone=Tone.GOOD)
+    return Sentence(f"Done{times}. Press Plan program to run it again.", Tone.GOOD)
 
 
 def timeline(timeline: RehearsalTime) -> markup.Timeline:

@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.scene import Box, Capsule, Mesh, PointCloud, Scene, Sphere
+from so101_motion.planning.collision.scene import PointCloud, Scene, Shape
+from so101_motion.planning.collision.shape_files import read_shape
 
-_STEP, _FURTHEST = 0.002, 3.0
-"""Step along the ray in the search for a capsule, and where the search ends [m]; chosen: the arm
-reaches half a metre, the camera stands within two."""
+from .scene_view import surface
+
+_FURTHEST = 3.0
+"""Where the search along the ray ends [m]; chosen: the camera stands within two."""
+
+_EDGE = 1e-9
+"""How far beside a triangle it is met too, as a share of it: no ray slips between two of them."""
 
 
 def hit(scene: Scene, p_from: Array, along: Array) -> Array | None:
@@ -23,7 +28,7 @@ def hit(scene: Scene, p_from: Array, along: Array) -> Array | None:
     along = along / np.linalg.norm(along)
     distances = [
         _distance(
-            obstacle.shape,
+            read_shape(obstacle.shape),
             obstacle.T_base_obstacle.inverse @ p_from,
             obstacle.T_base_obstacle.R.T @ along,
         )
@@ -37,32 +42,18 @@ def hit(scene: Scene, p_from: Array, along: Array) -> Array | None:
     return np.asarray(p_from + min(met) * along)
 
 
-def _distance(shape: object, p: Array, d: Array) -> float | None:
+def _distance(shape: Shape, p: Array, d: Array) -> float | None:
     """How far along a ray in a shape's own frame its surface is [m]."""
-    if isinstance(shape, Box):
-        return _to_boxes(np.zeros((1, 3)), 0.5 * shape.size, p, d)
     if isinstance(shape, PointCloud):
         edge = shape.resolution
         cubes = np.unique(np.floor(shape.points / edge), axis=0)
-        return _to_boxes((cubes + 0.5) * edge, np.full(3, 0.5 * edge), p, d)
-    if isinstance(shape, Mesh):
-        return _to_triangles(shape.vertices[shape.triangles], p, d)
-    if isinstance(shape, Sphere):
-        half, c = float(p @ d), float(p @ p) - shape.radius**2
-        inside = half**2 - c
-        return None if inside < 0.0 else -half - float(np.sqrt(inside))
-    if isinstance(shape, Capsule):
-        t = np.arange(0.0, _FURTHEST, _STEP)
-        points = p + t[:, None] * d
-        reach = 0.5 * shape.length - shape.radius
-        points[:, 2] -= np.clip(points[:, 2], -reach, reach)
-        near = np.flatnonzero(np.linalg.norm(points, axis=1) <= shape.radius)
-        return float(t[near[0]]) if len(near) else None
-    return None
+        return _to_cubes((cubes + 0.5) * edge, 0.5 * edge, p, d)
+    vertices, triangles = surface(shape)
+    return _to_triangles(vertices[triangles], p, d)
 
 
-def _to_boxes(middles: Array, half: Array, p: Array, d: Array) -> float | None:
-    """To the nearest of boxes of one size; ``middles`` has shape (n, 3)."""
+def _to_cubes(middles: Array, half: float, p: Array, d: Array) -> float | None:
+    """To the nearest of cubes of one size; ``middles`` has shape (n, 3)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([(middles - half - p) / d, (middles + half - p) / d])
     enters, leaves = np.nanmax(ends.min(axis=0), axis=1), np.nanmin(ends.max(axis=0), axis=1)
@@ -83,5 +74,5 @@ def _to_triangles(corners: Array, p: Array, d: Array) -> float | None:
         u = scale * np.einsum("ij,ij->i", from_first, across)
         v = scale * (turned @ d)
         t = scale * np.einsum("ij,ij->i", other, turned)
-    met = t[(u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 0.0)]
+        met = t[(np.minimum(u, v) >= -_EDGE) & (u + v <= 1.0 + _EDGE) & (t > 0.0)]
     return float(met.min()) if len(met) else None

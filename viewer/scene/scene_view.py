@@ -158,7 +158,7 @@ def _node(
     if isinstance(shape, PointCloud):
         colors = np.tile(np.array(color, dtype=np.uint8), (len(shape.points), 1))
         return stage.add_point_cloud(path, shape.points, colors, point_size=shape.resolution)
-    vertices, triangles = _surface(shape)
+    vertices, triangles = surface(shape)
     return stage.add_mesh_simple(
         path,
         vertices,
@@ -172,7 +172,8 @@ def _node(
     )
 
 
-def _surface(shape: Box | Sphere | Capsule | Mesh) -> tuple[np.ndarray, np.ndarray]:
+def surface(shape: Box | Sphere | Capsule | Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices, shape (n, 3), [m], and triangles of a shape as it is drawn."""
     if isinstance(shape, Mesh):
         return shape.vertices, shape.triangles
     if isinstance(shape, Box):

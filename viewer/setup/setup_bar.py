@@ -15,11 +15,10 @@ from so101_motion.rig.protocols import RigLike
 from so101_motion.setup.calibrator import StepResult
 
 from ..page import texts
-from ..page.bar import BarButton
+from ..page.bar import BarButton, add_stop
 from ..page.guiding import Guiding
 from ..page.page_context import PageContext
 from ..page.part import Part
-from ..page.stop_button import add_stop
 from .setup_context import SetupContext
 from .setup_target import SetupTarget
 

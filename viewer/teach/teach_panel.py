@@ -34,9 +34,7 @@ _COLOR = (12, 133, 153)
 _PERIOD = 0.3  # how often a machine is asked what it teaches [s]; chosen
 _LEADER_PERIOD = 1.0  # how often a machine is asked how its arm follows [s]; chosen
 
-CANNOT = Sentence(
-    text="This arm's module on the machine cannot record or replay a path.", tone=Tone.WARM
-)
+CANNOT = Sentence("This arm's module on the machine cannot record or replay a path.", Tone.WARM)
 
 
 class TeachPart(Part):

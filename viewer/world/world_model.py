@@ -44,7 +44,7 @@ from .loaded_files import VOXEL, read_loaded, thinned
 DRAG_PERIOD = 0.2
 """How often the scene for planning is updated during a drag [s]; chosen."""
 
-INVITATION = Sentence(text="Add an object, or click one to change it.")
+INVITATION = Sentence("Add an object, or click one to change it.")
 
 
 class WorldModel:
@@ -62,6 +62,7 @@ class WorldModel:
         dragging: Whether somebody holds a thing by its handles.
         voxel: Edge of the cubes of a cloud that is loaded [m].
         scale: Factor for the lengths of a mesh or cloud that is loaded.
+        history: The scenes before.
         saved_files: Undoes ``save``.
     """
 
@@ -80,7 +81,7 @@ class WorldModel:
         self.voxel = VOXEL
         self.scale = 1.0
         self.saved_files = SavedFiles(lambda _name: self.file, lambda: (), self._tell)
-        self._history = History(scene, now)
+        self.history = History(scene, self._return_to, now)
         self._given, self._given_at = scene, float("-inf")
 
     # Looking
@@ -96,16 +97,6 @@ class WorldModel:
         if self.selected is None:
             return None
         return scene_edits.thing_named(self.scene, self.selected)
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is an edit to undo."""
-        return self._history.can_undo
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether one was undone."""
-        return self._history.can_redo
 
     def due(self, t: float) -> Scene | None:
         """The scene to plan with from ``t`` [s] on, once for each; None when none is due."""
@@ -208,16 +199,6 @@ class WorldModel:
         name = self._name()
         self._change(scene_edits.let_go(self.scene, name, T_base_tool), f"{name} stays here.")
 
-    def undo(self) -> None:
-        """Undo the last edit."""
-        if self.can_undo:
-            self._return_to(self._history.undo(), "Undone.")
-
-    def redo(self) -> None:
-        """Redo what was undone last."""
-        if self.can_redo:
-            self._return_to(self._history.redo(), "Redone.")
-
     # Files
 
     def save(self) -> None:
@@ -230,7 +211,7 @@ class WorldModel:
             ) from error
         with self.saved_files.changing(self.file.name):
             self._write(self.scene, self.file)
-        self.sentence = Sentence(text=f"Saved to {self.file}", tone=Tone.GOOD)
+        self.sentence = Sentence(f"Saved to {self.file}", Tone.GOOD)
 
     def as_file(self) -> bytes:
         """The scene as ``so101 plan --scene`` reads it, without what one of several arms holds."""
@@ -262,7 +243,7 @@ class WorldModel:
         elif isinstance(found, PointCloud):
             self._add(found, PurePath(name).stem, place=SE3.identity())
             count = f"{len(found.points)} cubes of {1000.0 * self.voxel:g} mm"
-            self.sentence = Sentence(text=f"Added {self.selected}, {count}, where it was seen.")
+            self.sentence = Sentence(f"Added {self.selected}, {count}, where it was seen.")
         else:
             self._add(found, PurePath(name).stem)
 
@@ -275,7 +256,7 @@ class WorldModel:
 
     def refuse(self, error: So101Error) -> None:
         """Take back an edit that cannot be planned with, and say why."""
-        self.undo()
+        self.history.undo()
         self.sentence = texts.ended(error)
 
     def adopt(self, scene: Scene) -> None:
@@ -317,15 +298,15 @@ class WorldModel:
     def _return_to(self, scene: Scene, text: str) -> None:
         self.scene = scene
         self.select(self.selected)
-        self.sentence = Sentence(text=text)
+        self.sentence = Sentence(text)
 
     def _change(self, scene: Scene, text: str, kind: Hashable = None) -> None:
         if self.dragging:
-            self._history.amend(scene)
+            self.history.amend(scene)
         else:
-            self._history.add(scene, kind)
+            self.history.add(scene, kind)
         self.scene = scene
-        self.sentence = Sentence(text=text)
+        self.sentence = Sentence(text)
 
 
 class OverlapCheck:
@@ -361,7 +342,7 @@ def in_each_other(pair: tuple[str, str]) -> Sentence:
     """The sentence about two bodies that overlap."""
     first, second = pair
     return Sentence(
-        text=f"{capital(f'{first} is inside {second}')} Nothing moves now; the next"
+        f"{capital(f'{first} is inside {second}')} Nothing moves now; the next"
         " motion first backs out slowly, if it can.",
-        tone=Tone.BAD,
+        Tone.BAD,
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,8 +106,7 @@ class WorldPart(Part):
     def _add_widgets(self, gui: viser.GuiApi) -> None:
         context, world = self._context, self.world
         self._sentence = gui.add_html("")
-        kinds = gui.add_button_group("Add", tuple(NEW_SHAPES))
-        context.on_choice(kinds, lambda kind: world.add(kind, self._held_at()))
+        context.buttons("Add", {kind: partial(self._add, kind) for kind in NEW_SHAPES})
         self._list = gui.add_dropdown("Selected", (_nothing(()),))
         self._selected = self._field(self._list, self._choose, shown=str)
         self._acts = gui.add_button_group(
@@ -119,7 +119,7 @@ class WorldPart(Part):
             hint="Which arm holds it",
             visible=len(self._tools) > 1,
         )
-        self._edits = UndoButtons(context, "Edits", world)
+        self._edits = UndoButtons(context, "Edits", world.history)
         gui.add_divider()
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),
@@ -161,14 +161,14 @@ class WorldPart(Part):
 
     def _add_files(self, gui: viser.GuiApi) -> None:
         is_for_viam = self._user.viam_name is not None
-        self._files = gui.add_button_group(
+        does = {"save": self.world.save, "download": lambda: None}  # a browser gets a download
+        self._files = self._context.buttons(
             "Scene file",
-            ("save", "download", "for Viam") if is_for_viam else ("save", "download"),
-            hint="so101 plan --scene reads what save writes; for Viam: a WorldState to copy"
+            {**does, "for Viam": self._show_for_viam} if is_for_viam else does,
+            "so101 plan --scene reads what save writes; for Viam: a WorldState to copy"
             if is_for_viam
             else "so101 view --cell reads what save writes; download is the scene alone",
         )
-        self._context.on_choice(self._files, self._keep)
         self._context.on_asked(self._files, self._download)
         self._undo_save = UndoButtons(self._context, "Files", self.world.saved_files)
         self._for_viam = gui.add_html("", visible=False)
@@ -205,6 +205,9 @@ class WorldPart(Part):
 
     # Commands
 
+    def _add(self, kind: str) -> None:
+        self.world.add(kind, self._held_at())
+
     def _set_scale(self, scale: float) -> None:
         self.world.scale = scale
 
@@ -220,12 +223,6 @@ class WorldPart(Part):
             world.let_go(tools[holder_of(world.thing)])
         elif name == "delete":
             world.remove()
-
-    def _keep(self, name: str) -> None:
-        if name == "save":
-            self.world.save()
-        elif name == "for Viam":
-            self._show_for_viam()
 
     def _show_for_viam(self) -> None:
         """Show the scene as a Viam WorldState, until it changes or the button is pressed again."""

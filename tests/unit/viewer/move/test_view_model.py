@@ -21,13 +21,12 @@ from so101_motion.common.units import to_rad
 def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_path(
     page: ViewModel, arm: FakeArm
 ) -> None:
-    screen = page.screen()
-    assert screen.sentence.text == WELCOME
-    assert screen.q_ghost is not None
-    assert screen.path is not None
-    assert not screen.path.planned
-    assert screen.can_plan
-    assert not screen.can_execute
+    assert page.sentence.text == WELCOME
+    assert page.q_ghost is not None
+    assert page.path is not None
+    assert not page.path.planned
+    assert page.can_plan
+    assert not page.can_execute
     assert arm.executed == []
 
 
@@ -35,39 +34,39 @@ def test_targets_are_undone_and_redone_and_a_drag_is_one_change(
     page: ViewModel, inputs: PageInputs
 ) -> None:
     first = page.target.p_base
-    assert not page.screen().can_undo
+    assert not page.history.can_undo
     for k in range(5):
         inputs.t += 0.1
         page.set_target_point(np.array([0.1, 0.1, 0.01 * k]))
     inputs.t += 5.0
     page.set_target_joints(np.full(5, 0.3))
-    page.undo()
+    page.history.undo()
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, 0.04])
-    page.undo()
+    page.history.undo()
     np.testing.assert_allclose(page.target.p_base, first)
-    assert (page.screen().can_undo, page.screen().can_redo) == (False, True)
-    page.redo()
-    page.redo()
+    assert (page.history.can_undo, page.history.can_redo) == (False, True)
+    page.history.redo()
+    page.history.redo()
     np.testing.assert_allclose(page.target.q, np.full(5, 0.3))
-    page.undo()
+    page.history.undo()
     page.set_target_point(np.array([0.2, 0.0, 0.1]))  # soon after, but what was undone is gone
-    assert not page.screen().can_redo
-    page.undo()
+    assert not page.history.can_redo
+    page.history.undo()
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, 0.04])
     planned(page)
-    page.undo()
+    page.history.undo()
     assert not page.plan_is_current
 
 
 def test_the_nearest_place_is_taken_also_when_the_target_is_in_contact(page: ViewModel) -> None:
     page.set_target_point(np.array([0.1, 0.1, -0.235]))
-    assert page.screen().can_take_nearest
+    assert page.target.problem is not None
     assert "would hit" in str(page.target.problem)
     page.take_nearest()
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, -0.195])
     assert page.target.problem is None
-    assert not page.screen().can_take_nearest
-    page.undo()
+    assert page.target.problem is None
+    page.history.undo()
     np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, -0.235])
     page.set_target_point(np.array([0.1, 0.1, -0.4]))
     with pytest.raises(ConfigError, match="no place within 120 mm of it can be reached"):
@@ -76,25 +75,24 @@ def test_the_nearest_place_is_taken_also_when_the_target_is_in_contact(page: Vie
 
 
 def test_two_buttons_show_the_product(page: ViewModel, arm: FakeArm) -> None:
-    screen = planned(page)
-    assert screen.can_execute
-    assert screen.path is not None
-    assert screen.path.planned
-    assert screen.sentence.tone is Tone.GOOD
+    planned(page)
+    assert page.can_execute
+    assert page.path is not None
+    assert page.path.planned
+    assert page.sentence.tone is Tone.GOOD
 
     page.execute()
     assert len(arm.executed) == 1
-    assert not page.screen().can_execute
+    assert not page.can_execute
 
     arm.be(arm.executed[0].q_goal, t=1.0)
     arm.motion.future.set_result(None)
     assert page.refresh()
-    screen = page.screen()
-    assert screen.sentence.text.startswith("Arrived, 0.0 mm off")
-    assert screen.q_ghost is None
-    assert screen.path is None
-    assert not screen.can_plan
-    assert not screen.can_execute
+    assert page.sentence.text.startswith("Arrived, 0.0 mm off")
+    assert page.q_ghost is None
+    assert page.path is None
+    assert not page.can_plan
+    assert not page.can_execute
 
 
 def test_nothing_moves_without_a_plan(page: ViewModel, arm: FakeArm) -> None:
@@ -106,21 +104,19 @@ def test_out_of_reach_says_by_how_much_and_why_and_there_is_nothing_to_plan(
     page: ViewModel,
 ) -> None:
     page.set_target_point(np.array([0.0, 0.543, 0.0]))
-    screen = page.screen()
-    assert screen.sentence.text == "43 mm out of reach (arm fully stretched)."
-    assert screen.sentence.tone is Tone.BAD
-    assert screen.path is None
-    assert not screen.can_plan
+    assert page.sentence.text == "43 mm out of reach (arm fully stretched)."
+    assert page.sentence.tone is Tone.BAD
+    assert page.path is None
+    assert not page.can_plan
     page.plan()
     assert not page.refresh()
-    assert page.screen().plan is None
+    assert page.plan_view is None
 
 
 def test_a_target_inside_the_table_says_what_touches_what(page: ViewModel) -> None:
     page.set_target_point(np.array([0.1, 0.0, -0.3]))
-    screen = page.screen()
-    assert screen.sentence.text == "The gripper would hit the floor."
-    assert not screen.can_plan
+    assert page.sentence.text == "The gripper would hit the floor."
+    assert not page.can_plan
 
 
 @pytest.mark.parametrize(
@@ -141,7 +137,7 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(
 ) -> None:
     assert planned(page).can_execute
     change(page)
-    assert not page.screen().can_execute
+    assert not page.can_execute
     page.execute()
     assert arm.executed == []
 
@@ -152,11 +148,10 @@ def test_a_limit_that_another_program_has_set_drops_the_plan(
 ) -> None:
     assert planned(page).can_execute
     setattr(arm, cap, 0.5)
-    assert not page.screen().can_execute
+    assert not page.can_execute
     assert page.refresh()
-    screen = page.screen()
-    assert not screen.plan_is_current
-    assert screen.sentence.text == "The speed limits have changed. Press Plan again."
+    assert not page.plan_is_current
+    assert page.sentence.text == "The speed limits have changed. Press Plan again."
     assert not page.refresh()
     assert planned(page).can_execute
 
@@ -167,8 +162,8 @@ def test_a_plan_being_made_is_dropped_when_another_program_sets_a_limit(
     page.plan()
     arm.speed = 0.5
     assert page.refresh()
-    assert page.screen().plan is None
-    assert page.screen().sentence.text == "The speed limits have changed. Press Plan again."
+    assert page.plan_view is None
+    assert page.sentence.text == "The speed limits have changed. Press Plan again."
     assert planned(page).can_execute
 
 
@@ -176,31 +171,29 @@ def test_an_arm_moved_by_somebody_else_drops_the_plan(page: ViewModel, arm: Fake
     assert planned(page).can_execute
     arm.be(np.full(5, to_rad(1.0)))
     assert page.refresh()
-    screen = page.screen()
-    assert not screen.can_execute
-    assert screen.sentence.text == "The arm has moved. Press Plan again."
+    assert not page.can_execute
+    assert page.sentence.text == "The arm has moved. Press Plan again."
 
 
 def test_the_preview_moves_the_ghost_along_the_plan(page: ViewModel) -> None:
     page.set_target_point(np.array([0.4, 0.0, 0.0]))
     assert planned(page).preview_time == 1.0
     page.preview(0.5)
-    screen = page.screen()
-    assert screen.q_ghost is not None
-    np.testing.assert_allclose(screen.q_ghost[:3], [0.2, 0.0, 0.0])
+    assert page.q_ghost is not None
+    np.testing.assert_allclose(page.q_ghost[:3], [0.2, 0.0, 0.0])
     page.preview(99.0)
-    assert page.screen().preview_time == 1.0
+    assert page.preview_time == 1.0
 
 
 def test_progress_follows_the_clock_from_the_first_movement(page: ViewModel, arm: FakeArm) -> None:
     planned(page)
     page.execute()
-    assert page.screen().progress == 0.0
+    assert page.progress == 0.0
     arm.be(np.zeros(5), t=7.0, mode=Mode.MOVING)
     page.refresh()
     arm.be(np.full(5, 0.05), t=7.5, mode=Mode.MOVING)
     assert page.refresh()
-    assert page.screen().progress == pytest.approx(0.5)
+    assert page.progress == pytest.approx(0.5)
 
 
 def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(
@@ -211,18 +204,17 @@ def test_a_stop_is_reported_plainly_and_the_target_can_be_planned_for_again(
     arm.be(np.array([0.01, 0.0, 0.0, 0.0, 0.0]))
     arm.motion.future.set_exception(Interrupted("stop"))
     page.refresh()
-    screen = page.screen()
-    assert screen.sentence.text == "Stopped. The arm holds where it is."
-    assert screen.can_plan
-    assert not screen.can_execute
+    assert page.sentence.text == "Stopped. The arm holds where it is."
+    assert page.can_plan
+    assert not page.can_execute
 
 
 def test_a_failed_plan_is_reported_in_its_own_words(page: ViewModel, arm: FakeArm) -> None:
     arm.failure = NoPath("no way around <the table>; move the target")
-    screen = planned(page)
-    assert screen.sentence.text == "No way around <the table>; move the target."
-    assert screen.sentence.tone is Tone.BAD
-    assert screen.can_plan
+    planned(page)
+    assert page.sentence.text == "No way around <the table>; move the target."
+    assert page.sentence.tone is Tone.BAD
+    assert page.can_plan
 
 
 def test_a_mistake_inside_is_reported_and_does_not_stop_the_page(
@@ -242,22 +234,20 @@ def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(
     planned(page)
     arm.be(np.zeros(5), mode=mode)
     page.refresh()
-    screen = page.screen()
-    assert words in screen.sentence.text
-    assert not screen.can_plan
-    assert not screen.can_execute
+    assert words in page.sentence.text
+    assert not page.can_plan
+    assert not page.can_execute
 
 
 def test_an_arm_in_contact_where_it_stands_is_offered_a_way_out_that_is_shown_first(
     page: ViewModel, arm: FakeArm
 ) -> None:
-    assert not page.screen().can_back_out
+    assert not page.can_back_out
     arm.be(np.array([0.1, 0.1, -0.21, 0.0, 0.0]))  # in the floor
     page.refresh()
-    assert page.screen().can_back_out
+    assert page.can_back_out
     page.plan_back_out()
     page.refresh()
-    screen = page.screen()
-    assert (screen.can_execute, arm.executed) == (True, [])
-    assert screen.plan is not None
-    np.testing.assert_allclose(screen.plan.plan.q_goal, [0.1, 0.1, -0.11, 0.0, 0.0])
+    assert (page.can_execute, arm.executed) == (True, [])
+    assert page.plan_view is not None
+    np.testing.assert_allclose(page.plan_view.plan.q_goal, [0.1, 0.1, -0.11, 0.0, 0.0])

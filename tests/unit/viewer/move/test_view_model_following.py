@@ -24,15 +24,13 @@ def test_dragging_during_a_motion_neither_stops_nor_redirects_it(
     planned(page)
     page.execute()
     page.set_target_point(np.array([0.0, 0.3, 0.0]))
-    screen = page.screen()
-    assert not screen.can_plan
-    assert not screen.can_execute
+    assert not page.can_plan
+    assert not page.can_execute
     arm.be(arm.executed[0].q_goal)
     arm.motion.future.set_result(None)
     page.refresh()
-    screen = page.screen()
-    assert screen.sentence.text.startswith("Arrived, 0.0 mm off")
-    assert screen.can_plan
+    assert page.sentence.text.startswith("Arrived, 0.0 mm off")
+    assert page.can_plan
     assert len(arm.executed) == 1
 
 
@@ -53,9 +51,8 @@ def test_the_gripper_moves_at_once(page: ViewModel, gripper: FakeGripper) -> Non
 
 def test_at_the_target_there_is_nothing_to_plan(page: ViewModel) -> None:
     page.set_target_joints(np.zeros(5))
-    screen = page.screen()
-    assert screen.sentence.text == "The arm is already there."
-    assert not screen.can_plan
+    assert page.sentence.text == "The arm is already there."
+    assert not page.can_plan
 
 
 def test_one_joint_turns_the_ghost_and_leaves_the_others(page: ViewModel) -> None:
@@ -63,11 +60,8 @@ def test_one_joint_turns_the_ghost_and_leaves_the_others(page: ViewModel) -> Non
     page.set_target_joint(3, 0.5)
     np.testing.assert_allclose(page.target.q, [0.1, 0.1, 0.1, 0.5, 0.1])
     page.set_target_joint(4, 2.1)
-    assert (
-        page.screen().sentence.text
-        == "wrist_roll would be at 120.32°; its range is -114.59 to 114.59°."
-    )
-    assert not page.screen().can_plan
+    assert page.sentence.text == "wrist_roll would be at 120.32°; its range is -114.59 to 114.59°."
+    assert not page.can_plan
 
 
 def test_another_frame_is_aimed_with_from_where_the_ghost_stands(page: ViewModel) -> None:
@@ -88,20 +82,20 @@ def test_here_is_where_the_arm_is(page: ViewModel, arm: FakeArm) -> None:
     page.refresh()
     page.set_target_here()
     np.testing.assert_allclose(page.target.q, 0.3)
-    assert page.screen().sentence.text == "The arm is already there."
+    assert page.sentence.text == "The arm is already there."
 
 
 def test_a_plan_shows_postures_on_its_path_and_where_it_comes_close(page: ViewModel) -> None:
     page.set_target_point(np.array([0.3, 0.0, -0.1]))
-    screen = planned(page)
-    assert screen.sweep is not None
-    assert len(screen.sweep) >= 3
-    assert 0.0 < screen.sweep[0][0] < screen.sweep[-1][0] < 0.3
-    assert screen.plan is not None
-    assert screen.plan.closest.distance == pytest.approx(0.1)
-    assert screen.plan.t_closest == pytest.approx(1.0)
+    planned(page)
+    assert page.sweep is not None
+    assert len(page.sweep) >= 3
+    assert 0.0 < page.sweep[0][0] < page.sweep[-1][0] < 0.3
+    assert page.plan_view is not None
+    assert page.plan_view.closest.distance == pytest.approx(0.1)
+    assert page.plan_view.t_closest == pytest.approx(1.0)
     page.show_sweep(False)
-    assert page.screen().sweep is None
+    assert page.sweep is None
 
 
 def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(
@@ -112,7 +106,7 @@ def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(
     assert page.refresh()
     inputs.t += 0.8
     assert page.refresh()
-    assert page.screen().preview_time == pytest.approx(0.4)
+    assert page.preview_time == pytest.approx(0.4)
     page.play(0.5)  # once more: it stands
     inputs.t += 0.8
     assert not page.refresh()
@@ -120,9 +114,8 @@ def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(
     page.refresh()
     inputs.t += 5.0
     page.refresh()
-    screen = page.screen()
-    assert screen.preview_time == 1.0
-    assert screen.rate is None
+    assert page.preview_time == 1.0
+    assert not page.refresh()
 
 
 def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
@@ -130,11 +123,10 @@ def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
 ) -> None:
     assert planned(page).can_execute
     arm.scene = object()
-    assert not page.screen().can_execute  # not even before the page has taken note
+    assert not page.can_execute  # not even before the page has taken note
     assert page.refresh()
-    screen = page.screen()
-    assert screen.sentence.text == "The surroundings have changed. Press Plan again."
-    assert not screen.can_execute
+    assert page.sentence.text == "The surroundings have changed. Press Plan again."
+    assert not page.can_execute
     page.refresh()
     assert inputs.loaded[-1].scene is arm.scene
     arm.range = (np.full(5, -1.0), np.full(5, 1.0))
@@ -151,11 +143,11 @@ def test_surroundings_that_cannot_be_taken_up_are_reported(
     arm.range = (np.full(5, 1.0), np.full(5, 1.0))
     page.refresh()
     page.refresh()
-    assert "leaves no angle" in page.screen().sentence.text
+    assert "leaves no angle" in page.sentence.text
 
 
 def test_after_a_motion_it_is_told_how_well_the_arm_followed(page: ViewModel, arm: FakeArm) -> None:
-    assert planned(page).tracking is None
+    assert planned(page).tracker.newest is None
     page.execute()
     for k in range(5):
         q = np.full(5, 0.02 * k)
@@ -165,7 +157,7 @@ def test_after_a_motion_it_is_told_how_well_the_arm_followed(page: ViewModel, ar
     arm.be(arm.executed[0].q_goal, t=1.0)
     arm.motion.future.set_result(None)
     page.refresh()
-    tracking = page.screen().tracking
+    tracking = page.tracker.newest
     assert tracking is not None
     np.testing.assert_allclose(tracking.worst, 0.01)
     assert tracking.lag == pytest.approx(0.05)
@@ -177,5 +169,5 @@ def test_after_a_motion_it_is_told_how_well_the_arm_followed(page: ViewModel, ar
         page.refresh()
     arm.be(np.full(5, 0.08), t=3.0)
     page.refresh()
-    assert page.screen().tracked == "another motion"
+    assert page.tracker.newest_name == "another motion"
     assert page.ran is ran  # what somebody else moved is no run of the plan

@@ -1,10 +1,7 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from so101_viewer.page import markup
-from so101_viewer.page.markup import Gauge
 from so101_viewer.page.screen_state import Sentence, Tone
 
 EVIL = '<img src=x onerror="move()">'
@@ -17,7 +14,7 @@ EVIL = '<img src=x onerror="move()">'
         markup.headline(EVIL, EVIL, is_under_way=True),
         markup.facts([(EVIL, EVIL)]),
         markup.to_copy(EVIL, EVIL),
-        markup.gauges([Gauge(name=EVIL, value=1.0, lower=0.0, upper=2.0, unit=EVIL)]),
+        markup.gauge(EVIL, 1.0, 0.0, 2.0, unit=EVIL),
     ],
 )
 def test_text_from_outside_never_becomes_markup(html: str) -> None:
@@ -25,26 +22,25 @@ def test_text_from_outside_never_becomes_markup(html: str) -> None:
     assert "&lt;img src=x onerror=&quot;move()&quot;&gt;" in html
 
 
-def gauge(value: float) -> Gauge:
-    return Gauge(name="elbow_flex", value=value, lower=-100.0, upper=100.0, unit="°")
+def gauge(value: float, *, warns: bool = True) -> str:
+    return markup.gauge("elbow_flex", value, -100.0, 100.0, warns=warns)
 
 
 def test_a_bar_stands_where_its_value_is_and_never_leaves_its_track() -> None:
-    assert gauge(0.0).share == 0.5
-    assert gauge(-100.0).share == 0.0
-    assert gauge(250.0).share == 1.0
+    for value, share in ((0.0, 50.0), (-100.0, 0.0), (250.0, 100.0)):
+        assert f"left:calc({share}% - .2em)" in gauge(value)
 
 
 def test_a_bar_turns_red_near_its_limits_only() -> None:
     red = "#e03131"
-    assert red not in markup.gauges([gauge(80.0)])
-    assert red in markup.gauges([gauge(97.0)])
-    assert red in markup.gauges([gauge(-99.0)])
-    assert red not in markup.gauges([replace(gauge(-99.0), warns=False)])
+    assert red not in gauge(80.0)
+    assert red in gauge(97.0)
+    assert red in gauge(-99.0)
+    assert red not in gauge(-99.0, warns=False)
 
 
 def test_figures_have_one_digit_and_no_minus_zero() -> None:
-    html = markup.gauges([gauge(-0.0123), gauge(12.3456)])
+    html = gauge(-0.0123) + gauge(12.3456)
     assert ">0.0 °<" in html
     assert ">12.3 °<" in html
 

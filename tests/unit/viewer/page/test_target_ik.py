@@ -18,7 +18,7 @@ HOME = np.zeros(5)
 @pytest.fixture(scope="module")
 def solver() -> TargetSolver:
     model = RobotModel.load()
-    return TargetSolver.load(Surroundings(Scene(), (model.lower, model.upper)))
+    return TargetSolver(Surroundings(Scene(), (model.lower, model.upper)))
 
 
 def test_the_ghost_stands_at_a_point_within_reach(solver: TargetSolver) -> None:
@@ -69,7 +69,7 @@ def test_joint_angles_outside_the_limits_name_the_joint(solver: TargetSolver) ->
 
 def test_an_arm_that_was_calibrated_for_less_is_aimed_within_less() -> None:
     model = RobotModel.load()
-    narrow = TargetSolver.load(Surroundings(Scene(), (0.5 * model.lower, 0.5 * model.upper)))
+    narrow = TargetSolver(Surroundings(Scene(), (0.5 * model.lower, 0.5 * model.upper)))
     target = narrow.at_joints(0.6 * model.upper, "tool", q_jaw=0.0)
     assert target.problem is not None
     assert "its range is" in target.problem
@@ -140,14 +140,14 @@ def test_a_click_on_the_table_is_reached_from_above(
 def test_undo_brings_back_how_much_of_the_direction_was_chosen(editor: Editor) -> None:
     editor.set_target_point(np.array([0.2, 0.08, 0.12]))
     editor.set_direction("tilt and roll")
-    editor.undo()
+    editor.history.undo()
     assert editor.kind == "any"
     editor.set_target_point(np.array([0.2, 0.0, 0.12]))
     assert editor.target.direction is None
-    editor.undo()
+    editor.history.undo()
     editor.set_direction("tilt")
-    editor.undo()
-    editor.redo()
+    editor.history.undo()
+    editor.history.redo()
     assert editor.kind == "tilt"
     assert editor.target.direction is not None
 

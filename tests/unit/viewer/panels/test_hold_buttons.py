@@ -33,8 +33,7 @@ def rig(mode: Mode) -> Any:
 def said(**modes: Mode) -> list[str]:
     """The alerts about arms in these modes."""
     bar = Bar()
-    gui = SimpleNamespace(add_button=lambda *_args, **_named: None)
-    context: Any = SimpleNamespace(bar=bar, gui=gui, on_press=lambda *_: None)
+    context: Any = SimpleNamespace(bar=bar, button=lambda *_args, **_named: None)
     HoldButtons(
         context,
         title="Two arms",

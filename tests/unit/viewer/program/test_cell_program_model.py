@@ -180,7 +180,7 @@ def test_steps_are_edited_arm_by_arm_and_edits_are_undone(bench):
     assert model.waypoint(FIRST) is None
     with pytest.raises(ConfigError, match="has no other arm; delete it instead"):
         model.edit[SECOND].leave_out()
-    model.undo()
+    model.history.undo()
     assert model.waypoint(FIRST).speed == 0.4
     bench.record(first=aside(60.0), second=aside(60.0))
     model.move(-1)

@@ -179,15 +179,15 @@ def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab: Tab) -> None:
     assert (tab.names, tab.model.chosen) == ("ACB", 1)
     tab.edit.take_place()
     np.testing.assert_array_equal(tab.model.program.waypoints[1].q, np.zeros(5))
-    tab.model.undo()
+    tab.model.history.undo()
     np.testing.assert_array_equal(tab.model.program.waypoints[1].q, A)
-    tab.model.undo()
+    tab.model.history.undo()
     assert tab.names == "AB"
-    tab.model.redo()
+    tab.model.history.redo()
     assert tab.names == "ACB"
     for _ in range(9):
-        tab.model.undo()
-    assert (tab.names, tab.model.chosen, tab.model.can_undo) == ("", None, False)
+        tab.model.history.undo()
+    assert (tab.names, tab.model.chosen, tab.model.history.can_undo) == ("", None, False)
 
 
 def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(
@@ -203,17 +203,17 @@ def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(
 
     tab.record(A, B)
     change_all()
-    tab.model.undo()
+    tab.model.history.undo()
     assert tab.model.program.waypoints[1].speed == 1.0
     assert tab.names == "Apick"
-    tab.model.undo()
+    tab.model.history.undo()
     assert tab.names == "AB"
-    tab.model.redo()
-    tab.model.redo()
+    tab.model.history.redo()
+    tab.model.history.redo()
     assert (tab.names, tab.model.program.waypoints[1].speed) == ("Apick", 0.5)
     tab.model.duplicate()
     tab.model.duplicate()  # pressed twice, so both are undone by themselves
-    tab.model.undo()
+    tab.model.history.undo()
     assert len(tab.model.program) == 3
 
 
@@ -283,7 +283,7 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: T
     assert tab.model.program.loops == ()
     with pytest.raises(ConfigError, match="is in no loop"):
         tab.model.end_loop()
-    tab.model.undo()
+    tab.model.history.undo()
     assert tab.model.program.loops[0].times == 3
 
 
@@ -302,7 +302,7 @@ def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab: Tab)
     assert 0.0 < near[0] < 0.2
     program = tab.planned.rehearsal.program
     assert words.line(program, 0, near[0]) == f"25 % speed, {1000.0 * near[0]:.0f} mm clear"
-    tab.model.undo()
+    tab.model.history.undo()
     assert tab.model.program.waypoints[0].speed == 1.0
 
 
@@ -335,9 +335,9 @@ def test_a_program_is_planned_and_run_to_its_end(tab: Tab) -> None:
     np.testing.assert_array_equal(tab.rig.arm.state.q, np.zeros(5))
     tab.model.start()
     tab.until(lambda: "Going to waypoint 2 (B). Round 1 of 2." in tab.said)
-    assert not any(
-        (tab.model.waypoint(ARM), tab.model.can_plan, tab.model.can_run, tab.model.can_undo)
-    )
+    assert not any((tab.model.waypoint(ARM), tab.model.can_plan, tab.model.can_run))
+    with pytest.raises(ConfigError, match="stop the program"):
+        tab.model.history.undo()
     with pytest.raises(ConfigError, match="stop the program"):
         tab.model.record_arms()
     tab.until(lambda: tab.model.run is None)

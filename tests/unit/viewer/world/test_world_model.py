@@ -33,17 +33,17 @@ def test_what_is_added_is_selected_and_can_be_taken_back(world):
     world.add("sphere")
     assert world.names == ("box 1", "sphere 1")
     assert world.selected == "sphere 1"
-    world.undo()
+    world.history.undo()
     assert world.names == ("box 1",)
     assert world.selected is None
-    world.undo()
+    world.history.undo()
     assert world.scene == Scene()
-    assert not world.can_undo
-    world.undo()
-    world.redo()
-    world.redo()
+    assert not world.history.can_undo
+    world.history.undo()
+    world.history.redo()
+    world.history.redo()
     assert world.names == ("box 1", "sphere 1")
-    assert not world.can_redo
+    assert not world.history.can_redo
 
 
 def test_numbers_change_the_selected_thing(world):
@@ -94,13 +94,13 @@ def test_a_number_that_is_typed_is_undone_in_one_go(tmp_path):
         world.resize(size=np.array([edge_mm / 1000.0, 0.05, 0.05]))
         clock.advance(0.2)
     world.move_to(np.array([0.2, 0.0, 0.1]))
-    world.undo()
-    world.undo()
+    world.history.undo()
+    world.history.undo()
     assert world.scene is before
     world.set_floor(-0.1)
     clock.advance(1.0)
     world.set_floor(-0.2)
-    world.undo()
+    world.history.undo()
     assert world.scene.floor_z == -0.1
 
 
@@ -117,7 +117,7 @@ def test_a_drag_is_one_entry_for_undo_and_is_handed_on_now_and_then(world):
     world.drop()
     assert world.due(0.5) is world.scene
     np.testing.assert_allclose(world.thing.T_base_obstacle.p, [0.2, 0.05, 0.05])
-    world.undo()
+    world.history.undo()
     assert world.scene is before
 
 
@@ -142,7 +142,7 @@ def test_a_new_thing_keeps_clear_of_one_that_is_held(world):
     world.hold(TOOL)
     world.add("box")
     np.testing.assert_array_equal(world.thing.T_base_obstacle.p, at)
-    world.undo()
+    world.history.undo()
     world.add("box", [at])
     assert np.linalg.norm(world.thing.T_base_obstacle.p - at) > 0.1
 
@@ -220,7 +220,7 @@ def test_a_loaded_scene_takes_the_place_of_what_was_there_and_can_be_taken_back(
     assert world.names == ("block",)
     assert world.scene.floor_z is None
     assert world.selected is None
-    world.undo()
+    world.history.undo()
     assert world.names == ("box 1",)
 
 
@@ -253,7 +253,7 @@ def test_a_file_that_is_no_scene_is_refused_and_nothing_changes(world, name, con
     with pytest.raises(ConfigError, match=says):
         world.load(name, content)
     assert world.scene == Scene()
-    assert not world.can_undo
+    assert not world.history.can_undo
 
 
 def test_a_scene_that_somebody_else_gave_the_arm_is_taken_over(world):
@@ -319,7 +319,7 @@ def test_a_cloud_stays_where_it_was_seen_and_has_voxels_of_a_size_that_is_chosen
     np.testing.assert_allclose(world.thing.T_base_obstacle.p + cloud.points.mean(axis=0), 0.25)
     world.set_voxel(0.05)
     assert len(world.thing.shape.points) == 8
-    world.undo()
+    world.history.undo()
     assert len(world.thing.shape.points) == 1_000
     world.set_voxel(0.001)
     world.remove()

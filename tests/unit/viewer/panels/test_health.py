@@ -5,9 +5,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from so101_viewer.page import markup
-from so101_viewer.page.health import Health, read_health, tones
 from so101_viewer.page.screen_state import Tone
+from so101_viewer.panels.health_panel import Health, figures, read_health, tones
 
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.rig.simulated_rig import open_simulated
@@ -50,9 +49,7 @@ def machine(status: dict[str, Any]) -> Any:
 
 
 def shown(*servos: JointHealth) -> str:
-    return markup.health(
-        Health(servos=servos, silence=None, period=0.01, late_ticks=0, port_losses=0)
-    )
+    return figures(Health(servos=servos, silence=None, period=0.01, late_ticks=0, port_losses=0))
 
 
 def test_a_simulated_arm_says_that_nothing_is_measured_instead_of_zeros() -> None:
@@ -60,7 +57,7 @@ def test_a_simulated_arm_says_that_nothing_is_measured_instead_of_zeros() -> Non
         health = read_health(rig)
     assert health.servos == ()
     assert health.silence == "Simulated: there are no servos to measure."
-    page = markup.health(health)
+    page = figures(health)
     assert "°C" not in page
     assert "10 ms" in page
 

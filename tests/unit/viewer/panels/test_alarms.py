@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import pytest
 from harness.fake_page import STILL
-from so101_viewer.page.alarms import (
+from so101_viewer.page.screen_state import Tone
+from so101_viewer.panels.health_panel import (
     LATE_MANY,
     LateCycles,
     not_said_yet,
     servo_alarms,
     state_alarms,
 )
-from so101_viewer.page.screen_state import Tone
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad

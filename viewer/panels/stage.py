@@ -13,11 +13,13 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 from ..page.front_tab import Drawn
 from ..page.page_context import PageContext
-from ..page.screen_state import PathLine, Screen, Tone
+from ..page.screen_state import PathLine, Tone
 from ..page.target_editor import ANY
-from .camera_and_lights import Views
-from .robot_view import MOVED_LINK, RobotView, looks_different, segments
-from .sweep_view import SweepView
+from ..scene.camera_and_lights import Views
+from ..scene.reach_view import ReachView
+from ..scene.robot_view import MOVED_LINK, RobotView, looks_different, segments
+from ..scene.sweep_view import SweepView
+from ..view_model import ViewModel
 
 _GHOST = (60, 130, 246)
 _GHOST_BAD = (224, 49, 49)
@@ -32,13 +34,12 @@ class Stage:
     """The arm, its ghost, the target handles and the path in the scene.
 
     Args:
+        page: What is drawn.
         model: Kinematics; used by the thread that calls ``show`` alone.
         views: The cameras that can follow the jaw's tip; None without.
         root: The node that all nodes are under, placed where the arm's base stands; empty for an
             arm whose base is the origin.
-        on_drag: Called with the new target point, shape (3,), [m].
-        on_turn: Called with how the target was turned, shape (3, 3).
-        on_release: Called when the target is let go.
+        reach: Shades what is within reach while the target is dragged; None without.
         on_click: Called with the ray of a click, while clicks are wanted: where it begins, shape
             (3,), [m], and its direction, shape (3,).
     """
@@ -46,13 +47,12 @@ class Stage:
     def __init__(
         self,
         context: PageContext,
+        page: ViewModel,
         *,
         model: RobotModel,
-        on_drag: Callable[[Array], None],
-        on_turn: Callable[[Array], None],
-        on_release: Callable[[], None],
         on_click: Callable[[Array, Array], None] = lambda _from, _along: None,
         views: Views | None = None,
+        reach: ReachView | None = None,
         root: str = "",
     ) -> None:
         self._scene, self._model, self._root = context.server.scene, model, root
@@ -72,9 +72,9 @@ class Stage:
                 anchor="center-center",
                 font_screen_scale=0.8,
             )
-        self._on_drag, self._on_turn = on_drag, on_turn
+        self._page, self._reach = page, reach
         context.on_drag(self._target, self._dragged)
-        context.on_release(self._target, lambda _: self._released(on_release))
+        context.on_release(self._target, lambda _: self._released())
         self._sweep = SweepView(self._scene, f"{root}/sweep", color=_GHOST)
         self._p_target, self._R_target, self._turns = np.full(3, np.nan), np.eye(3), False
         self._path: PathLine | None = None
@@ -108,22 +108,22 @@ class Stage:
         self._has_handles = shown
         self._target.visible = self._visible and shown
 
-    def dragged_to(self, p_base: Array) -> None:
-        """Note that the browsers already show the target at ``p_base``, shape (3,), [m]."""
-        self._p_target = p_base
-
     def _dragged(self, handle: viser.TransformControlsHandle) -> None:
         self._is_dragged = True
         p_base = np.array(handle.position)
         if np.allclose(p_base, self._p_target, atol=1e-6):  # only turned
-            self._on_turn(np.array(SO3(np.array(handle.wxyz)).as_matrix(), dtype=np.float64))
+            self._page.set_turn(np.array(SO3(np.array(handle.wxyz)).as_matrix(), dtype=np.float64))
         else:
-            self._on_drag(p_base)
+            self._p_target = p_base  # the browsers show it already
+            self._page.set_target_point(p_base)
+            if self._reach is not None:
+                self._reach.show(self._page.target.frame, float(p_base[2]))
 
-    def _released(self, on_release: Callable[[], None]) -> None:
+    def _released(self) -> None:
         self._is_dragged = False
         self._show_handles()
-        on_release()
+        if self._reach is not None:
+            self._reach.hide()
 
     def _show_handles(self) -> None:
         self._target.position, self._target.wxyz = (
@@ -149,44 +149,44 @@ class Stage:
         for joint, tone in self._marks.items():
             self._live.paint(_ALARM if tone is Tone.BAD else _WARNING, {MOVED_LINK[joint]})
 
-    def show(self, screen: Screen) -> None:
-        """Draw ``screen``; sends only what differs."""
-        state = screen.state
+    def show(self) -> None:
+        """Draw the arm and its target; sends only what differs."""
+        page, state = self._page, self._page.state
         T_live = self._model.link_placements(state.q, state.q_jaw)
         self._live.move(T_live)
         if self._views is not None:
             self._views.moved(self._model.frame(state.q, "jaw_tip").p)
-        self._show_ghost(screen, T_live)
-        turns = screen.kind != ANY
-        is_turned = turns and not np.array_equal(screen.R_base_target, self._R_target)
-        self._R_target = screen.R_base_target
+        self._show_ghost(T_live)
+        turns, R_target = page.kind != ANY, page.R_base_target
+        is_turned = turns and not np.array_equal(R_target, self._R_target)
+        self._R_target = R_target
         if turns != self._turns:
             self._turns = turns
             self._target.disable_rotations = not turns
             self._show_handles()
         elif is_turned and not self._is_dragged:
             self._show_handles()
-        if not np.array_equal(screen.target.p_base, self._p_target):
-            self._p_target = screen.target.p_base
+        if not np.array_equal(page.target.p_base, self._p_target):
+            self._p_target = page.target.p_base
             self._show_handles()
             self.set_handles(True)
         has_plan = self._front.drawn is Drawn.PLAN
-        self._sweep.show(screen.sweep if has_plan else None, state.q_jaw, self._model)
-        path = screen.path if has_plan else None
+        self._sweep.show(page.sweep if has_plan else None, state.q_jaw, self._model)
+        path = page.path if has_plan else None
         if path is not self._path:
             self._path = path
             self._draw_path()
 
-    def _show_ghost(self, screen: Screen, T_live: dict[str, SE3]) -> None:
-        drawn = self._front.drawn
-        q_ghost = screen.target.q if drawn is Drawn.TARGET else screen.q_ghost
+    def _show_ghost(self, T_live: dict[str, SE3]) -> None:
+        page, drawn = self._page, self._front.drawn
+        q_ghost = page.target.q if drawn is Drawn.TARGET else page.q_ghost
         if q_ghost is None or drawn is Drawn.NOTHING:
             self._ghost.show(())
             return
-        T_ghost = self._model.link_placements(q_ghost, screen.state.q_jaw)
+        T_ghost = self._model.link_placements(q_ghost, page.state.q_jaw)
         self._ghost.show({link for link in T_ghost if looks_different(T_ghost[link], T_live[link])})
         self._ghost.move(T_ghost)
-        self._ghost.paint(_GHOST if screen.target.problem is None else _GHOST_BAD)
+        self._ghost.paint(_GHOST if page.target.problem is None else _GHOST_BAD)
 
     def _draw_path(self) -> None:
         if self._path_node is not None:

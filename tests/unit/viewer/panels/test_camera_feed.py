@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from harness.web_camera import WebCamera, jpeg, web_camera
-from so101_viewer.page.camera_feed import CameraFeed
+from so101_viewer.panels.camera_panel import CameraFeed
 
 from so101_motion.common.errors import ConfigError, MachineRefused
 
