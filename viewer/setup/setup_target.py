@@ -18,7 +18,6 @@ from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.setup.calibration_operation import CalibrationOperation
 from so101_motion.setup.calibrator import Calibrator, Situation
 from so101_motion.setup.findings import Findings
-from so101_motion.setup.motor_operation import ChainOperation, MotorOperation
 from so101_motion.setup.port_selection import REPLY_TIMEOUT, Candidate, PortsSeen, look
 from so101_motion.viam.client import MachineRig, MachineSensor
 
@@ -122,8 +121,8 @@ def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
         return SetupTarget(
             where=share.settings.port,
             calibration=CalibrationOperation(calibrator),
-            motors=MotorOperation(calibrator.motor_setup),
-            chain=ChainOperation(calibrator.motor_setup, is_busy=lambda: calibrator.is_under_way),
+            motors=calibrator.motors,
+            chain=calibrator.chain,
             set_torque=lambda on: calibrator.hold() if on else calibrator.let_go(),
             rig=rig or share,
         )
