@@ -16,7 +16,7 @@ from so101_motion.setup.setup_steps import CONFIGURE
 from so101_motion.viam.suggested_config import configuration
 
 from ..page import cards, markup
-from . import calibration_cards, setup_cards
+from . import setup_cards
 from .page import StepPage
 from .setup_context import ServesPreview, SetupContext
 from .setup_target import SetupTarget
@@ -113,9 +113,7 @@ class ConfigurePage(StepPage):
         self._open.disabled = bool(self._setup.doing)
         html = cards.instruction("Move it now", "")
         if self._url:
-            html += calibration_cards.link(
-                self._url, "The preview of the arm, on a page of its own"
-            )
+            html += setup_cards.link(self._url, "The preview of the arm, on a page of its own")
         self._ways.content = html + cards.note(f"Later, from a terminal: {_command(target)}")
 
     def _as_it_was(self) -> str:

@@ -30,7 +30,7 @@ class OperationPage(StepPage):
         self,
         setup: SetupContext,
         step: SetupStep,
-        operation: Callable[[SetupTarget], Operation],
+        operation: Callable[[SetupTarget], Operation | None],
         aborted: str,
     ) -> None:
         super().__init__(setup, step)
@@ -96,7 +96,9 @@ class CalibrationPage(OperationPage):
         if operation is not None:
             view = operation.view
             if view.state != State.IDLE.value:
-                self._setup.saved = self._setup.tested = None
+                self._setup.saved = None
+                if self._setup.target is not None and self._setup.target.test is not None:
+                    self._setup.target.test.forget()
             elif view.is_over:
                 self._setup.saved = view.facts["calibration_file"]
         return news

@@ -58,6 +58,14 @@ def torque(now: TorqueText) -> str:
     )
 
 
+def link(url: str, text: str) -> str:
+    """A link to another page of ours."""
+    return (
+        f'<div style="{PAD};font-size:.85em"><a href="{escape(url)}" target="_blank" rel="noopener"'
+        f' style="color:inherit;font-weight:600">{escape(text)}</a></div>'
+    )
+
+
 def check_text(check: Check) -> str:
     """The result of a check and what to do."""
     mark, colour = _VERDICTS[check.verdict]

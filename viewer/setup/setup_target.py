@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import msgspec
 
@@ -18,11 +18,12 @@ from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.setup.calibration_operation import CalibrationOperation
 from so101_motion.setup.calibrator import Calibrator, Situation
 from so101_motion.setup.findings import Findings
+from so101_motion.setup.move_test import MoveTest
 from so101_motion.setup.port_selection import REPLY_TIMEOUT, Candidate, PortsSeen, look
 from so101_motion.viam.client import MachineRig, MachineSensor
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SetupTarget:
     """The arm that is set up.
 
@@ -50,6 +51,12 @@ class SetupTarget:
         now = msgspec.convert(view.facts, Situation)
         return now if view.is_connected else replace(now, is_connected=False)
 
+    @cached_property
+    def test(self) -> MoveTest | None:
+        """The test of its motions; None if it cannot be moved."""
+        name = f"arm on {self.where}"
+        return None if self.rig is None else MoveTest(self.rig, name=name, hold=self.hold)
+
     @property
     def is_under_way(self) -> bool:
         """Whether a calibration is under way."""
@@ -65,8 +72,9 @@ class SetupTarget:
 
     def close(self) -> None:
         """Give up the port or the machine; a machine's calibration goes on."""
-        for operation in (self.motors, self.chain, self.calibration):
-            operation.close()
+        for operation in (self.test, self.motors, self.chain, self.calibration):
+            if operation is not None:
+                operation.close()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
