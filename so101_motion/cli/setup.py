@@ -204,20 +204,18 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
     viewer = import_preview()
     with ExitStack() as stack:
         stack.enter_context(quietly())
-        sensor = None
+        opened = None
         if machine is not None:
-            from so101_motion.viam.client import MachineSensor
+            from so101_motion.viam.client import Machine
 
-            sensor = MachineSensor.connect(
-                machine.address, api_key_id=machine.api_key_id, api_key=machine.api_key
-            )
-            stack.callback(sensor.close)
+            key = {"api_key_id": machine.api_key_id, "api_key": machine.api_key}
+            opened = stack.enter_context(Machine.connect(machine.address, **key))
         served = viewer.serve_setup(
             host=page.host,
             port=page.port,
             allow_remote=page.allow_remote,
-            ports=() if port is None or sensor is not None else (port,),
-            sensor=sensor,
+            ports=() if port is None or opened is not None else (port,),
+            machine=opened,
             key_of=page.key_of(f"setup of {machine.address if machine else port or 'a kit'}"),
         )
         try:

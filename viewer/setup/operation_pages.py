@@ -10,7 +10,7 @@ import viser
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.operation import Operation, View
 from so101_motion.setup.checkup import Check
-from so101_motion.setup.setup_steps import CHAIN, MOTORS, SetupStep
+from so101_motion.setup.setup_steps import ASSEMBLY, CHAIN, MOTORS, SetupStep
 
 from ..page.operation_panel import OperationPanel
 from .page import StepPage
@@ -55,6 +55,11 @@ class OperationPage(StepPage):
     def show(self) -> None:
         """Show it."""
         self._panel.show()
+
+    def is_next_due(self) -> bool:
+        """Whether nothing is left to do here."""
+        operation = self._operation()
+        return operation is None or operation.view.is_over or self.check().verdict == "ok"
 
     def _operation(self) -> Operation | None:
         target = self._setup.target
@@ -112,6 +117,12 @@ def motors_page(setup: SetupContext) -> OperationPage:
     """The page of the motor step; it looks for motors while it is shown."""
     left = "nothing moved; motors that got their ids keep them, the others are unchanged"
     return OperationPage(setup, MOTORS, lambda target: target.motors, left)
+
+
+def assembly_page(setup: SetupContext) -> OperationPage:
+    """The page of the assembly step."""
+    left = "nothing was changed, and nothing was moved"
+    return OperationPage(setup, ASSEMBLY, lambda target: target.assembly, left)
 
 
 class ChainPage(OperationPage):

@@ -31,11 +31,10 @@ from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
 from ..page.texts import capital
 from . import setup_cards
-from .assembly import AssemblyPage
 from .configure import ConfigurePage
 from .connection import ConnectionPage
 from .final_test import FinalTestPage
-from .operation_pages import CalibrationPage, ChainPage, motors_page
+from .operation_pages import CalibrationPage, ChainPage, assembly_page, motors_page
 from .page import StepPage
 from .picture import Picture
 from .setup_context import ServesPreview, SetupContext
@@ -79,7 +78,7 @@ class SetupPart(Part):
             "connect": ConnectionPage(self.setup, ports),
             "motors": motors_page(self.setup),
             "chain": ChainPage(self.setup),
-            "assembly": AssemblyPage(self.setup),
+            "assembly": assembly_page(self.setup),
             "pose": CalibrationPage(self.setup, POSE),
             "record": CalibrationPage(self.setup, RECORD),
             "save": CalibrationPage(self.setup, SAVE),
