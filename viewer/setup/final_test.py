@@ -10,15 +10,15 @@ from so101_motion.setup.move_test import MoveTest
 from so101_motion.setup.setup_steps import TEST
 
 from ..page import cards
-from .operation_pages import OperationPage
+from .page import StepPage
 from .setup_context import SetupContext
 
 
-class FinalTestPage(OperationPage):
+class FinalTestPage(StepPage):
     """The page of the final test."""
 
     def __init__(self, setup: SetupContext) -> None:
-        super().__init__(setup, TEST, lambda target: target.test, "")
+        super().__init__(setup, TEST, lambda target: target.test)
 
     def build(self, gui: viser.GuiApi) -> None:
         """Make the widgets."""

@@ -35,7 +35,6 @@ class SetupContext(Worker):
         context: The page; presses go through it.
         fixed: The arm, if it is known already; None if a port is to be chosen.
         preview: Serves a preview of the arm; None where the page shows the arm already.
-        make: Makes the target, on the worker thread; set by the page of the connection.
         target: The arm that is set up; None until the connection is made.
         seen: What was found on the port, and about the motors of the finished chain.
         saved: Where this setup has saved a calibration; None before.
@@ -47,7 +46,6 @@ class SetupContext(Worker):
     progress: SetupProgress
     fixed: FixedArm | None = None
     preview: ServesPreview | None = None
-    make: Callable[[], SetupTarget] | None = None
     target: SetupTarget | None = None
     seen: Findings = field(default_factory=Findings)
     saved: str | None = None
