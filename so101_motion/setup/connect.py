@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.operation import LocalOperation, Offer, Row, Tone, View
+from so101_motion.common.operation import LocalOperation, Offer, Row, View
 from so101_motion.setup.checkup import Check, fail
 from so101_motion.setup.findings import Findings
 from so101_motion.setup.port_selection import Candidate, PortsSeen
@@ -85,10 +84,11 @@ class ConnectOperation(LocalOperation):
         candidates = () if seen is None else seen.candidates[:_MOST_PORTS]
         is_wrong = seen is not None and check.verdict == "fail"
         rows = [_row(each, is_chosen=each is chosen) for each in candidates]
-        if not is_wrong and seen is not None:
-            mark, tone = _MARKS[check.verdict]
-            text = ". ".join(filter(None, (check.sentence, check.fix)))
-            rows.append(Row(label="", mark=mark, tone=tone, text=text))
+        if seen is not None and check.verdict == "warn":
+            text = f"{check.sentence}. {check.fix}"
+            rows.append(Row(label="Warning", mark="!", tone="warm", text=text))
+        elif seen is not None and not is_wrong and not rows:
+            rows.append(Row(label="Connected", mark="✓", tone="good", text=check.sentence))
         due = max(self._looked_at + PERIOD - self._now(), 0.0)
         others = [each.name for each in candidates if each is not chosen and len(candidates) > 1]
         return View(
@@ -120,9 +120,6 @@ class ConnectOperation(LocalOperation):
         self.picked = port
 
 
-_MARKS: dict[str, tuple[str, Tone]] = {"ok": ("✓", "good"), "warn": ("!", "warm")}
-
-
 def _row(candidate: Candidate, *, is_chosen: bool) -> Row:
     """A port: its name, what is on it, and its voltage against the servos' rated one."""
     report = candidate.report
@@ -131,9 +128,9 @@ def _row(candidate: Candidate, *, is_chosen: bool) -> Row:
         volts = (f"{report.volts:.1f} V for a {report.nominal_volts:g} V arm",)
     about = " · ".join(filter(None, (candidate.name, report.port.description)))
     return Row(
-        label=Path(report.port.device).name[-24:],
+        label=report.port.device[-24:],
         cells=volts,
         text=f"{report.sentence}. {about}",
         mark="●" if is_chosen else "○",
-        tone="bad" if report.supply_trouble else "good" if volts else "dim",
+        tone="bad" if report.supply_trouble else "good" if is_chosen else "dim",
     )

@@ -46,7 +46,6 @@ class ConfigurePage(StepPage):
         left = "what was saved stays, and the arm is left as it is"
         super().__init__(setup, CONFIGURE, left=left)
         self._text = self._url = ""
-        self._is_shown = False
 
     def build(self, gui: viser.GuiApi) -> None:
         """Make the widgets."""
@@ -62,7 +61,7 @@ class ConfigurePage(StepPage):
 
     def enter(self) -> None:
         """Make the configuration for the target."""
-        target, self._text, self._is_shown = self._setup.target, "", False
+        target, self._text = self._setup.target, ""
         if target is not None and self._setup.saved is None:
             self._setup.saved = target.situation.saved
         if target is not None and not target.is_remote:
@@ -70,9 +69,8 @@ class ConfigurePage(StepPage):
             self._setup.do("writing the configuration", make, self._take)
 
     def refresh(self) -> bool:
-        """Whether there is something new to show."""
-        before, self._is_shown = self._is_shown, True
-        return not before
+        """Nothing is new but what the worker has done."""
+        return False
 
     def show(self) -> None:
         """Show the configuration, and the link to its page."""
@@ -116,10 +114,9 @@ class ConfigurePage(StepPage):
     def _show_preview(self, served: tuple[str, Callable[[], None]]) -> None:
         self._url, close = served
         self._setup.opened.callback(close)
-        self._is_shown = False
 
     def _take(self, text: str) -> None:
-        self._text, self._is_shown = text, False
+        self._text = text
 
     def _hand_over(self, client: viser.ClientHandle) -> None:
         client.send_file_download(
