@@ -183,20 +183,24 @@ def test_nobody_there_means_power_or_cable():
     assert set(bus.rates) | {1_000_000} == set(reg.BAUDS), "all rates were tried"
 
 
-def test_two_servos_with_different_ids_are_refused_and_nothing_is_written():
-    bus = LentBus({5: 1, 4: 9}, calibrated=False)
-    setup = MotorOperation(bus.lent)
-    refused(lambda: setup.discover("gripper"), "several servos", "1 and 9 answer", "only the servo")
-    refused(lambda: setup.assign("gripper"), "several servos")
-    assert all(packet[4] != 3 for _, packet in bus.wire.sent)
-
-
+@pytest.mark.parametrize(
+    ("loose_servos", "joint", "problem", "words"),
+    [
+        ({5: 1, 4: 9}, "gripper", "several servos", ("1 and 9 answer", "only the servo")),
+        ({5: 1, 6: 1}, "gripper", "same id", ("answer as servo 1 at once",)),
+        ({5: 1, 6: 6}, "gripper", "id taken", ("id of gripper, 6",)),
+        (None, "elbow_flex", "several servos", ("verify it",)),
+    ],
+    ids=["two ids", "one id", "its own id", "a whole arm"],
+)
 @pytest.mark.parametrize("q_start", [APART, (0.0,) * 6])
-def test_two_servos_with_one_id_are_refused_and_nothing_is_written(q_start):
-    bus = LentBus({5: 1, 6: 1}, calibrated=False, q_start=q_start)
+def test_more_than_one_servo_is_refused_and_nothing_is_written(
+    loose_servos, joint, problem, words, q_start
+):
+    bus = LentBus(loose_servos, calibrated=False, q_start=q_start)
     setup = MotorOperation(bus.lent)
-    refused(lambda: setup.discover("gripper"), "same id", "answer as servo 1 at once")
-    refused(lambda: setup.assign("gripper"), "same id")
+    refused(lambda: setup.discover(joint), problem, *words)
+    refused(lambda: setup.assign(joint), problem)
     assert all(packet[4] != 3 for _, packet in bus.wire.sent)
 
 
@@ -205,16 +209,6 @@ def test_twins_whose_very_pings_collide_are_refused():
     bus.faults.corrupt = 1.0
     setup = MotorOperation(bus.lent)
     refused(lambda: setup.discover("gripper"), "same id", "check the plugs")
-
-
-def test_an_id_that_is_taken_is_refused():
-    setup = MotorOperation(LentBus({5: 1, 6: 6}, calibrated=False).lent)
-    refused(lambda: setup.assign("gripper"), "id taken", "id of gripper, 6")
-
-
-def test_for_a_whole_arm_the_advice_is_to_verify_it():
-    setup = MotorOperation(LentBus().lent)
-    refused(lambda: setup.discover("elbow_flex"), "several servos", "verify it")
 
 
 @pytest.mark.parametrize("second", [6, 1, 99])
@@ -236,24 +230,26 @@ def test_a_servo_of_another_kind_is_refused():
     refused(lambda: setup.assign("gripper"), "wrong model", "model 1029")
 
 
-def test_too_much_voltage_is_reported_and_what_to_do():
-    _, setup = loose(kind=STS3215_7V4, volts=12.0)
+@pytest.mark.parametrize(
+    ("options", "sentence", "fix"),
+    [
+        (
+            {"kind": STS3215_7V4, "volts": 12.0},
+            "12.0 V but is made for at most 8.0 V: a 7.4 V servo on a 12 V supply",
+            "switch the power off now and use a supply of 7.4 V",
+        ),
+        ({"volts": 4.3}, "only 4.3 V", "USB port cannot feed"),
+        ({"volts": 7.4}, "is a 12 V servo", ""),
+        ({"kind": STS3215_7V4, "volts": 5.0}, "found a servo", None),  # many arms are fed so
+    ],
+)
+def test_a_wrong_supply_is_reported_and_what_to_do_but_the_id_can_be_set(options, sentence, fix):
+    _, setup = loose(**options)
     found = setup.discover("gripper")
-    assert "12.0 V but is made for at most 8.0 V: a 7.4 V servo on a 12 V supply" in found["status"]
-    assert "switch the power off now and use a supply of 7.4 V" in found["fix"]
-    assert setup.state.fix == found["fix"]
-    assert setup.assign("gripper")["new_id"] == 6, "its id can be set nevertheless"
-
-
-def test_too_little_voltage_is_reported():
-    _, setup = loose(volts=4.3)
-    found = setup.discover("gripper")
-    assert "only 4.3 V" in found["status"]
-    assert "USB port cannot feed" in found["fix"]
-    _, setup = loose(volts=7.4)
-    assert "is a 12 V servo" in setup.discover("gripper")["status"]
-    _, setup = loose(kind=STS3215_7V4, volts=5.0)
-    assert setup.discover("gripper")["fix"] is None, "many 7.4 V arms are fed with 5 V"
+    assert sentence in found["status"]
+    assert found["fix"] is None if fix is None else fix in found["fix"]
+    assert setup.state.fix == (found["fix"] or "")
+    assert setup.assign("gripper")["new_id"] == 6
 
 
 def test_a_port_that_is_gone_is_reported():
@@ -316,18 +312,12 @@ def test_names_and_ids_are_checked():
         setup.assign("wrist_roll", target_id=6)
 
 
-@pytest.mark.parametrize("joint", SETUP_ORDER)
-def test_any_joint_may_be_skipped(joint):
+def test_any_joint_may_be_skipped_and_then_nothing_more_is_asked():
     _, setup = loose()
-    assert setup.skip(joint)["status"] == f"{joint} skipped"
-    assert setup.state.next_joint != joint
-    assert setup.state.step == 1
-
-
-def test_skipping_all_asks_for_nothing_more():
-    _, setup = loose()
-    for joint in SETUP_ORDER:
-        setup.skip(joint)
+    for count, joint in enumerate(SETUP_ORDER, start=1):
+        assert setup.state.next_joint == joint
+        assert setup.skip(joint)["status"] == f"{joint} skipped"
+        assert setup.state.step == count
     assert setup.state.next_joint is None
     assert "calibrate" in setup.state.next_step
 
