@@ -137,7 +137,7 @@ def setup(browser: Browser, file: Path) -> None:
                 ("Calibration Only", "Step 1 of 7"),
                 ("Next", "Step 2 of 7"),
                 ("Next", "it sinks at once"),
-                ("Let go of the joints", "Match the blue ghost"),
+                ("Let go of the joints", "The blue ghost shows the pose"),
                 ("I hold it there", "The pose is taken"),
                 ("Next", "Still to do: shoulder_pan"),
             ):

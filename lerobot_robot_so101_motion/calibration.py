@@ -108,8 +108,8 @@ def _go_through(calibrator: Calibrator, name: str) -> None:
 def _is_set_up(calibrator: Calibrator, joint: str) -> bool:
     input(f"Connect the controller board to the '{joint}' motor only and press enter.")
     try:
-        calibrator.motor_setup.discover(joint)
-        calibrator.motor_setup.assign(joint)
+        calibrator.motors.discover(joint)
+        calibrator.motors.assign(joint)
     except MotorSetupError as error:
         print(error)
         return False

@@ -9,7 +9,7 @@ import numpy as np
 
 from so101_motion.calib.motors.progress import NAME, SetupProgress
 from so101_motion.setup.port_selection import REPLY_TIMEOUT, own_folder
-from so101_motion.viam.client import MachineSensor
+from so101_motion.viam.client import Machine
 
 from .app import serve
 from .scene.camera_and_lights import Sight, set_up_view
@@ -18,7 +18,7 @@ from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key
 from .setup.part import SetupPart
 from .setup.setup_bar import SetupBar
-from .setup.setup_target import FixedArm, Ports, fixed_machine
+from .setup.setup_target import FixedArm, Ports, fixed_arm
 
 _SIGHT = Sight(middle=np.array([0.1, 0.0, 0.17]))
 """Higher than for other pages, so that an arm stretched upwards is in the picture."""
@@ -54,7 +54,7 @@ def serve_setup(
     allow_remote: bool = False,
     ports: Collection[str] = (),
     reply_timeout: float = REPLY_TIMEOUT,
-    sensor: MachineSensor | None = None,
+    machine: Machine | None = None,
     progress_file: Path | None = None,
     key_of: KeyOf = new_key,
 ) -> SetupApp:
@@ -66,7 +66,7 @@ def serve_setup(
         allow_remote: Whether ``host`` may be more than this machine's loopback.
         ports: Serial ports to look at instead of all there are.
         reply_timeout: How long a motor may take to answer beyond the time on the wire [s].
-        sensor: The calibration sensor of the machine to set up; closed by its owner.
+        machine: The machine to set up, which needs a calibration sensor; closed by its owner.
         progress_file: Keeps the progress of the setup; the terminal's file by default.
         key_of: As for ``start_guarded``.
 
@@ -78,7 +78,7 @@ def serve_setup(
         ConfigError: The host or port cannot be used.
         GuardError: The server answered a request without the key; it is stopped again.
     """
-    fixed = None if sensor is None else fixed_machine(sensor)
+    fixed = None if machine is None else fixed_arm(machine)
     kept = SetupProgress(progress_file or own_folder() / NAME, fixed.where if fixed else None)
     server = start_guarded(
         host, port, allow_remote=allow_remote, label="SO-101 setup", key_of=key_of

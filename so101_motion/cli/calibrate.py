@@ -139,11 +139,11 @@ def _on_machine(source: MachineSource, events: TextIO | None) -> None:
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Terminal, sentence
     from so101_motion.common.remote_operation import RemoteOperation
-    from so101_motion.viam.client import MachineSensor
+    from so101_motion.viam.client import Machine
 
     key = {"api_key_id": source.api_key_id, "api_key": source.api_key}
-    with quietly(), MachineSensor.connect(source.address, **key) as sensor:
-        send = partial(sensor.do_command, sensor.name)
+    with quietly(), Machine.connect(source.address, **key) as machine:
+        send = partial(machine.do_command, machine.calibration_sensor())
         with (
             closing(RemoteOperation(send, "calibration")) as operation,
             Terminal(events=events) as terminal,

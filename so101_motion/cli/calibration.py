@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,12 +23,11 @@ from so101_motion.common.errors import CalibrationError, OtherCalibration
 from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
-    from so101_motion.calib.procedure.verification import JointComparison, Verification
+    from so101_motion.calib.procedure.verification import JointComparison
     from so101_motion.calib.record.compare import Difference
     from so101_motion.calib.record.record import Calibration
     from so101_motion.calib.record.store import Stored
     from so101_motion.calib.record.zero_report import ZeroReport
-    from so101_motion.cli.terminal import Terminal
     from so101_motion.setup.port_report import PortReport
 
 
@@ -368,13 +366,6 @@ def _told(stored: Stored) -> list[str]:
     return [*stored.notes, stored.zero_note] if stored.zero_note else list(stored.notes)
 
 
-_AT_MOST = 120.0
-"""A verification without a person at the terminal ends after this time [s]."""
-
-_NOTHING_NEW = 3.0
-"""It ends when all joints were at both stops and none has gone farther for this long [s]."""
-
-
 def verified(
     file: str | None, port: str | None, yes: bool
 ) -> tuple[Path, tuple[JointComparison, ...]]:
@@ -382,6 +373,7 @@ def verified(
     from so101_motion.calib.procedure.verification import Verification
     from so101_motion.calib.record import store
     from so101_motion.cli import port_choice
+    from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Quit, Terminal
 
@@ -393,49 +385,14 @@ def verified(
         Terminal(ask=not yes) as terminal,
     ):
         terminal.say(f"arm on {report.port.name}; {stored.path} is verified")
-        verification = Verification(stored.calibration, lease)
+        is_attended = terminal.is_manned
+        verification = Verification(stored.calibration, lease, is_attended=is_attended)
         try:
-            return stored.path, _led(verification, terminal)
+            OperationTerminal(verification, terminal).go()
         except Quit:
             raise SystemExit(STOPPED) from None
-
-
-def _led(verification: Verification, terminal: Terminal) -> tuple[JointComparison, ...]:
-    """Have the joints led to their stops; the comparison of each."""
-    from rich.text import Text
-
-    from so101_motion.calib.procedure.verification import Command
-    from so101_motion.cli.terminal import ENTER, keys_line, sentence
-
-    asks = "the joints are about to go limp: hold the arm with one hand"
-    keys = {"Enter": "release", "q": "stop"}
-
-    def picture() -> Text:
-        lines = [f"  {row.joint:<15}{row.sentence}" for row in verification.joints]
-        shown = Text("\n".join(["", *lines, "", sentence(asks), ""]))
-        return shown.append(keys_line(**keys)) if terminal.is_manned else shown
-
-    while terminal.is_manned:
-        terminal.show(picture())
-        if terminal.key(0.1) == ENTER:
-            break
-    verification.step(Command.RELEASE)
-    asks, keys["Enter"] = "lead every joint slowly to both its stops, in any order", "finish"
-    terminal.say(f"the joints are limp; {asks}")
-    told, began, since, pressed = verification.joints, time.monotonic(), time.monotonic(), ""
-    while pressed != ENTER:
-        rows, now = verification.joints, time.monotonic()
-        if [row.moved_deg for row in rows] != [row.moved_deg for row in told]:
-            told, since = rows, now
-        if all(row.agrees is not None for row in rows) and now - since > _NOTHING_NEW:
-            break
-        if not terminal.is_manned and now - began > _AT_MOST:
-            break
-        terminal.show(picture())
-        pressed = terminal.key(0.1)
-    verification.step(Command.END)
-    terminal.say("the joints stay limp")
-    return verification.joints
+        terminal.say("the joints stay limp")
+        return stored.path, verification.joints
 
 
 # Output and reading

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -22,9 +21,6 @@ from so101_motion.cli.shared import (
     write_report,
 )
 from so101_motion.cli.sources import SOURCE, Source
-
-if TYPE_CHECKING:
-    from so101_motion.setup.move_test import MoveTestProgress
 
 
 @verb()
@@ -48,7 +44,7 @@ def move_test(
 
     stopped = threading.Event()
     with quietly(), source.open() as rig:
-        test = MoveTest(arm=rig.arm, gripper=rig.gripper, clock=rig.clock, name=source.what)
+        test = MoveTest(rig, name=source.what)
         outline = test.outline()
         for reason in dict.fromkeys(reason for _, reason in outline.obstacles):
             joints = ", ".join(joint for joint, each in outline.obstacles if each == reason)
@@ -75,6 +71,5 @@ def move_test(
         raise SystemExit(CHECK_FAILED)
 
 
-def _print_progress(progress: MoveTestProgress) -> None:
-    if progress.joint:
-        click.echo(f"{100.0 * progress.share:3.0f} %  {progress.joint}", err=True)
+def _print_progress(joint: str, share: float) -> None:
+    click.echo(f"{100.0 * share:3.0f} %  {joint}", err=True)

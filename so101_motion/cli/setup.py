@@ -21,10 +21,10 @@ from so101_motion.cli.view import PAGE, Page, keep_open
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
-    from so101_motion.calib.motors.motor_setup import MotorSetup
     from so101_motion.calib.motors.progress import SetupProgress
     from so101_motion.calib.motors.setup_view import SetupView, Verification
     from so101_motion.cli.terminal import Terminal
+    from so101_motion.setup.motor_operation import MotorOperation
     from so101_motion.setup.port_report import PortReport
 
 
@@ -101,13 +101,13 @@ def setup(
         progress.clear()
     opened = Calibrator.open(name, port_choice.calibration_file(None, report))
     with quietly(), leaving(opened) as calibrator:
-        motors = calibrator.motor_setup
+        motors = calibrator.motors
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"motors on {name}", port=name)
             try:
                 checked = None
                 if repair:
-                    for done in motors.repair():
+                    for done in motors.repair()["changed"]:
                         terminal.say(done)
                     checked = motors.verify()
                 elif len(report.joints) == 6 and not start_over and not joints:
@@ -120,7 +120,7 @@ def setup(
             except Quit:
                 terminal.say("stopped; the next so101 setup continues here", style="yellow")
                 raise SystemExit(STOPPED) from None
-        _conclude(name, motors.view, checked, as_json)
+        _conclude(name, motors.state, checked, as_json)
 
 
 def _print_dry_run(
@@ -145,7 +145,7 @@ def _print_dry_run(
 
 
 def _walk(
-    setup: MotorSetup,
+    motors: MotorOperation,
     terminal: Terminal,
     progress: SetupProgress,
     joints: tuple[str, ...],
@@ -155,11 +155,10 @@ def _walk(
     from so101_motion.calib.motors.setup_view import SETUP_ORDER
     from so101_motion.cli.operation_terminal import OperationTerminal
     from so101_motion.common.errors import MotorSetupError
-    from so101_motion.setup.motor_operation import ChainOperation, MotorOperation
+    from so101_motion.setup.motor_operation import ChainOperation
 
-    motors = MotorOperation(
-        setup, joints=joints or SETUP_ORDER, writes=True, is_attended=terminal.is_manned
-    )
+    motors.joints, motors.writes = joints or SETUP_ORDER, True
+    motors.is_attended = terminal.is_manned
     motors.keep_in(progress)
     if progress.done and not joints:
         terminal.say(
@@ -167,16 +166,16 @@ def _walk(
             " (--start-over starts with the gripper again)"
         )
     for joint in joints:
-        motors.ask("forget", motor_name=joint)
+        motors.forget(joint)
     view = OperationTerminal(motors, terminal, within=within).go()
     if not view.is_over:
         raise MotorSetupError(view.state, "not in time", view.trouble or view.text, "try again")
     if joints:
         return None
-    OperationTerminal(ChainOperation(setup, waits=True), terminal, within=within).go()
-    if setup.checked is not None and setup.checked.ok:
+    OperationTerminal(ChainOperation(motors, waits=True), terminal, within=within).go()
+    if motors.checked is not None and motors.checked.ok:
         progress.clear()
-    return setup.checked
+    return motors.checked
 
 
 def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> None:
@@ -186,20 +185,18 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
     viewer = import_preview()
     with ExitStack() as stack:
         stack.enter_context(quietly())
-        sensor = None
+        opened = None
         if machine is not None:
-            from so101_motion.viam.client import MachineSensor
+            from so101_motion.viam.client import Machine
 
-            sensor = MachineSensor.connect(
-                machine.address, api_key_id=machine.api_key_id, api_key=machine.api_key
-            )
-            stack.callback(sensor.close)
+            key = {"api_key_id": machine.api_key_id, "api_key": machine.api_key}
+            opened = stack.enter_context(Machine.connect(machine.address, **key))
         served = viewer.serve_setup(
             host=page.host,
             port=page.port,
             allow_remote=page.allow_remote,
-            ports=() if port is None or sensor is not None else (port,),
-            sensor=sensor,
+            ports=() if port is None or opened is not None else (port,),
+            machine=opened,
             key_of=page.key_of(f"setup of {machine.address if machine else port or 'a kit'}"),
         )
         try:

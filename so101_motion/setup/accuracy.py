@@ -167,6 +167,20 @@ class MoveReport:
         )
 
     @property
+    def verdict(self) -> Literal["ok", "warn", "fail"]:
+        """``"fail"`` unless it is passed; ``"warn"`` if a joint has a warning."""
+        if not self.passed:
+            return "fail"
+        return "warn" if any(joint.verdict == "warn" for joint in self.joints) else "ok"
+
+    @property
+    def fix(self) -> str:
+        """What to do; empty when it is passed."""
+        if self.passed:
+            return ""
+        return "test again" if self.ended_by else "read the note at each joint, then test again"
+
+    @property
     def tool(self) -> float | None:
         """How far the tool was off at most [m]; None if that was not measured."""
         return max((j.tool for j in self.joints if j.tool is not None), default=None)

@@ -20,7 +20,6 @@ from functools import partial
 from pathlib import Path
 
 from so101_motion.calib.access import BusAccess
-from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.calib.motors.setup_view import SetupView, Verification
 from so101_motion.calib.procedure import jobs
 from so101_motion.calib.procedure.eeprom import write_calibration
@@ -43,6 +42,7 @@ from so101_motion.rig.bus_lease import BusLease
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.joint_setup import JointSetup
 from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.setup.motor_operation import ChainOperation, MotorOperation
 
 PUT_BACK = "the motors have their previous settings again"
 """How an aborted calibration leaves them, for people."""
@@ -130,7 +130,8 @@ class Calibrator:
         self._lock = threading.RLock()  # one command at a time, those of the motor setup included
         self._session = Session(self._file(), joints)
         self._loan: BusLease | None = None
-        self.motor_setup: MotorSetup = MotorSetup(self._borrow)
+        self.motors = MotorOperation(self._borrow)
+        self.chain = ChainOperation(self.motors, is_busy=lambda: self.is_under_way)
 
     @classmethod
     def open(
@@ -169,14 +170,14 @@ class Calibrator:
         notes = servos.notes if view.note is None else (view.note, *servos.notes)
         return Situation(
             view=view,
-            setup=self.motor_setup.view,
+            setup=self.motors.state,
             joints=joints,
             angles=self._angles(joints, is_active and view.state is not State.STARTED),
             calibration_file=str(session.calibration_file if is_active else self._file()),
             is_connected=servos.has_port,
             holds=servos.holds,
             notes=notes,
-            checked=self.motor_setup.checked,
+            checked=self.motors.checked,
         )
 
     @property

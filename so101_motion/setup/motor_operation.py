@@ -1,32 +1,59 @@
 """The motor setup as two operations: motors get their ids one by one, then the chain is verified.
 
-``calib/motors/motor_setup.py`` carries the commands out. Here are the texts, rows and offers that
-terminal, page and sensor show, and the answers of the published commands.
+New servos all have id 1, so they are set up one at a time: connect one alone, discover it, assign
+its id, unplug it, and so on from the gripper to the shoulder. Then, in the finished chain, verify
+checks that everything is set up correctly. ``MotorOperation.state`` says what is next.
+
+Assigning looks again which servo is connected, because plugs change between two requests. It
+changes an id only if exactly one servo answers, and none at any other baud rate. It succeeds once
+the servo answers at its new id and rate and its settings read back correctly. It may be repeated
+after any failure: it finds the servo at whatever id and rate it has now.
 
 Looking at the cable is due again and again, because it writes nothing. A motor is written to when a
 person says so; with ``writes`` also by itself, once it is certain which one it is.
+
+The bus is borrowed for each request and given back after it. Commands may come from any thread and
+wait for each other; ``view`` and ``state`` never wait.
 """
 
 from __future__ import annotations
 
+import logging
+import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from typing import Any
 
-from so101_motion.calib.motors.motor_setup import MotorSetup
+from so101_motion.calib.access import BusAccess
+from so101_motion.calib.motors import chain_check, servo_program
+from so101_motion.calib.motors.arm_identification import read_facts
 from so101_motion.calib.motors.progress import SetupProgress
+from so101_motion.calib.motors.servo_search import Tuner, find_all_rates
 from so101_motion.calib.motors.setup_view import (
     AS_NEW,
     SETUP_ORDER,
     MotorCheck,
     MotorView,
-    ScannedServo,
     SetupView,
+    Verification,
     connect_alone,
 )
-from so101_motion.common.errors import ConfigError
+from so101_motion.calib.motors.single_servo import find_alone, read_back, require_alone
+from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import (
+    BusError,
+    ConfigError,
+    MotorSetupError,
+    PortUnavailable,
+    So101Error,
+)
 from so101_motion.common.operation import LocalOperation, Offer, Picture, Row, Tone, View
-from so101_motion.setup.readings import about_servo
+from so101_motion.drivers.bus import registers as reg
+
+_log = logging.getLogger(__name__)
 
 PAUSE = 0.6
 """How long to wait between two looks at the cable [s]; chosen: a look alone takes up to two."""
@@ -39,7 +66,7 @@ _LOOKING = (
     "Watching the cable; nothing to press yet. The six motors of a follower's kit are alike: take"
     " any. Those of a leader differ: see its guide for which goes where."
 )
-_NOBODY = "no servo answers"
+_NOBODY, _UNKNOWN = "no servo answers", "unknown"
 _SILENT = (
     "No motor has answered for a while. Is the power supply on, and the motor's cable plugged into"
     " the adapter? Try its other socket and another cable. A motor that still does not answer is"
@@ -61,56 +88,67 @@ class MotorOperation(LocalOperation):
     """Gives motors their ids, one after the other.
 
     Args:
-        setup: Carries out the commands.
+        borrow: Lends their bus until its block ends. Giving it back must not raise because servos
+            are missing, as they are during a setup.
+        now: The time [s].
+
+    Attributes:
+        state: The state of each motor.
+        checked: The result of the last ``verify``; None before, and once a servo was changed.
         joints: The joints whose motors are to be set up.
         writes: Whether a motor that is found alone, and surely the right one, is written to by
             itself.
         is_attended: Whether there is a person who is asked.
-        now: The time [s].
     """
 
     refuses = False
 
     def __init__(
         self,
-        setup: MotorSetup,
+        borrow: Callable[[], AbstractContextManager[BusAccess]],
         *,
-        joints: Collection[str] = SETUP_ORDER,
-        writes: bool = False,
-        is_attended: bool = True,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__()
-        self.setup, self._joints = setup, joints
-        self._writes, self._is_attended, self._now = writes, is_attended, now
+        self.state = SetupView()
+        self.checked: Verification | None = None
+        self.joints: Collection[str] = SETUP_ORDER
+        self.writes, self.is_attended = False, True
+        self._borrow, self._now = borrow, now
+        self._busy = threading.Lock()
         self._progress: SetupProgress | None = None
         self._looked_at = 0.0
         self._silent: tuple[str, float] | None = None  # whose motor is missing, and since when
         self._picked: str | None = None  # whose motor a person wants next
         self.commands = {
-            "discover": self._discover,
-            "assign_id": self._assign,
-            "skip": self._skip,
-            "forget": self._forget,
+            "discover": self.discover,
+            "assign_id": self.assign,
+            "skip": self.skip,
+            "forget": self.forget,
             "choose": self._choose,
             "swap": self._swap,
-            "repair": self._repair,
-            "scan_bus": self._scan,
-            "reset_status": self._reset,
+            "repair": self.repair,
+            "scan_bus": self.scan,
+            "reset_status": self.reset,
         }
 
     def keep_in(self, progress: SetupProgress) -> None:
         """Keep the motors that are done for the next start, and take up those kept before."""
         self._progress = progress
-        self.setup.recall(progress.done)
+        for joint in progress.done:
+            motor = self._motor(joint)
+            if motor.state == "todo":
+                known = replace(motor, state="configured", found_id=motor.target_id)
+                with self._busy:
+                    self._show(replace(known, sentence=f"{joint} was set up before"))
 
     # The view
 
     @property
     def view(self) -> View:
         """The present state; never waits."""
-        setup = self.setup.view
-        motor = self._motor(setup)
+        setup = self.state
+        motor = self._next(setup)
         is_ready = motor is not None and self._is_ready(setup, motor)
         trouble, fix = ("", "") if motor is None else self._trouble(setup, motor)
         return View(
@@ -131,11 +169,11 @@ class MotorOperation(LocalOperation):
             is_over=motor is None,
         )
 
-    def _motor(self, setup: SetupView) -> MotorView | None:
+    def _next(self, setup: SetupView) -> MotorView | None:
         """The motor that is next; None when all that are wanted are done."""
         if self._picked is not None:
             return setup.motors[self._picked]
-        wanted = (motor for joint, motor in setup.motors.items() if joint in self._joints)
+        wanted = (motor for joint, motor in setup.motors.items() if joint in self.joints)
         return next((motor for motor in wanted if motor.state not in _SETTLED), None)
 
     @staticmethod
@@ -182,13 +220,13 @@ class MotorOperation(LocalOperation):
     def _offers(self, setup: SetupView, motor: MotorView) -> tuple[Offer, ...]:
         named = {"motor_name": motor.joint}
         is_ready = self._is_ready(setup, motor)
-        is_sure = not self._is_attended or not _doubt(setup, motor)
+        is_sure = not self.is_attended or not _doubt(setup, motor)
         write = Offer(
             command="assign_id",
             title=f"Write id {motor.target_id} to this motor",
             arguments=named,
             why_not=None if is_ready else "no motor is found that can be written to",
-            due_in=0.0 if self._writes and is_ready and is_sure else None,
+            due_in=0.0 if self.writes and is_ready and is_sure else None,
         )
         due = max(self._looked_at + PAUSE - self._now(), 0.0)
         look = Offer(
@@ -209,103 +247,282 @@ class MotorOperation(LocalOperation):
 
     # The commands
 
-    def _discover(self, motor_name: str = "") -> dict[str, Any]:
-        joint = _named(motor_name)
-        before = self.setup.view
+    def discover(self, motor_name: str = "") -> dict[str, Any]:
+        """Find the one servo that is connected, whatever its id and baud rate.
+
+        Raises:
+            ConfigError: There is no such joint.
+            MotorSetupError: No servo answers, or more than one, or it is another model.
+            BusError: The port is gone, or the servo cannot be read.
+        """
+        before = self._motor(motor_name)
         try:
-            found = self.setup.discover(joint)
+            found = self._find(motor_name)
         finally:
             self._looked_at = self._now()
-            now = self.setup.view.motors.get(joint)
-            if now is None or _NOBODY not in now.sentence:
+            if _NOBODY not in self._motor(motor_name).sentence:
                 self._silent = None
-            elif self._silent is None or self._silent[0] != joint:
-                self._silent = joint, self._looked_at
-        is_news = found.sentence != before.motors[joint].sentence
-        if is_news and _owner(self.setup.view, found) is None:
-            self.say(f"{joint}: {found.sentence}", joint=joint, step="found")
+            elif self._silent is None or self._silent[0] != motor_name:
+                self._silent = motor_name, self._looked_at
+        if found.sentence != before.sentence and _owner(self.state, found) is None:
+            self.say(f"{motor_name}: {found.sentence}", joint=motor_name, step="found")
         return {
-            "motor_name": joint,
+            "motor_name": motor_name,
             "target_id": found.target_id,
             **about_servo(found),
             "status": found.sentence,
             "fix": found.fix or None,
-            **self._next(),
+            "next_step": self.state.next_step,
         }
 
-    def _assign(
+    def assign(
         self,
         motor_name: str = "",
         current_id: int | None = None,
         target_id: int | None = None,
         current_baudrate: int | None = None,
     ) -> dict[str, Any]:
-        joint = _named(motor_name)
-        done = self.setup.assign(
-            joint, current_id=current_id, target_id=target_id, current_baud=current_baudrate
-        )
+        """Give the one servo that is connected its id, rate and settings; it goes limp.
+
+        Args:
+            motor_name: The joint that it is for.
+            current_id: The id it must have now; any by default.
+            target_id: The id to give; only the joint's own will do.
+            current_baudrate: The rate to look for it first [bit/s].
+
+        Raises:
+            ConfigError: There is no such joint, or ``target_id`` is another joint's.
+            MotorSetupError: It is not safe to do, or did not succeed.
+            BusError: The port is gone, or the servo does not take a setting.
+        """
+        motor = self._motor(motor_name)
+        new_id = motor.target_id
+        if target_id not in (None, new_id):
+            raise ConfigError("target_id", target_id, f"{motor_name} has the id {new_id}")
+        with self._attempt(motor_name, f"setting up the servo of {motor_name}") as tuner:
+            hint = current_baudrate if current_baudrate in reg.BAUDS else motor.baud
+            facts = find_alone(tuner, motor_name, hint=hint, on_rate=self._show_rate)
+            old_id, old_baud = facts.servo_id, tuner.baud
+            self._admit(motor_name, old_id, current_id)
+            require_alone(tuner, motor_name)
+            self.checked = None
+            wanted = servo_program.settings(motor_name, facts, moved=old_id != new_id)
+            # Settings first: with the new id it would look finished if this ended half-way.
+            changed = tuner.call(lambda bus: servo_program.program(bus, old_id, wanted))
+            tuner.call(lambda bus: servo_program.change_id(bus, old_id, new_id))
+            servo_program.change_rate(tuner, new_id, tuner.home)
+            status = (
+                f"{motor_name}: servo {old_id} at {old_baud} baud is now servo {new_id} at"
+                f" {tuner.baud} baud, read back and locked"
+            )
+            motor = motor.with_facts(read_back(tuner, motor_name), tuner.baud)
+            self._show(replace(motor, state="configured", sentence=status, fix=""))
+        _log.info("%s", status)
         if self._progress is not None:
-            self._progress.add(joint)
+            self._progress.add(motor_name)
         self._picked, self._looked_at = None, 0.0
-        changed = f" ({', '.join(done.changed)})" if done.changed else ""
-        about = {"joint": joint, "step": "configured", "servo_id": done.new_id}
-        self.say(f"✓ {done.sentence}{changed}", "good", **about)
+        settings = f" ({', '.join(changed)})" if changed else ""
+        about = {"joint": motor_name, "step": "configured", "servo_id": new_id}
+        self.say(f"✓ {status}{settings}", "good", **about)
         return {
-            "motor_name": joint,
-            "old_id": done.old_id,
-            "new_id": done.new_id,
-            "old_baudrate": done.old_baud,
-            "new_baudrate": done.new_baud,
-            "changed": list(done.changed),
-            "status": done.sentence,
-            **self._next(),
+            "motor_name": motor_name,
+            "old_id": old_id,
+            "new_id": new_id,
+            "old_baudrate": old_baud,
+            "new_baudrate": motor.baud,
+            "changed": list(changed),
+            "status": status,
+            "next_step": self.state.next_step,
         }
 
-    def _skip(self, motor_name: str = "") -> dict[str, Any]:
-        joint = _named(motor_name)
-        status = self.setup.skip(joint).sentence
+    def skip(self, motor_name: str = "") -> dict[str, Any]:
+        """Leave a joint's servo as it is and go on with the next."""
+        status = f"{motor_name} skipped"
+        skipped = replace(self._motor(motor_name), state="skipped", sentence=status, fix="")
+        with self._busy:
+            self._show(skipped)
         self._picked = None
-        self.say(status, joint=joint, step="skipped")
-        return {"motor_name": joint, "status": status, **self._next()}
+        self.say(status, joint=motor_name, step="skipped")
+        return {"motor_name": motor_name, "status": status, "next_step": self.state.next_step}
 
-    def _forget(self, motor_name: str = "") -> dict[str, Any]:
-        joint = _named(motor_name)
-        self.setup.forget(joint)
+    def forget(self, motor_name: str = "") -> dict[str, Any]:
+        """Mark a joint's servo as not set up, because a wrong one was; changes no servo."""
+        anew = replace(self._motor(motor_name), state="todo", found_id=None, sentence="", fix="")
+        with self._busy:
+            self._show(anew)
+            self.checked = None
         if self._progress is not None:
-            self._progress.forget_motors(joint)
-        return {"motor_name": joint, **self._next()}
+            self._progress.forget_motors(motor_name)
+        return {"motor_name": motor_name, "next_step": self.state.next_step}
 
     def _choose(self, motor_name: str) -> None:
         """Ask for a motor next, even if it is done."""
-        self._forget(motor_name)
+        self.forget(motor_name)
         self._picked = motor_name
 
     def _swap(self, motor_name: str, owner: str) -> None:
         """Take the connected motor for this joint, and ask again for that of the id's owner."""
-        self._forget(owner)
+        self.forget(owner)
         self._choose(motor_name)
 
-    def _repair(self) -> dict[str, Any]:
-        return {"changed": list(self.setup.repair()), **self._next()}
+    def repair(self) -> dict[str, Any]:
+        """Store sound settings and the port's rate in all servos that have an arm's id, for good.
 
-    def _scan(self) -> dict[str, Any]:
-        found = self.setup.scan()
+        They go limp. Ids and calibrations stay as they are.
+
+        Raises:
+            MotorSetupError: Several servos share an id.
+            BusError: The port is gone, or a servo does not take a setting.
+        """
+        with self._attempt(None, "repairing the settings") as tuner:
+            heard = find_all_rates(tuner, on_rate=self._show_rate)
+            ids = [servo_id for rate in heard for servo_id in rate.ids]
+            if len(ids) > len(set(ids)) or any(rate.garbled for rate in heard):
+                raise MotorSetupError(
+                    None, "same id", "several servos share an id", "so101 setup, one at a time"
+                )
+            self.checked = None
+            done = [
+                _repaired(tuner, joint, rate.baud)
+                for rate in heard
+                for joint, servo_id in SERVO_IDS.items()
+                if servo_id in rate.ids
+            ]
+        return {"changed": list(filter(None, done)), "next_step": self.state.next_step}
+
+    def scan(self) -> dict[str, Any]:
+        """Find every servo on the bus, at every baud rate; takes two seconds."""
+        with self._attempt(None, "scanning the bus") as tuner:
+            heard = find_all_rates(tuner, on_rate=self._show_rate)
+            servos = []
+            for rate in heard:
+                tuner.tune(rate.baud)
+                servos += [_scanned(tuner, servo_id) for servo_id in rate.ids]
+            others = sum(servo["expected_name"] is None for servo in servos)
+            is_garbled = any(rate.garbled for rate in heard)
+            status = f"{len(servos)} servos answer"
+            if not servos and not is_garbled:
+                status = "no servo answers at any baud rate; is the arm's power supply on?"
+            if others:
+                status += f", {others} of them with ids or rates that an arm does not use"
+            if is_garbled or any(servo["model"] == _UNKNOWN for servo in servos):
+                status += "; some share an id, so connect them one at a time"
+            self.state = replace(self.state, status=status, fix="", doing="")
         return {
-            "servos_found": len(found.servos),
-            "unexpected_count": found.unexpected_count,
-            "servos": [_scanned(servo) for servo in found.servos],
-            "status": found.sentence,
+            "servos_found": len(servos),
+            "unexpected_count": others,
+            "servos": servos,
+            "status": status,
         }
 
-    def _reset(self) -> dict[str, Any]:
-        self.setup.reset()
+    def reset(self) -> dict[str, Any]:
+        """Start the setup again; the servos stay as they are."""
+        with self._busy:
+            self.state, self.checked = SetupView(), None
         if self._progress is not None:
             self._progress.forget_motors()
         self._picked = None
-        return {"status": self.setup.view.status}
+        return {"status": self.state.status}
 
-    def _next(self) -> dict[str, str]:
-        return {"next_step": self.setup.view.next_step}
+    def verify(self) -> Verification:
+        """Check the six servos of the finished chain."""
+        with self._attempt(None, "verifying all servos") as tuner:
+            self.checked = found = chain_check.verify(tuner)
+            for check in found.motors.values():
+                motor = self.state.motors[check.joint]
+                if check.facts is not None:
+                    motor = motor.with_facts(check.facts, tuner.baud)
+                if check.status == "ok":
+                    sentence = f"{check.joint}: servo {check.servo_id} is set up correctly"
+                    motor = replace(motor, state="verified", sentence=sentence, fix="")
+                elif motor.state != "skipped":
+                    motor = replace(motor, state="failed", sentence=check.error, fix=check.fix)
+                self._show(motor)
+            first = next((check.fix for check in found.motors.values() if check.fix), "")
+            self.state = replace(self.state, status=found.sentence, fix=first)
+        return found
+
+    # How
+
+    def _motor(self, joint: str) -> MotorView:
+        if not joint:
+            raise ConfigError("motor_name", None, 'is missing; name the motor, such as "gripper"')
+        if joint not in self.state.motors:
+            raise ConfigError("motor_name", joint, suggest(joint, self.state.motors))
+        return self.state.motors[joint]
+
+    def _show(self, motor: MotorView) -> None:
+        self.state = self.state.with_motor(motor)
+
+    def _show_rate(self, baud: int) -> None:
+        self.state = replace(self.state, doing=f"listening at {baud} baud")
+
+    @contextmanager
+    def _attempt(self, joint: str | None, doing: str) -> Iterator[Tuner]:
+        """Borrow the bus for one request; an error is shown in the view as well."""
+        with self._busy:
+            self.state = replace(self.state, doing=doing)
+            try:
+                with self._borrow() as access, Tuner(access) as tuner:
+                    yield tuner
+            except So101Error as error:
+                self._fail(joint, error)
+                raise
+            finally:
+                self.state = replace(self.state, doing="")
+
+    def _fail(self, joint: str | None, error: So101Error) -> None:
+        if isinstance(error, MotorSetupError):
+            sentence, fix = error.reason, error.next_step
+        else:  # most messages end with what to do
+            sentence, _, fix = str(error).rpartition("; ")
+            if not sentence:
+                sentence, fix = fix, "try again"
+        if joint is None:
+            self.state = replace(self.state, status=sentence, fix=fix)
+            return
+        fix = f"{fix}; then discover {joint} again"
+        self._show(replace(self._motor(joint), state="failed", sentence=sentence, fix=fix))
+
+    def _find(self, joint: str) -> MotorView:
+        """Find the one connected servo, and show it."""
+        with self._attempt(joint, f"looking for the servo of {joint}") as tuner:
+            facts = find_alone(tuner, joint, hint=None, on_rate=self._show_rate)
+            found = replace(self._motor(joint).with_facts(facts, tuner.baud), state="found", fix="")
+            sentence = (
+                f"found a servo with id {found.found_id} at {found.baud} baud"
+                f" ({found.model}, firmware {found.firmware}, {found.volts:.1f} V)"
+            )
+            owner = _owner(self.state, found)
+            if owner is not None:
+                sentence += f". That is the id of {owner}: make sure it is not the servo of {owner}"
+            if facts.supply_trouble is not None:
+                trouble, fix = facts.supply_trouble
+                found = replace(found, fix=fix)
+                sentence += f": {trouble}"
+            found = replace(found, sentence=sentence)
+            self._show(found)
+        return found
+
+    def _admit(self, joint: str, servo_id: int, current_id: int | None) -> None:
+        """Refuse a servo that should not be assigned to ``joint``."""
+        if current_id not in (None, servo_id):
+            raise MotorSetupError(
+                joint,
+                "other servo",
+                f"the servo that is connected has the id {servo_id}, not {current_id}",
+                f"check which servo it is, or leave current_id out to set up servo {servo_id}",
+            )
+        owner = self.state.owner(servo_id, but=joint)
+        if owner is not None:
+            raise MotorSetupError(
+                joint,
+                "other servo",
+                f"the servo that is connected has the id {servo_id}, so it is the one of"
+                f" {owner} that was set up before",
+                f"unplug it and connect only the servo of {joint}; if it really is that of"
+                f" {joint}, reset the setup first",
+            )
 
 
 def _once_more(setup: SetupView) -> tuple[Offer, ...]:
@@ -319,12 +536,6 @@ def _once_more(setup: SetupView) -> tuple[Offer, ...]:
     )
     title, sure = "Start over with the gripper", "Press again to start over"
     return (*again, Offer(command="reset_status", title=title, asks=sure))
-
-
-def _named(joint: str) -> str:
-    if not joint:
-        raise ConfigError("motor_name", None, 'is missing; name the motor, such as "gripper"')
-    return joint
 
 
 def _owner(setup: SetupView, motor: MotorView) -> str | None:
@@ -364,13 +575,49 @@ def _row(motor: MotorView, *, is_next: bool) -> Row:
     return Row(label=motor.joint, cells=(identity,), tone=tone, mark=mark)
 
 
-def _scanned(servo: ScannedServo) -> dict[str, Any]:
+def _repaired(tuner: Tuner, joint: str, baud: int) -> str:
+    servo_id = SERVO_IDS[joint]
+    tuner.tune(baud)
+    facts = tuner.call(lambda bus: read_facts(bus, servo_id))
+    wanted = servo_program.repairs(facts)
+    changed = tuner.call(lambda bus: servo_program.program(bus, servo_id, wanted, anew=True))
+    servo_program.change_rate(tuner, servo_id, tuner.home)
+    changes = [
+        f"{name} is {wanted[reg.REGISTERS[name]]}, was {facts.held[name]}" for name in changed
+    ]
+    changes += [f"{tuner.home} baud, was {baud}"] if baud != tuner.home else []
+    if reg.PHASE.name in changed:
+        changes.append("check its angle with so101 status, and calibrate it if that is wrong")
+    return f"{joint}: {'; '.join(changes)}" if changes else ""
+
+
+def _scanned(tuner: Tuner, servo_id: int) -> dict[str, Any]:
+    try:
+        model = tuner.call(lambda bus: read_facts(bus, servo_id)).model
+    except PortUnavailable:
+        raise
+    except BusError:  # several answer at once
+        model = _UNKNOWN
+    names = (
+        {number: joint for joint, number in SERVO_IDS.items()} if tuner.baud == tuner.home else {}
+    )
     return {
-        "id": servo.servo_id,
-        "model": servo.model or "unknown",
-        "status": "unexpected" if servo.expected_joint is None else "expected",
-        "expected_name": servo.expected_joint,
-        "baudrate": servo.baud,
+        "id": servo_id,
+        "model": model,
+        "status": "expected" if servo_id in names else "unexpected",
+        "expected_name": names.get(servo_id),
+        "baudrate": tuner.baud,
+    }
+
+
+def about_servo(motor: MotorView) -> dict[str, Any]:
+    """The published keys about the servo that was found for a motor."""
+    return {
+        "current_id": motor.found_id,
+        "model": motor.model,
+        "found_baudrate": motor.baud,
+        "firmware": motor.firmware,
+        "volts": None if motor.volts is None else round(motor.volts, 1),
     }
 
 
@@ -384,7 +631,7 @@ class ChainOperation(LocalOperation):
     """Verifies all six motors on one cable.
 
     Args:
-        setup: Carries out the commands.
+        motors: The motors.
         waits: Whether it verifies again and again until all are right.
         is_busy: Whether the motors are in use for a calibration.
         now: The time [s].
@@ -392,21 +639,21 @@ class ChainOperation(LocalOperation):
 
     def __init__(
         self,
-        setup: MotorSetup,
+        motors: MotorOperation,
         *,
         waits: bool = False,
         is_busy: Callable[[], bool] = lambda: False,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__()
-        self.setup, self._waits, self._is_busy, self._now = setup, waits, is_busy, now
+        self._motors, self._waits, self._is_busy, self._now = motors, waits, is_busy, now
         self._looked_at, self._is_accepted = 0.0, False
         self.commands = {"verify": self._verify, "accept": self._accept}
 
     @property
     def view(self) -> View:
         """The present state; never waits."""
-        found = self.setup.checked
+        found = self._motors.checked
         wrong = () if found is None else tuple(c for c in found.motors.values() if c.error)
         due = max(self._looked_at + PAUSE - self._now(), 0.0) if self._waits else None
         title = "Verify all six" if found is None else "Verify again"
@@ -432,7 +679,7 @@ class ChainOperation(LocalOperation):
 
     def _verify(self) -> dict[str, Any]:
         try:
-            found = self.setup.verify()
+            found = self._motors.verify()
         finally:
             self._looked_at = self._now()
         error = {} if found.ok else {"error": found.sentence}  # the published setup page shows it
@@ -444,7 +691,7 @@ class ChainOperation(LocalOperation):
             "unexpected_ids": list(found.unexpected_ids),
             "notes": list(found.notes),
             "status": found.sentence,
-            "next_step": self.setup.view.next_step,
+            "next_step": self._motors.state.next_step,
         }
 
     def _accept(self) -> None:

@@ -9,34 +9,49 @@ Nothing moves before ``outline`` has found, for every joint, a swing within its 
 contact. The user is told what will move how far and has to agree; then ``move_and_measure`` runs it
 as one motion, so that a stop ends all of it at any time. Each leg is planned again from where the
 arm then is. The first trouble ends the test, and so does ``cancel``; the arm holds where it is.
+
+At the end a person is asked whether the arm moved as its picture did, which no encoder can tell.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
+from contextvars import copy_context
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import move_jaw
 from so101_motion.arm.motion_handle import Motion, Step
-from so101_motion.common.clock import Clock
-from so101_motion.common.errors import Interrupted, PlanningError, So101Error
+from so101_motion.common.errors import Interrupted, NotPossibleNow, PlanningError, So101Error
 from so101_motion.common.geometry import Array
+from so101_motion.common.modes import HELD, Mode
+from so101_motion.common.operation import LocalOperation, Offer, Picture, Row, Tone, View
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.control.request_queue import running_future
+from so101_motion.control.request_queue import own_thread, running_future
 from so101_motion.planning.goals import PathGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.rig.protocols import GripperLike
-from so101_motion.setup.accuracy import JointAccuracy, Measurements, MoveReport
+from so101_motion.rig.protocols import GripperLike, RigLike
+from so101_motion.setup.accuracy import (
+    JointAccuracy,
+    Measurements,
+    MoveReport,
+    degrees,
+    millimetres,
+    milliseconds,
+    reasons,
+)
+from so101_motion.setup.calibration_operation import OPEN_POSE
+from so101_motion.setup.setup_steps import TEST
 
 SWING = to_rad(6.0)
 """How far a joint moves to either side [rad]; chosen: 40 mm at the jaws of a stretched arm."""
@@ -54,6 +69,30 @@ _MARGIN = to_rad(1.0)  # [rad] that a joint keeps from the ends of its range
 _SLOW = 0.4  # [s] that a stop takes beyond the measurement: to slow down and to settle
 _SHIFTS = (0.0, 1.0, -1.0)  # where the middle of a swing may be, in swings from where it stands
 _LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
+_MOVED = to_rad(
+    0.5
+)  # [rad]; an arm that was moved farther since the test was planned needs a new plan
+
+_BY_HAND = (
+    "Move it by hand to a pose like the blue ghost's, clear of everything, then press Hold the"
+    " joints."
+)
+_FIXED = "once that is fixed, press Hold the joints, with a hand on the arm"
+_CLEAR = (
+    "Start only when nothing is in its way and no hand is near it. To change its pose first, guide"
+    " it by hand."
+)
+_SEEN = "Did the arm move as in the picture: the same joints, in the same directions?"
+_FIGURES = (
+    "Off: how far each joint rests from its target. Sides: how much that depends on where it came"
+    " from. Behind: how late it is in motion."
+)
+_MARKS: dict[str, tuple[str, Tone]] = {
+    "ok": ("✓", "good"),
+    "warn": ("!", "warm"),
+    "fail": ("✗", "bad"),
+    "not tested": ("–", "dim"),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,33 +152,181 @@ class Outline:
         return f"{'; '.join(parts)}. At most {speed_deg:.0f}°/s, about {self.duration:.0f} s."
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MoveTestProgress:
-    """The progress of a test.
-
-    Attributes:
-        share: How much of the test is done, 0 to 1.
-    """
-
-    joint: str
-    share: float
-    results: tuple[JointAccuracy, ...]
-
-
-class MoveTest:
-    """Tests an arm by small motions, once.
+class MoveTest(LocalOperation):
+    """Tests an arm by small motions.
 
     Args:
-        gripper: Its jaw; None to leave it alone.
-        clock: The time the arm's states are stamped with.
+        rig: The arm and its jaw.
+        hold: Holds the joints where they stand.
+
+    Attributes:
+        report: The result of the last test; None before.
     """
 
     def __init__(
-        self, *, arm: Arm, gripper: GripperLike | None, clock: Clock, name: str = "arm"
+        self, rig: RigLike, *, name: str = "arm", hold: Callable[[], object] = lambda: None
     ) -> None:
-        self._arm, self._gripper, self._clock, self._name = arm, gripper, clock, name
+        super().__init__()
+        self._arm, self._gripper, self._clock, self._name = rig.arm, rig.gripper, rig.clock, name
+        self._hold = hold
         self._motion: Motion | None = None
         self._cancelled = threading.Event()
+        self.report: MoveReport | None = None
+        self._outline: Outline | None = None
+        self._q_planned: Array | None = None  # where the arm stood then, its jaw last [rad]
+        self._run: _Run | None = None
+        self._running: Future[None] | None = None
+        self.commands = {
+            "hold": self._hold_joints,
+            "plan": self._plan,
+            "move": self._move,
+            "stop": self.cancel,
+            "answer": self._answer,
+        }
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a test that was started by its command goes on."""
+        return self._running is not None and not self._running.done()
+
+    @property
+    def asks(self) -> bool:
+        """Whether a person is still to say how the arm has moved."""
+        report = self.report
+        return report is not None and report.as_shown is None and not report.ended_by
+
+    @property
+    def view(self) -> View:
+        """The present state; never waits."""
+        state, report, run = self._arm.state, self.report, self._run
+        holds, is_running = state.mode in HELD, self.is_running
+        joint = run.joint if run is not None and is_running else ""
+        is_loose = state.mode in (Mode.LIMP, Mode.GUIDING)
+        show = partial(
+            View,
+            title=TEST.title,
+            picture=Picture(
+                q=(*map(float, state.q), state.q_jaw),
+                ghost=(*map(float, OPEN_POSE), state.q_jaw) if is_loose else (),
+                lit=(joint,) if joint else (),
+            ),
+        )
+        if is_running:
+            return show(
+                state="moving",
+                doing=f"moving {joint}; Space or Stop ends it" if joint else "it begins",
+                columns=_COLUMNS,
+                rows=() if run is None else run.rows(),
+                offers=(Offer(command="stop", title="Stop the test"),),
+            )
+        hold = () if holds else (Offer(command="hold", title="Hold the joints", key="h"),)
+        if report is not None and (holds or not report.ended_by):
+            return self._view_of(show, report, hold)
+        if not holds:
+            yields = "yields to your hand" if state.mode is Mode.GUIDING else "is not held"
+            is_fault = state.mode is Mode.FAULT
+            return show(
+                state="loose",
+                text="" if is_fault else f"The arm {yields}. {_BY_HAND}",
+                trouble=(state.fault or "the arm has ended its motion by itself") * is_fault,
+                fix=_FIXED * is_fault,
+                offers=hold,
+            )
+        is_here = self._is_planned_here(state)
+        error = None if self._running is None else self._running.exception()
+        show = partial(show, trouble="" if error is None else str(error))
+        outline = self._outline
+        if outline is None or not is_here:
+            is_due = not is_here and state.mode is Mode.HOLDING
+            plan = Offer(command="plan", title="Plan the test", due_in=0.0 if is_due else None)
+            return show(state="held", text=TEST.instruction, offers=(plan,))
+        move = Offer(
+            command="move",
+            title="Move and measure",
+            why_not=None if outline.swings else "no joint has room to move",
+            asks="Is everything out of the way? Press again",
+            key="m",
+        )
+        text = f"This will move: {outline.sentence}"
+        note = " ".join(filter(None, (outline.left_out, _CLEAR)))
+        return show(state="planned", text=text, note=note, offers=(move,))
+
+    def _view_of(
+        self, show: Callable[..., View], report: MoveReport, hold: tuple[Offer, ...]
+    ) -> View:
+        why = "the arm is not held" if hold else None
+        again = Offer(command="plan", title="Test again", why_not=why, key="t")
+        answers = (
+            Offer(command="answer", title="Yes", arguments={"as_shown": True}, key="y"),
+            Offer(command="answer", title="No, it differs", arguments={"as_shown": False}, key="n"),
+        )
+        text = [report.sentence] * report.passed + [_SEEN] * self.asks
+        tool = (
+            "" if report.tool is None else f"The tool was at most {millimetres(report.tool)} off."
+        )
+        is_measured = any(joint.error is not None for joint in report.joints)
+        return show(
+            state="tested",
+            text=". ".join(text),
+            trouble="" if report.passed else report.sentence,
+            fix=report.fix,
+            columns=_COLUMNS * is_measured,
+            rows=_rows(report.joints) if is_measured or reasons(report.joints) else (),
+            note=f"{tool} {_FIGURES}".strip() if is_measured else "",
+            offers=(*hold, *(answers if self.asks else ()), again),
+            is_over=report.passed and not self.asks,
+            facts=report.to_json(),
+        )
+
+    def close(self) -> None:
+        """End a running test; returns when the arm is at rest."""
+        self.cancel()
+        if self._running is not None:
+            wait((self._running,))
+
+    def forget(self) -> None:
+        """Forget the last test, because the arm was changed."""
+        self.report = self._q_planned = self._running = None
+
+    # The commands
+
+    def _hold_joints(self) -> None:
+        self._hold()
+
+    def _plan(self) -> dict[str, Any]:
+        """Plan a test from where the arm stands now; moves nothing."""
+        state = self._arm.state
+        self.report = None
+        self._outline, self._q_planned = None, np.append(state.q_ref, state.q_jaw_ref)
+        self._outline = outline = self.outline()
+        return {"will_move": outline.sentence, "cannot_move": dict(outline.obstacles)}
+
+    def _move(self) -> None:
+        """Begin the test that was planned; ``view`` shows how it goes on."""
+        outline = self._outline
+        if self.is_running or outline is None or not self._is_planned_here(self._arm.state):
+            raise NotPossibleNow("move", "plan the test first, while the arm is held")
+        self._outline, self._run = None, None
+        self._cancelled.clear()
+        begun = partial(copy_context().run, self.move_and_measure, outline)  # a stop ends it
+
+        def carry_out() -> None:
+            self.report = begun()
+
+        self._running = own_thread(carry_out)
+
+    def _answer(self, as_shown: bool) -> None:
+        """Say whether the arm has moved as its picture did."""
+        if self.report is not None:
+            self.report = replace(self.report, as_shown=as_shown)
+
+    def _is_planned_here(self, state: JointState) -> bool:
+        q = np.append(state.q_ref, state.q_jaw_ref)
+        return self._q_planned is not None and bool(
+            np.allclose(q, self._q_planned, rtol=0.0, atol=_MOVED)
+        )
+
+    # Planning and moving
 
     def outline(self) -> Outline:
         """Plan the test from where the arm stands now; moves nothing."""
@@ -151,11 +338,10 @@ class MoveTest:
             except PlanningError as error:
                 why = str(error).partition("; ")[0]  # how to go on is the same for all joints
                 obstacles.append((joint, f"{why}. Move the arm to a more open pose"))
-        if self._gripper is not None:
-            if self._gripper.is_holding:
-                obstacles.append((GRIPPER_JOINT, "it holds something; take it out of the jaws"))
-            else:
-                swings.append(_jaw_swing(self._gripper.aperture))
+        if self._gripper.is_holding:
+            obstacles.append((GRIPPER_JOINT, "it holds something; take it out of the jaws"))
+        else:
+            swings.append(_jaw_swing(self._gripper.aperture))
         return Outline(swings=tuple(swings), obstacles=tuple(obstacles))
 
     def cancel(self) -> None:
@@ -165,19 +351,21 @@ class MoveTest:
             self._motion.interrupt("stop")
 
     def move_and_measure(
-        self, outline: Outline, on_progress: Callable[[MoveTestProgress], None] = lambda _: None
+        self,
+        outline: Outline,
+        on_progress: Callable[[str, float], None] = lambda _joint, _share: None,
     ) -> MoveReport:
         """Move each joint as outlined and measure it. Blocks; the arm moves.
 
         Args:
             outline: What ``outline`` returned; the arm still stands there.
-            on_progress: Called with the progress, on this thread.
+            on_progress: Called on this thread with the joint that begins and the share done.
 
         Returns:
             The measurements. Troubles of the arm are in it, not raised.
         """
         began_at, t_begin = datetime.now(UTC), self._clock.now()
-        run = _Run(self._arm, self._gripper, outline, on_progress)
+        self._run = run = _Run(self._arm, self._gripper, outline, on_progress)
         with self._clock.attend():
             self._motion = motion = self._arm.start_series(run.steps())
             if self._cancelled.is_set():  # before there was a motion
@@ -186,15 +374,13 @@ class MoveTest:
                 self._clock.wait(self._clock.now() + _LOOK, threading.Event())
                 run.look(self._arm.state)
         ended_by = run.end(motion.future.exception())
-        report = MoveReport(
+        return MoveReport(
             arm=self._name,
             joints=run.results(),
             began_at=began_at.isoformat(timespec="seconds"),
             seconds=self._clock.now() - t_begin,
             ended_by=ended_by,
         )
-        on_progress(MoveTestProgress(joint="", share=1.0, results=report.joints))
-        return report
 
     def _swing(self, i: int, q: Array) -> Swing:
         lower, upper = self._arm.range
@@ -238,13 +424,14 @@ class _Run:
     def __init__(
         self,
         arm: Arm,
-        gripper: GripperLike | None,
+        gripper: GripperLike,
         outline: Outline,
-        on_progress: Callable[[MoveTestProgress], None],
+        on_progress: Callable[[str, float], None],
     ) -> None:
         self._arm, self._gripper, self._outline, self._report = arm, gripper, outline, on_progress
         self._model = RobotModel.load()
-        self._joint = self._reported = ""
+        self.joint = self._joint = ""  # the last that was reported, and the one that moves now
+        self._done: tuple[JointAccuracy, ...] = ()
         self._taken: dict[str, Measurements] = {}
         self._trouble: dict[str, str] = dict(outline.obstacles)
         self._stop: _Stop | None = None
@@ -273,7 +460,6 @@ class _Run:
         motion.wait_for(over)
 
     def _move_jaw(self, stops: tuple[float, ...], motion: Motion) -> None:
-        assert self._gripper is not None  # its swing was outlined
         for aperture in stops[1:]:
             move_jaw(self._gripper, aperture, motion)
             self._stand(None, False, motion)
@@ -282,9 +468,13 @@ class _Run:
 
     def look(self, state: JointState) -> None:
         """Measure with a new state of the arm."""
-        if self._joint != self._reported:
-            self._reported = self._joint
-            self._report(self._progress())
+        if self._joint != self.joint:
+            swings = self._outline.swings
+            done = [swing for swing in swings if swing.joint in self._taken][:-1]
+            self._done = tuple(self._taken[swing.joint].accuracy() for swing in done)
+            self.joint = self._joint
+            total = max(self._outline.duration, 1e-9)
+            self._report(self.joint, sum(swing.duration for swing in done) / total)
         stop = self._stop
         if stop is None:
             self._states.append(state)
@@ -319,12 +509,12 @@ class _Run:
         found = JointAccuracy(joint=joint) if taken is None else taken.accuracy()
         return replace(found, trouble=self._trouble.get(joint, ""))
 
-    def _progress(self) -> MoveTestProgress:
-        swings = self._outline.swings
-        done = [swing for swing in swings if swing.joint in self._taken][:-1]
-        share = sum(swing.duration for swing in done) / max(self._outline.duration, 1e-9)
-        results = tuple(self._taken[swing.joint].accuracy() for swing in done)
-        return MoveTestProgress(joint=self._joint, share=share, results=results)
+    def rows(self) -> tuple[Row, ...]:
+        """The joints: measured, moving, to come."""
+        left = [swing.joint for swing in self._outline.swings][len(self._done) :]
+        marks: dict[bool, tuple[str, Tone]] = {True: ("●", "busy"), False: ("○", "dim")}
+        to_come = ((joint, *marks[joint == self.joint]) for joint in left)
+        return _rows(self._done) + tuple(Row(label=j, mark=m, tone=t) for j, m, t in to_come)
 
     def _measure(self, stop: _Stop) -> None:
         taken = self._taken[self._joint]
@@ -338,6 +528,22 @@ class _Run:
         i = ARM_JOINTS.index(self._joint)
         taken.note_motion(i, self._states)
         taken.note_stop(float(stop.q_goal[i]), float(q[i]), is_from_below=stop.is_from_below)
+
+
+_COLUMNS = ("off", "sides", "behind")
+
+
+def _rows(joints: tuple[JointAccuracy, ...]) -> tuple[Row, ...]:
+    """The figures; what is wrong with several joints is said once, under the last of them."""
+    rows, wrong = [], reasons(joints)
+    for joint in joints:
+        alike = wrong.get(joint.sentence, [""])
+        names = f"{', '.join(alike)}: " if len(alike) > 1 else ""
+        mark, tone = _MARKS[joint.verdict]
+        cells = (degrees(joint.error), degrees(joint.hysteresis), milliseconds(joint.lag))
+        text = f"{names}{joint.sentence}" if alike[-1] == joint.joint else ""
+        rows.append(Row(label=joint.joint, cells=cells, text=text, mark=mark, tone=tone))
+    return tuple(rows)
 
 
 def _jaw_swing(aperture: float) -> Swing:

@@ -13,6 +13,7 @@ from so101_motion.calib.motors.setup_view import MotorView
 from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.procedure.view import JointView
 from so101_motion.setup.calibrator import Situation
+from so101_motion.setup.motor_operation import about_servo
 
 
 def readings(now: Situation) -> dict[str, Any]:
@@ -68,14 +69,3 @@ def _joint(joint: JointView) -> dict[str, Any]:
 def _motor(motor: MotorView) -> dict[str, Any]:
     about = {"message": motor.sentence or None, "fix": motor.fix or None}
     return {**about_servo(motor), "target_id": motor.target_id, "state": motor.state, **about}
-
-
-def about_servo(motor: MotorView) -> dict[str, Any]:
-    """The keys about the servo that was found for a motor."""
-    return {
-        "current_id": motor.found_id,
-        "model": motor.model,
-        "found_baudrate": motor.baud,
-        "firmware": motor.firmware,
-        "volts": None if motor.volts is None else round(motor.volts, 1),
-    }

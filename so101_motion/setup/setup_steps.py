@@ -63,7 +63,7 @@ class SetupState:
                 port=calibrator.port,
                 adapter="in use",
                 port_trouble="" if now.is_connected else "there is no connection at present",
-                servos=calibrator.motor_setup.checked,
+                servos=calibrator.motors.checked,
             ),
             setup=now.setup,
             view=now.view,

@@ -232,13 +232,13 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -
 def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
     kit: FreshKit, tmp_path: Path
 ) -> None:
-    from so101_motion.viam.client import MachineSensor
+    from so101_motion.viam.client import Machine
 
     has = ((SENSOR, CALIBRATION, "calibration", {"port": kit.port}),)  # no arm yet
     with (
         running_machine(resources=has) as machine,
-        closing(MachineSensor.connect(machine.address)) as sensor,
-        serve_setup(port=0, sensor=sensor, progress_file=tmp_path / "setup.json") as app,
+        Machine.connect(machine.address) as connected,
+        serve_setup(port=0, machine=connected, progress_file=tmp_path / "setup.json") as app,
     ):
         hand = hand_on(app)
         hand.press("Motor Setup Only")
@@ -341,7 +341,7 @@ def calibrate(hand: Hand, kit: Kit, middle: float, begin: str = "Let go of the j
 def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(
     tmp_path: Path,
 ) -> None:
-    from so101_motion.viam.client import MachineSensor
+    from so101_motion.viam.client import Machine
 
     file = tmp_path / "machine.json"
     with closing(Kit(tmp_path)) as kit:
@@ -349,8 +349,8 @@ def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(
         has = ((SENSOR, CALIBRATION, "calibration", attributes),)  # no arm yet
         with (
             running_machine(resources=has) as machine,
-            closing(MachineSensor.connect(machine.address)) as sensor,
-            serve_setup(port=0, sensor=sensor, progress_file=tmp_path / "setup.json") as app,
+            Machine.connect(machine.address) as connected,
+            serve_setup(port=0, machine=connected, progress_file=tmp_path / "setup.json") as app,
         ):
             hand = hand_on(app)
             hand.press("Calibration Only")

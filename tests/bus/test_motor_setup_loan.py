@@ -5,10 +5,10 @@ from contextlib import contextmanager
 import pytest
 from harness.emulated_rig import hardware_bench
 
-from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.errors import MotorSetupError
 from so101_motion.drivers.emulator import registers as emulated
+from so101_motion.setup.motor_operation import MotorOperation
 
 HALF_DONE = {1: 1, 2: 2, 3: 1, 4: 4, 5: 5, 6: 1}
 START = (0.1, -0.4, 0.5, -0.2, 0.4, 0.3)
@@ -24,7 +24,7 @@ class Bench:
     def __init__(self, hardware):
         self._hardware = hardware
         self._rig = hardware.open(servo_ids=None, gripper_id=None)
-        self.setup = MotorSetup(self._borrow)
+        self.setup = MotorOperation(self._borrow)
 
     @contextmanager
     def _borrow(self):
@@ -72,5 +72,5 @@ def test_a_chain_that_is_not_set_up_yet_is_refused(bench):
     with pytest.raises(MotorSetupError) as caught:
         bench.setup.discover("gripper")
     assert caught.value.problem == "several servos"
-    assert bench.setup.view.motors["gripper"].state == "failed"
+    assert bench.setup.state.motors["gripper"].state == "failed"
     assert [servo.servo_id for servo in bench.servos] == list(HALF_DONE.values())

@@ -6,13 +6,13 @@ from contextlib import nullcontext
 import pytest
 from harness.heard_port import open_heard
 
-from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import MotorSetupError
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.setup.motor_operation import MotorOperation
 
 
 class CountedWaits:
@@ -61,7 +61,7 @@ def loose():
         memory.keep(emulated.BAUD, reg.BAUDS.index(baud))
         bus = CountedWaits(emulator.port)
         made.extend((emulator, bus))
-        return emulator, bus, MotorSetup(lambda: nullcontext(bus))
+        return emulator, bus, MotorOperation(lambda: nullcontext(bus))
 
     yield make
     for one in reversed(made):
@@ -76,7 +76,7 @@ def test_a_servo_at_the_likeliest_rate_is_found_at_once(loose):
 
 def test_a_servo_at_the_rate_that_is_looked_at_last_is_found_within_three_seconds(loose):
     _, bus, setup = loose(76_800)
-    assert setup.discover("gripper").baud == 76_800
+    assert setup.discover("gripper")["found_baudrate"] == 76_800
     assert bus.waited < 3.0
 
 

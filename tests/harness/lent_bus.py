@@ -7,7 +7,6 @@ from contextlib import nullcontext
 
 import pytest
 
-from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import MotorSetupError, PortUnavailable
 from so101_motion.drivers.bus import registers as reg
@@ -16,6 +15,7 @@ from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.emulator.faults import WireFaults
+from so101_motion.setup.motor_operation import MotorOperation
 
 APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
 """Joint angles [rad] that differ, as those of loose servos do; twins are noticed by that."""
@@ -142,7 +142,7 @@ def loose(servo_id=1, baud=1_000_000, place=6, **options):
     """One servo alone on the adapter, and its setup."""
     bus = LentBus({place: servo_id}, calibrated=False, **options)
     bus.set(place, baud_rate=reg.BAUDS.index(baud))
-    return bus, MotorSetup(bus.lent)
+    return bus, MotorOperation(bus.lent)
 
 
 def refused(call, problem, *words):

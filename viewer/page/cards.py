@@ -93,7 +93,8 @@ def _row(row: Row) -> str:
         for cell, colour in zip(row.cells, colours, strict=False)
     )
     text = (
-        f'<tr><td></td><td colspan="9" style="color:{colour};font-size:.92em;line-height:1.3">'
+        f'<tr><td></td><td colspan="9" style="color:{colour};font-size:.92em;line-height:1.3;'
+        'overflow-wrap:anywhere">'
         f"{escape(capital(row.text))}</td></tr>"
         if row.text
         else ""

@@ -30,7 +30,7 @@ class Worker:
         default_factory=lambda: ThreadPoolExecutor(1, thread_name_prefix="so101-page-worker")
     )
     _job: tuple[Future[Any], Callable[[Any], None]] | None = None
-    _look: tuple[Future[object], Callable[[], None]] | None = None
+    _look: Future[object] | None = None
 
     def do(
         self,
@@ -55,17 +55,13 @@ class Worker:
         self._job = (self._workers.submit(call), then)
         return True
 
-    def watch(self, look: Callable[[], object], then: Callable[[], None] = lambda: None) -> None:
+    def watch(self, look: Callable[[], object]) -> None:
         """Look at something, unless something runs already.
 
         Nobody waits for it, and errors are ignored: it is called again soon.
-
-        Args:
-            look: What looks.
-            then: Called on the page's thread when it has looked, or failed.
         """
         if self._job is None and self._look is None:
-            self._look = (self._workers.submit(look), then)
+            self._look = self._workers.submit(look)
 
     @property
     def is_looking(self) -> bool:
@@ -74,12 +70,11 @@ class Worker:
 
     def collect(self) -> bool:
         """Take in results; return whether there were any."""
-        if self._look is not None and self._look[0].done():
-            (looked, then_look), self._look = self._look, None
+        if self._look is not None and self._look.done():
+            looked, self._look = self._look, None
             error = looked.exception()
             if error is not None and not isinstance(error, So101Error):
                 log.error("the page could not look", exc_info=error)
-            then_look()
         return self._collect_job()
 
     def _collect_job(self) -> bool:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
@@ -16,47 +18,34 @@ from so101_motion.setup.setup_steps import CONFIGURE
 from so101_motion.viam.suggested_config import configuration
 
 from ..page import cards, markup
-from . import calibration_cards, setup_cards
+from . import setup_cards
 from .page import StepPage
 from .setup_context import ServesPreview, SetupContext
 from .setup_target import SetupTarget
 
 
-class SetupPreview:
-    """The preview of the set up arm, on a page of its own on this computer.
+def _serve(serve: ServesPreview, target: SetupTarget) -> tuple[str, Callable[[], None]]:
+    """Serve a preview of the arm on a page of its own; returns its link, and what ends it.
 
-    Args:
-        serve: Serves a preview, as ``so101_viewer.serve`` does.
-        target: The arm. The port is shared, so its page stays when the target is closed.
-
-    Raises:
-        So101Error: The arm cannot be held, or the page cannot be served.
+    The port is shared, so its page stays when the target is closed.
     """
-
-    def __init__(self, serve: ServesPreview, target: SetupTarget) -> None:
-        file = Path(target.situation.calibration_file)
-        asked = ServoSettings(port=target.where, fallback_file=file)
-        self._rig = open_hardware(asked.with_arm(SERVO_IDS))
-        try:
-            self._page = serve(self._rig, port=0, title=f"Arm on {target.where}")
-        except BaseException:
-            self._rig.close()
-            raise
-        self.url = self._page.url_for_once()
-
-    def close(self) -> None:
-        """Stop serving it."""
-        self._page.close()
-        self._rig.close()
+    file = Path(target.situation.calibration_file)
+    asked = ServoSettings(port=target.where, fallback_file=file)
+    with ExitStack() as stack:
+        rig = open_hardware(asked.with_arm(SERVO_IDS))
+        stack.callback(rig.close)
+        page = serve(rig, port=0, title=f"Arm on {target.where}")
+        stack.callback(page.close)
+        return page.url_for_once(), stack.pop_all().close
 
 
 class ConfigurePage(StepPage):
     """The page of the configuration."""
 
     def __init__(self, setup: SetupContext) -> None:
-        super().__init__(setup, CONFIGURE)
+        left = "what was saved stays, and the arm is left as it is"
+        super().__init__(setup, CONFIGURE, left=left)
         self._text = self._url = ""
-        self._is_shown = False
 
     def build(self, gui: viser.GuiApi) -> None:
         """Make the widgets."""
@@ -72,16 +61,16 @@ class ConfigurePage(StepPage):
 
     def enter(self) -> None:
         """Make the configuration for the target."""
-        target, self._text, self._is_shown = self._setup.target, "", False
+        target, self._text = self._setup.target, ""
         if target is not None and self._setup.saved is None:
             self._setup.saved = target.situation.saved
         if target is not None and not target.is_remote:
-            self._do("writing the configuration", snippet, self._take)
+            make = partial(snippet, target)
+            self._setup.do("writing the configuration", make, self._take)
 
     def refresh(self) -> bool:
-        """Whether there is something new to show."""
-        before, self._is_shown = self._is_shown, True
-        return not before
+        """Nothing is new but what the worker has done."""
+        return False
 
     def show(self) -> None:
         """Show the configuration, and the link to its page."""
@@ -113,25 +102,21 @@ class ConfigurePage(StepPage):
         self._open.disabled = bool(self._setup.doing)
         html = cards.instruction("Move it now", "")
         if self._url:
-            html += calibration_cards.link(
-                self._url, "The preview of the arm, on a page of its own"
-            )
+            html += setup_cards.link(self._url, "The preview of the arm, on a page of its own")
         self._ways.content = html + cards.note(f"Later, from a terminal: {_command(target)}")
 
-    def _as_it_was(self) -> str:
-        return "what was saved stays, and the arm is left as it is"
-
     def _preview(self) -> None:
-        serve = self._setup.preview
-        if serve is not None and not self._url:
-            self._do("opening the arm's page", partial(SetupPreview, serve), self._show_preview)
+        target, serve = self._setup.target, self._setup.preview
+        if target is not None and serve is not None and not self._url:
+            open_page = partial(_serve, serve, target)
+            self._setup.do("opening the arm's page", open_page, self._show_preview)
 
-    def _show_preview(self, preview: SetupPreview) -> None:
-        self._setup.opened.callback(preview.close)
-        self._url, self._is_shown = preview.url, False
+    def _show_preview(self, served: tuple[str, Callable[[], None]]) -> None:
+        self._url, close = served
+        self._setup.opened.callback(close)
 
     def _take(self, text: str) -> None:
-        self._text, self._is_shown = text, False
+        self._text = text
 
     def _hand_over(self, client: viser.ClientHandle) -> None:
         client.send_file_download(

@@ -16,7 +16,9 @@ from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.common.errors import So101Error
 from so101_motion.setup.port_selection import own_folder
 from so101_motion.setup.setup_steps import (
+    ASSEMBLY,
     CONNECT,
+    MOTORS,
     MOTORS_ONLY,
     POSE,
     RECORD,
@@ -31,12 +33,10 @@ from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
 from ..page.texts import capital
 from . import setup_cards
-from .assembly import AssemblyPage
 from .configure import ConfigurePage
 from .connection import ConnectionPage
 from .final_test import FinalTestPage
-from .operation_pages import CalibrationPage, ChainPage, motors_page
-from .page import StepPage
+from .page import CalibrationPage, ChainPage, StepPage
 from .picture import Picture
 from .setup_context import ServesPreview, SetupContext
 from .setup_target import FixedArm, Ports, SetupTarget, fixed_arm
@@ -46,6 +46,7 @@ TITLE = "Setup"
 
 _ABORT, _SURE = "Abort the setup", "Press again to abort"
 
+_MOTORS_LEFT = "nothing moved; motors that got their ids keep them, the others are unchanged"
 _MOTORS_DONE = "All done. Screw the arm together, then choose Calibration Only."
 
 
@@ -75,11 +76,12 @@ class SetupPart(Part):
             context=context, picture=picture, progress=progress, fixed=fixed, preview=preview
         )
         self.wizard = StepWizard(progress)
+        self._connection = ConnectionPage(self.setup, ports)
         self._pages: dict[str, StepPage] = {  # by the step's name
-            "connect": ConnectionPage(self.setup, ports),
-            "motors": motors_page(self.setup),
+            "connect": self._connection,
+            "motors": StepPage(self.setup, MOTORS, lambda target: target.motors, _MOTORS_LEFT),
             "chain": ChainPage(self.setup),
-            "assembly": AssemblyPage(self.setup),
+            "assembly": StepPage(self.setup, ASSEMBLY, lambda target: target.assembly),
             "pose": CalibrationPage(self.setup, POSE),
             "record": CalibrationPage(self.setup, RECORD),
             "save": CalibrationPage(self.setup, SAVE),
@@ -195,8 +197,6 @@ class SetupPart(Part):
 
     def _connect(self) -> None:
         """Open the arm, then show the step."""
-        make = self.setup.make
-        assert make is not None  # the first step's page has said how
 
         def made(target: SetupTarget) -> None:
             self.setup.work_on(target)
@@ -204,7 +204,7 @@ class SetupPart(Part):
                 self.wizard.go_on()
             self._turn_to_step()
 
-        self.setup.do("connecting", make, made)
+        self.setup.do("connecting", self._connection.open, made)
 
     def _reason(self) -> str | None:
         """Why Next is disabled."""

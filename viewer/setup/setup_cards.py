@@ -6,11 +6,9 @@ from collections.abc import Iterable
 from html import escape
 
 from so101_motion.setup.checkup import Check
-from so101_motion.setup.port_selection import Candidate
 from so101_motion.setup.setup_steps import Workflow
 
 from ..page.cards import AMBER, BAD, DIM, GOOD, PAD, WARM, marked
-from ..page.texts import capital
 from .step_wizard import StepRow
 from .torque import TorqueText
 
@@ -58,28 +56,15 @@ def torque(now: TorqueText) -> str:
     )
 
 
+def link(url: str, text: str) -> str:
+    """A link to another page of ours."""
+    return (
+        f'<div style="{PAD};font-size:.85em"><a href="{escape(url)}" target="_blank" rel="noopener"'
+        f' style="color:inherit;font-weight:600">{escape(text)}</a></div>'
+    )
+
+
 def check_text(check: Check) -> str:
     """The result of a check and what to do."""
     mark, colour = _VERDICTS[check.verdict]
     return marked(mark, colour, check.sentence, check.fix)
-
-
-def port(candidate: Candidate, *, is_chosen: bool) -> str:
-    """A port: its name, what is on it, and its voltage against the servos' rated one."""
-    report = candidate.report
-    names = " · ".join(name for name in (report.port.device, report.port.description) if name)
-    volts = ""
-    if report.volts is not None and report.nominal_volts is not None:
-        colour = BAD if report.supply_trouble else GOOD
-        volts = (
-            f'<div>Supply: <b style="color:{colour}">{report.volts:.1f} V</b>'
-            f" for a {report.nominal_volts:g} V arm</div>"
-        )
-    edge = AMBER if is_chosen else "#8884"
-    return (
-        f'<div style="margin:.35em .8em;padding:.45em .6em;border:1px solid {edge};'
-        'border-radius:.4em;font-size:.85em;line-height:1.4;overflow-wrap:anywhere">'
-        f"<b>{escape(candidate.name)}</b>"
-        f'<div style="color:{DIM};font-size:.92em">{escape(names)}</div>'
-        f"<div>{escape(capital(report.sentence))}</div>{volts}</div>"
-    )

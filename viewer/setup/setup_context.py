@@ -35,11 +35,9 @@ class SetupContext(Worker):
         context: The page; presses go through it.
         fixed: The arm, if it is known already; None if a port is to be chosen.
         preview: Serves a preview of the arm; None where the page shows the arm already.
-        make: Makes the target, on the worker thread; set by the page of the connection.
         target: The arm that is set up; None until the connection is made.
         seen: What was found on the port, and about the motors of the finished chain.
         saved: Where this setup has saved a calibration; None before.
-        tested: What the final test has found; None before.
         opened: What else was opened, to be closed with the setup.
     """
 
@@ -48,19 +46,27 @@ class SetupContext(Worker):
     progress: SetupProgress
     fixed: FixedArm | None = None
     preview: ServesPreview | None = None
-    make: Callable[[], SetupTarget] | None = None
     target: SetupTarget | None = None
     seen: Findings = field(default_factory=Findings)
     saved: str | None = None
-    tested: Check | None = None
     opened: ExitStack = field(default_factory=ExitStack)
     torque: TorqueWatch = field(default_factory=TorqueWatch)
+
+    @property
+    def tested(self) -> Check | None:
+        """What the final test has found; None before."""
+        report = None
+        if self.target is not None and self.target.test is not None:
+            report = self.target.test.report
+        if report is None:
+            return None
+        return Check(name="test", verdict=report.verdict, sentence=report.sentence, fix=report.fix)
 
     @property
     def known(self) -> SetupState:
         """The state that the steps judge."""
         if self.target is None:
-            return SetupState(seen=self.seen, saved=self.saved, tested=self.tested)
+            return SetupState(seen=self.seen, saved=self.saved)
         now = self.target.situation
         return SetupState(
             seen=replace(self.seen, servos=now.checked),
@@ -80,7 +86,7 @@ class SetupContext(Worker):
     def put_away(self) -> None:
         """Close the target, because no step needs it any more."""
         target, self.target = self.target, None
-        self.seen, self.saved, self.tested = Findings(), None, None
+        self.seen, self.saved = Findings(), None
         if target is not None:
             self._workers.submit(target.close)
 

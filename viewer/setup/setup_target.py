@@ -4,26 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import msgspec
 
 from so101_motion.calib.procedure.steps import State
-from so101_motion.common.errors import CalibrationError, ConfigError, MachineRefused
+from so101_motion.common.errors import CalibrationError
 from so101_motion.common.operation import Operation
-from so101_motion.common.remote_operation import Json, RemoteOperation
+from so101_motion.common.remote_operation import RemoteOperation
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
-from so101_motion.rig.protocols import ArmConnection, RigLike
+from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.setup.assembly import AssemblyOperation
 from so101_motion.setup.calibration_operation import CalibrationOperation
 from so101_motion.setup.calibrator import Calibrator, Situation
 from so101_motion.setup.findings import Findings
-from so101_motion.setup.motor_operation import ChainOperation, MotorOperation
+from so101_motion.setup.move_test import MoveTest
 from so101_motion.setup.port_selection import REPLY_TIMEOUT, Candidate, PortsSeen, look
-from so101_motion.viam.client import MachineRig, MachineSensor
+from so101_motion.viam.client import Machine, MachineRig
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SetupTarget:
     """The arm that is set up.
 
@@ -51,6 +52,17 @@ class SetupTarget:
         now = msgspec.convert(view.facts, Situation)
         return now if view.is_connected else replace(now, is_connected=False)
 
+    @cached_property
+    def assembly(self) -> AssemblyOperation:
+        """The check of its assembly."""
+        return AssemblyOperation()
+
+    @cached_property
+    def test(self) -> MoveTest | None:
+        """The test of its motions; None if it cannot be moved."""
+        name = f"arm on {self.where}"
+        return None if self.rig is None else MoveTest(self.rig, name=name, hold=self.hold)
+
     @property
     def is_under_way(self) -> bool:
         """Whether a calibration is under way."""
@@ -66,8 +78,9 @@ class SetupTarget:
 
     def close(self) -> None:
         """Give up the port or the machine; a machine's calibration goes on."""
-        for operation in (self.motors, self.chain, self.calibration):
-            operation.close()
+        for operation in (self.test, self.motors, self.chain, self.calibration):
+            if operation is not None:
+                operation.close()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,8 +135,8 @@ def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
         return SetupTarget(
             where=share.settings.port,
             calibration=CalibrationOperation(calibrator),
-            motors=MotorOperation(calibrator.motor_setup),
-            chain=ChainOperation(calibrator.motor_setup, is_busy=lambda: calibrator.is_under_way),
+            motors=calibrator.motors,
+            chain=calibrator.chain,
             set_torque=lambda on: calibrator.hold() if on else calibrator.let_go(),
             rig=rig or share,
         )
@@ -132,35 +145,20 @@ def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
         raise
 
 
-def fixed_arm(rig: RigLike) -> FixedArm | None:
-    """The arm that a page shows; None if it is a simulated one, which needs no setup."""
-    if isinstance(rig, HardwareRig):
-        port = rig.settings.port
-        return FixedArm(
-            where=port, open=lambda: _open_share(rig), findings=lambda: _about(rig.connection)
-        )
-    if isinstance(rig, MachineRig):
-        where = rig.connection.to
-        return FixedArm(
-            where=where, open=lambda: _open_machine(rig), findings=lambda: _about(rig.connection)
-        )
-    return None
+def fixed_arm(source: RigLike | Machine) -> FixedArm | None:
+    """The arm of a page or machine; None if it is a simulated one, which needs no setup."""
+    if isinstance(source, HardwareRig):
+        where, make = source.settings.port, partial(_open_share, source)
+    elif isinstance(source, Machine):
+        where, make = source.connection.to, partial(_of_machine, source)
+    else:
+        return None
 
+    def findings() -> Findings:
+        now = source.connection
+        return Findings(port=now.to, adapter="connected", port_trouble=now.problem or "")
 
-def fixed_machine(sensor: MachineSensor) -> FixedArm:
-    """The motors of a machine that has no arm yet."""
-
-    def make() -> SetupTarget:
-        send = partial(sensor.do_command, sensor.name)
-        return _of_machine(sensor.connection.to, send, _without_arm)
-
-    return FixedArm(
-        where=sensor.connection.to, open=make, findings=lambda: _about(sensor.connection)
-    )
-
-
-def _about(now: ArmConnection) -> Findings:
-    return Findings(port=now.to, adapter="connected", port_trouble=now.problem or "")
+    return FixedArm(where=where, open=make, findings=findings)
 
 
 def _open_share(rig: HardwareRig) -> SetupTarget:
@@ -176,40 +174,16 @@ def _open_share(rig: HardwareRig) -> SetupTarget:
     return _opened(open_hardware(asked), rig)
 
 
-def _open_machine(rig: MachineRig) -> SetupTarget:
-    """Open the machine's own calibration sensor, whatever its name."""
-    for resource in rig.resources:
-        if resource.api == "component:sensor" and _is_ours(rig, resource.name):
-            send = partial(rig.do_command, resource.name)
-            return _of_machine(rig.connection.to, send, rig.arm.set_torque, rig)
-    raise ConfigError(
-        "sensor",
-        None,
-        "the machine has no calibration sensor; add one of the model devrel:so101:calibration with"
-        " the arm's port, then press Next again",
-    )
-
-
-def _is_ours(rig: MachineRig, sensor: str) -> bool:
-    try:
-        return "calibration_state" in rig.readings(sensor)
-    except MachineRefused:
-        return False
-
-
-def _of_machine(
-    where: str,
-    send: Callable[[Json], Json],
-    set_torque: Callable[[bool], object],
-    rig: MachineRig | None = None,
-) -> SetupTarget:
-    """The operations of a calibration sensor."""
+def _of_machine(machine: Machine) -> SetupTarget:
+    """The operations of the machine's own calibration sensor."""
+    send = partial(machine.do_command, machine.calibration_sensor())
+    rig = machine if isinstance(machine, MachineRig) else None
     return SetupTarget(
-        where=where,
+        where=machine.connection.to,
         calibration=RemoteOperation(send, "calibration"),
         motors=RemoteOperation(send, "motors"),
         chain=RemoteOperation(send, "chain"),
-        set_torque=set_torque,
+        set_torque=_without_arm if rig is None else rig.arm.set_torque,
         rig=rig,
         is_remote=True,
     )

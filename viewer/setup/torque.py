@@ -11,9 +11,9 @@ from so101_motion.common.modes import Mode
 from .setup_target import SetupTarget
 
 SETTLED = 0.4
-"""How long readings must differ from the text before it changes [s]; chosen. A search for motors
-takes the port through other baud rates, and a busy computer loses answers; for that moment the
-torque is unknown."""
+"""How long readings must be missing before the text changes [s]; chosen. A search for motors takes
+the port through other baud rates, and a busy computer loses answers; for that moment the torque is
+unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ def torque(target: SetupTarget | None) -> TorqueText:
 
 
 class TorqueWatch:
-    """Keeps the text stable while readings are missing for a moment.
+    """Keeps the text while readings are missing for a moment.
 
     Args:
         now: The time [s].
@@ -53,27 +53,19 @@ class TorqueWatch:
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self.shown = torque(None)
-        self._now = now
-        self._differs_since: float | None = None  # since when readings differ from the text
+        self._now, self._known_at = now, now()
 
     def look(self, target: SetupTarget | None, *, is_blind: bool) -> bool:
         """Read the torque again; return whether the text changed.
-
-        The first known torque is shown at once: one answer is proof, and the next ones may be lost.
 
         Args:
             target: The arm that is set up.
             is_blind: Whether motors are being searched for, so that readings mean nothing.
         """
-        seen = torque(target)
-        is_new = target is not None and self.shown == torque(None)
-        is_news = is_new or target is None or (self.shown.is_on is None and seen.is_on is not None)
-        if seen == self.shown or (is_blind and not is_news):
-            self._differs_since = None
-            return False
-        if self._differs_since is None:
-            self._differs_since = self._now()
-        if not is_news and self._now() - self._differs_since < SETTLED:
-            return False
-        self.shown, self._differs_since = seen, None
-        return True
+        seen, before, t = torque(target), self.shown, self._now()
+        is_lost = target is not None and seen.is_on is None and before.is_on is not None
+        if is_blind or not is_lost:
+            self._known_at = t
+        if not is_lost or t - self._known_at >= SETTLED:
+            self.shown = seen
+        return self.shown != before

@@ -160,24 +160,6 @@ class SetupView:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Assignment:
-    """The result of assigning a servo to a joint.
-
-    Attributes:
-        old_baud: The rate it was found at [bit/s].
-        new_baud: The rate it talks at [bit/s].
-    """
-
-    joint: str
-    old_id: int
-    new_id: int
-    old_baud: int
-    new_baud: int
-    changed: tuple[str, ...]
-    sentence: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class MotorCheck:
     """The result of checking one joint's servo in the finished chain.
 
@@ -217,37 +199,3 @@ class Verification:
         return not (self.unexpected_ids or self.misplaced) and all(
             check.status == "ok" for check in self.motors.values()
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScannedServo:
-    """A servo that a scan found on the bus.
-
-    Attributes:
-        baud: The rate it talks at [bit/s].
-        model: Its model; None if several answer at once.
-        expected_joint: The joint whose id that is, if it talks at the port's own rate.
-    """
-
-    servo_id: int
-    baud: int
-    model: str | None
-    expected_joint: str | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusScan:
-    """The servos on the bus at all rates.
-
-    Attributes:
-        garbled: Rates at which there were corrupt replies [bit/s].
-    """
-
-    servos: tuple[ScannedServo, ...]
-    garbled: tuple[int, ...]
-    sentence: str
-
-    @property
-    def unexpected_count(self) -> int:
-        """How many have an id or rate that an arm does not use."""
-        return sum(servo.expected_joint is None for servo in self.servos)

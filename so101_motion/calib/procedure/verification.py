@@ -1,15 +1,13 @@
 """Verify a calibration: lead the limp joints to their stops by hand, and compare the stops.
 
 Nothing is stored: torque goes off, and the servos are read. The homing offset that a servo holds is
-taken into account, so servos that hold another calibration can be compared as well. ``TABLE`` has
-every possible step, as in ``steps.py``; a step that fails leads nowhere.
+taken into account, so servos that hold another calibration can be compared as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 from functools import partial
 
 from so101_motion.calib.access import BusAccess
@@ -18,7 +16,8 @@ from so101_motion.calib.procedure.sampler import Sampler
 from so101_motion.calib.procedure.travel import TravelArc, around
 from so101_motion.calib.record.record import Calibration, JointCalibration
 from so101_motion.calib.record.zero import SWEPT
-from so101_motion.common.errors import CalibrationError
+from so101_motion.common.errors import CalibrationError, NotPossibleNow
+from so101_motion.common.operation import LocalOperation, Offer, Row, Tone, View
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 
@@ -35,26 +34,18 @@ LONG_DEG = 5.0
 """A joint that moves so much farther was not at its stops when it was calibrated."""
 
 
-class State(Enum):
-    """The state of a verification."""
+NOTHING_NEW = 3.0
+"""It ends by itself when all joints were at both stops and none has gone farther for this long [s].
+Chosen."""
 
-    READY = "ready"
-    LEADING = "leading"
-    ENDED = "ended"
+AT_MOST = 120.0
+"""Without a person it ends after this time [s]. Chosen."""
 
-
-class Command(Enum):
-    """A command to a verification."""
-
-    RELEASE = "release"
-    END = "end"
-
-
-TABLE: dict[tuple[State, Command], State] = {
-    (State.READY, Command.RELEASE): State.LEADING,
-    (State.LEADING, Command.END): State.ENDED,
+_MARKS: dict[bool | None, tuple[str, Tone]] = {
+    None: ("○", "dim"),
+    True: ("✓", "good"),
+    False: ("!", "warm"),
 }
-"""Every possible step; all others are refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,46 +100,31 @@ def compared(
     return say(reads_deg=reads, agrees=True, sentence=f"right within {abs(reads):.1f} deg")
 
 
-class Verification:
+class Verification(LocalOperation):
     """Compares a calibration with an arm whose joints a person leads.
 
     Args:
         calibration: The calibration. wrist_roll has no stops, so it is left out.
         access: The bus.
+        is_attended: Whether there is a person; without one the joints go limp at once.
 
     Raises:
         CalibrationError: It has no joint with stops.
     """
 
-    def __init__(self, calibration: Calibration, access: BusAccess) -> None:
+    def __init__(
+        self, calibration: Calibration, access: BusAccess, *, is_attended: bool = True
+    ) -> None:
+        super().__init__()
         self._entries = {j: e for j, e in calibration.items() if j in (*SWEPT, GRIPPER_JOINT)}
         if not self._entries:
             raise CalibrationError(None, "it has no joint that has stops", "calibrate the arm")
-        self._access, self._joints = access, tuple(self._entries)
-        self._sampler = Sampler(access.clock, self._joints)
+        self._access, self._is_attended = access, is_attended
+        self._sampler = Sampler(access.clock, tuple(self._entries))
         self._offsets: Mapping[str, int] = {}
-        self.state = State.READY
-
-    def step(self, command: Command) -> None:
-        """Release the joints and begin to record, or end.
-
-        Raises:
-            CalibrationError: The step is not possible now.
-            BusError: A servo does not answer.
-        """
-        then = TABLE.get((self.state, command))
-        if then is None:
-            reason = f'"{command.value}" is not possible in the state "{self.state.value}"'
-            raise CalibrationError(None, reason, "verify again")
-        if command is Command.RELEASE:
-            found = self._access.call(partial(jobs.find, joints=self._joints))
-            self._offsets = {joint: each.held.homing_offset for joint, each in found.items()}
-            self._access.call(jobs.let_go)
-            self._sampler.record()
-            self._access.watch(self._sampler)
-        else:
-            self._access.watch(None)
-        self.state = then
+        self._released_at = 0.0
+        self._state = "ready"
+        self.commands = {"release": self._release, "end": self._end}
 
     @property
     def joints(self) -> tuple[JointComparison, ...]:
@@ -158,3 +134,64 @@ class Verification:
             compared(joint, entry, arcs.get(joint), held_offset=self._offsets.get(joint, 0))
             for joint, entry in self._entries.items()
         )
+
+    @property
+    def view(self) -> View:
+        """The present state; never waits."""
+        joints, state = self.joints, self._state
+        rows = (
+            Row(
+                label=each.joint,
+                bar=(0.0, min(each.moved_deg / each.expected_deg, 1.0)),
+                text=each.sentence,
+                mark=_MARKS[each.agrees][0],
+                tone=_MARKS[each.agrees][1],
+            )
+            for each in joints
+        )
+        release = Offer(
+            command="release", title="release", due_in=None if self._is_attended else 0.0
+        )
+        end = Offer(command="end", title="finish", due_in=self._due(joints))
+        return View(
+            state=state,
+            title="Verification",
+            text=_TEXTS[state],
+            rows=() if state == "ready" else tuple(rows),
+            offers={"ready": (release,), "leading": (end,)}.get(state, ()),
+            is_over=state == "ended",
+        )
+
+    def _due(self, joints: tuple[JointComparison, ...]) -> float | None:
+        seen = self._sampler.seen
+        due = None if self._is_attended else AT_MOST - (seen.t - self._released_at)
+        if all(each.agrees is not None for each in joints):
+            due = NOTHING_NEW - (seen.t - seen.grown_at)
+        return None if due is None else max(due, 0.0)
+
+    def _release(self) -> None:
+        """Switch torque off, and begin to record."""
+        self._require("ready")
+        found = self._access.call(partial(jobs.find, joints=tuple(self._entries)))
+        self._offsets = {joint: each.held.homing_offset for joint, each in found.items()}
+        self._access.call(jobs.let_go)
+        self._sampler.record()
+        self._released_at = self._access.clock.now()
+        self._access.watch(self._sampler)
+        self._state = "leading"
+
+    def _end(self) -> None:
+        self._require("leading")
+        self._access.watch(None)
+        self._state = "ended"
+
+    def _require(self, state: str) -> None:
+        if self._state != state:
+            raise NotPossibleNow("the step", f"the verification is {self._state}")
+
+
+_TEXTS = {
+    "ready": "the joints are about to go limp: hold the arm with one hand",
+    "leading": "the joints are limp; lead every joint slowly to both its stops, in any order",
+    "ended": "the joints stay limp",
+}

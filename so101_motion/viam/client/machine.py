@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import asyncio
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -12,6 +13,7 @@ import viam.services.discovery
 import viam.services.generic
 import viam.services.motion
 import viam.services.worldstatestore  # noqa: F401  # importing registers the client classes
+from grpclib import GRPCError, Status
 from viam.components.camera import Camera
 from viam.components.sensor import Sensor
 from viam.errors import ViamError
@@ -20,15 +22,21 @@ from viam.robot.client import RobotClient
 
 from so101_motion.common.attributes import suggest
 from so101_motion.common.clock import MonotonicClock
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, MachineRefused
 from so101_motion.rig.protocols import ArmConnection
-from so101_motion.viam.client.link import Access, Link
+from so101_motion.viam.client.link import PATIENCE, Access, Link
 
 ANSWERING = 60.0
 """How long a command may take [s]; chosen: a calibration step waits for servos."""
 
 LOOKING = 4.0
 """How long a camera may take for a picture [s]; chosen."""
+
+
+_PERIOD = 1.0  # [s] between two looks whether it answers
+
+MARK = "calibration_state"
+"""A key that only a calibration sensor's readings have."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,8 +52,8 @@ class Resource:
     api: str
 
 
-class Machine(ABC):
-    """A connection to a machine; ``_link.open`` makes it, close it after use.
+class Machine:
+    """A connection to a machine. ``connect`` makes it; close it after use.
 
     Attributes:
         clock: The clock of this computer.
@@ -54,6 +62,24 @@ class Machine(ABC):
     def __init__(self, access: Access) -> None:
         self.clock = MonotonicClock()
         self._link = Link(access, self.clock, self._poll, self._on_loss)
+
+    @classmethod
+    def connect(
+        cls, address: str, *, api_key_id: str | None = None, api_key: str | None = None
+    ) -> Machine:
+        """Connect to a machine; it needs no arm.
+
+        Args:
+            address: As on the machine's CONNECT page, or host and port.
+            api_key_id: The id of an API key; without a key the connection is plain and direct.
+            api_key: The key.
+
+        Raises:
+            MachineUnavailable: It cannot be reached.
+        """
+        machine = cls(Access(address=address, api_key_id=api_key_id, api_key=api_key))
+        machine._link.open()
+        return machine
 
     @property
     def connection(self) -> ArmConnection:
@@ -108,6 +134,25 @@ class Machine(ABC):
 
         return self._link.run(read()).result()
 
+    def calibration_sensor(self) -> str:
+        """The name of the machine's calibration sensor.
+
+        Raises:
+            ConfigError: It has none.
+            MachineUnavailable: It does not answer.
+        """
+        for resource in self.resources:
+            if resource.api == "component:sensor":
+                with suppress(MachineRefused):
+                    if MARK in self.readings(resource.name):
+                        return resource.name
+        raise ConfigError(
+            "sensor",
+            None,
+            "the machine has no calibration sensor; add one of the model devrel:so101:calibration"
+            " with the arm's port",
+        )
+
     def picture(self, camera: str) -> bytes:
         """The newest picture of a camera, as JPEG or PNG.
 
@@ -138,13 +183,15 @@ class Machine(ABC):
 
     # The loop's thread
 
-    @abstractmethod
     async def _poll(self, client: RobotClient, connected: Callable[[], None]) -> None:
         """Read the machine as long as it answers; see ``Link``."""
+        while True:
+            await is_there(client)
+            connected()
+            await asyncio.sleep(_PERIOD)
 
-    @abstractmethod
     def _on_loss(self, problem: str) -> None:
-        """Note that the machine does not answer, and why."""
+        """Note that the machine does not answer; ``connection`` has the reason."""
 
     def _client_of(self, name: str) -> Any:
         client = self._link.client()
@@ -172,6 +219,16 @@ async def picture_of(camera: Camera) -> bytes:
         if image.mime_type in (CameraMimeType.JPEG, CameraMimeType.PNG):
             return image.data
     raise ConfigError("camera", camera.name, "sends neither JPEG nor PNG")
+
+
+async def is_there(client: RobotClient) -> None:
+    """Raise one of ``LOSSES`` if the machine itself does not answer."""
+    try:
+        async with asyncio.timeout(PATIENCE):
+            await client.get_version()
+    except GRPCError as error:
+        if error.status is not Status.UNIMPLEMENTED:
+            raise ConnectionError(error.message or error.status.name) from error
 
 
 def _title(command: Mapping[str, Any]) -> str:

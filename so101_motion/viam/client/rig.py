@@ -19,7 +19,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from grpclib import GRPCError, Status
+from grpclib import GRPCError
 from viam.components.arm import Arm as ViamArm
 from viam.components.gripper import Gripper
 from viam.components.gripper import Gripper as ViamGripper
@@ -41,7 +41,7 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.client.executor import STOPPING, MachineExecutor
 from so101_motion.viam.client.link import LOSSES, PATIENCE, Access, Link
-from so101_motion.viam.client.machine import Machine
+from so101_motion.viam.client.machine import Machine, is_there
 from so101_motion.viam.client.reports import GripperReport, ask_arm, ask_gripper, next_state
 from so101_motion.viam.client.runner import MotionRunner
 from so101_motion.viam.conversion.world_state import UniqueNames, taken_in
@@ -414,7 +414,7 @@ class MachineRig(Machine):
                 refusal = f"cannot report its state: {error.message}"
                 if self._state is None:
                     raise MachineRefused(arm, error.status.name, refusal) from error
-                await _is_there(client)
+                await is_there(client)
                 self._fault(f'the arm "{arm}" of the machine {refusal}')
             connected()
             moves = self.state.arm_moving or self.state.jaw_moving
@@ -480,16 +480,6 @@ class MachineRig(Machine):
             return None
         chosen = wanted or next(iter(there), None)
         return None if chosen is None else client.get_component(there[chosen])
-
-
-async def _is_there(client: RobotClient) -> None:
-    """Raise one of ``LOSSES`` if the machine itself does not answer."""
-    try:
-        async with asyncio.timeout(PATIENCE):
-            await client.get_version()
-    except GRPCError as error:
-        if error.status is not Status.UNIMPLEMENTED:
-            raise ConnectionError(error.message or error.status.name) from error
 
 
 async def _answer(arm: ViamArm, command: Mapping[str, Any]) -> Mapping[str, Any]:

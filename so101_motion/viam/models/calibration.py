@@ -57,7 +57,6 @@ class So101Calibration(Configured, Sensor):
 
     def __init__(self, name: str, calibrator: Calibrator, first_try: Future[None]) -> None:
         from so101_motion.setup.calibration_operation import CalibrationOperation
-        from so101_motion.setup.motor_operation import ChainOperation, MotorOperation
 
         super().__init__(name)
         self._first_try = first_try
@@ -65,10 +64,8 @@ class So101Calibration(Configured, Sensor):
         self._calibration = CalibrationOperation(calibrator)
         operations = {
             "calibration": self._calibration,
-            "motors": MotorOperation(calibrator.motor_setup),
-            "chain": ChainOperation(
-                calibrator.motor_setup, is_busy=lambda: calibrator.is_under_way
-            ),
+            "motors": calibrator.motors,
+            "chain": calibrator.chain,
         }
         self._commands = operation_commands(operations, COMMANDS, beside={"success": True})
 

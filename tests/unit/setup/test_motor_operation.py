@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from harness.lent_bus import LentBus
 
 from so101_motion.calib.motors.setup_view import MotorCheck, SetupView, Verification
 from so101_motion.calib.record.record import JOINTS
@@ -24,30 +25,17 @@ TWO = {
 }
 
 
-class Motors:
-    """A motor setup whose motors are as a test says."""
-
-    def __init__(self, **states):
-        self.checked = None
-        self.set(**states)
-
-    def set(self, **states):
-        whole = SetupView()
-        changed = {j: replace(m, **states.get(j, {})) for j, m in whole.motors.items()}
-        self.view = replace(whole, motors=changed)
-
-    def discover(self, joint):
-        if self.view.motors[joint].state == "failed":
-            raise MotorSetupError(joint, "no servo", "no servo answers", "x")
-        return self.view.motors[joint]
-
-    def forget(self, joint):
-        self.view = self.view.with_motor(replace(SetupView().motors[joint]))
-
-
 def operation(now=lambda: 100.0, *, writes=False, **states):
-    motors = Motors(**states)
-    return MotorOperation(motors, writes=writes, now=now), motors
+    asked = MotorOperation(LentBus({}, calibrated=False).lent, now=now)
+    asked.writes = writes
+    put(asked, **states)
+    return asked
+
+
+def put(asked, **states):
+    """The motors are as a test says."""
+    motors = {j: replace(m, **states.get(j, {})) for j, m in asked.state.motors.items()}
+    asked.state = replace(asked.state, motors=motors)
 
 
 def can_write(view):
@@ -57,35 +45,34 @@ def can_write(view):
 
 def test_it_looks_at_the_cable_by_itself_but_not_without_a_break():
     now = [100.0]
-    asked, _ = operation(lambda: now[0], gripper=NEW)
+    asked = operation(lambda: now[0], gripper=NEW)
     assert asked.view.offer("discover").due_in == pytest.approx(0.0)
-    asked.ask("discover", motor_name="gripper")
+    with pytest.raises(MotorSetupError):
+        asked.ask("discover", motor_name="gripper")
     assert asked.view.offer("discover").due_in == pytest.approx(PAUSE)
     now[0] += PAUSE
     assert asked.view.offer("discover").due_in == pytest.approx(0.0)
 
 
 def test_a_motor_that_is_found_alone_can_be_written_to():
-    view = operation(gripper={**NEW, "model": "sts3215", "firmware": "3.10", "volts": 12.04})[
-        0
-    ].view
+    view = operation(gripper={**NEW, "model": "sts3215", "firmware": "3.10", "volts": 12.04}).view
     assert view.text == "found it: sts3215, firmware 3.10, 12.0 V"
     assert can_write(view)
     assert view.offers[0].title == "Write id 6 to this motor"
     assert view.offers[0].due_in is None, "a person says so"
-    assert not can_write(operation()[0].view)
-    assert not can_write(operation(gripper=TWO)[0].view)
-    assert operation(writes=True, gripper=NEW)[0].view.offers[0].due_in == 0.0
+    assert not can_write(operation().view)
+    assert not can_write(operation(gripper=TWO).view)
+    assert operation(writes=True, gripper=NEW).view.offers[0].due_in == 0.0
 
 
 def test_a_motor_on_the_wrong_supply_is_in_trouble_and_is_not_written_to():
-    view = operation(writes=True, gripper={**NEW, "fix": "switch the power off now"})[0].view
+    view = operation(writes=True, gripper={**NEW, "fix": "switch the power off now"}).view
     assert not can_write(view)
     assert view.fix == "switch the power off now"
 
 
 def test_the_motor_that_was_just_set_up_is_not_taken_for_the_next():
-    asked, _ = operation(writes=True, gripper=DONE, wrist_roll={**NEW, "found_id": 6})
+    asked = operation(writes=True, gripper=DONE, wrist_roll={**NEW, "found_id": 6})
     assert not can_write(asked.view)
     assert asked.view.text.startswith(
         "unplug the motor of gripper and write 6 on it, then connect only the motor of wrist_roll"
@@ -94,19 +81,19 @@ def test_the_motor_that_was_just_set_up_is_not_taken_for_the_next():
 
 def test_a_motor_that_got_another_ones_id_can_be_taken_for_what_it_is():
     found = {**NEW, "found_id": 6}
-    asked, motors = operation(gripper=DONE, wrist_roll=found)
+    asked = operation(gripper=DONE, wrist_roll=found)
     swap = asked.view.offer("swap")
     assert swap.asks
     asked.ask("swap", **swap.arguments)
-    motors.set(wrist_roll=found)  # it is found again
+    put(asked, wrist_roll=found)  # it is found again
     assert asked.view.state == "wrist_roll"
     assert can_write(asked.view)
-    assert operation(gripper=DONE, wrist_roll=NEW)[0].view.offer("swap") is None
+    assert operation(gripper=DONE, wrist_roll=NEW).view.offer("swap") is None
 
 
 @pytest.mark.parametrize("writes", [False, True])
 def test_a_motor_with_an_id_of_another_joint_is_written_to_when_a_person_says_so(writes):
-    view = operation(writes=writes, gripper={**NEW, "found_id": 5})[0].view
+    view = operation(writes=writes, gripper={**NEW, "found_id": 5}).view
     assert "set up before as the motor of wrist_roll" in view.note
     assert can_write(view)
     assert view.offers[0].due_in is None
@@ -115,12 +102,12 @@ def test_a_motor_with_an_id_of_another_joint_is_written_to_when_a_person_says_so
 def test_an_older_motor_that_is_plugged_in_again_is_named():
     done = {**DONE, "found_id": 5}
     flex = {**NEW, "found_id": 6}
-    view = operation(gripper=DONE, wrist_roll=done, wrist_flex=flex)[0].view
+    view = operation(gripper=DONE, wrist_roll=done, wrist_flex=flex).view
     assert view.text.startswith("unplug the motor of gripper")
 
 
 def test_two_motors_at_once_are_a_trouble_with_what_to_do():
-    view = operation(gripper=TWO)[0].view
+    view = operation(gripper=TWO).view
     assert (view.trouble, view.fix) == (
         "several servos answer",
         "connect only the servo of gripper",
@@ -129,7 +116,7 @@ def test_two_motors_at_once_are_a_trouble_with_what_to_do():
 
 def test_nobody_on_the_cable_is_no_trouble_until_it_has_been_so_for_a_while():
     now = [100.0]
-    asked, motors = operation(lambda: now[0], gripper=NOBODY)
+    asked = operation(lambda: now[0], gripper=NOBODY)
 
     def look(joint):
         with pytest.raises(MotorSetupError):
@@ -139,24 +126,24 @@ def test_nobody_on_the_cable_is_no_trouble_until_it_has_been_so_for_a_while():
     assert (asked.view.trouble, "dead" in asked.view.note) == ("", False)
     now[0] += PATIENCE + 0.1
     assert "dead" in asked.view.note
-    motors.set(gripper=DONE, wrist_roll=NOBODY)  # each has its own time to be plugged in
+    put(asked, gripper=DONE, wrist_roll=NOBODY)  # each has its own time to be plugged in
     look("wrist_roll")
     assert "dead" not in asked.view.note
 
 
 def test_a_motor_that_is_done_can_be_set_up_again():
-    asked, motors = operation(**dict.fromkeys(SetupView().motors, DONE))
+    asked = operation(**dict.fromkeys(SetupView().motors, DONE))
     assert (asked.view.state, asked.view.is_over) == ("done", True)
     assert asked.view.offer("discover") is None, "nobody looks"
     asked.ask("choose", motor_name="elbow_flex")
     assert asked.view.state == "elbow_flex"
-    motors.view = motors.view.with_motor(replace(motors.view.motors["elbow_flex"], **NEW))
+    put(asked, elbow_flex=NEW)
     assert can_write(asked.view)
 
 
 def test_rows_name_the_id_a_motor_has_and_the_one_it_gets():
     states = {"gripper": {"state": "skipped"}, "wrist_roll": {**NEW, "found_id": 6}}
-    rows = {row.label: row.cells[0] for row in operation(**states)[0].view.rows}
+    rows = {row.label: row.cells[0] for row in operation(**states).view.rows}
     assert rows["gripper"] == "skipped"
     assert rows["wrist_roll"] == "id 6 → 5, 1 Mbaud"
     assert rows["wrist_flex"] == "gets id 4"

@@ -1,16 +1,19 @@
 """The test motions on simulated joints, planned by the real planner, on a clock the test drives."""
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import NotPossibleNow
 from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
+from so101_motion.setup.accuracy import JointAccuracy, MoveReport
 from so101_motion.setup.move_test import JAW_SWING, LIMITS, SWING, MoveTest
 
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
@@ -31,7 +34,7 @@ def rig(clock):
 
 
 def make(rig):
-    return MoveTest(arm=rig.arm, gripper=rig.gripper, clock=rig.clock, name="simulated arm")
+    return MoveTest(rig, name="simulated arm")
 
 
 def carried_out(clock, call, meanwhile=lambda: None):
@@ -63,11 +66,11 @@ def test_every_joint_moves_alone_within_what_was_said_and_comes_back(rig, clock)
     seen, joints = [], []
     report = carried_out(
         clock,
-        lambda: test.move_and_measure(outline, lambda progress: joints.append(progress.joint)),
+        lambda: test.move_and_measure(outline, lambda joint, _share: joints.append(joint)),
         lambda: seen.append(rig.arm.state),
     )
     assert report.passed, report.text()
-    assert joints == [*ARM_JOINTS, GRIPPER_JOINT, ""]
+    assert joints == [*ARM_JOINTS, GRIPPER_JOINT]
     off = np.abs([state.q_ref - start.q_ref for state in seen])
     assert np.max(off) == pytest.approx(SWING, abs=1e-6)
     moving = off > 1e-4
@@ -153,3 +156,91 @@ def test_a_joint_that_cannot_move_freely_is_named_and_left_out(rig):
     assert "shoulder_pan" in blocked
     assert "more open pose" in blocked["shoulder_pan"]
     assert "shoulder_pan" not in [swing.joint for swing in outline.swings]
+
+
+# As an operation
+
+
+def offered(view):
+    return [offer.title for offer in view.offers if offer.why_not is None]
+
+
+def pass_until(clock, is_so):
+    while not is_so():
+        clock.advance(0.05)
+
+
+def test_it_is_planned_by_itself_moves_when_told_and_asks_how_the_arm_moved(rig, clock):
+    test = make(rig)
+    assert test.view.offer("plan").due_in == 0.0
+    with pytest.raises(NotPossibleNow, match="plan the test first"):
+        test.ask("move")
+    test.ask("plan")
+    view = test.view
+    assert view.text.startswith("This will move: shoulder_pan, ")
+    assert view.offer("move").asks
+    test.ask("move")
+    pass_until(clock, lambda: test.view.rows and test.view.rows[0].mark == "✓")
+    view = test.view
+    assert view.doing == "moving shoulder_lift; Space or Stop ends it"
+    assert view.picture.lit == ("shoulder_lift",)
+    assert [row.mark for row in view.rows] == ["✓", "●", *"○○○○"]
+    assert offered(view) == ["Stop the test"]
+    pass_until(clock, lambda: not test.is_running)
+    view = test.view
+    assert view.text.startswith("Passed: all joints move as commanded. Did the arm move as in")
+    assert (offered(view), view.is_over) == (["Yes", "No, it differs", "Test again"], False)
+    test.ask("answer", as_shown=True)
+    assert (offered(test.view), test.view.is_over) == (["Test again"], True)
+    test.ask("answer", as_shown=False)
+    assert "Two motors may be swapped" in test.view.trouble
+
+
+def test_a_plan_is_no_good_once_the_arm_was_moved_by_hand(rig, clock):
+    test = make(rig)
+    test.ask("plan")
+    rig.arm.set_torque(False)
+    clock.advance(0.1)
+    view = test.view
+    assert "Move it by hand to a pose like the blue ghost's" in view.text
+    assert (offered(view), len(view.picture.ghost)) == (["Hold the joints"], 6)
+    test._q_planned = test._q_planned + 0.1
+    rig.arm.set_torque(True)
+    clock.advance(0.1)
+    assert test.view.offer("plan").due_in == 0.0
+    with pytest.raises(NotPossibleNow):
+        test.ask("move")
+
+
+@pytest.mark.parametrize("stops", ["the command", "the arm"])
+def test_a_stopped_test_offers_another_and_is_not_shown_of_a_limp_arm(rig, clock, stops):
+    test = make(rig)
+    test.ask("plan")
+    test.ask("move")
+    pass_until(clock, lambda: rig.arm.is_moving)
+    stop = threading.Thread(target=rig.arm.stop if stops == "the arm" else test.close)
+    stop.start()
+    pass_until(clock, lambda: not stop.is_alive() and not test.is_running)
+    view = test.view
+    assert view.trouble == "The test was not finished: it was stopped, and the arm holds"
+    assert (view.fix, offered(view)) == ("test again", ["Test again"])
+    rig.arm.set_torque(False)
+    clock.advance(0.1)
+    assert not test.view.trouble
+    test.ask("plan")
+    assert test.report is None
+
+
+def test_what_is_wrong_is_named_once_with_all_its_joints(rig):
+    test = make(rig)
+    joints = [JointAccuracy(joint=joint) for joint in ARM_JOINTS]
+    joints[:2] = [replace(joint, error=1.0) for joint in joints[:2]]
+    test.report = MoveReport(arm="a", joints=tuple(joints), began_at="2026-01-02", seconds=1.0)
+    rows = test.view.rows
+    assert [row.text[:41] for row in rows if row.text] == [
+        "shoulder_pan, shoulder_lift: it stops sho"
+    ]
+    assert "how far each joint rests" in test.view.note
+    untested = (JointAccuracy(joint="elbow_flex"),)
+    test.report = replace(test.report, joints=untested, ended_by="a stop")
+    assert (test.view.rows, test.view.note) == ((), "")

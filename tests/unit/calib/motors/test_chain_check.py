@@ -3,15 +3,15 @@
 import pytest
 from harness.lent_bus import LentBus
 
-from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.common.errors import MotorSetupError
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.servo_types import STS3215_7V4
+from so101_motion.setup.motor_operation import MotorOperation
 
 
 def arm(**options):
     bus = LentBus(**options)
-    return bus, MotorSetup(bus.lent)
+    return bus, MotorOperation(bus.lent)
 
 
 def check(setup, joint):
@@ -36,7 +36,7 @@ def test_for_a_dark_arm_the_advice_is_to_switch_it_on():
     assert not found.ok
     assert "power supply" in found.sentence
     assert {check.status for check in found.motors.values()} == {"not_responding"}
-    assert "power supply" in setup.view.next_step
+    assert "power supply" in setup.state.next_step
 
 
 def test_a_chain_that_is_cut_names_the_cable():
@@ -46,8 +46,8 @@ def test_a_chain_that_is_cut_names_the_cable():
     assert missing.status == "not_responding"
     assert "between servos 3 and 4" in missing.fix
     assert check(setup, "gripper").fix == missing.fix  # whoever is behind it is silent as well
-    assert setup.view.motors["wrist_flex"].state == "failed"
-    assert setup.view.motors["elbow_flex"].state == "verified"
+    assert setup.state.motors["wrist_flex"].state == "failed"
+    assert setup.state.motors["elbow_flex"].state == "verified"
     bus.whole_arm()
     assert setup.verify().ok
 
@@ -124,7 +124,7 @@ def test_settings_that_keep_an_arm_from_working_are_named_and_mended(changes, wo
     assert setup.verify().ok
     bus.world.servo("3").memory.flash = flash  # the same without unplugging
     bus.world.servo("3").boot()
-    (done,) = setup.repair()
+    (done,) = setup.repair()["changed"]
     assert done.startswith("elbow_flex: ")
     bus.world.servo("3").boot()
     assert setup.verify().ok
@@ -135,7 +135,7 @@ def test_a_repair_keeps_what_was_set_until_power_off_and_brings_all_to_the_rate_
     bus.set(3, phase=0, homing_offset=70, min_position=900)
     bus.set(5, baud_rate=reg.BAUDS.index(500_000))
     bus.call(lambda wire: wire.overlay(3, {reg.PHASE: 12}))
-    assert setup.repair() == ("wrist_roll: 1000000 baud, was 500000",)
+    assert setup.repair()["changed"] == ["wrist_roll: 1000000 baud, was 500000"]
     for place in range(1, 7):
         bus.world.servo(str(place)).boot()
     assert setup.verify().ok
@@ -188,8 +188,8 @@ def test_a_skipped_joint_that_is_missing_stays_skipped():
     bus.plug(1, 2, 3, 4, 5)
     setup.skip("gripper")
     assert not setup.verify().ok
-    assert setup.view.motors["gripper"].state == "skipped"
-    assert setup.next_joint is None
+    assert setup.state.motors["gripper"].state == "skipped"
+    assert setup.state.next_joint is None
 
 
 # Scanning
@@ -199,7 +199,7 @@ def test_a_scan_finds_everybody_at_every_rate():
     bus, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 200, 5: 5, 6: 6})
     bus.set(5, baud_rate=reg.BAUDS.index(57_600))
     found = setup.scan()
-    assert [(s.servo_id, s.baud, s.expected_joint) for s in found.servos] == [
+    assert [(s["id"], s["baudrate"], s["expected_name"]) for s in found["servos"]] == [
         (1, 1_000_000, "shoulder_pan"),
         (2, 1_000_000, "shoulder_lift"),
         (3, 1_000_000, "elbow_flex"),
@@ -207,16 +207,18 @@ def test_a_scan_finds_everybody_at_every_rate():
         (200, 1_000_000, None),
         (5, 57_600, None),
     ]
-    assert found.unexpected_count == 2
-    assert found.sentence == "6 servos answer, 2 of them with ids or rates that an arm does not use"
-    assert setup.view.status == found.sentence
-    assert {s.model for s in found.servos} == {"sts3215"}
+    assert found["unexpected_count"] == 2
+    assert (
+        found["status"] == "6 servos answer, 2 of them with ids or rates that an arm does not use"
+    )
+    assert setup.state.status == found["status"]
+    assert {s["model"] for s in found["servos"]} == {"sts3215"}
 
 
 def test_a_scan_tells_of_twins_and_of_silence():
     _, setup = arm(ids={1: 1, 2: 1})
     found = setup.scan()
-    assert [(s.servo_id, s.model) for s in found.servos] == [(1, None)]
-    assert "share an id" in found.sentence
+    assert [(s["id"], s["model"]) for s in found["servos"]] == [(1, "unknown")]
+    assert "share an id" in found["status"]
     _, setup = arm(volts=0.0)
-    assert "power supply" in setup.scan().sentence
+    assert "power supply" in setup.scan()["status"]

@@ -4,8 +4,8 @@ import pytest
 from harness.calibration_rig import LentArm, calibrate
 
 from so101_motion.calib.procedure.session import Session
-from so101_motion.calib.procedure.verification import Command, Verification
-from so101_motion.common.errors import CalibrationError
+from so101_motion.calib.procedure.verification import AT_MOST, NOTHING_NEW, Verification
+from so101_motion.common.errors import NotPossibleNow
 
 
 @pytest.fixture
@@ -24,9 +24,12 @@ def flash(arm):
 
 def verified(calibration, arm, joints=None):
     before, verification = flash(arm), Verification(calibration, arm)
-    verification.step(Command.RELEASE)
+    verification.ask("release")
     arm.sweep_all(joints)
-    verification.step(Command.END)
+    due = verification.view.offer("end").due_in
+    assert due is None or due <= NOTHING_NEW
+    verification.ask("end")
+    assert verification.view.is_over
     assert flash(arm) == before
     return {each.joint: each for each in verification.joints}
 
@@ -76,5 +79,13 @@ def test_a_travel_that_was_recorded_too_short_is_named(arm, calibration):
 
 
 def test_steps_out_of_order_are_refused(arm, calibration):
-    with pytest.raises(CalibrationError, match='"end" is not possible in the state "ready"'):
-        Verification(calibration, arm).step(Command.END)
+    with pytest.raises(NotPossibleNow, match="the verification is ready"):
+        Verification(calibration, arm).ask("end")
+
+
+def test_without_a_person_it_begins_at_once_and_ends_in_time(arm, calibration):
+    verification = Verification(calibration, arm, is_attended=False)
+    assert verification.view.offer("release").due_in == 0.0
+    verification.ask("release")
+    arm.tick(200)
+    assert verification.view.offer("end").due_in == pytest.approx(AT_MOST - 2.0, abs=0.1)

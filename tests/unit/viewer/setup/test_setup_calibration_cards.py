@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 from harness.calibration_rig import LentArm
 from so101_viewer.page import cards
-from so101_viewer.setup import calibration_cards
 
 from so101_motion.calib.procedure import summary
 from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, estimate_pose
@@ -14,8 +13,6 @@ from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.view import JointView
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.operation import Row
-from so101_motion.common.state import ARM_JOINTS
-from so101_motion.setup.accuracy import JointAccuracy, MoveReport
 
 POSE_DEG = {joint: math.degrees(angle) for joint, angle in HOMING_POSE.items()}
 
@@ -148,19 +145,3 @@ def test_markup_escapes_what_comes_from_outside() -> None:
     row = Row(label=evil, cells=(evil,), text=evil, tone="warm", mark=evil, bar=(0.2, 0.4), at=0.3)
     pieces = (cards.rows((evil,), (row,)), cards.instruction(evil, evil), cards.failed(evil))
     assert all("<script>" not in piece for piece in pieces)
-
-
-def test_a_report_names_what_is_wrong_once_and_is_empty_as_long_as_nothing_was_measured() -> None:
-    untested = [JointAccuracy(joint=joint) for joint in ARM_JOINTS]
-    assert calibration_cards.report(untested) == ""
-    stopped = MoveReport(
-        arm="a", joints=tuple(untested), began_at="2026-01-02", seconds=1.0, ended_by="a stop"
-    )
-    assert "how far each joint rests" not in calibration_cards.result(stopped)
-    stuck = [replace(joint, error=1.0) for joint in untested[:2]]
-    told = calibration_cards.report([*stuck, *untested[2:]])
-    assert told.count("t stops short") == 1
-    assert f"{ARM_JOINTS[0]}, {ARM_JOINTS[1]}: it stops short" in told
-    assert "how far each joint rests" in calibration_cards.result(
-        replace(stopped, joints=tuple(stuck))
-    )

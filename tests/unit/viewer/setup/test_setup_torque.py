@@ -34,7 +34,7 @@ def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     now[0] += 0.9 * SETTLED
     assert not watch.look(lost, is_blind=False)
     assert not watch.look(limp, is_blind=False)
-    now[0] += 10.0
+    now[0] += 0.9 * SETTLED
     assert not watch.look(lost, is_blind=False)
     assert watch.shown == torque(limp)
     now[0] += SETTLED

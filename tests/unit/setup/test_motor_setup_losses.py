@@ -21,14 +21,14 @@ def test_lost_and_garbled_answers_cost_retries_or_a_plain_error_and_never_an_id(
         try:
             done = setup.assign("gripper")
         except (MotorSetupError, BusError):
-            assert setup.view.motors["gripper"].state == "failed"
+            assert setup.state.motors["gripper"].state == "failed"
             continue
-        assert done.new_id == 6
+        assert done["new_id"] == 6
         break
     bus.faults.__init__()
     assert bus.holds(6, reg.ID, after_power_off=True) == 6
     assert bus.holds(6, reg.BAUD_RATE, after_power_off=True) == 0
-    assert setup.assign("gripper").changed == ()
+    assert setup.assign("gripper")["changed"] == []
 
 
 @pytest.mark.parametrize("lost", range(20))
@@ -66,14 +66,14 @@ def test_it_can_be_taken_up_again_wherever_it_was_cut_off():
 
         bus.before = pull
         try:
-            setup.assign("gripper", current_baud=57_600)
+            setup.assign("gripper", current_baudrate=57_600)
         except _PlugPulled:
             pass
         else:
             break
         bus.before = lambda: None
         bus.wire.baud = 1_000_000
-        assert setup.assign("gripper").new_baud == 1_000_000
+        assert setup.assign("gripper")["new_baudrate"] == 1_000_000
         assert bus.holds(6, reg.ID, after_power_off=True) == 6
         assert bus.holds(6, reg.HOMING_OFFSET, after_power_off=True) == 0
         assert bus.holds(6, reg.LOCK) == 1

@@ -4,7 +4,6 @@ from dataclasses import replace
 import pytest
 from harness.lent_bus import APART, LentBus, loose, refused
 
-from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.errors import (
@@ -15,6 +14,7 @@ from so101_motion.common.errors import (
 )
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.servo_types import STS3215_7V4
+from so101_motion.setup.motor_operation import MotorOperation
 
 KIT = dict.fromkeys(range(1, 7), 1)
 """Six servos as they come: all have id 1."""
@@ -25,31 +25,39 @@ KIT = dict.fromkeys(range(1, 7), 1)
 
 def test_a_kit_is_set_up_from_the_gripper_to_the_shoulder():
     bus = LentBus(KIT, calibrated=False)
-    setup = MotorSetup(bus.lent)
-    assert setup.view.status == "Motor setup ready"
-    assert not setup.view.in_progress
+    setup = MotorOperation(bus.lent)
+    assert setup.state.status == "Motor setup ready"
+    assert not setup.state.in_progress
     for step, joint in enumerate(SETUP_ORDER):
-        assert setup.view.step == step
-        assert setup.next_joint == joint
-        assert f"discover {joint}" in setup.view.next_step
+        assert setup.state.step == step
+        assert setup.state.next_joint == joint
+        assert f"discover {joint}" in setup.state.next_step
         bus.plug(SERVO_IDS[joint])
         found = setup.discover(joint)
-        assert (found.state, found.found_id, found.baud) == ("found", 1, 1_000_000)
-        assert (found.model, found.firmware, found.volts) == ("sts3215", "3.10", 12.0)
-        assert f"assign {joint}" in setup.view.next_step
+        assert (setup.state.motors[joint].state, found["current_id"], found["found_baudrate"]) == (
+            "found",
+            1,
+            1_000_000,
+        )
+        assert (found["model"], found["firmware"], found["volts"]) == ("sts3215", "3.10", 12.0)
+        assert f"assign {joint}" in setup.state.next_step
         done = setup.assign(joint)
-        assert (done.old_id, done.new_id, done.new_baud) == (1, SERVO_IDS[joint], 1_000_000)
-        assert setup.view.motors[joint].state == "configured"
-        assert setup.view.in_progress == (joint != SETUP_ORDER[-1])
-    assert setup.next_joint is None
-    assert "then verify" in setup.view.next_step
+        assert (done["old_id"], done["new_id"], done["new_baudrate"]) == (
+            1,
+            SERVO_IDS[joint],
+            1_000_000,
+        )
+        assert setup.state.motors[joint].state == "configured"
+        assert setup.state.in_progress == (joint != SETUP_ORDER[-1])
+    assert setup.state.next_joint is None
+    assert "then verify" in setup.state.next_step
 
     bus.whole_arm()
     found = setup.verify()
     assert found.ok, found
-    assert all(motor.state == "verified" for motor in setup.view.motors.values())
-    assert "calibrate" in setup.view.next_step
-    assert setup.view.step == 6
+    assert all(motor.state == "verified" for motor in setup.state.motors.values())
+    assert "calibrate" in setup.state.next_step
+    assert setup.state.step == 6
 
 
 def test_the_order_is_the_published_one():
@@ -63,10 +71,10 @@ def test_the_order_is_the_published_one():
 def test_any_id_at_any_rate_is_found_and_set_up_for_good(servo_id, baud):
     bus, setup = loose(servo_id, baud)
     found = setup.discover("gripper")
-    assert (found.found_id, found.baud) == (servo_id, baud)
+    assert (found["current_id"], found["found_baudrate"]) == (servo_id, baud)
     assert bus.wire.baud == 1_000_000, "the port is back at its own rate"
     done = setup.assign("gripper")
-    assert (done.old_id, done.old_baud, done.new_id, done.new_baud) == (
+    assert (done["old_id"], done["old_baudrate"], done["new_id"], done["new_baudrate"]) == (
         servo_id, baud, 6, 1_000_000,
     )  # fmt: skip
     for kept in (False, True):
@@ -78,21 +86,21 @@ def test_any_id_at_any_rate_is_found_and_set_up_for_good(servo_id, baud):
 
 def test_a_port_with_a_rate_of_its_own_gets_servos_of_that_rate():
     bus = LentBus({6: 1}, calibrated=False, baud=500_000)
-    setup = MotorSetup(bus.lent)
-    assert setup.assign("gripper").new_baud == 500_000
+    setup = MotorOperation(bus.lent)
+    assert setup.assign("gripper")["new_baudrate"] == 500_000
     assert bus.holds(6, reg.BAUD_RATE, after_power_off=True) == 1
     assert bus.wire.baud == 500_000
 
 
 def test_the_search_begins_at_the_rate_the_user_gives():
     bus, setup = loose(1, 57_600)
-    setup.assign("gripper", current_id=1, target_id=6, current_baud=57_600)
+    setup.assign("gripper", current_id=1, target_id=6, current_baudrate=57_600)
     assert bus.rates[0] == 57_600
     bus, setup = loose(1, 1_000_000)
-    done = setup.assign("gripper", current_id=1, target_id=6, current_baud=57_600)
-    assert done.old_baud == 1_000_000
+    done = setup.assign("gripper", current_id=1, target_id=6, current_baudrate=57_600)
+    assert done["old_baudrate"] == 1_000_000
     bus, setup = loose(1, 1_000_000)
-    assert setup.assign("gripper", current_baud=123).old_baud == 1_000_000
+    assert setup.assign("gripper", current_baudrate=123)["old_baudrate"] == 1_000_000
 
 
 # What a servo is given
@@ -104,7 +112,7 @@ def test_a_fresh_servo_gets_what_an_arm_needs_and_is_limp():
         6, return_delay=250, operating_mode=1, phase=12 | reg.MULTI_TURN, status_level=0,
         unloading_condition=0, p_gain=8, min_position=0, max_position=1, homing_offset=-900,
     )  # fmt: skip
-    changed = setup.assign("gripper").changed
+    changed = setup.assign("gripper")["changed"]
     expected = {
         reg.RETURN_DELAY: 0, reg.OPERATING_MODE: 0, reg.PHASE: 12, reg.STATUS_LEVEL: 1,
         reg.UNLOADING: 44, reg.P_GAIN: 32, reg.D_GAIN: 32, reg.I_GAIN: 0, reg.MIN_POSITION: 0,
@@ -139,7 +147,7 @@ def test_a_servo_that_is_right_already_keeps_its_calibration_and_is_not_written(
     bus.set(6, homing_offset=321, min_position=1000, max_position=2400)
     bus.wire.sent.clear()
     done = setup.assign("gripper")
-    assert done.changed == ()
+    assert done["changed"] == []
     assert bus.holds(6, reg.HOMING_OFFSET) == 321
     written = [packet for _, packet in bus.wire.sent if packet[4] == 3]
     assert {packet[5] for packet in written} <= {reg.TORQUE_ENABLE.address, reg.LOCK.address}
@@ -166,55 +174,49 @@ def test_voltage_limits_are_never_touched():
 
 def test_nobody_there_means_power_or_cable():
     bus = LentBus({}, calibrated=False)
-    setup = MotorSetup(bus.lent)
+    setup = MotorOperation(bus.lent)
     error = refused(lambda: setup.discover("gripper"), "no servo", "power supply", "3-pin cable")
-    motor = setup.view.motors["gripper"]
+    motor = setup.state.motors["gripper"]
     assert (motor.state, motor.sentence) == ("failed", error.reason)
-    assert setup.view.next_step == motor.fix
+    assert setup.state.next_step == motor.fix
     assert "then discover gripper again" in motor.fix
     assert set(bus.rates) | {1_000_000} == set(reg.BAUDS), "all rates were tried"
 
 
-def test_two_servos_with_different_ids_are_refused_and_nothing_is_written():
-    bus = LentBus({5: 1, 4: 9}, calibrated=False)
-    setup = MotorSetup(bus.lent)
-    refused(lambda: setup.discover("gripper"), "several servos", "1 and 9 answer", "only the servo")
-    refused(lambda: setup.assign("gripper"), "several servos")
-    assert all(packet[4] != 3 for _, packet in bus.wire.sent)
-
-
+@pytest.mark.parametrize(
+    ("loose_servos", "joint", "problem", "words"),
+    [
+        ({5: 1, 4: 9}, "gripper", "several servos", ("1 and 9 answer", "only the servo")),
+        ({5: 1, 6: 1}, "gripper", "same id", ("answer as servo 1 at once",)),
+        ({5: 1, 6: 6}, "gripper", "id taken", ("id of gripper, 6",)),
+        (None, "elbow_flex", "several servos", ("verify it",)),
+    ],
+    ids=["two ids", "one id", "its own id", "a whole arm"],
+)
 @pytest.mark.parametrize("q_start", [APART, (0.0,) * 6])
-def test_two_servos_with_one_id_are_refused_and_nothing_is_written(q_start):
-    bus = LentBus({5: 1, 6: 1}, calibrated=False, q_start=q_start)
-    setup = MotorSetup(bus.lent)
-    refused(lambda: setup.discover("gripper"), "same id", "answer as servo 1 at once")
-    refused(lambda: setup.assign("gripper"), "same id")
+def test_more_than_one_servo_is_refused_and_nothing_is_written(
+    loose_servos, joint, problem, words, q_start
+):
+    bus = LentBus(loose_servos, calibrated=False, q_start=q_start)
+    setup = MotorOperation(bus.lent)
+    refused(lambda: setup.discover(joint), problem, *words)
+    refused(lambda: setup.assign(joint), problem)
     assert all(packet[4] != 3 for _, packet in bus.wire.sent)
 
 
 def test_twins_whose_very_pings_collide_are_refused():
     bus = LentBus({5: 1, 6: 1}, calibrated=False)
     bus.faults.corrupt = 1.0
-    setup = MotorSetup(bus.lent)
+    setup = MotorOperation(bus.lent)
     refused(lambda: setup.discover("gripper"), "same id", "check the plugs")
-
-
-def test_an_id_that_is_taken_is_refused():
-    setup = MotorSetup(LentBus({5: 1, 6: 6}, calibrated=False).lent)
-    refused(lambda: setup.assign("gripper"), "id taken", "id of gripper, 6")
-
-
-def test_for_a_whole_arm_the_advice_is_to_verify_it():
-    setup = MotorSetup(LentBus().lent)
-    refused(lambda: setup.discover("elbow_flex"), "several servos", "verify it")
 
 
 @pytest.mark.parametrize("second", [6, 1, 99])
 def test_a_second_servo_at_another_rate_is_noticed(second):
     bus = LentBus({4: 1, 5: second}, calibrated=False)
     bus.set(4, baud_rate=reg.BAUDS.index(57_600))
-    setup = MotorSetup(bus.lent)
-    call = lambda: setup.assign("gripper", current_baud=57_600)  # noqa: E731
+    setup = MotorOperation(bus.lent)
+    call = lambda: setup.assign("gripper", current_baudrate=57_600)  # noqa: E731
     refused(call, "several servos", "at 57600 baud, and another at 1000000")
     refused(lambda: setup.assign("gripper"), "several servos", "another at 57600")
     assert (bus.holds(4, reg.ID), bus.holds(5, reg.ID)) == (1, second)
@@ -223,29 +225,31 @@ def test_a_second_servo_at_another_rate_is_noticed(second):
 def test_a_servo_of_another_kind_is_refused():
     bus, setup = loose()
     bus.set(6, model_number=2825)
-    assert setup.discover("gripper").model == "sts3250"
+    assert setup.discover("gripper")["model"] == "sts3250"
     bus.set(6, model_number=1029)
     refused(lambda: setup.assign("gripper"), "wrong model", "model 1029")
 
 
-def test_too_much_voltage_is_reported_and_what_to_do():
-    _, setup = loose(kind=STS3215_7V4, volts=12.0)
+@pytest.mark.parametrize(
+    ("options", "sentence", "fix"),
+    [
+        (
+            {"kind": STS3215_7V4, "volts": 12.0},
+            "12.0 V but is made for at most 8.0 V: a 7.4 V servo on a 12 V supply",
+            "switch the power off now and use a supply of 7.4 V",
+        ),
+        ({"volts": 4.3}, "only 4.3 V", "USB port cannot feed"),
+        ({"volts": 7.4}, "is a 12 V servo", ""),
+        ({"kind": STS3215_7V4, "volts": 5.0}, "found a servo", None),  # many arms are fed so
+    ],
+)
+def test_a_wrong_supply_is_reported_and_what_to_do_but_the_id_can_be_set(options, sentence, fix):
+    _, setup = loose(**options)
     found = setup.discover("gripper")
-    assert "12.0 V but is made for at most 8.0 V: a 7.4 V servo on a 12 V supply" in found.sentence
-    assert "switch the power off now and use a supply of 7.4 V" in found.fix
-    assert setup.view.fix == found.fix
-    assert setup.assign("gripper").new_id == 6, "its id can be set nevertheless"
-
-
-def test_too_little_voltage_is_reported():
-    _, setup = loose(volts=4.3)
-    found = setup.discover("gripper")
-    assert "only 4.3 V" in found.sentence
-    assert "USB port cannot feed" in found.fix
-    _, setup = loose(volts=7.4)
-    assert "is a 12 V servo" in setup.discover("gripper").sentence
-    _, setup = loose(kind=STS3215_7V4, volts=5.0)
-    assert setup.discover("gripper").fix == "", "many 7.4 V arms are fed with 5 V"
+    assert sentence in found["status"]
+    assert found["fix"] is None if fix is None else fix in found["fix"]
+    assert setup.state.fix == (found["fix"] or "")
+    assert setup.assign("gripper")["new_id"] == 6
 
 
 def test_a_port_that_is_gone_is_reported():
@@ -253,11 +257,11 @@ def test_a_port_that_is_gone_is_reported():
     bus.wire.unplugged = True
     with pytest.raises(PortUnavailable, match="USB cable"):
         setup.discover("gripper")
-    motor = setup.view.motors["gripper"]
+    motor = setup.state.motors["gripper"]
     assert motor.state == "failed"
     assert "went away" in motor.sentence
     assert motor.fix.startswith("check the USB cable")
-    assert setup.view.doing == ""
+    assert setup.state.doing == ""
 
 
 def test_a_port_that_goes_in_the_middle_does_not_hide_the_error():
@@ -276,22 +280,22 @@ def test_the_servo_of_a_motor_that_is_done_is_not_taken_for_the_next():
     _, setup = loose()
     setup.assign("gripper")
     found = setup.discover("wrist_roll")
-    assert "That is the id of gripper" in found.sentence
+    assert "That is the id of gripper" in found["status"]
     refused(
         lambda: setup.assign("wrist_roll"), "other servo", "that was set up before", "unplug it"
     )
     setup.forget("gripper")  # its cable was moved too early, so this is the one of wrist_roll
-    assert setup.assign("wrist_roll").new_id == 5
-    assert setup.next_joint == "gripper"
+    assert setup.assign("wrist_roll")["new_id"] == 5
+    assert setup.state.next_joint == "gripper"
 
 
 def test_starting_with_the_shoulder_does_not_bar_the_others():
     bus = LentBus(KIT, calibrated=False)
-    setup = MotorSetup(bus.lent)
+    setup = MotorOperation(bus.lent)
     bus.plug(1)
     setup.assign("shoulder_pan")
     bus.plug(6)
-    assert setup.assign("gripper").old_id == 1
+    assert setup.assign("gripper")["old_id"] == 1
 
 
 def test_the_id_the_user_named_must_be_the_one_connected():
@@ -308,28 +312,22 @@ def test_names_and_ids_are_checked():
         setup.assign("wrist_roll", target_id=6)
 
 
-@pytest.mark.parametrize("joint", SETUP_ORDER)
-def test_any_joint_may_be_skipped(joint):
+def test_any_joint_may_be_skipped_and_then_nothing_more_is_asked():
     _, setup = loose()
-    assert setup.skip(joint).state == "skipped"
-    assert setup.next_joint != joint
-    assert setup.view.step == 1
-
-
-def test_skipping_all_asks_for_nothing_more():
-    _, setup = loose()
-    for joint in SETUP_ORDER:
-        setup.skip(joint)
-    assert setup.next_joint is None
-    assert "calibrate" in setup.view.next_step
+    for count, joint in enumerate(SETUP_ORDER, start=1):
+        assert setup.state.next_joint == joint
+        assert setup.skip(joint)["status"] == f"{joint} skipped"
+        assert setup.state.step == count
+    assert setup.state.next_joint is None
+    assert "calibrate" in setup.state.next_step
 
 
 def test_a_reset_forgets_everything():
     _, setup = loose()
     setup.assign("gripper")
     setup.reset()
-    assert setup.view.step == 0
-    assert setup.view.status == "Motor setup ready"
+    assert setup.state.step == 0
+    assert setup.state.status == "Motor setup ready"
 
 
 # A bad wire, and being interrupted
@@ -338,15 +336,15 @@ def test_a_reset_forgets_everything():
 def test_the_view_says_what_is_going_on_and_does_not_wait():
     bus, setup = loose(1, 38_400)
     seen = []
-    bus.before = lambda: seen.append((setup.view.doing, setup.view.in_progress))
+    bus.before = lambda: seen.append((setup.state.doing, setup.state.in_progress))
     setup.discover("gripper")
     assert ("listening at 115200 baud", True) in seen
-    assert setup.view.doing == ""
+    assert setup.state.doing == ""
 
 
 def test_a_value_once_given_out_does_not_change():
     _, setup = loose()
-    before = setup.view
+    before = setup.state
     setup.assign("gripper")
     assert before.motors["gripper"].state == "todo"
     assert replace(before) == before
@@ -370,4 +368,4 @@ def test_a_servo_that_falls_silent_is_reported_as_such():
     bus.before = pull
     with pytest.raises((NoReply, CorruptReply)):
         setup.discover("gripper")
-    assert "no reply from servo 1" in setup.view.status
+    assert "no reply from servo 1" in setup.state.status

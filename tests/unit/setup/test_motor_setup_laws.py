@@ -4,11 +4,11 @@ from harness.lent_bus import LentBus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.errors import So101Error
 from so101_motion.drivers.bus import registers as reg
+from so101_motion.setup.motor_operation import MotorOperation
 
 RATES = (1_000_000, 115_200, 38_400)
 joints = st.sampled_from(SETUP_ORDER)
@@ -55,7 +55,7 @@ def test_only_a_servo_that_is_alone_is_changed_and_only_as_asked(kit, wanted):
     bus = LentBus(calibrated=False)
     for place, (servo_id, baud) in enumerate(kit, start=1):
         bus.set(place, id=servo_id, baud_rate=reg.BAUDS.index(baud))
-    setup = MotorSetup(bus.lent)
+    setup = MotorOperation(bus.lent)
     plugged = set(range(1, 7))
     for name, argument in wanted:
         if name == "plug":
@@ -72,9 +72,9 @@ def test_only_a_servo_that_is_alone_is_changed_and_only_as_asked(kit, wanted):
         if name == "assign" and error is None:
             (place,) = plugged
             assert state(bus)[place] == (SERVO_IDS[argument], 1_000_000)
-            assert setup.view.motors[argument].state == "configured"
+            assert setup.state.motors[argument].state == "configured"
         if name == "assign" and len(plugged) != 1:
             assert error is not None
         assert bus.wire.baud == 1_000_000, "the port is back at its own rate"
-        assert setup.view.doing == ""
-        assert setup.view.next_step
+        assert setup.state.doing == ""
+        assert setup.state.next_step
