@@ -41,6 +41,7 @@ class SetupContext(Worker):
         saved: Where this setup has saved a calibration; None before.
         tested: What the final test has found; None before.
         opened: What else was opened, to be closed with the setup.
+        port: The port of the last target on this computer; None before.
     """
 
     context: PageContext
@@ -54,6 +55,7 @@ class SetupContext(Worker):
     saved: str | None = None
     tested: Check | None = None
     opened: ExitStack = field(default_factory=ExitStack)
+    port: str | None = None
     torque: TorqueWatch = field(default_factory=TorqueWatch)
 
     @property
@@ -73,6 +75,8 @@ class SetupContext(Worker):
     def work_on(self, target: SetupTarget) -> None:
         """Set a new target; forgets the progress with another arm."""
         self.target = target
+        if not target.is_remote:
+            self.port = target.where
         self.progress.work_on(target.where)
         if isinstance(target.motors, MotorOperation):  # a machine remembers by itself
             target.motors.keep_in(self.progress)
