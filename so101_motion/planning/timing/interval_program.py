@@ -72,8 +72,8 @@ class _PathInterval:
 def import_toppra_alone() -> None:
     """Import toppra, if it is installed, without SciPy, which its solver does not use.
 
-    Only for a process in which nobody else uses toppra: its splines do not work then. This halves
-    the start of the planning process (0.43 s of processor time in place of 0.8 s, 106 MB in place of 150).
+    Only for a process in which nobody else uses toppra: its splines do not work then. The planning
+    process starts with 0.43 s of processor time and 106 MB, instead of 0.8 s and 150 MB.
     """
     with suppress(ModuleNotFoundError), _stand_ins("scipy.interpolate", "scipy.sparse"):
         _toppra()
