@@ -10,7 +10,7 @@ from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.errors import ConfigError, Interrupted, So101Error, quoted
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import HELD, Mode
-from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.collision.apart import Meeting
 from so101_motion.planning.request import Plan
@@ -220,6 +220,8 @@ def opening(q_jaw: float) -> str:
 def grip(screen: Screen) -> str:
     """What the gripper does."""
     q_jaw = screen.state.q_jaw
+    if GRIPPER_JOINT in screen.state.reading.silent:
+        return "Its servo does not answer."
     if screen.holds:
         return f"Holding something: the tips are {to_mm(tip_distance(q_jaw)):.0f} mm apart."
     return f"Holding nothing, {opening(q_jaw)}."
