@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from so101_motion.arm.shared_worker import planner_started
 from so101_motion.common.errors import ConfigError
 from so101_motion.planning.goals import PoseGoal
-from so101_motion.rig.hardware_rig import open_so101
-from so101_motion.rig.simulated_rig import open_simulated
 
 if TYPE_CHECKING:
     from so101_motion.rig.rig import Rig
@@ -31,15 +30,20 @@ def open(arm: str, *, calibration: str | Path | None = None) -> Rig | MachineRig
         BusError: The port cannot be opened, or a servo does not answer.
         MachineUnavailable: The machine cannot be reached.
     """
-    if arm == "sim" or arm.startswith(_MACHINE):
-        if calibration is not None:
-            raise ConfigError("calibration", str(calibration), "is for an arm on a serial port")
-        if arm == "sim":
-            return open_simulated()
-        from so101_motion.viam.client import MachineRig
+    if calibration is not None and (arm == "sim" or arm.startswith(_MACHINE)):
+        raise ConfigError("calibration", str(calibration), "is for an arm on a serial port")
+    with planner_started():
+        if arm.startswith(_MACHINE):
+            from so101_motion.viam.client import MachineRig
 
-        return MachineRig.connect(arm.removeprefix(_MACHINE))
-    return open_so101(arm, calibration)
+            return MachineRig.connect(arm.removeprefix(_MACHINE))
+        if arm == "sim":
+            from so101_motion.rig.simulated_rig import open_simulated
+
+            return open_simulated()
+        from so101_motion.rig.hardware_rig import open_so101
+
+        return open_so101(arm, calibration)
 
 
 def point(x: float, y: float, z: float) -> PoseGoal:

@@ -38,13 +38,19 @@ class SetupApp(ServedPage):
         super().__init__(server)
         context = self.host.page_context()
         set_up_view(context.server, _SIGHT)
-        setup = SetupPart(
+        part = SetupPart(
             context, ports=ports, fixed=fixed, progress=progress, preview=serve, resumes=True
         )
-        bar = SetupBar(context, setup.setup, drop=self.host.drop_commands)
+        self._setup = part.setup
+        bar = SetupBar(context, self._setup, drop=self.host.drop_commands)
         self.host.windows.leave_open_as_stop(bar.button)
-        self.host.add_parts(setup, bar)
+        self.host.add_parts(part, bar)
         self.host.start()
+
+    @property
+    def last_port(self) -> str | None:
+        """The port of the last arm that was connected; None without one, or on a machine."""
+        return self._setup.port
 
 
 def serve_setup(

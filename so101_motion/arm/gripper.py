@@ -38,6 +38,7 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import is_finite
 from so101_motion.common.modes import HELD
+from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Channel, Executor
 from so101_motion.control.following import STALE_AFTER, Following, FollowingSettings
@@ -309,6 +310,11 @@ class Gripper:
         return (self.q_jaw - self.closed) / (self.opened - self.closed)
 
     @property
+    def is_silent(self) -> bool:
+        """Whether its servo does not answer; its angle is then the last known."""
+        return GRIPPER_JOINT in self._executor.state.reading.silent
+
+    @property
     def is_moving(self) -> bool:
         """Whether a motion of the jaw is under way."""
         return self._executor.state.jaw_moving
@@ -321,6 +327,7 @@ class Gripper:
         return (
             self._grabs
             and driven
+            and not self.is_silent
             and not state.jaw_moving
             and state.q_jaw - state.q_jaw_ref >= GRIP
             and state.q_jaw - self.closed >= THINNEST

@@ -6,6 +6,8 @@ It imports little, so that the planning process can be started before an arm has
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from so101_motion.arm.planning_worker import PlanningWorker
 
@@ -22,6 +24,21 @@ def acquire_worker() -> PlanningWorker:
             _worker = PlanningWorker(copies=True)
         _worker_users += 1
         return _worker
+
+
+@contextmanager
+def planner_started() -> Iterator[None]:
+    """Start the planning process in the background, and keep it at least until this block ends.
+
+    A verb or a page that will plan starts it before it imports and opens an arm, which takes as
+    long. Later, it would hold every file that is open here while it starts, so the arm's port would
+    seem to be in use.
+    """
+    acquire_worker().start()
+    try:
+        yield
+    finally:
+        release_worker()
 
 
 def release_worker() -> None:

@@ -144,7 +144,9 @@ def plan(
             raise click.UsageError("--from works only with --sim; leave it out for a real arm")
         source = replace(source, q_start=to_rad(q_from))
     viewer: Any = import_preview() if preview or html is not None else None
-    with quietly(), closing(source.open_to_look()) as rig:
+    from so101_motion.arm.shared_worker import planner_started
+
+    with planner_started(), quietly(), closing(source.open_to_look()) as rig:
         found = _planned(rig, goal, scene)
         if not as_json:
             click.echo(plan_table(found))

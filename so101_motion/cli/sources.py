@@ -98,6 +98,12 @@ class Source(_SourceWithCaps):
         Raises:
             So101Error: It cannot be reached, or a setting is not valid.
         """
+        from so101_motion.arm.shared_worker import planner_started
+
+        with planner_started():
+            return self._open()
+
+    def _open(self) -> Rig:
         from so101_motion.common.errors import OtherCalibration
         from so101_motion.drivers.bus.defaults import SERVO_IDS
         from so101_motion.rig.hardware_rig import open_hardware

@@ -112,7 +112,11 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
         "fault": state.fault or "",
         "q_deg": {joint: q if joint in found else None for joint, q in q_deg.items()},
         "range_deg": _by_joint(to_deg(lower), to_deg(upper)),
-        "jaw_percent": round(100.0 * rig.gripper.aperture, 1) if GRIPPER_JOINT in found else None,
+        "jaw_percent": (
+            round(100.0 * rig.gripper.aperture, 1)
+            if GRIPPER_JOINT in found and GRIPPER_JOINT not in state.reading.silent
+            else None
+        ),
         "tool_mm": [round(x, 2) for x in to_mm(pose.p).tolist()] if has_arm else None,
         "speed_degs_per_sec": round(to_deg(arm.speed), 3),
         "acceleration_degs_per_sec_per_sec": round(to_deg(arm.acceleration), 3),

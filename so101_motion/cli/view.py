@@ -158,24 +158,26 @@ def show(
         ConfigError: The page cannot be served there, the camera is none of these, or the scene or
             atlas cannot be read.
     """
+    from so101_motion.arm.shared_worker import planner_started
     from so101_motion.files.scene_file import read_scene
 
-    viewer, is_cell = import_preview(), isinstance(source, CellSource)
-    _check_camera(camera, has_machine=not isinstance(source, (Source, CellSource)))
-    scene = None if scene_file is None or is_cell else read_scene(scene_file)
-    if scene is not None and isinstance(source, Source) and source.port is None:
-        source = replace(source, q_start=_free_pose(scene))
-    arm = viewer.Source(
-        title=source.title,
-        open=source.open if isinstance(source, CellSource) else _opener(source, scene),
-        scene_file=scene_file,
-        open_leader=None if leader is None else leader.open,
-        camera=camera,
-        atlas=None if atlas is None else _atlas_in(atlas),
-    )
-    with in_lines(), viewer.serve_source(arm, **page.server(source.title)) as preview:
-        click.echo(f"so101: {source.what}", err=True)
-        keep_open(preview, page)
+    with planner_started():
+        viewer, is_cell = import_preview(), isinstance(source, CellSource)
+        _check_camera(camera, has_machine=not isinstance(source, (Source, CellSource)))
+        scene = None if scene_file is None or is_cell else read_scene(scene_file)
+        if scene is not None and isinstance(source, Source) and source.port is None:
+            source = replace(source, q_start=_free_pose(scene))
+        arm = viewer.Source(
+            title=source.title,
+            open=source.open if isinstance(source, CellSource) else _opener(source, scene),
+            scene_file=scene_file,
+            open_leader=None if leader is None else leader.open,
+            camera=camera,
+            atlas=None if atlas is None else _atlas_in(atlas),
+        )
+        with in_lines(), viewer.serve_source(arm, **page.server(source.title)) as preview:
+            click.echo(f"so101: {source.what}", err=True)
+            keep_open(preview, page)
 
 
 def _check_camera(camera: str | None, *, has_machine: bool) -> None:

@@ -33,6 +33,7 @@ class JointReading:
             back inside. Such a joint gets no goal; when it is moved, it first comes in slowly.
         unanswered: Names of the joints that did not answer this time, or with an impossible value;
             their angles are the last known.
+        silent: Names of the joints whose servos have not answered for a while, or were never there.
         unconfirmed: Names of the joints whose angle comes from a single reply that no second one
             has confirmed yet.
         in_play: Joints that may stand still while their motor crosses the play of its gears, by
@@ -47,6 +48,7 @@ class JointReading:
     alarms: Mapping[str, str] = field(default_factory=dict)
     out_of_range: Mapping[str, float] = field(default_factory=dict)
     unanswered: frozenset[str] = frozenset()
+    silent: frozenset[str] = frozenset()
     unconfirmed: frozenset[str] = frozenset()
     in_play: Mapping[str, float] = field(default_factory=dict)
 

@@ -49,15 +49,23 @@ MOVES = {
     "view": ("view", "--no-browser"),
     "run": ("run", "{program}", "--yes"),
     "replay": ("guide", "replay", "{path}", "--yes"),
+    "move-test": ("move-test", "--yes"),
+    "record": ("guide", "record", "{folder}/{seed}.json", "--yes"),
+    "plan": ("plan", "--pose", "{pose}"),
+    "status": ("status",),
 }
 VERBS = {
     **{f"{name}, simulated": (*words, *FREE) for name, words in MOVES.items()},
     **{f"{name}, emulated": (*words, *PORT) for name, words in MOVES.items()},
     "demo": ("demo", "--no-browser"),
+    "doctor": ("doctor", *PORT),
+    "identify": ("identify", "--yes", *PORT),
+    "report-arm": ("report-arm", "{folder}/r{seed}.json", "--yes", *PORT),
     "emulate": ("emulate", "--realtime", "--link", "{folder}/other"),
     "calibrate": ("calibrate", "--yes", *PORT),
     "setup": ("setup", "--yes", "--start-over", *PORT),
     "setup in the browser": ("setup", "--web", "--no-browser", *PORT),
+    "setup in the browser, no port": ("setup", "--web", "--no-browser"),
     "teleop": ("teleop", "--leader", "sim", "--follower", "{port}", "--yes"),
 }
 
@@ -87,10 +95,11 @@ class Bench:
     def close(self):
         self._emulator.close()
 
-    def words(self, verb, rng):
+    def words(self, verb, seed, rng):
         places = {
             "port": self.folder / "arm", "folder": self.folder, "path": self.folder / "path.json",
             "program": self.folder / "program.json", "pose": rng.choice(["home", "ready", "rest"]),
+            "seed": seed,
         }  # fmt: skip
         return [each.format(**places) for each in VERBS[verb]]
 
@@ -106,7 +115,7 @@ def end(bench, verb, seed):
     rng = random.Random(seed)
     kind, after = rng.choice(KINDS), rng.uniform(0.0, bench.span)
     _, q_before = bench.servos()
-    command = [sys.executable, "-c", HEARS + LISTENS, *bench.words(verb, rng)]
+    command = [sys.executable, "-c", HEARS + LISTENS, *bench.words(verb, seed, rng)]
     env = {**os.environ, "XDG_DATA_HOME": str(bench.folder), "SO101_PORT": ""}
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, env=env, **pipes) as process:
@@ -153,7 +162,8 @@ def _lies(bench, last, q_before):
 
 
 def run(seed, *, seconds, count, verbs=tuple(VERBS)):
-    """Send ``count`` signals, to one verb after the other; how all ended, and what was wrong."""
+    """Send ``count`` signals, each verb in its turn; how all ended, and what was wrong."""
+    verbs = random.Random(seed).sample(verbs, len(verbs))
     ends, failures, until = Counter(), [], time.monotonic() + seconds
     with tempfile.TemporaryDirectory() as folder, closing(Bench(folder)) as bench:
         for k in range(count):

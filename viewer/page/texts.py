@@ -10,7 +10,7 @@ from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.errors import ConfigError, Interrupted, So101Error, quoted
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import HELD, Mode
-from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.collision.apart import Meeting
 from so101_motion.planning.request import Plan
@@ -213,8 +213,11 @@ def opening(q_jaw: float) -> str:
     return f"{100.0 * aperture(q_jaw):.0f} % open"
 
 
-def grip(q_jaw: float, *, holds: bool) -> str:
-    """What the gripper does, with the jaw at ``q_jaw`` [rad]."""
+def grip(state: JointState, *, holds: bool) -> str:
+    """What the gripper does."""
+    q_jaw = state.q_jaw
+    if GRIPPER_JOINT in state.reading.silent:
+        return "Its servo does not answer."
     if holds:
         return f"Holding something: the tips are {to_mm(tip_distance(q_jaw)):.0f} mm apart."
     return f"Holding nothing, {opening(q_jaw)}."

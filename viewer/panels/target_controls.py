@@ -131,7 +131,7 @@ class TargetControls:
         grey(self._jaw, is_off)
         if not state.jaw_moving:
             self._opened.show(100.0 * texts.aperture(state.q_jaw_ref))
-        self._grip.content = markup.small(texts.grip(state.q_jaw, holds=page.gripper.is_holding))
+        self._grip.content = markup.small(texts.grip(state, holds=page.gripper.is_holding))
         self._force.show(None if page.force is None else 100.0 * page.force)
         grey(self._nearest, page.target.problem is None)
         self._history.show()

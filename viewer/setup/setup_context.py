@@ -39,6 +39,7 @@ class SetupContext(Worker):
         seen: What was found on the port, and about the motors of the finished chain.
         saved: Where this setup has saved a calibration; None before.
         opened: What else was opened, to be closed with the setup.
+        port: The port of the last target on this computer; None before.
     """
 
     context: PageContext
@@ -50,6 +51,7 @@ class SetupContext(Worker):
     seen: Findings = field(default_factory=Findings)
     saved: str | None = None
     opened: ExitStack = field(default_factory=ExitStack)
+    port: str | None = None
     torque: TorqueWatch = field(default_factory=TorqueWatch)
 
     @property
@@ -79,6 +81,8 @@ class SetupContext(Worker):
     def work_on(self, target: SetupTarget) -> None:
         """Set a new target; forgets the progress with another arm."""
         self.target = target
+        if not target.is_remote:
+            self.port = target.where
         self.progress.work_on(target.where)
         if isinstance(target.motors, MotorOperation):  # a machine remembers by itself
             target.motors.keep_in(self.progress)

@@ -171,6 +171,8 @@ class FeetechArm:
             qd_jaw=qd[5],
             out_of_range={JOINTS[i]: q_inside for i, q_inside in out_of_range.items()},
             unanswered=frozenset(JOINTS[self._index[i]] for i in self._presence.unanswering),
+            silent=frozenset(JOINTS)
+            - {JOINTS[i] for servo_id, i in self._index.items() if servo_id not in silent},
             unconfirmed=frozenset(JOINTS[i] for i in unconfirmed),
             in_play={JOINTS[i]: off for i, off in self._compensation.in_play().items()},
         )

@@ -112,20 +112,22 @@ def _mode(status: Mapping[str, Any]) -> Mode:
         return Mode.GUIDING if status.get("mode") == "manual" else Mode.HOLDING
 
 
-async def ask_gripper(gripper: Gripper | None) -> GripperReport:
-    """Read the state of a gripper: closed and at rest where it reports nothing."""
+async def ask_gripper(
+    gripper: Gripper | None, last: GripperReport = GripperReport()
+) -> GripperReport:
+    """Read the state of a gripper: at rest where it was last where it reports nothing."""
     if gripper is None:
         return GripperReport()
     try:
         answered = await gripper.do_command({"command": "get_position"})
-        percent = answered.get("position_percentage", 0.0)
+        percent = answered.get("position_percentage")
         return GripperReport(
-            aperture=0.01 * percent if isinstance(percent, (int, float)) else 0.0,
+            aperture=0.01 * percent if isinstance(percent, (int, float)) else last.aperture,
             is_moving=await gripper.is_moving(),
             is_holding=answered.get("is_holding_something") is True,
         )
     except GRPCError:
-        return GripperReport()
+        return GripperReport(aperture=last.aperture)
 
 
 def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: float) -> JointState:
@@ -149,6 +151,8 @@ def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: f
         q_ref = last.q_ref if stays else arm.q
     alarms, fault, lent = (status.get(key) for key in ("alarms", "fault", "lent_to"))
     late = status.get("late_ticks", 0)
+    health = status.get("health")
+    figures = health.items() if isinstance(health, Mapping) else ()
     return JointState(
         t=t,
         mode=arm.mode,
@@ -159,6 +163,9 @@ def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: f
             qd_jaw=0.0,
             alarms={str(k): str(v) for k, v in alarms.items()} if isinstance(alarms, dict) else {},
             out_of_range=limits,
+            silent=frozenset(
+                joint for joint, each in figures if isinstance(each, Mapping) and each.get("silent")
+            ),
         ),
         q_ref=q_ref,
         qd_ref=qd,

@@ -425,7 +425,9 @@ class MachineRig(Machine):
         assert arm is not None  # ``_poll`` has found it
         begin = self.clock.now()
         async with asyncio.timeout(PATIENCE):
-            answered, self._jaw = await asyncio.gather(ask_arm(arm), ask_gripper(gripper))
+            answered, self._jaw = await asyncio.gather(
+                ask_arm(arm), ask_gripper(gripper, self._jaw)
+            )
         t = 0.5 * (begin + self.clock.now())
         if self._state is None or t > self._state.t:
             self._status = answered.status

@@ -7,12 +7,14 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, ClassVar
 
+from grpclib import GRPCError, Status
 from viam.components.gripper import Gripper
 from viam.resource.types import Model
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError, ServoAlarm, So101Error
+from so101_motion.common.modes import Mode
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.common.units import to_rad
 from so101_motion.planning.timing.limits import MotionLimits
@@ -37,6 +39,8 @@ CLOSED_PERCENT = 0.0
 
 FASTEST_DEG = 120.0
 """The jaw's largest speed [deg/s]; half of its drive reaches it with a reserve."""
+
+_SILENT = "its servo does not answer; check its cable and the arm's power supply"
 
 
 class HardwareGripper(GripperResource):
@@ -124,6 +128,8 @@ class HardwareGripper(GripperResource):
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
         """Whether the grabbed object is still held, with load, current and jaw position."""
         await self.found()
+        if self._gripper.is_silent:
+            raise GRPCError(Status.UNAVAILABLE, _SILENT)
         load = health(self.rig.servos).get(GRIPPER_JOINT, {})
         meta = {key: load[key] for key in ("load_percent", "amps") if key in load}
         return Gripper.HoldingStatus(
@@ -182,7 +188,9 @@ class HardwareGripper(GripperResource):
         return {"load": round(10.0 * percent), **self._condition()}
 
     def _condition(self) -> dict[str, str]:
-        """The faults that the servo reports, in words; empty without any."""
+        """The faults that the servo reports, in words, or that it is silent; empty without any."""
+        if self._gripper.is_silent:
+            return {"condition": _SILENT}
         faults = self._own_health().get("faults", ())
         return {"condition": ", ".join(faults)} if faults else {}
 
@@ -255,12 +263,13 @@ class HardwareGripper(GripperResource):
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         """The jaw's position, whether it moves and holds, and its servo's health."""
         state, not_ready = self.rig.arm.state, self.rig.not_ready
+        is_silent = not not_ready and self._gripper.is_silent
         status = {
             **({} if not_ready else self._position()),
             "not_ready": not_ready,
             "is_moving": await self.is_moving(),
-            "state": state.mode.value,
-            "fault": state.fault,
+            "state": Mode.FAULT.value if is_silent else state.mode.value,
+            "fault": state.fault or (_SILENT if is_silent else None),
             "health": self._own_health(),
         }
         return convert.to_result(status)
@@ -270,6 +279,8 @@ class HardwareGripper(GripperResource):
         return figures
 
     def _position(self) -> dict[str, Any]:
+        if self._gripper.is_silent:
+            return {}
         q_jaw = self._gripper.q_jaw
         return {
             "position_percentage": self._percentage(),
