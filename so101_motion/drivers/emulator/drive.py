@@ -37,6 +37,7 @@ class Settings:
         gains: Of the position loop.
         limits: Of the protections.
         mode: What drives the motor, such as ``POSITION_MODE``.
+        span: Goals are clamped to it, unless both are equal [tick].
         drive_sign: -1 if the motor is wired the other way round.
         encoder_reversed: Whether the encoder counts down.
     """
@@ -44,6 +45,7 @@ class Settings:
     gains: Gains
     limits: Limits
     mode: int
+    span: tuple[int, int]
     drive_sign: float
     encoder_reversed: bool
 
@@ -226,7 +228,10 @@ class Drive:
             profile.turn(self._wanted, around=self.position)
         else:
             if goal is not None:
+                lower, upper = self._settings.span
                 profile.target += goal
+                if lower != upper:
+                    profile.target = max(min(profile.target, upper), lower)
             profile.step()
         error = int(profile.position) - self.position
         return self.loop.step(error, integrate=self._may_integrate)

@@ -39,6 +39,7 @@ def settings_from(memory: Memory) -> Settings:
         gains=gains,
         limits=Limits.of(memory),
         mode=value(reg.MODE),
+        span=(memory.raw(reg.MIN_POSITION), memory.raw(reg.MAX_POSITION)),
         drive_sign=-1.0 if phase & reg.PHASE_DRIVE_REVERSED else 1.0,
         encoder_reversed=bool(phase & reg.PHASE_ENCODER_REVERSED),
     )

@@ -250,7 +250,6 @@ class Servo:
         self._mode = mode
         self.memory.set(reg.ACCELERATION, 0)
         self.memory.set(reg.GOAL_VELOCITY, 0)
-        self.memory.set(reg.GOAL_TIME, 0)
         self.drive.torque = 0
         self._clear_turns()
         self._plan_profile()

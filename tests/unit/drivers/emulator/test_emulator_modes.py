@@ -102,6 +102,23 @@ def test_in_step_mode_a_goal_is_so_much_farther(bench):
         bench.write(ROLL, reg.GOAL_POSITION, 100)
         bench.advance(1.0)
     assert position(bench) - begin == pytest.approx(200, abs=10)
+    bench.write(ROLL, reg.MAX_POSITION, begin + 250)
+    bench.write(ROLL, reg.GOAL_POSITION, 100)
+    bench.advance(1.0)
+    assert position(bench) - begin == pytest.approx(250, abs=10), "clamped like any goal"
+
+
+def test_a_duty_outlives_a_change_of_mode(bench):
+    """The firmware zeroes speed and acceleration only."""
+    in_mode(bench, reg.PWM_MODE)
+    bench.write(ROLL, reg.GOAL_TIME, 400)
+    for mode in (reg.POSITION_MODE, reg.PWM_MODE):
+        bench.write(ROLL, reg.MODE, mode)
+    bench.advance(1.0)
+    before = position(bench)
+    bench.write(ROLL, reg.TORQUE_ENABLE, 1)
+    bench.advance(0.3)
+    assert position(bench) < before - 100
 
 
 def test_torque_off_ends_it(bench):
