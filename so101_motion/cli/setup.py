@@ -202,9 +202,9 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
         try:
             keep_open(stack.enter_context(served), page)
         except KeyboardInterrupt:
-            opened = served.last_port or (port if machine is None else None)
-            if opened is not None:
-                tell_torque(opened)
+            last_port = served.last_port or (port if machine is None else None)
+            if last_port is not None:
+                tell_torque(last_port)
             raise KeyboardInterrupt("the next so101 setup --web continues here") from None
 
 
