@@ -44,6 +44,7 @@ def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead(tmp_path
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))  # where the key is kept
     command = [sys.executable, "-m", "so101_motion.cli", "demo", "--no-browser"]
     with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # closed a moment ago is free
         for _ in range(300):  # another program may have it for a while, or for ever
             with contextlib.suppress(OSError):
                 taken.bind(("127.0.0.1", 8080))
