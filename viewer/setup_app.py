@@ -18,7 +18,8 @@ from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key
 from .setup.part import SetupPart
 from .setup.setup_bar import SetupBar
-from .setup.setup_target import FixedArm, Ports, fixed_arm
+from .setup.setup_target import ArmSource, known_arm
+from .setup.setup_target import ports as ports_of
 
 _SIGHT = Sight(middle=np.array([0.1, 0.0, 0.17]))
 """Higher than for other pages, so that an arm stretched upwards is in the picture."""
@@ -31,16 +32,13 @@ class SetupApp(ServedPage):
         self,
         server: GuardedServer,
         *,
-        ports: Ports,
-        fixed: FixedArm | None,
+        source: ArmSource,
         progress: SetupProgress,
     ) -> None:
         super().__init__(server)
         context = self.host.page_context()
         set_up_view(context.server, _SIGHT)
-        part = SetupPart(
-            context, ports=ports, fixed=fixed, progress=progress, preview=serve, resumes=True
-        )
+        part = SetupPart(context, source=source, progress=progress, preview=serve, resumes=True)
         self._setup = part.setup
         bar = SetupBar(context, self._setup, drop=self.host.drop_commands)
         self.host.windows.leave_open_as_stop(bar.button)
@@ -84,14 +82,14 @@ def serve_setup(
         ConfigError: The host or port cannot be used.
         GuardError: The server answered a request without the key; it is stopped again.
     """
-    fixed = None if machine is None else fixed_arm(machine)
-    kept = SetupProgress(progress_file or own_folder() / NAME, fixed.where if fixed else None)
+    known = None if machine is None else known_arm(machine)
+    source = known or ports_of(tuple(ports), reply_timeout)
+    kept = SetupProgress(progress_file or own_folder() / NAME, source.where)
     server = start_guarded(
         host, port, allow_remote=allow_remote, label="SO-101 setup", key_of=key_of
     )
     try:
-        where = Ports(named=tuple(ports), reply_timeout=reply_timeout)
-        return SetupApp(server, ports=where, fixed=fixed, progress=kept)
+        return SetupApp(server, source=source, progress=kept)
     except BaseException:
         server.close()
         raise

@@ -6,21 +6,18 @@ import viser
 
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.connect import ConnectOperation
-from so101_motion.setup.port_selection import PortsSeen
 from so101_motion.setup.setup_steps import CONNECT
 
 from .page import StepPage
 from .setup_context import SetupContext
-from .setup_target import Ports, SetupTarget
+from .setup_target import ArmSource, SetupTarget
 
 
 class ConnectionPage(StepPage):
     """The page of the connection step."""
 
-    def __init__(self, setup: SetupContext, ports: Ports) -> None:
-        fixed = setup.fixed
-        look = ports.look if fixed is None else lambda: PortsSeen(nothing=fixed.findings())
-        self._ports, self._connect = ports, ConnectOperation(look)
+    def __init__(self, setup: SetupContext, source: ArmSource) -> None:
+        self._source, self._connect = source, ConnectOperation(source.look)
         super().__init__(setup, CONNECT, left="nothing was changed")
 
     @property
@@ -57,9 +54,4 @@ class ConnectionPage(StepPage):
 
     def open(self) -> SetupTarget:
         """Open the target on the chosen port; in a worker's thread."""
-        if self._setup.fixed is not None:
-            return self._setup.fixed.open()
-        chosen = self._connect.chosen
-        assert chosen is not None  # else one could not have gone on
-        has_file = chosen.report.calibration is not None
-        return self._ports.open(chosen, "" if has_file else self._setup.progress.arm)
+        return self._source.open(self._connect.chosen, self._setup.progress.arm)

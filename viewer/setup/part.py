@@ -39,7 +39,7 @@ from .final_test import FinalTestPage
 from .page import CalibrationPage, ChainPage, StepPage
 from .picture import Picture
 from .setup_context import ServesPreview, SetupContext
-from .setup_target import FixedArm, Ports, SetupTarget, fixed_arm
+from .setup_target import ArmSource, SetupTarget, known_arm
 from .step_wizard import StepWizard
 
 TITLE = "Setup"
@@ -65,18 +65,17 @@ class SetupPart(Part):
         *,
         progress: SetupProgress,
         on_stage: Callable[[bool], None] = lambda _shown: None,
-        ports: Ports,
-        fixed: FixedArm | None = None,
+        source: ArmSource,
         preview: ServesPreview | None = None,
         resumes: bool = False,
     ) -> None:
         self._is_alone = not isinstance(context, ArmContext)  # else the preview shows the arm
         picture = Picture(context.server.scene, on_stage)
         self.setup = SetupContext(
-            context=context, picture=picture, progress=progress, fixed=fixed, preview=preview
+            context=context, picture=picture, progress=progress, preview=preview
         )
         self.wizard = StepWizard(progress)
-        self._connection = ConnectionPage(self.setup, ports)
+        self._connection = ConnectionPage(self.setup, source)
         self._pages: dict[str, StepPage] = {  # by the step's name
             "connect": self._connection,
             "motors": StepPage(self.setup, MOTORS, lambda target: target.motors, _MOTORS_LEFT),
@@ -268,8 +267,8 @@ class SetupPart(Part):
 
 def setup_parts(context: ArmContext, *, on_stage: Callable[[bool], None]) -> tuple[SetupPart, ...]:
     """The Setup tab for the arm of a preview; none for a simulated arm."""
-    fixed = fixed_arm(context.rig)
-    if fixed is None:
+    source = known_arm(context.rig)
+    if source is None:
         return ()
-    kept = SetupProgress(own_folder() / NAME, fixed.where)
-    return (SetupPart(context, progress=kept, on_stage=on_stage, ports=Ports(), fixed=fixed),)
+    kept = SetupProgress(own_folder() / NAME, source.where)
+    return (SetupPart(context, progress=kept, on_stage=on_stage, source=source),)

@@ -20,7 +20,7 @@ from ..page.page_context import PageContext
 from ..page.worker import Worker
 from ..server.host import ServedPage
 from .picture import Picture
-from .setup_target import FixedArm, SetupTarget
+from .setup_target import SetupTarget
 from .torque import TorqueWatch
 
 ServesPreview = Callable[..., ServedPage]
@@ -33,7 +33,6 @@ class SetupContext(Worker):
 
     Attributes:
         context: The page; presses go through it.
-        fixed: The arm, if it is known already; None if a port is to be chosen.
         preview: Serves a preview of the arm; None where the page shows the arm already.
         target: The arm that is set up; None until the connection is made.
         seen: What was found on the port, and about the motors of the finished chain.
@@ -45,7 +44,6 @@ class SetupContext(Worker):
     context: PageContext
     picture: Picture
     progress: SetupProgress
-    fixed: FixedArm | None = None
     preview: ServesPreview | None = None
     target: SetupTarget | None = None
     seen: Findings = field(default_factory=Findings)

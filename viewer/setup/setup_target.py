@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -84,49 +84,37 @@ class SetupTarget:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FixedArm:
-    """An arm that is known already, so no port is chosen.
+class ArmSource:
+    """The ports of this computer, or an arm that is known already.
 
     Attributes:
-        open: Makes its target, in a worker's thread; raises ``So101Error``.
+        where: Which arm; None if a port is to be chosen.
+        look: Returns the ports that are plugged in now, or how the known arm is.
+        open: Makes the target, in a worker's thread, from the chosen port and the user's name for
+            the arm, which its calibration file gets; raises ``So101Error``.
     """
 
-    where: str
-    open: Callable[[], SetupTarget]
-    findings: Callable[[], Findings]
+    where: str | None
+    look: Callable[[], PortsSeen]
+    open: Callable[[Candidate | None, str], SetupTarget]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ports:
-    """The serial ports of this computer.
+def ports(named: Collection[str] = (), reply_timeout: float = REPLY_TIMEOUT) -> ArmSource:
+    """The serial ports of this computer; opening one drives nothing and needs no motor.
 
-    Attributes:
+    Args:
         named: The ports to look at; if there are none, all.
         reply_timeout: How long a motor may take to answer beyond the time on the wire [s].
     """
 
-    named: tuple[str, ...] = ()
-    reply_timeout: float = REPLY_TIMEOUT
+    def open_port(chosen: Candidate | None, name: str) -> SetupTarget:
+        assert chosen is not None  # else one could not have gone on
+        file = chosen.calibration_file("" if chosen.report.calibration is not None else name)
+        asked = ServoSettings(port=chosen.name, timeout=None, fallback_file=file)
+        return _opened(open_hardware(asked, reply_timeout=reply_timeout))
 
-    def look(self) -> PortsSeen:
-        """The ports that are plugged in now."""
-        return look(self.named, reply_timeout=self.reply_timeout)
-
-    def open(self, candidate: Candidate, name: str = "") -> SetupTarget:
-        """Open a target on a port; drives nothing and needs no motor.
-
-        Args:
-            candidate: The port.
-            name: What the user calls the arm; gives its calibration file the name.
-
-        Raises:
-            BusError: The port cannot be opened.
-            CalibrationError: This user has no place for files.
-            ConfigError: The port is used with other settings already, or the name cannot be used.
-        """
-        file = candidate.calibration_file(name)
-        asked = ServoSettings(port=candidate.name, timeout=None, fallback_file=file)
-        return _opened(open_hardware(asked, reply_timeout=self.reply_timeout))
+    look_again = partial(look, named, reply_timeout=reply_timeout)
+    return ArmSource(where=None, look=look_again, open=open_port)
 
 
 def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
@@ -145,7 +133,7 @@ def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
         raise
 
 
-def fixed_arm(source: RigLike | Machine) -> FixedArm | None:
+def known_arm(source: RigLike | Machine) -> ArmSource | None:
     """The arm of a page or machine; None if it is a simulated one, which needs no setup."""
     if isinstance(source, HardwareRig):
         where, make = source.settings.port, partial(_open_share, source)
@@ -154,11 +142,12 @@ def fixed_arm(source: RigLike | Machine) -> FixedArm | None:
     else:
         return None
 
-    def findings() -> Findings:
+    def seen() -> PortsSeen:
         now = source.connection
-        return Findings(port=now.to, adapter="connected", port_trouble=now.problem or "")
+        findings = Findings(port=now.to, adapter="connected", port_trouble=now.problem or "")
+        return PortsSeen(nothing=findings)
 
-    return FixedArm(where=where, open=make, findings=findings)
+    return ArmSource(where=where, look=seen, open=lambda _chosen, _name: make())
 
 
 def _open_share(rig: HardwareRig) -> SetupTarget:
