@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.files.cell_file import CellFile
     from so101_motion.rig.cell_rigs import CellRigs
-    from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.rig.protocols import RigLike
     from so101_motion.rig.rig import Rig
     from so101_motion.viam.client import MachineRig
@@ -134,9 +133,13 @@ class Source(_SourceWithCaps):
         Raises:
             So101Error: A servo of the arm does not answer, or as ``open``.
         """
+        from so101_motion.rig.hardware_rig import open_hardware
+        from so101_motion.rig.servo_driver import ServoSettings
+
         if self.port is None:
             return self.open()
-        rig = self._open_looking(self.port, self.known_calibration())
+        file = self.known_calibration()
+        rig = open_hardware(ServoSettings(port=self.port, timeout=None, calibration_file=file))
         silent = [joint for joint in ARM_JOINTS if joint not in rig.servos.setups]
         if silent:
             rig.close()
@@ -146,13 +149,6 @@ class Source(_SourceWithCaps):
         for note in rig.servos.notes:
             self.say(f"note: {note}")
         return self._capped(rig)
-
-    @staticmethod
-    def _open_looking(port: str, file: Path | None) -> HardwareRig:
-        from so101_motion.rig.hardware_rig import open_hardware
-        from so101_motion.rig.servo_driver import ServoSettings
-
-        return open_hardware(ServoSettings(port=port, timeout=None, calibration_file=file))
 
     def known_calibration(self) -> Path | None:
         """The calibration file that ``open`` uses; None without one.

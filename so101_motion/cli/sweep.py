@@ -420,13 +420,13 @@ def _atlas_facts(summary: dict[str, float]) -> dict[str, object]:
 @contextmanager
 def _computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dict[str, Any]]:
     """Start processes or connect to a cluster; gives the arguments for ``run_sweep``."""
-    from so101_motion.tasks.sweeps import WorkerPool, default_workers
+    from so101_motion.tasks.sweeps import WorkerPool
 
     if workers is not None and dask is not None:
         raise click.UsageError("give --workers or --dask, not both")
     try:
         if dask is None:
-            with WorkerPool(workers or default_workers()) as pool:
+            with WorkerPool(workers) as pool:
                 yield {"executor": pool, "ahead": pool.ahead}
             return
         from so101_motion.tasks.sweeps.cluster import dask_executor

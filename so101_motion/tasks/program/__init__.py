@@ -12,7 +12,6 @@ from so101_motion.tasks.program.rehearsal import Rehearsal, rehearse
 from so101_motion.tasks.program.run import (
     ProgramRun,
     Where,
-    run_once_planned,
     start_program,
 )
 from so101_motion.tasks.program.solo import Arms, Solo
@@ -28,6 +27,5 @@ __all__ = [
     "Waypoint",
     "Where",
     "rehearse",
-    "run_once_planned",
     "start_program",
 ]

@@ -58,7 +58,15 @@ class Where:
 
 
 class ProgramRun:
-    """A running program; made by ``start_program`` and ``run_once_planned``.
+    """A running program; supersedes what is under way.
+
+    ``stop``, a stop of an arm and a newer motion of one end it for all at any point, in a pause and
+    while it is being planned too, and the jaws stop with it.
+
+    Args:
+        arms: The arms.
+        program: The program.
+        planned: Plans it, with ``rehearse``; called on the thread of an arm once the arms rest.
 
     Attributes:
         program: The program that runs.
@@ -67,6 +75,9 @@ class ProgramRun:
             with the step.
         leg: The leg under way, or the last one; None before the first.
         motions: The run as a motion of each arm, by its name, to wait for or to interrupt.
+
+    Raises:
+        ConfigError: The program has no step.
     """
 
     def __init__(self, arms: Arms, program: Program, planned: Callable[[], Rehearsal]) -> None:
@@ -192,29 +203,5 @@ class ProgramRun:
 
 
 def start_program(arms: Arms, rehearsal: Rehearsal) -> ProgramRun:
-    """Run a rehearsed program; supersedes what is under way.
-
-    ``ProgramRun.stop``, a stop of an arm and a newer motion of one end it for all at any point, in
-    a pause too, and the jaws stop with it.
-
-    Args:
-        arms: The arms that it was rehearsed with; they must be where the rehearsal begins.
-        rehearsal: The planned program.
-    """
+    """Run a rehearsed program on its arms, which must be where the rehearsal begins."""
     return ProgramRun(arms, rehearsal.program, lambda: rehearsal)
-
-
-def run_once_planned(arms: Arms, program: Program, planned: Callable[[], Rehearsal]) -> ProgramRun:
-    """Plan a program as a whole once the arms rest, then run it; supersedes what is under way.
-
-    It can be ended while it is being planned as well.
-
-    Args:
-        arms: The arms.
-        program: The program.
-        planned: Plans it, with ``rehearse``; called on the thread of an arm.
-
-    Raises:
-        ConfigError: It has no step.
-    """
-    return ProgramRun(arms, program, planned)

@@ -11,7 +11,6 @@ from so101_motion.tasks.sweeps.engine import (
     Progress,
     SweepResult,
     WorkerPool,
-    default_workers,
     run_sweep,
 )
 from so101_motion.tasks.sweeps.mounting import FixedArm, Region
@@ -44,7 +43,6 @@ __all__ = [
     "SweepResult",
     "TaskPose",
     "WorkerPool",
-    "default_workers",
     "episodes",
     "find_bases",
     "plans_summary",

@@ -92,11 +92,6 @@ class SweepResult:
     sha256: str
 
 
-def default_workers() -> int:
-    """All cores but one, at least one."""
-    return max(1, (os.cpu_count() or 1) - 1)
-
-
 def run_sweep(
     sweep: Sweep,
     folder: Path,
@@ -288,13 +283,14 @@ class WorkerPool(Executor):
     A thread waits for each of them, so it is known which call a process died of.
 
     Args:
-        workers: How many processes; they start when they are needed.
+        workers: How many processes, all cores but one by default; they start when needed.
 
     Attributes:
         ahead: How many shards are best under way in it.
     """
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int | None = None) -> None:
+        workers = workers or max(1, (os.cpu_count() or 1) - 1)
         self.ahead = _AHEAD * workers
         self._threads = ThreadPoolExecutor(workers)
         self._idle = SimpleQueue[_Worker | None]()

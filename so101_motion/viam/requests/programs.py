@@ -55,7 +55,7 @@ class ProgramCommands:
         self.commands: Mapping[str, Command] = {"run_program": Taking(self._run, ENTRIES)}
 
     async def _run(self, given: Attributes) -> dict[str, Any]:
-        from so101_motion.tasks.program import ARM, Solo, run_once_planned
+        from so101_motion.tasks.program import ARM, ProgramRun, Solo
         from so101_motion.tasks.program.files import program_from, rounds_to
 
         content = {key: given.raw(key) for key in ENTRIES if given.given(key)}
@@ -64,7 +64,7 @@ class ProgramCommands:
         rig = self._arm.rig
         solo = Solo(rig.arm, jaw_of(rig), rig.clock)
         planned = partial(self._planned, asyncio.get_running_loop(), solo, program)
-        run = run_once_planned(solo, program, planned)
+        run = ProgramRun(solo, program, planned)
         await self._arm.arrived(run.motions[ARM])
         assert run.rehearsal is not None
         return {

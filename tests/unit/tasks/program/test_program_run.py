@@ -29,7 +29,6 @@ from so101_motion.tasks.program import (
     Solo,
     Waypoint,
     rehearse,
-    run_once_planned,
     start_program,
 )
 from so101_motion.tasks.program.rehearsal import PASSING
@@ -302,7 +301,7 @@ def test_a_run_that_goes_nowhere_is_ended_by_a_stop(rig: Rig) -> None:
 def test_a_run_that_is_still_planned_is_ended_by_a_stop_and_moves_nothing(rig: Rig) -> None:
     planning: Future[Rehearsal] = Future()
     made = program(at(A))
-    run = run_once_planned(Solo.of(rig), made, lambda: wait_here(planning))
+    run = ProgramRun(Solo.of(rig), made, lambda: wait_here(planning))
     until(rig, lambda: not rig.arm.newest_motion.future.done())
     run.stop()
     until(rig, run.future.done)
