@@ -120,13 +120,14 @@ def units_of(kind: str, calibration: Stored | None = None) -> Units:
     if kind not in KINDS:
         raise ConfigError("units", kind, f"must be one of {', '.join(KINDS)}")
     joints = [_joint(kind, joint, calibration) for joint in JOINTS]
+    factor, offset, lower, upper = np.array([numbers for numbers, _ in joints]).T
     return Units(
         kind=kind,
-        factor=np.array([each.factor for each in joints]),
-        offset=np.array([each.offset for each in joints]),
-        lower=np.array([each.lower for each in joints]),
-        upper=np.array([each.upper for each in joints]),
-        zeros=tuple(each.zero_by for each in joints[:5]),
+        factor=factor,
+        offset=offset,
+        lower=lower,
+        upper=upper,
+        zeros=tuple(zero_by for _, zero_by in joints[:5]),
         is_jaw_known=calibration is not None and GRIPPER_JOINT in calibration.calibration,
         calibration=calibration,
     )
@@ -155,22 +156,16 @@ def exact_units_of(kind: str, calibration: Stored | None, *, option: str) -> Uni
     return units
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Joint:
-    factor: float
-    offset: float
-    lower: float
-    upper: float
-    zero_by: str
-
-
-def _joint(kind: str, joint: str, stored: Stored | None) -> _Joint:
+def _joint(
+    kind: str, joint: str, stored: Stored | None
+) -> tuple[tuple[float, float, float, float], str]:
+    """Factor, offset, lower and upper end of a joint, as in ``Units``, and its zero's source."""
     entry = None if stored is None else stored.calibration.get(joint)
     travel = _travel(joint, entry)
     if joint == GRIPPER_JOINT:
         upper = JAW_CLOSED + (JAW_OPEN - JAW_CLOSED if entry is None else travel * RAD_PER_TICK)
         share = (upper - JAW_CLOSED) / 100.0
-        return _Joint(factor=share, offset=JAW_CLOSED, lower=JAW_CLOSED, upper=upper, zero_by="")
+        return (share, JAW_CLOSED, JAW_CLOSED, upper), ""
     zero, known = _zero(joint, entry, stored)
     half = travel / 2.0 * RAD_PER_TICK
     lower, upper = zero.angle - half, zero.angle + half
@@ -178,19 +173,14 @@ def _joint(kind: str, joint: str, stored: Stored | None) -> _Joint:
         lower, upper = STOPS[joint]
     if kind in (OLD, MODEL):
         turned = kind == OLD and TURNED[joint]
-        return _Joint(
-            factor=to_rad(-1.0 if turned else 1.0),
-            offset=STRETCHED[joint] if kind == OLD else 0.0,
-            lower=lower,
-            upper=upper,
-            zero_by="model",
-        )
+        offset = STRETCHED[joint] if kind == OLD else 0.0
+        return (to_rad(-1.0 if turned else 1.0), offset, lower, upper), "model"
     if kind == RANGE:
         factor = half / 100.0
     else:  # LeRobot counts degrees as the servo counts, whatever drive_mode says
         turned = entry is not None and entry.drive_mode != 0
         factor = (-1.0 if turned else 1.0) * _LEROBOTS_TURN / 360.0 * RAD_PER_TICK
-    return _Joint(factor=factor, offset=zero.angle, lower=lower, upper=upper, zero_by=known)
+    return (factor, zero.angle, lower, upper), known
 
 
 def _travel(joint: str, entry: JointCalibration | None) -> float:
