@@ -28,6 +28,7 @@ from viam.services.generic.client import GenericClient
 from viam.services.generic.service import GenericRPCService
 
 from so101_motion.common.errors import NotReady
+from so101_motion.tasks.teleop import LocalArm
 from so101_motion.viam.models import teleop as teleop_module
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.gripper_resource import GripperResource
@@ -258,14 +259,14 @@ async def test_it_may_start_by_itself(here):
 async def test_what_starts_by_itself_waits_for_servos_that_are_not_there_yet(monkeypatch):
     tries = []
 
-    def side_of(*rigs):
-        tries.append(rigs)
+    def look(arm):
+        tries.append(arm)
         if len(tries) == 1:
             raise NotReady("no servo answers")
-        return own(*rigs)
+        own(arm)
 
-    own = teleop_module.side_of
-    monkeypatch.setattr(teleop_module, "side_of", side_of)
+    own = LocalArm.__post_init__
+    monkeypatch.setattr(LocalArm, "__post_init__", look)
     monkeypatch.setattr(teleop_module, "_AGAIN", 0.01)
     async with pair(auto_start=True) as (client, *_):
         await until(lambda: is_in(client, "mirroring"))
