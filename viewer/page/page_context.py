@@ -86,7 +86,7 @@ class PageContext:
         return replace(self, post=post)
 
     def on_press(self, button: Any, command: Command) -> None:
-        """Run ``command`` when ``button`` is pressed."""
+        """Run ``command`` when a button is pressed, or a node of the scene clicked."""
         button.on_click(self._on(lambda _event: command))
 
     def button(self, label: str, command: Command, **look: Any) -> viser.GuiButtonHandle:
@@ -132,10 +132,6 @@ class PageContext:
         handle.on_update(
             self._on(lambda event: partial(command, handle) if event.phase == "end" else None)
         )
-
-    def on_pick(self, node: Any, command: Command) -> None:
-        """Run ``command`` when ``node`` of the scene is clicked."""
-        node.on_click(self._on(lambda _event: command))
 
     def on_pick_one(self, node: viser.BatchedMeshHandle, command: Callable[[int], None]) -> None:
         """Run ``command`` with the number of the one of ``node``'s meshes that is clicked."""

@@ -28,7 +28,7 @@ from ..page.screen_state import PlanView
 from ..page.target_ik import Surroundings, TargetSolver
 from ..scene.camera_and_lights import Sight, set_up_recording
 from ..scene.plan_view import plan_view
-from ..scene.robot_view import RobotView, looks_different, segments
+from ..scene.robot_view import Line, RobotView, looks_different, segments
 from ..scene.scene_edits import held_by
 from ..scene.scene_view import SceneView
 from ..server.guarded_server import start_guarded
@@ -208,14 +208,7 @@ class _DrawnArm:
         self._arm = RobotView(stage, f"{node}/arm")
         self._ghost = RobotView(stage, f"{node}/ghost", color=_GHOST, opacity=_GHOST_OPACITY)
         self._ghost_at, self._T_ghost = np.full(5, np.nan), dict[str, SE3]()
-        if len(moved.view.plan.tool_path) > 1:
-            stage.add_line_segments(
-                f"{node}/path",
-                segments(moved.view.plan.tool_path),
-                _PATH,
-                thickness=4.0,
-                thickness_units="screen",
-            )
+        Line(stage, f"{node}/path").show(segments(moved.view.plan.tool_path), _PATH, 4.0)
 
     def draw(self, model: RobotModel, q: Array, q_ghost: Array) -> SE3:
         """Draw arm and ghost; returns where the tool is in the scene."""

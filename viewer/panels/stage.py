@@ -17,7 +17,7 @@ from ..page.screen_state import PathLine, Tone
 from ..page.target_editor import ANY
 from ..scene.camera_and_lights import Views
 from ..scene.reach_view import ReachView
-from ..scene.robot_view import MOVED_LINK, RobotView, looks_different, segments
+from ..scene.robot_view import MOVED_LINK, Line, RobotView, looks_different, segments
 from ..scene.sweep_view import SweepView
 from ..view_model import ViewModel
 
@@ -55,7 +55,7 @@ class Stage:
         reach: ReachView | None = None,
         root: str = "",
     ) -> None:
-        self._scene, self._model, self._root = context.server.scene, model, root
+        self._scene, self._model = context.server.scene, model
         self._front = context.front
         self._clicked, self._views = context.on_scene_click(on_click), views
         self._live = RobotView(self._scene, f"{root}/live")
@@ -78,7 +78,7 @@ class Stage:
         self._sweep = SweepView(self._scene, f"{root}/sweep", color=_GHOST)
         self._p_target, self._R_target, self._turns = np.full(3, np.nan), np.eye(3), False
         self._path: PathLine | None = None
-        self._path_node: viser.LineSegmentsHandle | None = None
+        self._line = Line(self._scene, f"{root}/path")
         self._visible = self._has_handles = True
         self._is_faded, self._marks = False, dict[str, Tone]()
         self._is_dragged = False  # a browser has the handles where its hand is
@@ -90,8 +90,7 @@ class Stage:
         self._ghost.set_visible(visible)
         self._sweep.set_visible(visible)
         self._target.visible = visible and self._has_handles
-        if self._path_node is not None:
-            self._path_node.visible = visible
+        self._line.set_visible(visible)
 
     def set_clickable(self, wanted: bool) -> None:
         """Listen to clicks in the picture, or not."""
@@ -175,7 +174,13 @@ class Stage:
         path = page.path if has_plan else None
         if path is not self._path:
             self._path = path
-            self._draw_path()
+            if path is None:
+                self._line.show(None, _PATH)
+            elif path.planned:
+                self._line.show(segments(path.points), _PATH, 4.0)
+            else:
+                dashes = segments(path.points)[::2]  # a guess shall not look like a plan
+                self._line.show(dashes, _HINT, 2.0)
 
     def _show_ghost(self, T_live: dict[str, SE3]) -> None:
         page, drawn = self._page, self._front.drawn
@@ -187,22 +192,3 @@ class Stage:
         self._ghost.show({link for link in T_ghost if looks_different(T_ghost[link], T_live[link])})
         self._ghost.move(T_ghost)
         self._ghost.paint(_GHOST if page.target.problem is None else _GHOST_BAD)
-
-    def _draw_path(self) -> None:
-        if self._path_node is not None:
-            self._path_node.remove()
-            self._path_node = None
-        if self._path is None:
-            return
-        points = self._path.points
-        pieces = segments(points)
-        if not self._path.planned:
-            pieces = pieces[::2]  # dashes: a guess shall not look like a plan
-        self._path_node = self._scene.add_line_segments(
-            f"{self._root}/path",
-            pieces,
-            _PATH if self._path.planned else _HINT,
-            thickness=4.0 if self._path.planned else 2.0,
-            thickness_units="screen",
-            visible=self._visible,
-        )

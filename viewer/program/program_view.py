@@ -18,7 +18,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
 from so101_motion.tasks.program import Program, Rehearsal
 
-from ..scene.robot_view import RobotView, looks_different, segments
+from ..scene.robot_view import Line, RobotView, looks_different, segments
 
 _COLOR = (147, 51, 234)
 _ABOVE = np.array([0.0, 0.0, 0.015])
@@ -55,7 +55,7 @@ class ProgramView:
         self._program: Program | None = None
         self._rehearsal: Rehearsal | None = None
         self._dots: list[viser.SceneNodeHandle] = []
-        self._path: viser.LineSegmentsHandle | None = None
+        self._path = Line(scene, f"{root}/path")
 
     def show(
         self, program: Program, rehearsal: Rehearsal | None, ghost: Stand | None, arm: JointState
@@ -112,25 +112,13 @@ class ProgramView:
         ]
 
     def _draw_path(self, rehearsal: Rehearsal | None) -> None:
-        if self._path is not None:
-            self._path.remove()
-            self._path = None
-        if rehearsal is None:
-            return
-        lines = [
-            self._line(leg.plans[self._arm], len(leg.indices))
-            for leg in rehearsal.legs
+        legs = () if rehearsal is None else rehearsal.legs
+        pieces = [
+            segments(self._line(leg.plans[self._arm], len(leg.indices)))
+            for leg in legs
             if self._arm in leg.plans
         ]
-        pieces = [segments(line) for line in lines]
-        if pieces:
-            self._path = self._scene.add_line_segments(
-                f"{self._root}/path",
-                np.concatenate(pieces),
-                _COLOR,
-                thickness=3.0,
-                thickness_units="screen",
-            )
+        self._path.show(np.concatenate(pieces) if pieces else None, _COLOR)
 
     def _line(self, plan: Plan, waypoints: int) -> Array:
         """Points of the tool path, shape (n, 3), [m], ``_POINTS`` for each of ``waypoints``."""

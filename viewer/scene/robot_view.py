@@ -131,6 +131,46 @@ def segments(points: Array) -> Array:
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
+class Line:
+    """A line in the scene that comes, changes and goes.
+
+    Args:
+        name: Name of its node.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        self._scene, self._name = scene, name
+        self._node: viser.LineSegmentsHandle | None = None
+        self._visible = True
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide it."""
+        self._visible = visible
+        if self._node is not None:
+            self._node.visible = visible
+
+    def show(self, pieces: Array | None, color: Color, thickness: float = 3.0) -> None:
+        """Draw pieces, shape (n, 2, 3), [m], instead of what was there; None draws nothing.
+
+        Args:
+            pieces: What is drawn.
+            color: Its colour.
+            thickness: [px].
+        """
+        if self._node is not None:
+            self._node.remove()
+            self._node = None
+        if pieces is not None and len(pieces):
+            self._node = self._scene.add_line_segments(
+                self._name,
+                pieces,
+                color,
+                thickness=thickness,
+                thickness_units="screen",
+                visible=self._visible,
+            )
+
+
 @cache
 def _surfaces(part: str) -> tuple[Surface, ...]:
     surfaces: tuple[Surface, ...] = load_visual(part)

@@ -111,28 +111,14 @@ def with_thing(scene: Scene, changed: Thing) -> Scene:
     return replace(scene, attached=tuple(attached))
 
 
-def resized(
-    shape: Shape,
-    *,
-    size: Array | None = None,
-    radius: float | None = None,
-    length: float | None = None,
-) -> Shape:
-    """A shape of the same kind with these dimensions [m]; meshes and clouds have none.
+def resized(shape: Shape, **to: Any) -> Shape:
+    """A shape with these dimensions [m], named as its own; those it does not have are ignored.
 
     Raises:
         ConfigError: The dimensions are impossible.
     """
-    if isinstance(shape, Box) and size is not None:
-        return Box(size=size)
-    if isinstance(shape, Sphere) and radius is not None:
-        return Sphere(radius=radius)
-    if isinstance(shape, Capsule):
-        return Capsule(
-            radius=shape.radius if radius is None else radius,
-            length=shape.length if length is None else length,
-        )
-    return shape
+    own = {each.name for each in fields(shape)}
+    return replace(shape, **{name: value for name, value in to.items() if name in own})
 
 
 def added(

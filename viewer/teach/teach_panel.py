@@ -10,7 +10,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-import viser
 
 from so101_motion.arm.stop_order import NUMBERS, refuse_older
 from so101_motion.common.errors import MachineUnavailable, So101Error
@@ -28,7 +27,7 @@ from ..page.operation_panel import OperationPanel
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
-from ..scene.robot_view import segments
+from ..scene.robot_view import Line, segments
 
 _COLOR = (12, 133, 153)
 _PERIOD = 0.3  # how often a machine is asked what it teaches [s]; chosen
@@ -55,11 +54,10 @@ class TeachPart(Part):
         node: str = "",
     ) -> None:
         self._context = context
-        self._scene, self._node = context.server.scene, f"{node}/teach/path"
+        self._line = Line(context.server.scene, f"{node}/teach/path")
         self._opening: Future[Operation] | None = self._open(context.rig)
         self._leading = leading_of(context.rig, open_leader)
         self._drawn: tuple[tuple[float, ...], ...] = ()
-        self._line: viser.LineSegmentsHandle | None = None
         self._was_impossible = False
         self._panel = OperationPanel(context, self._teaching, draw=self._draw)
         self._leads = OperationPanel(context, lambda: self._leading)
@@ -123,14 +121,7 @@ class TeachPart(Part):
         if line == self._drawn:
             return
         self._drawn = line
-        if self._line is not None:
-            self._line.remove()
-            self._line = None
-        if len(line) > 1:
-            self._line = self._scene.add_line_segments(
-                self._node, segments(np.array(line)), _COLOR, thickness=3.0,
-                thickness_units="screen",
-            )  # fmt: skip
+        self._line.show(segments(np.array(line)) if len(line) > 1 else None, _COLOR)
 
     def close(self) -> None:
         """End the following and what is being recorded."""

@@ -12,6 +12,7 @@ import json
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
+from typing import Any
 
 import numpy as np
 
@@ -131,18 +132,10 @@ class WorldModel:
             self._change(scene_edits.renamed(self.scene, self._name(), new), "Renamed.", "name")
             self.selected = new
 
-    def resize(
-        self,
-        *,
-        size: Array | None = None,
-        radius: float | None = None,
-        length: float | None = None,
-    ) -> None:
-        """Resize the selected thing: a box by its edges, shape (3,), and so on; [m]."""
+    def resize(self, **to: Any) -> None:
+        """Resize the selected thing: ``size``, shape (3,), ``radius`` or ``length``, [m]."""
         thing = scene_edits.thing_named(self.scene, self._name())
-        shape = scene_edits.resized(
-            read_shape(thing.shape), size=size, radius=radius, length=length
-        )
+        shape = scene_edits.resized(read_shape(thing.shape), **to)
         self._put(replace(thing, shape=shape), "Resized.")
 
     def move_to(self, p: Array) -> None:

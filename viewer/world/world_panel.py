@@ -241,7 +241,7 @@ class WorldPart(Part):
         def pick() -> None:
             self.world.select(None if self.world.selected == name else name)
 
-        self._context.on_pick(node, pick)
+        self._context.on_press(node, pick)
 
     def _choose(self, name: str) -> None:
         self.world.select(None if name == _nothing(self.world.names) else name)
