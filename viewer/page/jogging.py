@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -64,15 +64,6 @@ target, which the arm follows while they are dragged."""
 AXES = 7
 """Numbers that the browser sends: five joints and a spare one, or the tool's three directions and
 three turns; then the jaw. Each from -1 to 1."""
-
-
-class _Lead(Protocol):
-    """A motion that goes on while something is held."""
-
-    motion: Any
-
-    def move(self, held: Array | None, speed: JogSpeed, dt: float) -> None:
-        """Lead it for ``dt`` [s]; None when nothing is held."""
 
 
 class _JointLead:
@@ -133,6 +124,10 @@ class _TargetLead:
         if target is not None and target is not self._found:
             self._found = None
             self.motion.aim(target)
+
+
+_Lead = _JointLead | _ToolLead | _TargetLead
+"""Leads a motion while something is held; ``move`` gets None when nothing is."""
 
 
 class Jogging:

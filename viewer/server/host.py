@@ -12,7 +12,8 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Self
+from dataclasses import fields
+from typing import Self
 
 import viser
 
@@ -93,27 +94,27 @@ class Host:
 
     def page_context(self) -> PageContext:
         """A context for parts that need no arm."""
-        return PageContext(**self._shared())
-
-    def arm_context(self, rig: RigLike) -> ArmContext:
-        """A context for parts that work on ``rig``."""
-        return ArmContext(rig=rig, **self._shared())
-
-    def _shared(self) -> dict[str, Any]:
         if self._tabs is None:  # not made earlier: an empty group of tabs is ugly
             self._tabs = self.gui.add_tab_group()
             self.page_context().on_entry(self._front_name, self._turn_to)
             self._turn_to("")
-        return {
-            "server": self._server.viser,
-            "tabs": self._tabs,
-            "post": self._commands.post,
-            "workers": self._workers,
-            "leave_open": self.windows.leave_open,
-            "events": self.events,
-            "bar": self.bar,
-            "front": self.front,
-        }
+        return PageContext(
+            server=self._server.viser,
+            tabs=self._tabs,
+            post=self._commands.post,
+            workers=self._workers,
+            leave_open=self.windows.leave_open,
+            events=self.events,
+            bar=self.bar,
+            front=self.front,
+        )
+
+    def arm_context(self, rig: RigLike) -> ArmContext:
+        """A context for parts that work on ``rig``."""
+        shared = self.page_context()
+        return ArmContext(
+            rig=rig, **{each.name: getattr(shared, each.name) for each in fields(shared)}
+        )
 
     def _turn_to(self, name: str) -> None:
         """Note which tab is in front, and confirm it to the browsers."""

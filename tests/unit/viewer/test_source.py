@@ -104,52 +104,39 @@ def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on() ->
     assert alert["tone"] == "bad"
 
 
-def test_a_lost_arm_is_said_with_the_time_the_reason_and_what_happens_next() -> None:
-    port = "/dev/ttyACM0"
-    lost = ArmConnection(to=f"arm on {port}", problem=f"{port}: the port went away")
-    said = notice(lost, state(Mode.FAULT, "the port went away"), AT)
-    assert said is not None
-    assert said.text.startswith("Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away.")
-    assert "nothing will move" in said.text
-    assert "Hold" not in said.text, "there is nothing to hold"
+LOST = ArmConnection(to="arm on /dev/ttyACM0", problem="/dev/ttyACM0: the port went away")
+ARM = ArmConnection(to="arm")
+SIMULATED = ArmConnection(to="simulated arm", is_simulated=True)
+KEPT = "no reply from servo 4; check its cable. The second before is in /home/a.json"
+RESTARTED = "servo 4 restarted: check its cable, then let the arm hold again"
+FIX = "Fix this, then press Hold."
 
 
-@pytest.mark.parametrize("mode", [Mode.LIMP, Mode.GUIDING, Mode.FAULT])
-def test_an_arm_that_is_there_but_not_held_can_be_held(mode: Mode) -> None:
-    said = notice(ArmConnection(to="arm"), state(mode), AT)
-    assert said is not None
-    assert "press Hold" in said.text.lower().replace("hold", "Hold")
-
-
-def test_a_simulated_arm_is_not_said_to_feel_a_hand() -> None:
-    connection = ArmConnection(to="simulated arm", is_simulated=True)
-    said = notice(connection, state(Mode.GUIDING), AT)
-    assert said is not None
-    assert said.text.startswith("A real arm could be moved by hand now; a simulated one cannot.")
-
-
-def test_a_fault_is_said_without_the_file_that_was_kept() -> None:
-    kept = "no reply from servo 4; check its cable. The second before is in /home/a.json"
-    said = notice(ArmConnection(to="arm"), state(Mode.FAULT, kept), AT)
-    assert said is not None
-    end = "Fix this, then press Hold."
-    assert said.text == f"Fault: no reply from servo 4; check its cable. {end}"
+@pytest.mark.parametrize(
+    ("connection", "mode", "fault", "says"),
+    [
+        (LOST, Mode.FAULT, "the port went away",
+         "Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away. Showing its last position."
+         " It reconnects by itself; nothing will move."),
+        (ARM, Mode.LIMP, None, "The arm is limp. Press Hold to keep it where it is."),
+        (ARM, Mode.GUIDING, None,
+         "You can move the arm by hand. Press Hold to keep it where it is."),
+        (SIMULATED, Mode.GUIDING, None,
+         "A real arm could be moved by hand now; a simulated one cannot. Press Hold to go on."),
+        (ARM, Mode.FAULT, KEPT, f"Fault: no reply from servo 4; check its cable. {FIX}"),
+        (ARM, Mode.FAULT, RESTARTED, f"Fault: servo 4 restarted: check its cable. {FIX}"),
+        *((ARM, mode, None, None)
+          for mode in (Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING)),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_an_arm_is_said_with_what_happens_next(
+    connection: ArmConnection, mode: Mode, fault: str | None, says: str | None
+) -> None:
+    said = notice(connection, state(mode, fault), AT)
+    assert (None if said is None else said.text) == says
 
 
 def test_an_arm_that_is_back_is_not_said_to_be_missing() -> None:
-    back, then = ArmConnection(to="arm on /dev/ttyACM0"), state(Mode.FAULT, "no such port")
-    said = notice(back, then, AT, is_back=True)
+    said = notice(ARM, state(Mode.FAULT, "no such port"), AT, is_back=True)
     assert said is not None
     assert said.text == "Connected again. Nothing moves. Press Hold to go on."
-
-
-def test_what_to_do_after_a_restart_is_said_once() -> None:
-    cause = "servo 4 restarted: check its cable, then let the arm hold again"
-    said = notice(ArmConnection(to="arm"), state(Mode.FAULT, cause), AT)
-    assert said is not None
-    assert said.text == "Fault: servo 4 restarted: check its cable. Fix this, then press Hold."
-
-
-@pytest.mark.parametrize("mode", [Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING])
-def test_of_an_arm_that_is_well_nothing_is_said(mode: Mode) -> None:
-    assert notice(ArmConnection(to="arm"), state(mode), AT) is None
