@@ -140,8 +140,10 @@ def test_a_ring_turns_the_gripper_and_what_is_out_of_reach_is_red(guest: Guest) 
             guest.page.wait_for_timeout(100)
 
     guest.type_target(230.0, 0.0, 120.0)
-    guest.page.get_by_text("Direction", exact=True).click()
-    guest.fields("Keeps").filter(visible=True).first.click()
+    keeps = guest.fields("Keeps").filter(visible=True)
+    if keeps.count() == 0:  # a rerun finds it unfolded
+        guest.page.get_by_text("Direction", exact=True).click()
+    keeps.first.click()
     guest.page.get_by_role("option", name="tilt and roll").click()
     guest.page.wait_for_timeout(500)
 
@@ -167,7 +169,7 @@ def test_a_ring_turns_the_gripper_and_what_is_out_of_reach_is_red(guest: Guest) 
     tilt = value("Tilt (°)")
     guest.until(lambda: turns("Roll (°)", 0, 1, 35.0, 20.0, 5.0))
     assert abs(value("Tilt (°)") - tilt) < 3.0
-    guest.fields("Keeps").filter(visible=True).first.click()
+    keeps.first.click()
     guest.page.get_by_role("option", name="any").click()
     guest.page.get_by_text("Direction", exact=True).click()
     guest.type_target(240.0, 0.0, 130.0)  # where no handle has led it

@@ -28,7 +28,7 @@ from ..page.screen_state import PlanView
 from ..page.target_ik import Surroundings, TargetSolver
 from ..scene.camera_and_lights import Sight, set_up_recording
 from ..scene.plan_view import plan_view
-from ..scene.robot_view import Line, RobotView, looks_different, segments
+from ..scene.robot_view import Line, RobotView, segments
 from ..scene.scene_edits import held_by
 from ..scene.scene_view import SceneView
 from ..server.guarded_server import start_guarded
@@ -207,18 +207,13 @@ class _DrawnArm:
         )
         self._arm = RobotView(stage, f"{node}/arm")
         self._ghost = RobotView(stage, f"{node}/ghost", color=_GHOST, opacity=_GHOST_OPACITY)
-        self._ghost_at, self._T_ghost = np.full(5, np.nan), dict[str, SE3]()
         Line(stage, f"{node}/path").show(segments(moved.view.plan.tool_path), _PATH, 4.0)
 
     def draw(self, model: RobotModel, q: Array, q_ghost: Array) -> SE3:
         """Draw arm and ghost; returns where the tool is in the scene."""
         T_arm = model.link_placements(q, self._q_jaw)
         self._arm.move(T_arm)
-        if not np.array_equal(q_ghost, self._ghost_at):
-            self._ghost_at, self._T_ghost = q_ghost, model.link_placements(q_ghost, self._q_jaw)
-            self._ghost.move(self._T_ghost)
-        T_ghost = self._T_ghost
-        self._ghost.show({link for link in T_ghost if looks_different(T_ghost[link], T_arm[link])})
+        self._ghost.move_beside(model.link_placements(q_ghost, self._q_jaw), T_arm)
         return self._T_base @ model.frame(q)
 
 

@@ -17,7 +17,7 @@ from ..page.screen_state import PathLine, Tone
 from ..page.target_editor import ANY
 from ..scene.camera_and_lights import Views
 from ..scene.reach_view import ReachView
-from ..scene.robot_view import MOVED_LINK, Line, RobotView, looks_different, segments
+from ..scene.robot_view import MOVED_LINK, Line, RobotView, segments
 from ..scene.sweep_view import SweepView
 from ..view_model import ViewModel
 
@@ -189,6 +189,5 @@ class Stage:
             self._ghost.show(())
             return
         T_ghost = self._model.link_placements(q_ghost, page.state.q_jaw)
-        self._ghost.show({link for link in T_ghost if looks_different(T_ghost[link], T_live[link])})
-        self._ghost.move(T_ghost)
+        self._ghost.move_beside(T_ghost, T_live)
         self._ghost.paint(_GHOST if page.target.problem is None else _GHOST_BAD)

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import viser
-from so101_description import PARTS
 
 from so101_motion.arm.cell_member import Stand
 from so101_motion.common.geometry import Array
@@ -18,7 +17,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
 from so101_motion.tasks.program import Program, Rehearsal
 
-from ..scene.robot_view import Line, RobotView, looks_different, segments
+from ..scene.robot_view import Line, RobotView, segments
 
 _COLOR = (147, 51, 234)
 _ABOVE = np.array([0.0, 0.0, 0.015])
@@ -76,8 +75,7 @@ class ProgramView:
             return
         T_ghost = self._model.link_placements(ghost.q, ghost.q_jaw)
         T_arm = self._model.link_placements(arm.q, arm.q_jaw)
-        self._ghost.show({link for link in PARTS if looks_different(T_ghost[link], T_arm[link])})
-        self._ghost.move(T_ghost)
+        self._ghost.move_beside(T_ghost, T_arm)
 
     def _draw(self, program: Program, rehearsal: Rehearsal | None) -> None:
         if program is not self._program:

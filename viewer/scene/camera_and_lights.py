@@ -64,11 +64,7 @@ class Sight:
         return self.middle + self.size * p
 
 
-ONE_ARM = Sight(middle=MIDDLE)
-"""The workspace of one arm whose base is the origin."""
-
-
-def set_up_view(server: viser.ViserServer, sight: Sight = ONE_ARM) -> None:
+def set_up_view(server: viser.ViserServer, sight: Sight) -> None:
     """Set up camera and lights.
 
     A sky and a light over the viewer's left shoulder stand in for viser's surroundings, which every
@@ -95,9 +91,7 @@ class Views:
         buttons: Their labels and invisible widgets.
     """
 
-    def __init__(
-        self, server: viser.ViserServer, sight: Sight = ONE_ARM, *, follows: bool = True
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, sight: Sight, *, follows: bool) -> None:
         self._server, self._sight = server, sight
         self._following: set[int] = set()  # windows whose camera goes along with the tool
         self._p_tool: Array | None = None

@@ -74,6 +74,11 @@ class RobotView:
             frame.visible = link in self._shown
         self._draw()
 
+    def move_beside(self, T_base: Mapping[str, SE3], T_arm: Mapping[str, SE3]) -> None:
+        """Place a ghost; its links that stand where those of the arm do are hidden."""
+        self.show({link for link in PARTS if looks_different(T_base[link], T_arm[link])})
+        self.move(T_base)
+
     def set_visible(self, visible: bool) -> None:
         """Show it, as far as its links are shown, or hide it completely."""
         self._root.visible = visible

@@ -36,6 +36,8 @@ _HELD = (240, 165, 0)
 _CHOSEN = (12, 166, 120)
 _AIR, _CHOSEN_AIR = 0.25, 0.5
 
+_ROOT = "/world"
+
 FLOOR_SIZE = 1.2
 """Edge of the floor that is drawn [m]; chosen: somewhat beyond the arm's reach."""
 
@@ -66,11 +68,10 @@ class SceneView:
     def __init__(
         self,
         stage: viser.SceneApi,
-        root: str = "/world",
         *,
         on_pick: Callable[[Any, str], None] | None = None,
     ) -> None:
-        self._stage, self._root, self._on_pick = stage, root, on_pick
+        self._stage, self._on_pick = stage, on_pick
         self._drawn: dict[str, _Drawn] = {}
         self._numbers = count()
         self._floor: viser.GridHandle | None = None
@@ -104,7 +105,7 @@ class SceneView:
                 drawn.node.wxyz, drawn.node.position = pose.quaternion_wxyz(), pose.p
 
     def _draw(self, thing: Thing, chosen: bool) -> _Drawn:
-        path = f"{self._root}/{next(self._numbers)}"
+        path = f"{_ROOT}/{next(self._numbers)}"
         node = _node(self._stage, path, read_shape(thing.shape), *_look(thing, chosen))
         if self._on_pick is not None and not isinstance(node, viser.PointCloudHandle):
             self._on_pick(node, thing.name)  # a cloud cannot be clicked
@@ -114,7 +115,7 @@ class SceneView:
         if self._floor is None:
             if floor_z is None:
                 return
-            self._floor = _floor(self._stage, f"{self._root}/floor")
+            self._floor = _floor(self._stage, f"{_ROOT}/floor")
         self._floor.visible = floor_z is not None
         if floor_z is not None:
             self._floor.position = (0.0, 0.0, floor_z)
