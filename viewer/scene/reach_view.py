@@ -42,15 +42,7 @@ class Reach:
         q = np.zeros((int(np.prod(_SAMPLES)), 5))
         q[:, 1:4] = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, 3)
         p = ArmChain(model, frame).positions(q)
-        # The base turns about a vertical line: where a quarter turn has its centre.
-        ahead, turned = (
-            model.frame(np.array([pan, 0.0, 0.0, 0.0, 0.0])).p[:2] for pan in (0.0, 0.5 * np.pi)
-        )
-        half = 0.5 * (turned - ahead)
-        sides = [0.5 * (ahead + turned) + sign * np.array([-half[1], half[0]]) for sign in (1, -1)]
-        third = model.frame(np.array([0.3, 0.0, 0.0, 0.0, 0.0])).p[:2]
-        radius = float(np.linalg.norm(half) * np.sqrt(2.0))
-        self.axis = min(sides, key=lambda p: abs(float(np.linalg.norm(third - p)) - radius))
+        self.axis = model.link_placements(np.zeros(5), 0.0)["shoulder_link"].p[:2]
         p = p[p[:, 0] >= self.axis[0]]  # else it reaches back over the base
         self._away = np.hypot(*(p[:, :2] - self.axis).T)
         self._height = p[:, 2]
