@@ -82,6 +82,7 @@ def test_joints_outside_their_range_are_told_with_their_limits():
     limits = {"wrist_roll": to_rad(165.0), "gripper": to_rad(100.0)}
     assert state.reading.out_of_range == pytest.approx(limits)
     assert state.q_jaw == pytest.approx(to_rad(110.0))  # no aperture says this
+    assert (state.q_ref[4], state.q_jaw_ref) == (limits["wrist_roll"], limits["gripper"])
     for nonsense in (None, "all", {"elbow_flex": {}}, {"elbow_flex": {"at_deg": math.nan,
                      "limit_deg": 1.0}}):  # fmt: skip
         state = next_state(None, told(out_of_range=nonsense), JAW, 1.0)
