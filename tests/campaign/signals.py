@@ -27,8 +27,8 @@ from so101_motion.tasks.guided.path import GuidedPath
 LISTENS = """
 from so101_motion import cli
 listen = cli.interrupts.listen
-def and_tell(on_hung):
-    listen(on_hung)
+def and_tell(*ends):
+    listen(*ends)
     print(flush=True)
 cli.interrupts.listen = and_tell
 cli.main()
