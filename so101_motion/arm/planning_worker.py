@@ -16,7 +16,7 @@ Arms that share a worker do not wait for each other, nor does an easy request fo
 of the child make the plans, in parallel, and the child itself only makes copies, at once because it
 sleeps; one that searches takes up to a second on a busy computer. One copy waits for the next
 request, others end when they have nothing to do. Measured here: a copy takes 6 ms and, after ten
-seconds of search, 4 MB; a further child 650 ms and 62 MB. Each arm has at most ``SHARE`` plans made
+seconds of search, 4 MB; a further child 430 ms and 48 MB. Each arm has at most ``SHARE`` plans made
 at a time; its further ones wait for these.
 
 The child's end is ``planning_child.py``; between the two, ``planning_process.py`` and
@@ -93,7 +93,7 @@ class PlanningWorker:
 
     Args:
         hang_timeout: After how long without a sign of life a child hangs [s].
-        workers: How many processes at the most; each takes 150 MB.
+        workers: How many processes at the most; each takes 110 MB.
         copies: Whether copies of the first one make the plans, as many as are asked for.
 
     Raises:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from so101_motion.arm.planning_worker import PlanningWorker
+from so101_motion.common import interrupts
 
 _worker_lock = threading.Lock()
 _worker: PlanningWorker | None = None
@@ -34,11 +35,15 @@ def planner_started() -> Iterator[None]:
     long. Later, it would hold every file that is open here while it starts, so the arm's port would
     seem to be in use.
     """
-    acquire_worker().start()
+    is_acquired = False
     try:
+        with interrupts.held():  # raises after it
+            acquire_worker().start()
+            is_acquired = True
         yield
     finally:
-        release_worker()
+        if is_acquired:
+            release_worker()
 
 
 def release_worker() -> None:

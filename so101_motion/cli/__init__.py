@@ -7,6 +7,7 @@ to stderr. Verbs import heavy libraries themselves, so that ``--help`` and the s
 answer at once.
 """
 
+import os
 import sys
 
 from so101_motion.common import interrupts
@@ -15,7 +16,7 @@ from so101_motion.common import interrupts
 def main() -> None:
     """Run ``so101``; signals are taken from here on, see ``interrupts``."""
     try:
-        interrupts.listen(_end_by_force)
+        interrupts.listen(_end_by_force, _end_in_import)
         from so101_motion.cli.verbs import main as so101
 
         if interrupts.first():  # an import is not interrupted; then no verb begins
@@ -25,10 +26,22 @@ def main() -> None:
     except (KeyboardInterrupt, Exception) as error:
         if not (interrupts.first() or isinstance(error, KeyboardInterrupt)):
             raise
-        print(f"ended by {interrupts.first() or 'Ctrl-C'}; nothing moved", file=sys.stderr)
+        _tell_end(interrupts.first() or "Ctrl-C")
         sys.exit(130)  # as ``error_exit.py`` has it, which may not have been imported
     finally:
         interrupts.end()
+
+
+def _tell_end(name: str) -> None:
+    print(f"ended by {name}; nothing moved", file=sys.stderr, flush=True)
+
+
+def _end_in_import(name: str) -> None:
+    shared = sys.modules.get("so101_motion.cli.shared")
+    if not getattr(shared, "opened", ()):
+        sys.stdout.flush()
+        _tell_end(name)
+        os._exit(130)
 
 
 def _end_by_force(name: str) -> None:

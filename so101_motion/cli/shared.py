@@ -167,17 +167,18 @@ _DOES = {
     Mode.CALIBRATING: "is being calibrated",
 }
 
-_opened: list[Callable[[], str]] = []
+opened: list[Callable[[], str]] = []
+"""Each tells what an arm does that this verb has opened."""
 
 
 def forget_opened_arms() -> None:
     """A verb begins: no arm is open."""
-    _opened.clear()
+    opened.clear()
 
 
 def note_opened(what: str, rig: R) -> R:
     """Note that a verb has opened ``rig``, so that its end can tell what the arm does."""
-    _opened.append(partial(_state_of, what, rig))
+    opened.append(partial(_state_of, what, rig))
     return rig
 
 
@@ -191,7 +192,7 @@ def leaving(calibrator: Calibrator) -> Iterator[Calibrator]:
     except BaseException:
         if interrupts.first():
             holds = calibrator.leave()
-            _opened.append(lambda: about_torque(holds))
+            opened.append(lambda: about_torque(holds))
         raise
     finally:
         calibrator.close()
@@ -205,12 +206,12 @@ def tell_torque(port: str) -> None:
         with quietly():
             return about_torque(Calibrator.open(port, Path("no file")).leave())
 
-    _opened.append(tell)
+    opened.append(tell)
 
 
 def state_of_opened_arms() -> str:
     """What the arms that this verb has opened do, now that it ends; empty if it opened none."""
-    return "; ".join(tell() for tell in _opened)
+    return "; ".join(tell() for tell in opened)
 
 
 def _state_of(what: str, rig: RigLike) -> str:

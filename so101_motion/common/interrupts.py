@@ -1,8 +1,9 @@
 """Ctrl-C, SIGTERM and SIGHUP in a program: none is lost, and none cuts short what ends the program.
 
 ``listen`` is called first. The first signal raises ``KeyboardInterrupt`` in the main thread. Code
-that swallows it, such as a callback, gets another one 0.2 s later. An import ends first: libraries
-take any exception in it for a part that is missing, or crash. While a
+that swallows it, such as a callback, gets another one 0.2 s later. Nothing is raised in an import:
+libraries take any exception in it for a part that is missing, or crash. As imports take seconds on
+a busy computer, a program that has nothing open yet ends there at once. While a
 ``KeyboardInterrupt`` is handled, in an ``except`` or ``finally`` or at the end of a ``with``, more
 signals raise nothing, and neither do they in a block of ``held`` or after ``taken``. So motions
 come to rest and ports are closed however often Ctrl-C is pressed. A program that has not ended
@@ -25,6 +26,9 @@ from types import FrameType
 _REPEAT = 0.2  # [s] between two attempts to raise
 _PATIENCE = 10.0  # [s] for the end of the program after the first signal
 
+_HARMLESS = ("MainThread", "so101-planning")
+"""Threads that drive no arm and serve no page."""
+
 _IMPORT = "<frozen importlib._bootstrap>"
 
 _NAMES = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "the end of the terminal (SIGHUP)"}
@@ -39,6 +43,7 @@ class _Interrupts:
         self.holds = 0
         self.is_taken = False
         self.on_hung: Callable[[str], None] = lambda name: None
+        self.on_import: Callable[[str], None] = lambda name: None
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
         if not self.first:
@@ -54,20 +59,26 @@ class _Interrupts:
         self.raise_once()
 
     def raise_once(self) -> None:
-        if self.first and not (self.holds or self.is_taken or _is_handled() or _imports()):
+        if not self.first or self.holds or self.is_taken or _is_handled():
+            return
+        if not _imports():
             raise KeyboardInterrupt
+        if all(thread.name in _HARMLESS for thread in threading.enumerate()):
+            self.on_import(self.first)
 
 
 _this = _Interrupts()
 
 
-def listen(on_hung: Callable[[str], None]) -> None:
+def listen(on_hung: Callable[[str], None], on_import: Callable[[str], None]) -> None:
     """Take the signals of this process from now on; one that is ignored (``nohup``) stays ignored.
 
     Args:
         on_hung: Called with the name of the first signal before the program is ended by force.
+        on_import: Called with it in an import of the main thread while no thread drives an arm or
+            serves a page; it may end the program where it is.
     """
-    _this.on_hung = on_hung
+    _this.on_hung, _this.on_import = on_hung, on_import
     for name in _NAMES:
         number = getattr(signal, name)
         if signal.getsignal(number) is not signal.SIG_IGN:

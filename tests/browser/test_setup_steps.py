@@ -125,6 +125,7 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.expect("Step 2 of 3, about 8 min left, once the arm is connected again")
         hand.press("Next")
         hand.expect("connect only the motor of wrist_roll")
+        assert app.last_port == kit.port  # of which Ctrl-C tells the torque
         hand.press("Abort the setup")
         hand.press("Press again to abort")
         hand.expect("Aborted: nothing moved")

@@ -1,3 +1,4 @@
+import asyncio
 import json
 import math
 
@@ -86,7 +87,7 @@ async def test_opening_lets_go(bench, client):
     assert not (await client.is_holding_something()).is_holding_something
 
 
-async def test_a_silent_servo_makes_grab_an_error_and_not_a_yes(bench, client):
+async def test_a_silent_servo_makes_grab_an_error_and_its_position_unknown(gripper, bench, client):
     await bench.in_time(client.open())
     bench.world.disconnect("gripper")
     with pytest.raises(GRPCError) as caught:
@@ -94,6 +95,19 @@ async def test_a_silent_servo_makes_grab_an_error_and_not_a_yes(bench, client):
 
     assert caught.value.status is Status.UNAVAILABLE
     assert "gripper" in caught.value.message
+    await bench.in_time(asyncio.wrap_future(gripper.rig.executor.hold()))  # without it
+    status = await client.get_status()
+    assert status["state"] == "fault"
+    assert "does not answer; check its cable" in status["fault"]
+    told = await ask(client, bench, command="get_position")
+    assert "check its cable" in told["condition"]
+    assert not {"position_percentage", "position_radians", "is_holding_something"} & {
+        *status,
+        *told,
+    }
+    for call in (client.is_holding_something(), ask(client, bench, get=True)):
+        with pytest.raises(GRPCError, match="check its cable"):
+            await call
 
 
 async def test_positions_are_set_in_ticks_and_in_percent(bench, client):

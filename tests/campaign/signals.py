@@ -27,8 +27,8 @@ from so101_motion.tasks.guided.path import GuidedPath
 LISTENS = """
 from so101_motion import cli
 listen = cli.interrupts.listen
-def and_tell(on_hung):
-    listen(on_hung)
+def and_tell(*ends):
+    listen(*ends)
     print(flush=True)
 cli.interrupts.listen = and_tell
 cli.main()
@@ -121,6 +121,7 @@ def end(bench, verb, seed):
     with subprocess.Popen(command, env=env, **pipes) as process:
         process.stdout.readline()
         time.sleep(after)
+        is_over = process.poll() is not None  # such as by a computer that stood still
         for name in kind:
             process.send_signal(getattr(signal, name))
             time.sleep(rng.uniform(0.0, WITHIN / 2.0) if kind[1:] else 0.0)
@@ -132,7 +133,7 @@ def end(bench, verb, seed):
                 raise
             return [f"did not end within {PATIENCE:g} s"], ""
     *others, last = said.splitlines() or [""]
-    if process.returncode == 0 and not last.startswith("ended"):
+    if is_over or (process.returncode == 0 and not last.startswith("ended")):
         return [], "over before the signal"
     wrong = [] if process.returncode == 130 else [f"exit code {process.returncode}"]
     if not last.startswith("ended by ") or any("ended" in line for line in others):

@@ -42,7 +42,7 @@ def test_the_next_motion_of_a_machines_arm_brings_a_joint_in_as_the_alarm_says(t
             ((joint, limit),) = rig.state.reading.out_of_range.items()
             assert joint == "wrist_roll"
             assert limit - rig.state.q[4] == pytest.approx(to_rad(OUTSIDE * 360 / 4096), abs=0.02)
-            goal = rig.state.q + np.radians([0.0, 0.0, 0.0, 0.0, 20.0])
+            goal = rig.state.q + np.radians([12.0, -9.0, 15.0, 6.0, 20.0])
             carried_out(lambda: rig.arm.move(JointGoal(q=goal), wait=False).result(60.0))
             rig.refresh()
             assert rig.state.reading.out_of_range == {}

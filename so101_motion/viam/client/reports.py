@@ -143,12 +143,14 @@ def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: f
     moving = bool(status.get("is_moving", arm.mode in (Mode.MOVING, Mode.STOPPING)))
     here, limits = _outside(status)
     q_jaw = here.get(GRIPPER_JOINT, JAW_CLOSED + jaw.aperture * (JAW_OPEN - JAW_CLOSED))
-    qd, q_ref = np.zeros(5), arm.q
+    # As in the arm's own controller, a motion begins where a joint that is outside comes in.
+    inside = np.array([limits.get(j, q) for j, q in zip(ARM_JOINTS, arm.q.tolist(), strict=True)])
+    qd, q_ref = np.zeros(5), inside
     if last is not None and moving and t > last.t:
         qd = (arm.q - last.q) / (t - last.t)
     if last is not None and not moving and not last.arm_moving:
-        stays = np.max(np.abs(arm.q - last.q_ref)) <= AT_REST
-        q_ref = last.q_ref if stays else arm.q
+        stays = np.max(np.abs(inside - last.q_ref)) <= AT_REST
+        q_ref = last.q_ref if stays else inside
     alarms, fault, lent = (status.get(key) for key in ("alarms", "fault", "lent_to"))
     late = status.get("late_ticks", 0)
     health = status.get("health")
@@ -169,7 +171,7 @@ def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: f
         ),
         q_ref=q_ref,
         qd_ref=qd,
-        q_jaw_ref=q_jaw,
+        q_jaw_ref=limits.get(GRIPPER_JOINT, q_jaw),
         arm_moving=moving,
         jaw_moving=jaw.is_moving,
         late_ticks=round(late) if isinstance(late, (int, float)) else 0,

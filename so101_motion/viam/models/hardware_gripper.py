@@ -128,8 +128,6 @@ class HardwareGripper(GripperResource):
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
         """Whether the grabbed object is still held, with load, current and jaw position."""
         await self.found()
-        if self._gripper.is_silent:
-            raise GRPCError(Status.UNAVAILABLE, _SILENT)
         load = health(self.rig.servos).get(GRIPPER_JOINT, {})
         meta = {key: load[key] for key in ("load_percent", "amps") if key in load}
         return Gripper.HoldingStatus(
@@ -277,6 +275,11 @@ class HardwareGripper(GripperResource):
     def _own_health(self) -> dict[str, Any]:
         figures: dict[str, Any] = health(self.rig.servos).get(GRIPPER_JOINT, {})
         return figures
+
+    def _percentage(self) -> float:
+        if self._gripper.is_silent:
+            raise GRPCError(Status.UNAVAILABLE, _SILENT)
+        return super()._percentage()
 
     def _position(self) -> dict[str, Any]:
         if self._gripper.is_silent:

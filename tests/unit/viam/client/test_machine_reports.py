@@ -82,6 +82,7 @@ def test_joints_outside_their_range_are_told_with_their_limits():
     limits = {"wrist_roll": to_rad(165.0), "gripper": to_rad(100.0)}
     assert state.reading.out_of_range == pytest.approx(limits)
     assert state.q_jaw == pytest.approx(to_rad(110.0))  # no aperture says this
+    assert (state.q_ref[4], state.q_jaw_ref) == (limits["wrist_roll"], limits["gripper"])
     for nonsense in (None, "all", {"elbow_flex": {}}, {"elbow_flex": {"at_deg": math.nan,
                      "limit_deg": 1.0}}):  # fmt: skip
         state = next_state(None, told(out_of_range=nonsense), JAW, 1.0)
@@ -115,6 +116,9 @@ def test_a_gripper_that_tells_nothing_is_taken_for_closed():
     assert asyncio.run(ask_gripper(None)) == GripperReport()
     found = asyncio.run(ask_gripper(Machine(position={"position_percentage": 40.0}, moves=True)))
     assert found == GripperReport(aperture=pytest.approx(0.4), is_moving=True)
+    assert asyncio.run(ask_gripper(Machine(), found)) == GripperReport(aperture=found.aperture)
+    health = {"gripper": {"silent": True}, "wrist_roll": {"silent": False}, "elbow_flex": None}
+    assert next_state(None, told(health=health), JAW, 1.0).reading.silent == {"gripper"}
 
 
 def test_a_resting_joint_that_trembles_is_wanted_where_it_was():
