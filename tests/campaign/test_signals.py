@@ -5,9 +5,11 @@ import signal
 import subprocess
 import sys
 
+import pytest
 from campaign.signals import HEARS, LISTENS, VERBS, run
 
 
+@pytest.mark.timeout(660)
 def test_a_signal_at_any_instant_ends_a_verb_with_130_and_one_true_sentence(request):
     seed = random.Random(request.config.option.hypothesis_seed).randrange(10**6)
     told = run(seed, seconds=600.0, count=len(VERBS) // 2)
