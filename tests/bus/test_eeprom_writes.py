@@ -235,7 +235,7 @@ def test_a_cell_stores_nothing(arm, tmp_path, monkeypatch, verb, shift):
 
 ANSWERS = (
     (("calibrate",), (("about to go limp", "q"),)),
-    (("calibration", "verify"), (("about to go limp", "\n"), ("the joints are limp", "\n"))),
+    (("calibration", "verify"), (("about to go limp", "\n"), ("joints are limp", "\n"))),
     (("report-arm", "report.json"), (("Move the arm", "n\n"),)),
 )
 
