@@ -24,6 +24,7 @@ from lerobot_robot_so101_motion.config import (
 from lerobot_robot_so101_motion.robot import SO101Motion
 from so101_motion.arm.cell import Cell
 from so101_motion.common.errors import ConfigError
+from so101_motion.drivers.port.port_list import device_of
 from so101_motion.files.cell_file import CellFile, read_cell
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
@@ -52,6 +53,10 @@ class BiSO101Motion(Robot):
     ) -> None:
         super().__init__(config)
         self.config = config
+        port = config.right_arm_config.port
+        if device_of(port) == device_of(config.left_arm_config.port):
+            reason = "is the port of the left arm; `so101 ports` lists the names of each"
+            raise ConfigError("right_arm_config.port", port, reason)
         self.arms: dict[str, SO101Motion] = {
             f"{side}_": SO101Motion(
                 _of_side(config, side, settings), open_rig=open_rig, waiter=waiter

@@ -40,7 +40,7 @@ def setup(
         multiple=True,
     ),
     start_over: bool = flag("Start with the gripper again, even if motors are done."),
-    repair: bool = flag("All motors on the cable: store sound settings for good. They go limp."),
+    repair: bool = flag("All motors of the arm: store sound settings for good. They go limp."),
     yes: bool = flag("Ask no questions; for scripts."),
     within: float | None = option(
         "Give up a step after this many seconds.", Finite(min=0.0), metavar="S"

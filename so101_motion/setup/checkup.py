@@ -151,10 +151,10 @@ def _servos(seen: Findings) -> Iterator[Check]:
         yield from _settings(joint, facts, seen.stored)
     if seen.servos.unexpected_ids:
         ids = ", ".join(map(str, seen.servos.unexpected_ids))
-        yield fail(
+        yield warn(
             "servos",
-            f"servos with ids that are not an arm's answer: {ids}",
-            "take them off the cable, or so101 setup",
+            f"servos with ids that are not an arm's answer: {ids}; they are left alone",
+            "nothing, if they are wheels, a head or of another arm; else so101 setup",
         )
     elif not (wrong or seen.servos.misplaced):
         models = ", ".join({facts.model for facts in seen.facts.values()})

@@ -87,13 +87,10 @@ def _missing(seen: Examination) -> list[str]:
             before = expected[expected.index(first) - 1]
             where = f"the cable between {seen.label(before)} and {seen.label(first)}"
         names = ", ".join(map(seen.label, missing))
+        # Beside a whole arm they are wheels, a head or another arm's.
+        if others := ", ".join(str(i) for i in seen.heard if i not in seen.names):
+            where += f"; if {others}, which answer, are this arm's, run the motor setup"
         found.append(f"no answer from {names}, the others answer: check {where}")
-    unexpected = [i for i in seen.heard if i not in seen.names]
-    if unexpected:
-        found.append(
-            f"unexpected servos answer: {', '.join(map(str, unexpected))}; a new servo has id 1, so"
-            " one was perhaps never set up: run the motor setup"
-        )
     return found
 
 

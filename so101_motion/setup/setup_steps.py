@@ -193,8 +193,9 @@ def _numbered(known: SetupState) -> Check:
 
 def _have_ids(servos: Verification) -> bool:
     """Whether no servo answers without its own id; a silent one may have a loose cable."""
-    shared = any(check.status == "duplicate" for check in servos.motors.values())
-    return bool(not shared and not servos.unexpected_ids)
+    states = {check.status for check in servos.motors.values()}
+    has_stranger = servos.unexpected_ids and "not_responding" in states
+    return not ("duplicate" in states or has_stranger)
 
 
 def _complete(known: SetupState) -> Check:

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from grpclib import GRPCError
 from harness.fake_parent import ARM, GRIPPER, HARDWARE_ARM, HARDWARE_GRIPPER, running_module, until
 from harness.lerobot_data import swing, write_data_set
+from harness.terminal_user import Typist
 from so101_viewer import serve
 from viam.components.arm import JointPositions
 
@@ -69,7 +70,7 @@ def stored(emulator):
 
 
 GOAL = ("--joints", "0,-40,45,60,0")
-REFUSED = 4
+REFUSED, STOPPED = 4, 7
 
 
 @pytest.fixture
@@ -200,19 +201,58 @@ async def test_the_modules_process_stores_nothing(arm, tmp_path):
     assert stored(arm) == before
 
 
-@pytest.mark.parametrize(("shift", "code"), [(0, 0), (30, REFUSED)])
-def test_a_cell_stores_nothing(arm, tmp_path, monkeypatch, shift, code):
+CELL = (
+    ("move", "cell.json", "--joints", "a", GOAL[1], "--yes"),
+    ("run", "cell.json", "wave.json", "--yes"),
+    ("handover", "cell.json", "a", "b", "stick"),  # answered with "n"
+)
+
+
+@pytest.mark.parametrize("shift", [0, 30])
+@pytest.mark.parametrize("verb", CELL, ids=lambda verb: verb[0])
+def test_a_cell_stores_nothing(arm, tmp_path, monkeypatch, verb, shift):
     folder = tmp_path / "robots" / "so_follower"
     folder.mkdir(parents=True)
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
     file_of(folder / "mine.json", shift)
-    cell, before = tmp_path / "cell.json", stored(arm)
+    before = stored(arm)
     entry = {"name": "a", "port": str(tmp_path / "arm"), "calibration_id": "mine"}
-    other = {"name": "b", "position_mm": [900, 0, 0]}
-    cell.write_text(json.dumps({"arms": [{**entry, "position_mm": [0, 0, 0]}, other]}))
-    goal = ("--joints", "a", GOAL[1])
-    result = CliRunner().invoke(cli, ["cell", "move", str(cell), *goal, "--yes"])
-    assert result.exit_code == code, result.output
+    stick = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
+    if verb[-1] == "stick":
+        entry["attached"] = [stick]
+    other = {"name": "b", "position_mm": [700, 0, 0], "rpy_deg": [0, 0, 180]}
+    Path("cell.json").write_text(json.dumps({"arms": [{**entry, "position_mm": [0, 0, 0]}, other]}))
+    steps = [{"a": {"q_deg": [0, -40, 45, 60, 0]}, "b": {"q_deg": [0, -50, 50, 60, 0]}}]
+    Path("wave.json").write_text(json.dumps({"schema": "so101/cell-program/1", "steps": steps}))
+    result = CliRunner().invoke(cli, ["cell", *verb], input="n\n")
+    assert ("so101 calibration write" in result.output) == bool(shift), result.output
+    assert result.exit_code == (REFUSED if shift else 0 if "--yes" in verb else STOPPED), (
+        result.output
+    )
+    assert stored(arm) == before
+
+
+ANSWERS = (
+    (("calibrate",), (("about to go limp", "q"),)),
+    (("calibration", "verify"), (("about to go limp", "\n"), ("joints are limp", "\n"))),
+    (("report-arm", "report.json"), (("Move the arm", "n\n"),)),
+)
+
+
+@pytest.mark.parametrize(
+    ("verb", "answers"), ANSWERS, ids=["calibrate", "calibration verify", "report-arm"]
+)
+def test_what_is_asked_and_not_agreed_to_stores_nothing(arm, tmp_path, verb, answers):
+    file, before = file_of(tmp_path / "own.json", 0), stored(arm)
+    place = {"calibrate": ("--file", file), "calibration": (file,)}
+    *verb, last = [*verb, *place.get(verb[0], ("--calibration", file))]
+    last = str(tmp_path / last)
+    with Typist(*verb, last, "--port", str(tmp_path / "arm")) as person:
+        for words, keys in answers:
+            person.sees(words)
+            person.presses(keys)
+        assert person.code() != 0
     assert stored(arm) == before
 
 

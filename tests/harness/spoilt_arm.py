@@ -66,6 +66,7 @@ def trouble_with_moving(bus):
             lambda: bus.wire, clock, {joint: each.map for joint, each in found.setups.items()},
             gravity=WEIGHT, speed=SPEED_CAP, acceleration=ACCELERATION_CAP, reply_timeout=0.0,
         )  # fmt: skip
+        driven = [i for i, joint in enumerate(JOINTS) if joint in found.setups]
         reading = arm.read()
         first = np.array([*reading.q, reading.q_jaw])
         arm.write(reading.q, reading.q_jaw)
@@ -84,12 +85,12 @@ def trouble_with_moving(bus):
             if stops := alarms(arm.health):
                 return str(stops)
             now = true_angles()
-            fastest, was = max(fastest, np.abs(now - was).max() / 0.01), now
-            worst = max(worst, np.abs((now - began) - (q - first)).max())
+            fastest, was = max(fastest, np.abs(now - was)[driven].max() / 0.01), now
+            worst = max(worst, np.abs((now - began) - (q - first))[driven].max())
         arm.close()
     except So101Error as error:
         return str(error)
-    off = np.degrees(np.abs(was - began)).max()
+    off = np.degrees(np.abs(was - began)[driven]).max()
     if off > 1.5:
         return f"{off:.1f} deg off"
     if math.degrees(worst) > 8.0:

@@ -244,6 +244,13 @@ async def test_an_arm_that_is_not_there_is_named():
     await teleop.close()
 
 
+async def test_two_arms_on_one_port_are_no_pair(monkeypatch):
+    async with pair() as (client, *_):
+        monkeypatch.setitem(ArmResource.here, "follower", ArmResource.here["leader"])
+        with pytest.raises(GRPCError, match="is on the leader"):
+            await client.do_command({"command": "start"})
+
+
 async def test_the_guard_needs_an_arm_of_this_module():
     async with pair(("leader",), collision_guard=True) as (client, *_):
         with pytest.raises(GRPCError, match="collision_guard"):

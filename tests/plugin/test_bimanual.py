@@ -138,3 +138,10 @@ def test_an_arm_that_cannot_be_opened_leaves_the_other_closed(robot):
         robot.connect(calibrate=False)
     assert not robot.is_connected
     bench.other.emulator.plug()
+
+
+def test_one_port_under_two_names_is_no_second_arm(tmp_path):
+    (tmp_path / "by-id").symlink_to(tmp_path / "port")
+    sides = (SO101MotionArmConfig(port=str(tmp_path / name)) for name in ("port", "by-id"))
+    with pytest.raises(ConfigError, match="is the port of the left arm"):
+        BiSO101Motion(BiSO101MotionConfig(*sides, id="two"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 
 from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus, look
@@ -74,12 +74,15 @@ def _missing(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | Non
     elif seen.is_empty:
         error = f"servo {servo_id} ({joint}) does not answer, nor does any other"
         fix = f"switch the arm's power supply on and plug the first cable in; {_AGAIN}"
-    elif all(i < servo_id for i in seen.servos):
+    elif not any(servo_id < i <= len(SERVO_IDS) for i in seen.servos):
         error = f"servo {servo_id} ({joint}) does not answer"
-        # Servos behind a broken cable are silent as well.
+        # Servos behind a broken cable are silent as well. A robot's wheels may be on another.
         heard = [i for i in (*seen.servos, *seen.shared) if i < servo_id]
         last = max(heard, default=servo_id - 1)
-        fix = f"check the cable between servos {last} and {last + 1}; {_AGAIN}"
+        fix = f"check the cable between servos {last} and {last + 1}"
+        if others := _listed(seen.unexpected_ids, " or "):
+            fix += f", or set {joint} up again if it answers as {others}"
+        fix += f"; {_AGAIN}"
     else:
         error = f"servo {servo_id} ({joint}) does not answer, though servos behind it do"
         fix = f"connect {joint} alone and set it up again; its id may be wrong; {_AGAIN}"
@@ -108,7 +111,11 @@ def _trouble(joint: str, facts: ServoFacts, seen: ServosOnBus) -> tuple[str, str
 
 def _absent(seen: ServosOnBus) -> str:
     absent = [i for i in SERVO_IDS.values() if i not in seen.servos and i not in seen.shared]
-    return f", and none as {' or '.join(map(str, absent))}" if absent else ""
+    return f", and none as {_listed(absent, ' or ')}" if absent else ""
+
+
+def _listed(ids: Iterable[int], by: str = ", ") -> str:
+    return by.join(map(str, ids))
 
 
 def _notes(seen: ServosOnBus) -> list[str]:
@@ -121,8 +128,8 @@ def _notes(seen: ServosOnBus) -> list[str]:
         f"servo {i} {facts.model_note}" for i, facts in seen.servos.items() if facts.model_note
     ]
     if seen.unexpected_ids:
-        unexpected_ids = ", ".join(map(str, seen.unexpected_ids))
-        notes.append(f"there are servos with ids that are not an arm's: {unexpected_ids}")
+        others = _listed(seen.unexpected_ids)
+        notes.append(f"servos with ids that are not an arm's are left alone: {others}")
     return notes
 
 
@@ -136,7 +143,4 @@ def _verdict(seen: ServosOnBus, motors: Mapping[str, MotorCheck], elsewhere: set
     if wrong:
         more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
         return f"not yet: {wrong[0].error}{more}"
-    if seen.unexpected_ids:
-        others = ", ".join(map(str, seen.unexpected_ids))
-        return f"all six are set up correctly, but there are also servos with these ids: {others}"
     return "all six servos are set up correctly"

@@ -196,6 +196,4 @@ class Verification:
     @property
     def ok(self) -> bool:
         """Whether the arm can be calibrated."""
-        return not (self.unexpected_ids or self.misplaced) and all(
-            check.status == "ok" for check in self.motors.values()
-        )
+        return not self.misplaced and all(check.status == "ok" for check in self.motors.values())

@@ -155,7 +155,7 @@ def goal_of(memory: Memory, *, top_speed: float) -> float:
         cap = _top_speed(memory, top_speed)
         return max(min(_goal_speed(memory), cap), -cap)
     if mode == reg.PWM_MODE:
-        return -float(memory.value(reg.GOAL_TIME))  # signed like the load
+        return -float(memory.value(reg.GOAL_TIME))  # as the load; servolab 1.0.0 measured it, too
     if mode == reg.STEP_MODE:
         return float(memory.value(reg.GOAL_POSITION) * memory.value(reg.RESOLUTION))
     return float(_clamped_goal(memory))

@@ -222,6 +222,13 @@ class So101Teleop(Configured, Generic):
             self._side(arm, jaw)
             for arm, jaw in zip((config.leader_arm, config.follower_arm), jaws, strict=True)
         )
+        if (
+            isinstance(leading, LocalArm)
+            and isinstance(following, LocalArm)
+            and leading.station.executor is following.station.executor
+        ):
+            reason = "is on the leader's port; give another arm"
+            raise ConfigError("follower_arm", config.follower_arm, reason)
         leader: Leader
         follower: Follower
         if isinstance(leading, LocalArm):

@@ -114,7 +114,7 @@ def holding(row, value, place=3):
         (holding(emulated.MODEL, 2825), "servo 3", "warn", "sts3250: it works"),
         (holding(emulated.MODEL, 1029), "servo 3", "fail", "model 1029"),
         (without(2), "servo 2", "fail", "servos behind it do"),
-        (holding(emulated.ID, 9), "servos", "fail", "not an arm's answer: 9"),
+        (holding(emulated.ID, 9), "servos", "warn", "not an arm's answer: 9"),
         (holding(emulated.MODE, 1), "servo 3", "warn", "mode 1"),
         (holding(emulated.FIRMWARE_MINOR, 9), "firmware", "warn", "elbow_flex 3.9"),
         (power(16.0), "servo 1", "fail", "made for at most 14.0 V"),
@@ -133,6 +133,16 @@ def test_a_trouble_is_named_with_what_to_do(arm, trouble, name, verdict, words):
     assert words in found.sentence
     assert found.fix
     assert is_healthy(checks) == all(check.verdict != "fail" for check in checks)
+
+
+def test_the_wheels_of_a_robot_on_the_arms_cable_are_no_trouble(arm):
+    """LeKiwi has 7, 8 and 9 there, XLeRobot a head or wheels."""
+    seen = seen_on(arm)
+    seen = replace(seen, servos=replace(seen.servos, unexpected_ids=(7, 8, 9)))
+    checks = check_up(seen)
+    assert is_healthy(checks)
+    assert "left alone" in of(checks, "servos").sentence
+    assert seen.servos.ok
 
 
 def test_servos_made_for_less_are_told_apart_and_slow_ones_are_not_overrun():

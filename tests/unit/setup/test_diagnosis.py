@@ -31,6 +31,7 @@ def seen(*, missing=(), unexpected_ids=(), counters=None, **changes):
 
 def test_nothing_is_wrong_with_a_healthy_arm():
     assert explain(seen(counters={3: ReplyCounter(answers=1000, lost=3)})) == ()
+    assert explain(seen(unexpected_ids=(7, 8, 9))) == (), "the wheels of a LeKiwi"
 
 
 @pytest.mark.parametrize(
@@ -40,7 +41,7 @@ def test_nothing_is_wrong_with_a_healthy_arm():
         (seen(missing=JOINTS, unexpected_ids=(9,)), ["others: 9", "motor setup"]),
         (seen(missing=(4, 5, 6)), ["wrist_flex", "between servo 3 (elbow_flex) and servo 4"]),
         (seen(missing=(3,)), ["servo 3 (elbow_flex)", "its own id"]),
-        (seen(unexpected_ids=(7,)), ["unexpected", "7"]),
+        (seen(missing=(6,), unexpected_ids=(7,)), ["if 7, which", "motor setup"]),
         (
             seen(elbow_flex={"present_voltage": 121, "max_voltage": 80}),
             ["servo 3 (elbow_flex)", "12.1 V", "8.0 V", "switch the power off"],

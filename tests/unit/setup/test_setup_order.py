@@ -95,6 +95,8 @@ def test_the_first_step_that_is_not_done_comes_next():
     assert FULL.next_open(known) is MOTORS
     known = replace(known, setup=all_motors("configured"))
     assert FULL.next_open(known) is CHAIN
+    wheels = replace(chain(), unexpected_ids=(7, 8, 9))
+    assert FULL.next_open(SetupState(seen=replace(PORT, servos=wheels))) is setup_steps.POSE
     known = replace(known, seen=replace(PORT, servos=chain()))
     assert FULL.next_open(known) is setup_steps.POSE
     assert MOTORS_ONLY.next_open(known) is None

@@ -62,7 +62,7 @@ ELSEWHERE = [
     (V12, 2, "MAX_TORQUE", 250), (V12, 2, "MAX_TORQUE", 275),
     (V7, 2, "MAX_TORQUE", 425), (V7, 2, "MAX_TORQUE", 450),
     (V7, 3, "MAX_TORQUE", 225), (V7, 3, "MAX_TORQUE", 275),
-    (V12, 4, "MAX_TORQUE", 100), (V7, 2, "MIN_VOLTAGE", 74),
+    (V12, 6, "BAUD", 7), (V7, 6, "ID", 7), (V12, 4, "MAX_TORQUE", 100), (V7, 2, "MIN_VOLTAGE", 74),
     (V7, 3, "PROTECTION_CURRENT", 12), (V7, 2, "OVERLOAD_TORQUE", 10),
 ]  # fmt: skip
 

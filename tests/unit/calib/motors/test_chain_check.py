@@ -52,6 +52,12 @@ def test_a_chain_that_is_cut_names_the_cable():
     assert setup.verify().ok
 
 
+def test_behind_a_cut_cable_it_is_not_only_the_id_that_may_be_wrong():
+    _, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 7, 5: 8, 6: 9})  # with the wheels of a LeKiwi
+    fix = check(setup, "wrist_flex").fix
+    assert "between servos 3 and 4, or set wrist_flex up again if it answers as 7 or 8 or 9" in fix
+
+
 def test_two_servos_with_one_id_are_named_and_whose_id_is_missing():
     _, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 3, 5: 5, 6: 6})
     twins = check(setup, "elbow_flex")
