@@ -330,9 +330,7 @@ class CollisionModel:
                 p_first, p_second = T.act(deep.p_body), T.act(deep.p_solid)
                 return Found(-deep.depth, p_first, p_second, T.rotation @ deep.normal)
         # Coal follows a depth as small as the spacing of the body's points.
-        return found._replace(
-            distance=max(found.distance, 0.0 if inside is None else -SAMPLE)
-        )
+        return found._replace(distance=max(found.distance, 0.0 if inside is None else -SAMPLE))
 
     def _points_in(self, body: int) -> Array:
         return points_in(self._bodies[body].shape)

@@ -9,7 +9,7 @@ is not known.
 The depth of a body in a convex solid is the shortest way out, as for a box. In another solid it is
 the distance of the body's deepest point from the surface, known to about half a cell. Where that
 would not grow farther in, because the point is halfway through a wall, it is the shortest way out
-along axes and diagonals of the solid's frame, which is up to 1.13 times the true one.
+along the axes and diagonals of its frame, which may be an eighth longer than the shortest.
 """
 
 from __future__ import annotations
@@ -119,10 +119,9 @@ class Inside:
         """
         skin = self._skin * self.edge
         depths = self._look_up(field, at)
-        at, depths = at[depths > -0.999 * skin], depths[depths > -0.999 * skin]
-        if len(at) == 0:
-            return None
         k = int(np.argmax(depths))
+        if depths[k] <= -0.999 * skin:
+            return None
         steps = 0.5 * self.edge * np.eye(3)
         rise = self._look_up(field, at[k] + steps) - self._look_up(field, at[k] - steps)
         length, deepest = float(np.linalg.norm(rise)), max(float(depths[k]), 0.0)
@@ -132,6 +131,7 @@ class Inside:
             if beyond.max() <= 0.0:
                 depth = max(deepest, SHALLOW * (1.0 + float(depths[k]) / skin))
                 return Depth(depth, at[k], at[k] + depth * way, -way)
+        at = at[depths > -0.999 * skin]
         cells = np.rint((at - self._low) / self.edge - 0.5).astype(int)
         cells = np.clip(cells, 0, np.array(field.shape) - 1)
         along = self._exits[:, *cells.T].max(axis=1) * _LENGTHS
