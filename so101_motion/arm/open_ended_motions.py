@@ -123,6 +123,7 @@ class OpenEndedMotions:
             dt=executor.dt,
             stop_limits=GUARDED_STOP if guarded else executor.stop_limits(Channel.ARM),
             guard=self._guard(now) if guarded else None,
+            check_range=now.range.check_path,
         )
         if guarded:
             self._newest = stream

@@ -14,7 +14,7 @@ from so101_motion.cli.sources import ANY_SOURCE, MACHINE, AnySource, MachineSour
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
-from so101_motion.common.units import to_deg, to_mm
+from so101_motion.common.units import range_deg, to_deg, to_mm, to_rad
 
 if TYPE_CHECKING:
     from so101_motion.rig.hardware_rig import HardwareRig
@@ -160,8 +160,9 @@ def _print_state(seen: dict[str, Any]) -> None:
         if joint not in found:
             click.echo(f"  {joint:<14}does not answer")
             continue
-        lower, upper = seen["range_deg"][joint]
-        click.echo(f"  {joint:<14}{seen['q_deg'][joint]:>8.1f} deg   {lower:.0f} to {upper:.0f}")
+        lower, upper = map(to_rad, seen["range_deg"][joint])
+        between = range_deg(lower, upper, 0)
+        click.echo(f"  {joint:<14}{seen['q_deg'][joint]:>8.1f} deg   {between}")
     if seen["jaw_percent"] is None:
         click.echo(f"  {'jaw':<14}does not answer")
     else:

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -99,6 +99,7 @@ class Stream(EndsWithBlock):
         stop_limits: How hard each joint stops by itself, and a stop before contact where points
             can be followed with that; by default ``limits``.
         guard: Looks for contact; None to check nothing. Only the I/O thread may use it.
+        check_range: Raises OutsideLimits for a path, shape (n, 5), that leaves the joint range.
 
     Attributes:
         future: Completes when the arm has arrived at the last point, or raises why it did not.
@@ -115,10 +116,11 @@ class Stream(EndsWithBlock):
         dt: float,
         stop_limits: MotionLimits | None = None,
         guard: Guard | None = None,
+        check_range: Callable[[Array], None] = lambda q: None,
     ) -> None:
         self.future: Future[None] = running_future()
         self.limits = limits
-        self._q_start, self._dt = q_start, dt
+        self._q_start, self._dt, self._check_range = q_start, dt, check_range
         self.guard, self._stop_limits = guard, stop_limits or limits
         self._leads_into: tuple[str, str] | None = None  # the bodies for which it stops
         self._lock = threading.Lock()  # one push at a time
@@ -142,8 +144,9 @@ class Stream(EndsWithBlock):
 
         Raises:
             ValueError: The times do not begin at 0, do not increase, or are ``MOST_AHEAD`` ahead.
-            OutsideLimits: The first point is too far from the arm, or the points are too fast or
-                change their speed too quickly; nothing of the batch is taken.
+            OutsideLimits: The first point is too far from the arm, a point is outside the arm's
+                range, or the points are too fast or change their speed too quickly; nothing of
+                the batch is taken.
             MotionError: The stream is over; when it failed, the error says why.
         """
         with self._lock:
@@ -155,6 +158,7 @@ class Stream(EndsWithBlock):
             t_all, q_all = self._knots
             if len(t_all) == 0:
                 self._refuse_far_start(t[0], q[0])
+            self._check_range(np.concatenate([self._q_start[None], q]))
             t_all, q_all = np.concatenate([t_all, t]), np.concatenate([q_all, q])
             new = slice(max(0, len(t_all) - len(t) - 1), None)
             if np.any(np.diff(t_all[new]) <= 0.0):

@@ -7,6 +7,7 @@ without the start.
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -16,8 +17,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import SAME, MotionBuilder
 
-_ONE = 1e-3
-"""Waypoints nearer than this count as one [rad]; chosen: what a servo cannot tell apart."""
+_ONE = 2.0 * math.pi / 4096.0
+"""Waypoints no farther apart than this are one [rad]: a tick of the servo's encoder."""
 
 _TURN = 1e-6
 """A waypoint at which the direction changes less than this is on a line."""

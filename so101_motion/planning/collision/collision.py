@@ -38,7 +38,7 @@ from so101_motion.planning.collision.continuous_check import (
 )
 from so101_motion.planning.collision.pairs_by_coal import Found, PairsByCoal
 from so101_motion.planning.collision.scene import MARGIN, Scene
-from so101_motion.planning.collision.solids import RIB, points_in
+from so101_motion.planning.collision.solids import RIB, SAMPLE, points_in
 from so101_motion.planning.kinematics.model import RobotModel
 
 BACK_OUT = (
@@ -329,7 +329,8 @@ class CollisionModel:
             if deep is not None:
                 p_first, p_second = T.act(deep.p_body), T.act(deep.p_solid)
                 return Found(-deep.depth, p_first, p_second, T.rotation @ deep.normal)
-        return found._replace(distance=max(found.distance, 0.0))
+        # Coal follows a depth as small as the spacing of the body's points.
+        return found._replace(distance=max(found.distance, 0.0 if inside is None else -SAMPLE))
 
     def _points_in(self, body: int) -> Array:
         return points_in(self._bodies[body].shape)

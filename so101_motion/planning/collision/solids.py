@@ -7,8 +7,9 @@ foot of the arm is a room, and what encloses nothing is a surface only: how deep
 is not known.
 
 The depth of a body in a convex solid is the shortest way out, as for a box. In another solid it is
-the distance of the body's deepest point from the surface, known to about half a cell. It is not
-known either once that point is halfway through a wall: farther in it would not grow.
+the distance of the body's deepest point from the surface, known to about half a cell. Where that
+would not grow farther in, because the point is halfway through a wall, it is the shortest way out
+along the axes and diagonals of its frame, which may be an eighth longer than the shortest.
 """
 
 from __future__ import annotations
@@ -47,9 +48,6 @@ SHALLOW = 1e-4
 
 TOUCHING = 1e-6
 """A convex solid that is no farther away than this is touched [m]: coal's tolerance."""
-
-HALFWAY = 0.5
-"""Halfway through a wall the depth grows by less than this per distance; chosen."""
 
 SAMPLE = 0.008
 """Distance of the points of a body whose depth is looked up, besides its corners [m]; chosen."""
@@ -108,22 +106,56 @@ class Inside:
         """
         found = [each for hull in self._parts[0] if (each := _depth_in(hull, body, R, p))]
         if self._parts[1] is not None:
-            field = self._parts[1]
             at = points() @ R.T + p
-            depths = self._look_up(field, at)
-            k = int(np.argmax(depths))
-            skin = self._skin * self.edge
-            if depths[k] > -0.999 * skin:
-                steps = 0.5 * self.edge * np.eye(3)
-                rise = self._look_up(field, at[k] + steps)
-                rise -= self._look_up(field, at[k] - steps)
-                length = float(np.linalg.norm(rise))
-                if length < HALFWAY * self.edge:
-                    return None
-                depth = max(float(depths[k]), SHALLOW * (1.0 + float(depths[k]) / skin))
-                normal = rise / length
-                found.append(Depth(depth, at[k], at[k] - depth * normal, normal))
+            if (deep := self._way_out(self._parts[1], at)) is not None:
+                found.append(deep)
         return max(found, default=None, key=lambda each: each.depth)
+
+    def _way_out(self, field: Array, at: Array) -> Depth | None:
+        """The way out of solids that are not convex, for a body's points (n, 3) [m].
+
+        Towards the surface nearest to the deepest point, if that frees all of them. Else, as
+        farther in this would not grow, the shortest of the axes and diagonals.
+        """
+        skin = self._skin * self.edge
+        depths = self._look_up(field, at)
+        k = int(np.argmax(depths))
+        if depths[k] <= -0.999 * skin:
+            return None
+        steps = 0.5 * self.edge * np.eye(3)
+        rise = self._look_up(field, at[k] + steps) - self._look_up(field, at[k] - steps)
+        length, deepest = float(np.linalg.norm(rise)), max(float(depths[k]), 0.0)
+        if length > 0.0:
+            way = -rise / length
+            beyond = self._look_up(field, at + (deepest + 0.5 * self.edge) * way)
+            if beyond.max() <= 0.0:
+                depth = max(deepest, SHALLOW * (1.0 + float(depths[k]) / skin))
+                return Depth(depth, at[k], at[k] + depth * way, -way)
+        at = at[depths > -0.999 * skin]
+        cells = np.rint((at - self._low) / self.edge - 0.5).astype(int)
+        cells = np.clip(cells, 0, np.array(field.shape) - 1)
+        along = self._exits[:, *cells.T].max(axis=1) * _LENGTHS
+        found = []
+        for i in np.flatnonzero(along < along.min() + 1.0):
+            exits = (self._look_up(self._exits[i], at) - self._skin) * self.edge * _LENGTHS[i]
+            k = int(np.argmax(exits))
+            depth, way = max(float(exits[k]), SHALLOW), _DIRECTIONS[i] / _LENGTHS[i]
+            found.append(Depth(depth, at[k], at[k] + depth * way, -way))
+        return min(found, key=lambda each: each.depth)
+
+    @cached_property
+    def _exits(self) -> Any:
+        """Cells from each to the surface along each of ``_DIRECTIONS``, shape (26, i, j, k)."""
+        field: Any = self._parts[1]
+        full = field > field.flat[0]
+        found = np.zeros((len(_DIRECTIONS), *full.shape), np.uint16)
+        for exits, way in zip(found, _DIRECTIONS.astype(int), strict=True):
+            axis = int(np.argmax(np.abs(way)))
+            layers, solid = np.moveaxis(exits, axis, 0), np.moveaxis(full, axis, 0)
+            for i in range(1, len(layers) - 1)[:: -way[axis]]:
+                ahead = np.roll(layers[i + way[axis]], -np.delete(way, axis), axis=(0, 1))
+                layers[i] = np.where(solid[i], ahead + 1, 0)
+        return found
 
     def bounds(self, points: Array) -> Any:
         """Which points (n, 3) [m] are at the surface of a solid, not of a wall of two cells."""
@@ -180,8 +212,7 @@ class Inside:
         from scipy import ndimage
 
         at = ((points - self._low) / self.edge - 0.5).T
-        outside = -self._skin * self.edge
-        return np.asarray(ndimage.map_coordinates(field, at, order=1, cval=outside))
+        return np.asarray(ndimage.map_coordinates(field, at, float, 1, cval=field.flat[0]))
 
 
 class Part(NamedTuple):
@@ -360,7 +391,7 @@ def points_in(body: Any) -> Array:
     elif isinstance(body, coal.Box):
         corners = _DIRECTIONS[np.abs(_DIRECTIONS).min(axis=1) > 0.0] * np.array(body.halfSide)
     else:  # a sphere or a capsule
-        round_ = body.radius * _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
+        round_ = body.radius * _DIRECTIONS / _LENGTHS[:, None]
         end = np.array([0.0, 0.0, getattr(body, "halfLength", 0.0)])
         corners = np.concatenate([round_ + end, round_ - end])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -375,6 +406,7 @@ def points_in(body: Any) -> Array:
 _DIRECTIONS = np.array(
     [each for each in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(each)]
 )
+_LENGTHS = np.linalg.norm(_DIRECTIONS, axis=1)
 
 
 def _depth_in(hull: Any, body: Any, R: Array, p: Array) -> Depth | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg
+from so101_motion.common.units import range_deg, to_deg
 from so101_motion.control.limit_recovery import FARTHEST_OUT
 from so101_motion.viam.conversion.kinematics import chain
 
@@ -39,7 +39,7 @@ def remarks(q: Array) -> list[str]:
     lower, upper = served_limits()
     found = []
     for i in np.flatnonzero((q < lower) | (q > upper)):
-        here, low, high = (to_deg(float(each[i])) for each in (q, lower, upper))
+        here, between = to_deg(float(q[i])), range_deg(float(lower[i]), float(upper[i]), 1)
         said = to_deg(float(reported(q)[i]))
         then = (
             f"GetJointPositions says {said:.1f} deg, because viam-server's builtin motion service"
@@ -51,6 +51,6 @@ def remarks(q: Array) -> list[str]:
         )
         found.append(
             f"{ARM_JOINTS[i]} is at {here:.1f} deg, outside the limits that viam-server knows,"
-            f" {low:.1f} to {high:.1f} deg; {then}"
+            f" {between} deg; {then}"
         )
     return found

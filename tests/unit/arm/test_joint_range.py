@@ -4,8 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+import so101_motion as so101
 from so101_motion.arm.joint_caps import TOLERANCE, JointRange
 from so101_motion.common.errors import OutsideLimits
+from so101_motion.common.units import range_deg, to_deg, to_rad
+from so101_motion.control.streamed_trajectory import TimedPoint
 
 WIDE = JointRange(np.full(5, -2.0), np.full(5, 2.0))
 NARROW = WIDE.narrowed(
@@ -78,3 +81,39 @@ def test_a_path_in_from_outside_is_allowed_and_one_further_out_is_not() -> None:
     NARROW.check_path(np.linspace(out, np.zeros(5), 9))
     with pytest.raises(OutsideLimits, match="wrist_roll at 91"):
         NARROW.check_path(np.linspace(out, [0.0, 0.0, 0.0, 0.0, 1.6], 9))
+
+
+@pytest.fixture
+def arm(clock):
+    with so101.open_simulated(clock=clock) as rig:
+        yield rig.arm
+
+
+@pytest.mark.parametrize("how", ["follow", "stream"])
+def test_both_ends_of_a_shown_range_can_be_sent_by_every_surface(arm, how) -> None:
+    arm.set_range(arm.model.lower + 0.1234567, arm.model.upper - 0.1234567)
+    ends = []
+    for i, bounds in enumerate(zip(*arm.range, strict=True)):
+        shown = range_deg(*bounds).split(" to ")
+        served = map(to_deg, bounds)
+        ends += [to_rad(float(end)) * np.eye(5)[i] for end in (*shown, *served)]
+    for q in ends:
+        arm.range.check(arm.model.within_limits(q))  # as moves do
+    if how == "follow":
+        following = arm.follow()
+        assert np.allclose([following.aim(q) for q in ends], ends, rtol=0.0, atol=1e-12)
+        return
+    points = [TimedPoint(t=20.0 * k, q=q) for k, q in enumerate([arm.state.q_ref, *ends])]
+    stream = arm.stream()
+    stream.push(points)
+    for joint, bounds in zip(np.eye(5), zip(*arm.range, strict=True), strict=True):
+        with pytest.raises(OutsideLimits, match=range_deg(*bounds)):
+            stream.push([TimedPoint(t=points[-1].t + 20.0, q=(bounds[1] + 0.01) * joint)])
+
+
+def test_a_stream_leads_an_arm_outside_its_range_in_but_not_farther_out(arm) -> None:
+    arm.set_range(np.array([0.1, -3.0, -3.0, -3.0, -3.0]), np.full(5, 3.0))
+    here, pan, stream = arm.state.q_ref, np.eye(5)[0], arm.stream()
+    with pytest.raises(OutsideLimits):
+        stream.push([TimedPoint(t=0.0, q=here), TimedPoint(t=1.0, q=here - 0.05 * pan)])
+    stream.push([TimedPoint(t=0.0, q=here), TimedPoint(t=1.0, q=here + 0.05 * pan)])

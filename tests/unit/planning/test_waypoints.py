@@ -30,5 +30,5 @@ def test_the_last_waypoint_stays_exactly():
 
 
 def test_nearly_repeated_waypoints_count_as_one():
-    path = np.array([np.zeros(5), np.full(5, 0.5), np.full(5, 0.5 + 1e-5), np.arange(5.0)])
+    path = np.array([np.zeros(5), np.full(5, 0.5), np.full(5, 0.5 + 0.0015), np.arange(5.0)])
     np.testing.assert_array_equal(simplified(path), path[[0, 1, 3]])

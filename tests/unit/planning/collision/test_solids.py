@@ -86,7 +86,7 @@ def test_what_the_arm_is_deep_in_can_be_left(sides):
     request = PlanRequest(q_start=np.zeros(5), goal=LeaveContactGoal(), limits=limits, scene=around)
     plan = Planner(MODEL).plan(request)
     assert collision.is_free(plan.q_goal)
-    assert plan.report.blind == (sides != "all")
+    assert plan.report.blind == (sides == "front")
     if sides == "front":
         with pytest.raises(InCollision, match="'block': how deep is not known, so lead it out by"):
             Planner(MODEL).plan(
@@ -149,7 +149,7 @@ def test_an_arm_in_the_wall_of_a_channel_is_jogged_out_but_not_in():
     tip = MODEL.frame(np.zeros(5)).p
     ahead = tip + np.array([0.25, 0.0, -0.05])
     gap = CollisionModel(MODEL, scene(channel, ahead)).clearance(np.zeros(5)).distance
-    for depth in (0.003, 0.010):
+    for depth in (0.003, 0.010, 0.030):
         around = scene(channel, ahead - np.array([gap + depth, 0.0, 0.0]))
         collision = CollisionModel(MODEL, around)
         before = collision.clearance(np.zeros(5)).distance
