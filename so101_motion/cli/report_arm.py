@@ -65,7 +65,7 @@ def report_arm(
             "mend that first (so101 doctor); nothing moved and nothing was written", err=True
         )
         raise SystemExit(CHECK_FAILED)
-    given = source.calibration_file and str(source.calibration_file)
+    given = str(source.calibration_file) if source.calibration_file else None
     rows = verified(given, source.port, yes)[1] if verify else ()
     with quietly(), source.open() as rig:
         assert isinstance(rig, HardwareRig)
