@@ -65,7 +65,8 @@ def report_arm(
             "mend that first (so101 doctor); nothing moved and nothing was written", err=True
         )
         raise SystemExit(CHECK_FAILED)
-    rows = verified(None, source.port, yes)[1] if verify else ()
+    given = str(source.calibration_file) if source.calibration_file else None
+    rows = verified(given, source.port, yes)[1] if verify else ()
     with quietly(), source.open() as rig:
         assert isinstance(rig, HardwareRig)
         rig.arm.set_speed(max(rig.arm.speed, SPEEDS[-1]))

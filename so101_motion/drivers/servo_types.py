@@ -129,6 +129,10 @@ AS_SOLD = ServoFigures()
 """A servo that does not differ from its type, as far as is known."""
 
 
-def type_of(max_voltage: float) -> ServoType:
-    """The type of a servo, by the upper limit of its supply [V]: 8.0 or 14.0 as new."""
-    return STS3215_7V4 if max_voltage < 9.0 else STS3215_12V
+def type_of(volts: float) -> ServoType:
+    """The type of a servo, by the supply that it measures [V].
+
+    A supply beyond 9 V is too much for the one and one below too little for the other, which both
+    report as a fault. Register 14, the limit that it has as new, can have been written.
+    """
+    return STS3215_7V4 if volts < 9.0 else STS3215_12V

@@ -162,7 +162,7 @@ def listen(bus: Bus, ids: Iterable[int], cycles: int = CYCLES) -> BusQuality:
     return BusQuality(
         asked=cycles * len(ids),
         late=late,
-        lost=lost,
+        lost=max(lost, 0),  # a late answer takes back one that was lost before
         corrupt=corrupt,
         lateness=bus.counters.lateness.typical,
         median=float(np.median(times)),

@@ -40,8 +40,9 @@ from so101_motion.drivers.feetech.servo_setup import ServoCondition
 from so101_motion.drivers.goal_limiter import SLACK, GoalLimiter, within_change
 from so101_motion.drivers.servo_types import AS_SOLD, ServoFigures
 
-EARLY = 0.045
-"""How long before a joint turns round its friction begins to change sides [s]. Chosen by trial."""
+EARLY = 1.2
+"""How long before a joint turns round its friction begins to change sides, as a share of half the
+time that the servo's set-point needs for that step. Chosen by trial."""
 
 FLIP = 0.04
 """Time in which friction changes sides [s]; chosen by trial."""
@@ -95,8 +96,10 @@ class Reversals:
         ways: list[float | None] = []
         for i, (speed, change) in enumerate(zip(qd, qdd, strict=True)):
             model, way = self._trim.models[i], None
-            ahead = speed + (DELAY + model.kind.goal_delay + EARLY) * change
             weight, play = self._trim.weights[i], model.figures.play
+            turn = 2.0 * model.friction(weight, 1.0) / model.torque(1.0)
+            early = EARLY * math.sqrt(turn / model.braking)
+            ahead = speed + (DELAY + model.kind.goal_delay + early) * change
             self.crossing[i] = 0.0
             if abs(ahead) > STANDS:
                 way = within_change(math.copysign(1.0, ahead), self._trim.ways[i], 2.0 * dt / FLIP)

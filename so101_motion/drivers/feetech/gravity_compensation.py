@@ -44,13 +44,14 @@ GAIN = 8.0
 """Integral gain [1/s]: an error shrinks to a tenth in 0.3 s. Chosen; the servo's own response, its
 delay included, is twice as fast."""
 
-GAIN_MOVING = 2.0
+GAIN_MOVING = 4.0
 """Integral gain while the command moves [1/s], for joints that bear weight: an unknown load acts on
-them too. The error of the others is lag, which ends when they rest. Chosen."""
+them too. The error of the others is lag, which ends when they rest. Chosen by trial: 2 leaves 7.4 V
+servos farther behind where they turn round, 6 no less than 4."""
 
-GAIN_KNOWN, REST_KNOWN = 4.0, 0.2
-"""The same gain [1/s] for servos whose own figures are known, and the share of it for errors that
-no mass in the gripper explains: such a servo seldom has another error. Chosen by trial."""
+REST_KNOWN = 0.2
+"""What is learnt in motion of errors that no mass in the gripper explains, as a share, for servos
+whose own figures are known: such a servo seldom has another error. Chosen by trial."""
 
 BEARING = 0.3
 """Joints that bear less weight than this learn less while they move [N m]; chosen."""
@@ -152,6 +153,7 @@ class Trim:
         self._per_kg = [0.0] * 6  # [N m/kg] in the commanded pose
         self.models = [ServoModel() for _ in range(6)]
         self._weight = [0.0] * 6  # [N m]
+        self._qd: Sequence[float] = (0.0,) * 6  # commanded [rad/s]
         self._way = [0.0] * 6  # which way friction is overcome, -1 to 1
         self._torque = [0.0] * 6  # what weight and friction take [N m]
         self._known = [0.0] * 6  # and what that adds to the goal [rad]
@@ -293,8 +295,9 @@ class Trim:
             self._gives_way[i] = self._gives_way[i] and not step
         q = [at + v * ahead for at, v in zip(goal, qd, strict=False)]
         self._take_up(goal, [*q, goal[_JAW]], now)
+        self._qd = qd
         for i in range(_JAW):
-            self._find(i, qd[i])
+            self._find(i)
 
     def give_way(self, i: int) -> None:
         """Stop pushing with joint ``i``, which is blocked, until its command changes."""
@@ -324,7 +327,7 @@ class Trim:
                 begins with its weight alone: the servo carries it from the first moment, and a
                 joint that lies on something stays there.
         """
-        self.carried, self._gives_way = 0.0, [False] * 6
+        self.carried, self._gives_way, self._qd = 0.0, [False] * 6, (0.0,) * 6
         self._take_up(goal, goal, now)
         for i, off in enumerate(sag[:_JAW]):
             self._way[i] = self._rest[i] = 0.0
@@ -375,8 +378,7 @@ class Trim:
             error = self._goal[i] - self.lags[i] - q[i]
             if i in fresh and DEAD_BAND < abs(error) < MOVING_ERROR:
                 bears = min(abs(self._weight[i]) / BEARING, 1.0)
-                gain = GAIN_KNOWN if self.models[i].is_known else GAIN_MOVING
-                steps[i] = bears * gain * dt * error
+                steps[i] = bears * GAIN_MOVING * dt * error
         self._learn(steps, [REST_KNOWN if each.is_known else 1.0 for each in self.models])
 
     def _turn_over(self, i: int, error: float, dt: float) -> float:
@@ -423,12 +425,12 @@ class Trim:
         own, per_kg = self._gravity(np.array(q)).tolist(), self.per_kg(q)
         return [w + self.carried * u for w, u in zip(own, per_kg, strict=True)], per_kg
 
-    def _find(self, i: int, speed: float = 0.0) -> None:
+    def _find(self, i: int) -> None:
         """Update the offset of joint ``i`` for its weight and friction."""
         model, way, weight = self.models[i], self._way[i], self._weight[i]
         torque = weight
         if way:
             load = weight + model.torque(self._rest[i])
-            torque += way * model.friction(load, way, speed)
+            torque += way * model.friction(load, way, self._qd[i])
         self._torque[i] = torque
         self._known[i] = limited(model.distance(torque), model.error_for(LARGEST_SAG))

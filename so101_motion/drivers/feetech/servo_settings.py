@@ -171,7 +171,7 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
                     forbids=lets_go or (row.register is reg.PROTECTION_CURRENT and value in _TRIPS),
                 )
     most = held.get("max_torque", 1000)
-    kind = type_of(reg.MAX_VOLTAGE.scale * held.get("max_voltage", 140))
+    kind = type_of(reg.PRESENT_VOLTAGE.scale * held.get("present_voltage", 120))
     needed = _LEAST_TORQUE.get(held.get("id", 0), _ELSEWHERE)
     if most < round(1000 * needed / (kind.torque_per_volt * kind.volts)):
         yield OddSetting(

@@ -134,7 +134,9 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
         goal_ticks=None if goal is None else Ticks(here),
         present_ticks=Ticks(read_position(bus, servo_id)),
         p_gain=p_gain,
-        kind=type_of(reg.MAX_VOLTAGE.scale * agreed(lambda: bus.read(servo_id, reg.MAX_VOLTAGE))),
+        kind=agreed(
+            lambda: type_of(reg.PRESENT_VOLTAGE.scale * bus.read(servo_id, reg.PRESENT_VOLTAGE))
+        ),
         max_acceleration=agreed(lambda: bus.read(servo_id, reg.MAX_ACCELERATION)),
         torque_limit=ram[reg.TORQUE_LIMIT],
         crawls=crawls,

@@ -103,6 +103,14 @@ def test_a_joint_that_is_held_stays_where_it_is_while_its_settings_are_set_right
     assert np.degrees(np.abs(bus.world.q - held)).max() < 2.5  # with the I gain it swings
 
 
+@pytest.mark.parametrize("kind", spoilt_arms.KINDS, ids=lambda kind: kind.name)
+def test_the_type_follows_from_the_supply_and_not_from_a_limit_that_was_written(kind):
+    for limit in (80, 140):
+        bus = spoilt((2, "MAX_VOLTAGE", limit), kind=kind)
+        found = prepare(Bus(bus.wire, reply_timeout=0.0), JointMap(servo_id=2), {})
+        assert found.kind is kind
+
+
 def test_a_joint_that_is_held_outside_its_servos_limits_is_not_thrown_in():
     bus = spoilt((5, "P_GAIN", 1))
     wire = Bus(bus.wire, reply_timeout=0.0)

@@ -9,16 +9,15 @@ import pytest
 from so101_motion.drivers.feetech.goal_compensation import Reversals
 from so101_motion.drivers.feetech.lag_compensation import DELAY
 from so101_motion.drivers.feetech.servo_model import ServoModel
-from so101_motion.drivers.servo_types import ServoFigures
+from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoFigures
 
 DT, PLAY = 0.01, math.radians(0.85)
 
 
-def turned(speeds, *, play=PLAY, weights=None):
+def turned(speeds, *, play=PLAY, weights=None, kind=STS3215_12V):
     """The ways of friction, and how fast the motor goes through the play, of joint 0 at times."""
-    trim = SimpleNamespace(
-        models=[ServoModel(figures=ServoFigures(play=play))] * 5, ways=[0.0] * 5, weights=[0.0] * 5
-    )
+    model = ServoModel(kind, figures=ServoFigures(play=play))
+    trim = SimpleNamespace(models=[model] * 5, ways=[0.0] * 5, weights=[0.0] * 5)
     reversals, ways, crossing = Reversals(trim), [], []
     for k, speed in enumerate(speeds[:-6]):
         if weights is not None:
@@ -40,6 +39,17 @@ def test_friction_changes_sides_before_the_joint_turns_and_is_done_soon_after():
     assert felt[-6] == 1.0
     assert felt[-1] < 0.5
     assert ways[50] == -1.0
+
+
+def test_friction_changes_sides_earlier_the_farther_the_goal_has_to_step():
+    speeds = np.radians(200.0) * (0.5 - DT * np.arange(120))
+
+    def begins(kind, weight):  # [s] before the turn, beyond the delay of a goal
+        ways, _ = turned(speeds, weights=np.full(120, weight), kind=kind)
+        return 0.5 - kind.goal_delay - DT * np.argmax(ways[20:] < 1.0) - 20 * DT
+
+    assert begins(STS3215_7V4, 1.0) > begins(STS3215_12V, 1.0) + 0.015
+    assert begins(STS3215_12V, 1.0) > begins(STS3215_12V, 0.0) + 0.015
 
 
 def test_the_motor_goes_through_all_of_the_play_and_no_further():
