@@ -21,6 +21,7 @@ PROCESSES = (
     "tests/campaign/test_share.py",  # a module process is stopped and continued there
     "tests/bus/test_emulator_pty_rustypot.py",  # its scans wait briefly
     "tests/unit/cli/test_cli_cell.py",  # arms that begin together must not begin late
+    "tests/bus/test_eeprom_writes.py",  # verbs in a terminal, on servos that answer in real time
     "tests/bus/test_cli_guided.py",  # programs that wait 30 ms for each of the servos here
     "tests/test_first_hour_page.py",
 )
