@@ -148,14 +148,6 @@ async def test_a_newer_move_ends_the_older_with_aborted(bench, client):
     assert (await positions(client))[0] == pytest.approx(0.0, abs=0.35)
 
 
-async def test_a_goal_out_of_limits_is_refused_by_joint(client):
-    with pytest.raises(GRPCError) as caught:
-        await client.move_to_joint_positions(joints(0, 0, 120, 0, 0))
-
-    assert caught.value.status is Status.OUT_OF_RANGE
-    assert "elbow_flex" in caught.value.message
-
-
 async def test_after_the_cable_was_out_the_next_move_works(bench, client):
     bench.emulator.unplug()
     await bench.pass_time(1.0)
@@ -382,21 +374,6 @@ async def test_reloading_reads_the_very_file_that_was_configured(bench, monkeypa
         file.write_text("{")
         answer = await ask(client, bench, command="reload_calibration")
         assert (answer["success"], "not JSON" in answer["error"]) == (False, True)
-
-
-async def test_speed_and_acceleration_are_set_together_or_not_at_all(bench, client):
-    answer = await ask(
-        client, bench, set_speed=60.0, set_acceleration=150.0, get_motion_params=True
-    )
-    assert answer == {
-        "speed_set": 60.0, "acceleration_set": 150.0, "current_speed_degs_per_sec": 60.0,
-        "current_acceleration_degs_per_sec_per_sec": 150.0,
-    }  # fmt: skip
-    with pytest.raises(GRPCError) as caught:
-        await ask(client, bench, set_speed=90.0, set_acceleration=5.0)
-    assert caught.value.status is Status.INVALID_ARGUMENT
-    answer = await ask(client, bench, get_motion_params=True)
-    assert answer["current_speed_degs_per_sec"] == 60.0
 
 
 async def test_manual_mode_leaves_the_eeprom_alone(bench, client):
