@@ -25,10 +25,6 @@ SPEED = math.radians(150.0)  # of the hand; a person is slower
 REST = 0.6  # [s] that it stays at a stop; a busy machine may look elsewhere for a while
 PRESS = 2.0 * STS3215_12V.break_away  # [N m] against a stop
 
-GIVE = 3.0
-"""How far a stop gives in under this hand [tick]: measured, 2.97 in 40 sweeps of simulated time. It
-presses 1.3; the rest is the speed it arrives with, and what friction holds then."""
-
 
 class Kit:
     """Six servos on a port.
