@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from so101_motion.common.modes import Mode
-from so101_motion.control.executor import Channel
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.planning.timing import online
-from so101_motion.planning.timing.limits import MotionLimits
 
 
 @pytest.fixture
@@ -27,12 +24,6 @@ def goals(seed, count):
     rng = np.random.default_rng(seed)
     reach = np.array([1.5, 1.0, 1.0, 1.2, 2.0])
     return [rng.uniform(-1.0, 1.0, 5) * reach for _ in range(count)]
-
-
-def test_the_arm_holds_where_it_was_found(bench):
-    bench.clock.advance(3.0)
-    assert bench.state.mode is Mode.HOLDING
-    assert np.max(np.abs(bench.q)) < math.radians(0.35)  # arrived is within 0.33, as is told
 
 
 def test_moves_follow_their_path_and_end_within_the_tolerance(bench):
@@ -61,28 +52,6 @@ def test_moves_complete_when_replies_or_requests_go_astray(hasty, fault):
     (q_goal,) = goals(seed=3, count=1)
     hasty.finish(hasty.move(q_goal))
     assert np.max(np.abs(hasty.q - q_goal)) < math.radians(0.35)
-
-
-def test_a_stop_brings_the_arm_to_rest_short_of_its_goal(bench):
-    future = bench.move([1.2, 0.0, 0.0, 0.0, 0.0])
-    bench.clock.advance(0.8)
-    bench.finish(bench.executor.stop())
-    assert future.done()
-    bench.clock.advance(1.0)
-    resting = bench.q
-    assert 0.1 < resting[0] < 1.1
-    np.testing.assert_allclose(resting, bench.state.q_ref, atol=math.radians(0.35))
-    bench.clock.advance(5.0)
-    np.testing.assert_allclose(bench.q, resting, atol=math.radians(0.1))
-
-
-def test_the_jaw_moves_with_the_arm(bench):
-    limits = MotionLimits.uniform(velocity=2.0, acceleration=8.0, jerk=100.0, n=1)
-    opening = online.point_to_point(np.zeros(1), np.array([1.0]), limits, 0.01)
-    future = bench.move([0.3, 0.0, 0.0, 0.0, 0.0])
-    bench.finish(bench.executor.execute(opening, channel=Channel.JAW))
-    bench.finish(future)
-    assert bench.state.q_jaw == pytest.approx(1.0, abs=math.radians(0.5))
 
 
 def test_limp_joints_follow_the_hand_and_hold_where_they_are_left(bench):

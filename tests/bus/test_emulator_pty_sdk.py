@@ -118,14 +118,6 @@ def test_sdk_moves_all_joints_by_sync_write_and_watches_by_sync_read(client, emu
     assert reached == [pytest.approx(goal, abs=2) for goal in goals.values()]
 
 
-def test_sdk_changes_an_id_as_its_example_does(client):
-    client.write(6, reg.LOCK, 0)
-    client.write(6, reg.ID, 16)  # acknowledged under the old id
-    client.write(16, reg.LOCK, 1)
-    assert client.ping(16) == (777, 0)
-    assert client.is_silent(6)
-
-
 def test_sdk_finds_a_servo_again_at_its_new_baud_rate(client):
     client.write(2, reg.BAUD, 4)
     assert client.is_silent(2)
@@ -135,27 +127,6 @@ def test_sdk_finds_a_servo_again_at_its_new_baud_rate(client):
     client.write(2, reg.BAUD, 0)
     client.port.setBaudRate(1_000_000)
     assert client.ping(2) == (777, 0)
-
-
-def test_sdk_uses_registered_writes(client):
-    packets, port = client.packets, client.port
-    data = list((2100).to_bytes(2, "little"))
-    assert packets.regWriteTxRx(port, 1, reg.GOAL_POSITION.address, 2, data)[0] == 0
-    assert client.read(1, reg.GOAL_POSITION) == 0
-    assert packets.action(port, sdk.BROADCAST_ID) == sdk.COMM_SUCCESS
-    assert client.read(1, reg.GOAL_POSITION) == 2100
-
-
-def test_sdk_sees_the_fault_bits(client, emulator, clock):
-    emulator.world.warm("wrist_flex", 75.0)
-    clock.advance(0.2)
-    assert client.ping(4) == (777, reg.OVERHEATED)
-
-
-def test_servo_of_another_baud_rate_is_deaf_to_a_wrongly_set_port(emulator):
-    client = Client(emulator.port, baud=500_000)
-    assert client.is_silent(1)
-    client.close()
 
 
 def test_real_time_takes_at_least_the_time_of_the_wire(clock):

@@ -1,6 +1,5 @@
 """A path is taught to an arm by hand and replayed, on emulated servos with weight."""
 
-import asyncio
 from concurrent.futures import wait
 
 import numpy as np
@@ -124,26 +123,4 @@ async def test_the_component_records_and_replays(tmp_path, monkeypatch, planning
         status = await client.get_status()
         assert status["state"] == "holding"
         assert status["joint_positions_deg"]["shoulder_lift"] == pytest.approx(-40.0, abs=5.0)
-    await models.end()
-
-
-async def test_the_time_limit_ends_manual_mode_and_keeps_the_path(
-    tmp_path, monkeypatch, planning_process
-):
-    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
-    models = ModelBench(tmp_path)
-    arm = models.new_arm()
-    await models.pass_time(1.0)
-    async with arm_client(arm) as client:
-        request = {"command": "record_path", "name": "short", "enabled_for": 0.5}
-        await models.in_time(client.do_command(request))
-        assert arm.rig.arm.state.mode is Mode.GUIDING
-        async with asyncio.timeout(30.0):
-            while arm.rig.arm.state.mode is Mode.GUIDING:
-                await models.pass_time(0.02)
-                await asyncio.sleep(0.001)
-        assert arm.rig.arm.state.mode is Mode.HOLDING
-        told = await models.in_time(client.do_command({"command": "end_path"}))
-        assert told["ended_by"] == "manual mode ended"
-        assert (tmp_path / "paths" / "short.json").exists()
     await models.end()

@@ -148,14 +148,6 @@ async def test_a_newer_move_ends_the_older_with_aborted(bench, client):
     assert (await positions(client))[0] == pytest.approx(0.0, abs=0.35)
 
 
-async def test_a_goal_out_of_limits_is_refused_by_joint(client):
-    with pytest.raises(GRPCError) as caught:
-        await client.move_to_joint_positions(joints(0, 0, 120, 0, 0))
-
-    assert caught.value.status is Status.OUT_OF_RANGE
-    assert "elbow_flex" in caught.value.message
-
-
 async def test_after_the_cable_was_out_the_next_move_works(bench, client):
     bench.emulator.unplug()
     await bench.pass_time(1.0)
@@ -186,17 +178,6 @@ async def test_the_status_has_the_figures_of_each_servo(client):
     assert set(status["health"]) == set(record.JOINTS)
 
 
-async def test_it_looks_and_measures_like_every_arm(client):
-    _kind, data, *_ = await client.get_kinematics()
-    geometries = await client.get_geometries()
-
-    assert len(json.loads(data)["joints"]) == 5
-    assert next(g.label for g in geometries) == "arm:base"
-    assert set(await client.get_3d_models()) == {
-        "base", "shoulder", "upper_arm", "lower_arm", "wrist",
-    }  # fmt: skip
-
-
 # The published module's requests
 
 
@@ -216,15 +197,6 @@ async def test_torque_goes_off_and_on_without_a_jump(bench, client):
     assert bench.q_deg[[0, 4, 5]] == pytest.approx(before[[0, 4, 5]], abs=0.35)
     assert bench.q_deg == pytest.approx(before, abs=5.0), "what was falling is caught"
     assert not await client.get_manual_mode()
-
-
-async def test_ping_and_communication_tests_answer(bench, client):
-    assert await ask(client, bench, command="ping") == {"success": True}
-    answer = await ask(client, bench, command="test_servo_communication")
-
-    assert answer["success"] is True
-    assert answer["arm_servo_ids"] == [1, 2, 3, 4, 5]
-    assert np.degrees(answer["positions"]) == pytest.approx(await positions(client), abs=0.35)
 
 
 async def test_ping_names_the_servo_that_is_silent(bench, client):
@@ -359,13 +331,6 @@ async def test_a_joint_whose_numbers_in_the_file_are_impossible_costs_no_other(b
     assert (memory.raw(emu.MIN_POSITION), memory.raw(emu.MAX_POSITION)) == (780, 3430)
 
 
-async def test_reloading_needs_a_file(bench, client):
-    answer = await ask(client, bench, command="reload_calibration")
-
-    assert answer["success"] is False
-    assert "calibration_file" in answer["error"]
-
-
 async def test_reloading_reads_the_very_file_that_was_configured(bench, monkeypatch):
     monkeypatch.setenv("VIAM_MODULE_DATA", str(bench.port.parent))
     file = bench.port.parent / "arm.json"
@@ -382,32 +347,6 @@ async def test_reloading_reads_the_very_file_that_was_configured(bench, monkeypa
         file.write_text("{")
         answer = await ask(client, bench, command="reload_calibration")
         assert (answer["success"], "not JSON" in answer["error"]) == (False, True)
-
-
-async def test_speed_and_acceleration_are_set_together_or_not_at_all(bench, client):
-    answer = await ask(
-        client, bench, set_speed=60.0, set_acceleration=150.0, get_motion_params=True
-    )
-    assert answer == {
-        "speed_set": 60.0, "acceleration_set": 150.0, "current_speed_degs_per_sec": 60.0,
-        "current_acceleration_degs_per_sec_per_sec": 150.0,
-    }  # fmt: skip
-    with pytest.raises(GRPCError) as caught:
-        await ask(client, bench, set_speed=90.0, set_acceleration=5.0)
-    assert caught.value.status is Status.INVALID_ARGUMENT
-    answer = await ask(client, bench, get_motion_params=True)
-    assert answer["current_speed_degs_per_sec"] == 60.0
-
-
-async def test_manual_mode_leaves_the_eeprom_alone(bench, client):
-    eeprom = bytes(bench.world.servo("shoulder_lift").memory.raw(emu.P_GAIN) for _ in range(1))
-    answer = await ask(client, bench, command="enter_manual_mode", torque_limit=50.0)
-    assert answer == {"mode": "manual", "servos": [1, 2, 3, 4, 5]}
-    assert (await client.get_status())["mode"] == "manual"
-    assert await ask(client, bench, command="exit_manual_mode") == {"mode": "auto"}
-
-    assert bytes([bench.world.servo("shoulder_lift").memory.raw(emu.P_GAIN)]) == eeprom
-    assert (await client.get_status())["state"] == "holding"
 
 
 async def test_a_torque_limit_reaches_the_servos(bench, client):

@@ -7,7 +7,6 @@ from grpclib import GRPCError, Status
 from harness.emulated_rig import ModelBench, gripper_client
 from viam.components.arm import KinematicsFileFormat
 
-from so101_motion.common.errors import ConfigError
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
 
@@ -133,11 +132,6 @@ async def test_closing_by_command_grips_what_is_there(bench, client):
     assert (await ask(client, bench, command="get_position"))["is_holding_something"] is True
 
 
-async def test_the_short_forms_work(bench, client):
-    assert await ask(client, bench, set=40.0) == {"position": 40.0}
-    assert (await ask(client, bench, get=True))["position"] == pytest.approx(40.0, abs=1.5)
-
-
 async def test_its_own_idea_of_open_and_closed_can_be_set(bench, client):
     answer = await ask(client, bench, command="calibrate_positions", open_position=60.0)
     assert answer == {"success": True, "open_position": 60.0, "closed_position": 0.0}
@@ -163,12 +157,6 @@ async def test_its_motion_params_can_be_read_and_written_back(bench, client):
     assert after == {"success": True, **before}
     lower = await ask(client, bench, command="set_motion_params", acceleration=500.0)
     assert lower["acceleration"] == 500.0
-
-
-async def test_the_controller_s_status_names_the_servo(bench, client):
-    answer = await ask(client, bench, command="controller_status")
-
-    assert (answer["servo_id"], answer["has_controller"], answer["ref_count"]) == (6, True, 2)
 
 
 @pytest.mark.parametrize(
@@ -203,11 +191,6 @@ async def test_the_jaw_is_seen_where_it_is(bench, client):
     assert json.loads(data)["joints"] == []
 
 
-async def test_a_leader_has_a_handle(bench):
-    async with gripper_client(bench.new_gripper("leader", gripper_type="leader")) as client:
-        assert "gripper_body_1" in [g.label for g in await client.get_geometries()]
-
-
 async def test_it_may_name_its_arm_instead_of_a_port(bench):
     arm = bench.new_arm("left")
     gripper = bench.new(HardwareGripper, "hand", arm="left")
@@ -217,19 +200,3 @@ async def test_it_may_name_its_arm_instead_of_a_port(bench):
     with pytest.raises(GRPCError) as caught:
         bench.new(HardwareGripper, "other", arm="right")
     assert "left" in caught.value.message
-
-
-def test_a_configuration_with_an_arm_depends_on_it():
-    config = _config(arm="left")
-    assert HardwareGripper.validate_config(config) == (["left"], [])
-    with pytest.raises(ConfigError, match="port"):
-        HardwareGripper.validate_config(_config(gripper_type="leader"))
-
-
-def _config(**attributes):
-    from google.protobuf.struct_pb2 import Struct
-    from viam.proto.app.robot import ComponentConfig
-
-    struct = Struct()
-    struct.update(attributes)
-    return ComponentConfig(name="hand", attributes=struct)

@@ -8,7 +8,6 @@ import asyncio
 import math
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from datetime import timedelta
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ from harness.fake_parent import (
     running_module,
     until,
 )
-from viam.components.arm import Arm, JointPositions
+from viam.components.arm import JointPositions
 from viam.proto.common import Pose, PoseInFrame
 
 from so101_motion.drivers.bus import registers as reg
@@ -388,62 +387,5 @@ async def test_a_stop_does_not_wait_for_plans_that_were_abandoned(bench, start):
     await bench.back(start)
 
 
-async def rests(bench):
-    return not await bench.arm.is_moving()
-
-
 async def moved(bench, start):
     return abs((await bench.joints())[0] - start[0]) > 5.0
-
-
-@pytest.mark.parametrize("after", [0.0, 0.002, 0.005, 0.02])
-async def test_a_client_that_leaves_while_its_stream_is_opened_leaves_nothing(bench, after, start):
-    async def play():
-        async def points():
-            yield [Arm.TrajectoryPoint(timedelta(), list(map(float, start)))]
-            await asyncio.Event().wait()
-
-        async for _ in bench.arm.move_through_joint_positions_streamed(points()):
-            pass
-
-    async with bench.under_way(start):
-        await left(asyncio.ensure_future(play()), after=after)
-    await until(lambda: rests(bench))
-    await bench.back(start)
-
-
-async def test_manual_mode_has_its_time_limit_although_its_client_left(bench, start):
-    async with bench.under_way(start):
-        request = {"command": "enter_manual_mode", "enabled_for": 0.5}
-        await left(asyncio.ensure_future(bench.arm.do_command(request)), after=0.02)
-
-    async def holds():
-        return not await bench.arm.get_manual_mode()
-
-    await asyncio.sleep(0.4)
-    await until(holds)
-    await bench.back(start)
-
-
-async def test_of_several_recordings_begun_at_once_one_runs(bench, start):
-    requests = [{"command": "record_path", "name": f"path{i}", "replace": True} for i in range(4)]
-    answers = await asyncio.gather(*map(bench.arm.do_command, requests), return_exceptions=True)
-    assert sum(isinstance(answer, GRPCError) for answer in answers) == 3
-    name = (await bench.arm.do_command({"command": "end_path"}))["name"]
-    await bench.arm.do_command({"command": "delete_path", "name": name})
-    await bench.back(start)
-
-
-async def test_a_planner_that_is_removed_ends_what_it_moves(bench, start):
-    other = await bench.module.add(MOTION, PLANNER, {"arm": "arm"}, "other")
-    here = await bench.arm.get_end_position()
-    await bench.arm.do_command({"set_speed": 20.0})  # it is not to arrive before that
-    move = asyncio.ensure_future(other.move("arm", turned(here, 80.0)))
-    await until(lambda: moved(bench, start))
-    await bench.module.remove(MOTION, "other")
-    with pytest.raises(GRPCError) as caught:
-        await asyncio.wait_for(move, 60.0)
-    assert caught.value.status is Status.CANCELLED
-    assert not await bench.arm.is_moving()
-    await bench.arm.do_command({"set_speed": FAST["speed_degs_per_sec"]})
-    await bench.back(start)

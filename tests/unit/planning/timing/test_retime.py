@@ -186,22 +186,6 @@ def test_mistakes_are_named(change: dict[str, object], complaint: str) -> None:
 
 
 @needs_toppra
-def test_retiming_never_loads_matplotlib() -> None:
-    code = """
-import sys
-import numpy as np
-from so101_motion.planning.timing import path_geometry, retime
-from so101_motion.planning.timing.limits import MotionLimits
-assert "toppra" not in sys.modules
-limits = MotionLimits.uniform(velocity=1.0, acceleration=5.0, jerk=100.0, n=2)
-retime.retime(path_geometry.spline_path([[0.0, 0.0], [0.3, 0.1]]), limits, 0.01)
-assert "toppra" in sys.modules
-print([name for name in sys.modules if name.partition(".")[0] in ("matplotlib", "PIL")])
-"""
-    assert run(code) == "[]"
-
-
-@needs_toppra
 def test_a_matplotlib_that_is_there_already_is_left_alone() -> None:
     code = """
 import sys, types
