@@ -18,6 +18,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.calib.procedure import journal
 from so101_motion.calib.record import compare, file_search, record, servo_file, store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
@@ -35,6 +36,7 @@ from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD, JointMap
 from so101_motion.drivers.servo_types import ServoFigures
+from so101_motion.rig.port_settings import ServoSettings
 
 _log = logging.getLogger(__name__)
 
@@ -80,43 +82,30 @@ class JointSetups:
 
 def find_joints(
     bus: Bus,
-    ids: Mapping[str, int],
-    *,
+    settings: ServoSettings,
     required: Collection[str],
+    *,
+    timeout: float = 0.0,
     expected: Collection[str] = (),
-    timeout: float,
-    file: Path | None,
-    may_file_be_missing: bool = False,
-    finds_file: bool = False,
-    jaw_closed: float,
-    zero_offsets: Mapping[str, float],
-    joint_zero: str | None = None,
 ) -> JointSetups:
-    """Find the servos and their calibration.
+    """Find the servos that ``settings`` name and their calibration.
 
     Args:
         bus: Their bus.
-        ids: The servo of each joint that may be there.
+        settings: Their ids, calibration file and zeros.
         required: Joints that are set up even if their servos do not answer.
+        timeout: How long to wait for silent servos [s].
         expected: Joints that are waited for as well, and left out if they do not answer.
-        timeout: How long to wait for both [s].
-        file: The calibration file; None to ask the servos.
-        may_file_be_missing: Whether the file need not exist yet, because a calibration will save
-            it.
-        finds_file: Whether to use, without ``file``, the saved one that agrees with the servos.
-        jaw_closed: The model's angle of the closed jaw [rad].
-        zero_offsets: The model's angles in the middle of the travel, of the joints for which they
-            are configured [rad].
-        joint_zero: As in ``ServoSettings``.
 
     Raises:
         OtherCalibration: Servos that are to be driven hold another one.
         ServoFault: The ids run the other way, as the travels that the servos hold show.
         BusError: The port went away, or an interrupted calibration could not be ended.
     """
+    ids, file, joint_zero = settings.ids(), settings.file, settings.joint_zero
     present = _find(bus, ids, {*required, *expected}, timeout)
     drives = bool(required or expected)
-    interrupted = _end_interrupted(bus, file, drives or may_file_be_missing)
+    interrupted = _end_interrupted(bus, file, drives or settings.may_file_be_missing)
     held = {joint: _held(bus, ids[joint]) for joint in present}
     travels = {
         joint: each["range_max"] - each["range_min"]
@@ -126,9 +115,9 @@ def find_joints(
     wrong = record.misplaced((), travels)
     if wrong and drives:
         raise ServoFault(f"{wrong}; {record.NEW_IDS}", servo_id=ids[GRIPPER_JOINT])
-    if file is None and finds_file:
+    if file is None and settings.finds_file:
         file = _saved_for(held)
-    stored, notes = _read_file(file, may_file_be_missing)
+    stored, notes = _read_file(file, settings.may_file_be_missing)
     notes = interrupted + notes + ((f"{wrong}; {record.NEW_IDS}",) if wrong else ())
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
     other = _other_calibration(bus, stored, filed, ids, held)
@@ -149,11 +138,11 @@ def find_joints(
             found, source, note = _from_servo(joint, ids[joint], held.get(joint))
         is_own = stored is not None and found is stored.calibration.get(joint)
         known = stored.zeros.get(joint) if stored and is_own else None
-        zero = in_force(known, zero_offsets.get(joint), found, joint_zero)
+        zero = in_force(known, (settings.zero_offsets or {}).get(joint), found, joint_zero)
         offset = _offset(found, held.get(joint)) if source == "file" else None
         if source == "file" and isinstance(here := held.get(joint), Mapping):
             note = _NOT_STORED if compare.is_blank(here) else None
-        mapped = joint_map(joint, found, offset=offset, jaw_closed=jaw_closed, zero=zero)
+        mapped = joint_map(joint, found, offset=offset, zero=zero)
         setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
         if note:
             doubtful.setdefault(note, []).append(joint)
@@ -162,9 +151,7 @@ def find_joints(
     return JointSetups(setups=setups, notes=notes + doubts, figures=figures)
 
 
-def joint_map(
-    joint: str, found: JointCalibration, *, offset: int | None, jaw_closed: float, zero: Zero
-) -> JointMap:
+def joint_map(joint: str, found: JointCalibration, *, offset: int | None, zero: Zero) -> JointMap:
     """Make the map from ticks to radians of one joint.
 
     The jaw's zero is such that the closed end of its travel is the model's closed jaw.
@@ -174,13 +161,12 @@ def joint_map(
         found: Its calibration.
         offset: The homing offset that its servo has to hold, if the calibration came from a file
             [tick]; else None.
-        jaw_closed: The model's angle of the closed jaw [rad].
         zero: The zero of an arm joint.
     """
     at_zero = zero_ticks(found, zero)
     if joint == GRIPPER_JOINT:
         closed_ticks = found.range_max if found.drive_mode else found.range_min
-        at_zero = closed_ticks - (-1 if found.drive_mode else 1) * jaw_closed * TICKS_PER_RAD
+        at_zero = closed_ticks - (-1 if found.drive_mode else 1) * JAW_CLOSED * TICKS_PER_RAD
     return JointMap.from_calibration(
         servo_id=found.id,
         homing_offset=offset,

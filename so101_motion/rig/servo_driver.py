@@ -13,16 +13,14 @@ changed or another component joins. It runs on the I/O thread, like every driver
 While no component asks for a servo, or the bus is lent, a ``BusMonitor`` has the port: nothing is
 driven, and reading goes on as far as servos answer.
 
-``Readiness`` tracks whether the servos of a port have been found, and if not, why.
-
-The I/O thread notes the result of each try; any thread may read it.
+The I/O thread notes the result of each try to find the servos; any thread may read it.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -34,96 +32,45 @@ from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.encoder_zeros import EncoderZeros
 from so101_motion.common.errors import BusError, NotHolding, NotReady, PortUnavailable
 from so101_motion.common.geometry import Array
-from so101_motion.common.state import ARM_JOINTS, JointReading
-from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, RETRIES, Bus, Port
+from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.command_record import CommandListener, SentCommand
 from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.drivers.feetech.health import JointHealth
+from so101_motion.drivers.feetech.presence import missing_servos
 from so101_motion.drivers.feetech.servo_judgement import alarms
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_monitor import BusMonitor
-from so101_motion.rig.joint_setup import JointSetup, JointSetups
+from so101_motion.rig.joint_setup import JointSetup, JointSetups, find_joints
 from so101_motion.rig.port_settings import ServoSettings
-from so101_motion.rig.servo_finder import ServoFinder, joints_on
 
 RETRY_PERIOD = 1.0
 """Servos that could not be set up are tried again after this time [s]. Chosen: a try in which no
 servo answers takes 0.02 s."""
 
 
-class Readiness:
-    """Whether the servos of one port have been found.
+SPEED_CAP = to_rad(220.0)
+"""Speed cap in the servos' registers [rad/s]: plans never exceed 180 deg/s, and a joint must be
+able to catch up; the jaw is planned with 220."""
 
-    Args:
-        clock: The rig's clock.
+ACCELERATION_CAP = to_rad(1000.0)
+"""Acceleration cap in the servos' registers [rad/s^2]: twice the largest that is planned."""
 
-    Attributes:
-        is_asked: Whether there was a try since a component asked for them.
-        is_found: Whether they have been set up since then.
-    """
+JAW_DRIVE = 0.5
+"""Largest share of its drive that the jaw may use, as in LeRobot: a jaw that closes on something
+stiff must not overload itself. Used for long it would heat the fitted servo by 120 K; but a jaw
+that falls 0.08 rad behind yields, and then presses with a fifth (``arm/gripper.py``)."""
 
-    def __init__(self, clock: Clock) -> None:
-        self.is_asked = self.is_found = False
-        self._clock, self._begun = clock, clock.now()
-        self._why: BusError | None = None
-        self._due = self._begun
-
-    @property
-    def is_due(self) -> bool:
-        """Whether it is time for another try."""
-        return self._clock.now() >= self._due
-
-    @property
-    def has_port(self) -> bool:
-        """Whether the port was there at the last try, though the servos were not."""
-        return self._why is not None and not isinstance(self._why, PortUnavailable)
-
-    @property
-    def reason(self) -> str | None:
-        """Why the servos cannot be used yet; None once they have been set up."""
-        if self.is_found:
-            return None
-        if self._why is None:
-            return "the servos have not been looked for yet; try again"
-        tried = self._clock.now() - self._begun
-        return f"{self._why} (tried for {tried:.0f} s, and tried again every second)"
-
-    def reset(self) -> None:
-        """Start again, because other servos are asked for."""
-        self.is_asked = self.is_found = False
-        self._why = None
-        self._begun = self._due = self._clock.now()
-
-    def begin_try(self) -> bool:
-        """Note that a try begins; returns whether it is the first."""
-        is_first, self.is_asked = not self.is_asked, True
-        self._due = self._clock.now() + RETRY_PERIOD
-        return is_first
-
-    def found(self) -> None:
-        """Note that the servos have been found and set up."""
-        self.is_asked = self.is_found = True
-        self._why = None
-
-    def end_try(self, error: BusError) -> None:
-        """Note that a try failed."""
-        if not self.is_found:
-            self._why = error
-
-    def require_found(self) -> None:
-        """Raise unless the servos have been found.
-
-        Raises:
-            NotReady: They have not.
-        """
-        reason = self.reason
-        if reason is not None:
-            raise NotReady(reason) from self._why
-
+_PATIENT, _GLANCE = 1 + RETRIES, 2
+"""How often silent servos are asked in the first try, and in one after it. Chosen: a try without
+any servo takes 0.02 s, which a stop or the end of the process may have to wait for; the next comes
+a second later. The first takes 0.25 s, once."""
 
 __all__ = ["ServoDriver", "ServoSettings"]
 
@@ -145,7 +92,8 @@ class ServoDriver:
         gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
         per_kg: What each kilogram in the hand adds to it.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
-        open_port: See ``ServoFinder``.
+        open_port: Opens the port, even if its adapter has another name by now; a ``PortOpener`` by
+            default.
 
     Attributes:
         settings: The settings to be used; may be set.
@@ -154,7 +102,7 @@ class ServoDriver:
         notes: What the user should know about the calibration.
         on_command: Called on the I/O thread with every command as it is sent; None for nothing.
         no_reading: The result of ``read`` before any servo was asked; its angles mean nothing.
-        readiness: Whether they have been found since they were asked for.
+        is_found: Whether they have been set up since they were asked for.
         on_found: Called on the I/O thread when a ``read`` has set the servos up for the first
             time since they were asked for; not called when ``connect`` has.
     """
@@ -177,16 +125,23 @@ class ServoDriver:
         self._losses = 0  # of arms before the present one
         self._alarms: Mapping[str, str] = {}
         self._look_due = clock.now()
-        self._finder = ServoFinder(
-            settings, clock, gravity=gravity, per_kg=per_kg, reply_timeout=reply_timeout,
-            open_port=open_port,
-        )  # fmt: skip
+        self._open_port = open_port or PortOpener(settings.port, settings.baudrate)
+        self._reply_timeout, self._gravity, self._per_kg = reply_timeout, gravity, per_kg
+        self._tallies = ReplyCounters()
         self._arm: FeetechArm | None = None
         self._monitor: BusMonitor | None = None
         self._is_lent = False
-        self.no_reading = self._last = _no_reading()
-        self.readiness = Readiness(clock)
         self.on_found: Callable[[], None] | None = None
+        self._look_anew()
+
+    def _look_anew(self) -> None:
+        """Nothing is known of the servos that are asked for now."""
+        self.no_reading = self._last = JointReading(
+            q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0
+        )
+        self.is_found = self._is_asked = False
+        self._why: BusError | None = None  # they were not found at the last try
+        self._begun = self._try_due = self._clock.now()
 
     def probe(self) -> None:
         """Check that the port can be opened; asks no servo.
@@ -194,7 +149,7 @@ class ServoDriver:
         Raises:
             PortUnavailable: It cannot.
         """
-        self._finder.open_port().close()
+        self._open_port().close()
 
     def connect(self) -> None:
         """Find the servos and set them up; waits ``settings.timeout`` for silent ones.
@@ -206,7 +161,7 @@ class ServoDriver:
 
     def monitor_only(self) -> None:
         """Only monitor the servos that answer; for use instead of ``connect``."""
-        self._monitor = self._finder.monitor(self.settings)
+        self._monitor = self._new_monitor(self.settings)
 
     def require(self, joints: Collection[str]) -> None:
         """Check that servos answer; for a driver that is closed.
@@ -214,13 +169,13 @@ class ServoDriver:
         Raises:
             BusError: The port cannot be opened, or a servo of ``joints`` does not answer.
         """
-        self._finder.look(self.settings, joints, is_patient=True)
+        with self._bus_for(self.settings) as bus:
+            _require(bus, self.settings, joints)
 
     def forget(self) -> None:
         """Close the port; ``find`` opens it again and looks for the servos of ``settings``."""
         self.close()
-        self.no_reading = self._last = _no_reading()
-        self.readiness.reset()
+        self._look_anew()
 
     def find(self) -> None:
         """Find the servos and set them up now, or, if that fails, with one of the next reads.
@@ -249,7 +204,7 @@ class ServoDriver:
         if self._monitor is not None:
             self._last = self._seen(self._monitor)
             return self._last
-        if self._arm is None and not self.readiness.is_asked:
+        if self._arm is None and not self._is_asked:
             return self.no_reading
         arm = self._driver()
         reading = arm.read()
@@ -305,7 +260,7 @@ class ServoDriver:
             BusError: A required servo cannot be reached or set up.
         """
         if self._arm is not None and self._arm.is_connected:  # to learn it while all still works
-            self._finder.require(self._arm.bus.port, settings, settings.required())
+            _require(self._bus(self._arm.bus.port, settings), settings, settings.required())
         before = self.in_force
         self.close()
         try:
@@ -320,7 +275,7 @@ class ServoDriver:
         """Lend the bus: leave the servos as they are, and monitor them."""
         self.close()
         self._is_lent = True
-        self._monitor = self._finder.monitor(self.settings)
+        self._monitor = self._new_monitor(self.settings)
 
     @property
     def lent(self) -> BusMonitor:
@@ -344,7 +299,10 @@ class ServoDriver:
         timeout = now.timeout or 0.0
         self.close()
         if hold:
-            found = self._finder.find_joints(now, now.required(), max(timeout, _PATIENCE), known)
+            with self._bus_for(now) as bus:
+                found = find_joints(
+                    bus, now, now.required(), timeout=max(timeout, _PATIENCE), expected=known
+                )
             self._arm = self._build(now, found)
         else:
             self._begin(now, timeout)
@@ -378,7 +336,18 @@ class ServoDriver:
     @property
     def has_port(self) -> bool:
         """Whether the port is open, whichever servos answer."""
-        return self.is_connected or self.readiness.has_port
+        why = self._why
+        return self.is_connected or not (why is None or isinstance(why, PortUnavailable))
+
+    @property
+    def why_not_found(self) -> str | None:
+        """Why the servos cannot be used yet; None once they have been set up."""
+        if self.is_found:
+            return None
+        if self._why is None:
+            return "the servos have not been looked for yet; try again"
+        tried = self._clock.now() - self._begun
+        return f"{self._why} (tried for {tried:.0f} s, and tried again every second)"
 
     @property
     def is_connected(self) -> bool:
@@ -463,12 +432,30 @@ class ServoDriver:
 
     def _begin(self, settings: ServoSettings, timeout: float) -> None:
         """Drive the servos, or only monitor them if no component asks for any."""
-        found = self._finder.find_joints(settings, settings.required(), timeout)
+        with self._bus_for(settings) as bus:
+            found = find_joints(bus, settings, settings.required(), timeout=timeout)
         if settings.required():
             self._arm = self._build(settings, found)
         else:
             self._take(settings, found)
-            self._monitor = self._finder.monitor(settings)
+            self._monitor = self._new_monitor(settings)
+
+    @contextmanager
+    def _bus_for(self, settings: ServoSettings) -> Iterator[Bus]:
+        """Open the port to find servos on it, before a driver opens it."""
+        self._open_port.baud = settings.baudrate  # from now on, for drivers as well
+        with closing(self._bus(self._open_port(), settings)) as bus:
+            yield bus
+
+    def _bus(self, port: Port, settings: ServoSettings) -> Bus:
+        names = {servo_id: joint for joint, servo_id in settings.ids().items()}
+        return Bus(port, names=names, reply_timeout=self._reply_timeout)
+
+    def _new_monitor(self, settings: ServoSettings) -> BusMonitor:
+        self._open_port.baud = settings.baudrate
+        return BusMonitor(
+            self._open_port, self._clock, ids=settings.ids(), reply_timeout=self._reply_timeout
+        )
 
     def _seen(self, monitor: BusMonitor) -> JointReading:
         monitor.look()
@@ -484,7 +471,7 @@ class ServoDriver:
 
     def _take_note(self, monitor: BusMonitor) -> None:
         now = self.settings
-        self._take(now, monitor.on_bus(lambda bus: joints_on(bus, now, now.required(), 0.0)))
+        self._take(now, monitor.on_bus(lambda bus: find_joints(bus, now, now.required())))
 
     def _driver(self) -> FeetechArm:
         if self._monitor is not None:
@@ -501,30 +488,53 @@ class ServoDriver:
 
         The first try is patient: nothing is driven yet. A jaw that does not answer is left out.
         """
-        settings, readiness = self.settings, self.readiness
-        is_first = not readiness.is_found
-        if not readiness.is_due:
-            readiness.require_found()
+        settings, now, is_first = self.settings, self._clock.now(), not self.is_found
+        if now < self._try_due:
+            if is_first:
+                raise NotReady(str(self.why_not_found)) from self._why
             raise PortUnavailable(
                 settings.port,
                 "the servos could not be set up again yet; check the USB cable and the arm's"
                 " power. It is tried again every second",
             )
-        is_patient = readiness.begin_try()
+        tries, self._is_asked = _GLANCE if self._is_asked else _PATIENT, True
+        self._try_due = now + RETRY_PERIOD
         required = ARM_JOINTS if settings.servo_ids is not None else settings.required()
         try:
-            self._finder.look(settings, required, is_patient=is_patient)
-            arm = self._build(settings, self._finder.find_joints(settings, required, 0.0))
+            with self._bus_for(settings) as bus:
+                _require(bus, settings, required, tries=tries)
+                found = find_joints(bus, settings, required)
+            arm = self._build(settings, found)
         except BusError as error:
-            readiness.end_try(error)
-            readiness.require_found()
-            raise
+            if not is_first:
+                raise
+            self._why = error
+            raise NotReady(str(self.why_not_found)) from error
         if is_first and self.on_found is not None:
             self.on_found()
         return arm
 
     def _build(self, settings: ServoSettings, found: JointSetups) -> FeetechArm:
-        arm = self._finder.arm(found, self._record, compensates=settings.compensates is not False)
+        arm = FeetechArm(
+            self._open_port,
+            self._clock,
+            {joint: setup.map for joint, setup in found.setups.items()},
+            gravity=self._gravity,
+            per_kg=self._per_kg,
+            speed=SPEED_CAP,
+            acceleration=ACCELERATION_CAP,
+            reply_timeout=self._reply_timeout,
+            counters=self._tallies,
+            figures=found.figures,
+            compensates=settings.compensates is not False,
+        )
+        arm.on_command = self._record
+        try:
+            if GRIPPER_JOINT in found.setups:
+                arm.set_torque_limit(GRIPPER_JOINT, JAW_DRIVE)
+        except BusError:
+            arm.close()
+            raise
         self._take(settings, found)
         return arm
 
@@ -535,11 +545,19 @@ class ServoDriver:
     def _take(self, settings: ServoSettings, found: JointSetups) -> None:
         known = self.notes  # a motor setup gives the bus back again and again
         self.in_force, self.setups, self.notes = settings, found.setups, found.notes
-        self.readiness.found()
+        self.is_found = self._is_asked = True
+        self._why = None
         for note in found.notes:
             if note not in known:
                 _log.warning("%s", note)
 
 
-def _no_reading() -> JointReading:
-    return JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0)
+def _require(
+    bus: Bus, settings: ServoSettings, joints: Collection[str], *, tries: int = _PATIENT
+) -> None:
+    """Raise ``NoReply`` unless all ``joints`` answer; ``tries`` as in ``Bus.answering``."""
+    ids = settings.ids()
+    answering = bus.answering(ids.values(), tries=tries)
+    missing = [ids[joint] for joint in joints if ids[joint] not in answering]
+    if missing:
+        raise missing_servos(bus, missing, answering)

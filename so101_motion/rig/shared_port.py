@@ -108,7 +108,7 @@ class SharedPort:
         clock: The rig's clock.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s]; None for as
             long as the period of the setpoints allows.
-        open_port: See ``ServoFinder``.
+        open_port: See ``ServoDriver``.
         waits: Whether the servos are found before this returns, or soon after.
 
     Attributes:
@@ -307,15 +307,15 @@ class SharedPort:
     def _is_outdated(self) -> bool:
         """Whether the servos are used with other settings than those now asked for."""
         servos = self.servos
-        return servos.readiness.is_found and self._differs(_of_arm(servos.settings))
+        return servos.is_found and self._differs(_of_arm(servos.settings))
 
     # Without waiting
 
     def not_ready(self, share: ServoSettings) -> str | None:
         """Why ``share`` cannot be used yet; None once its servos have been found and set up."""
         servos = self.servos
-        if servos.readiness.reason is not None:
-            return servos.readiness.reason
+        if (why := servos.why_not_found) is not None:
+            return why
         if self.rig.executor.state.reading is servos.no_reading or not self._holding.done():
             return "the servos have just been found; try again"
         if share in self._put_off and self._is_outdated:
@@ -369,7 +369,7 @@ class SharedPort:
         servos = self.servos
         if control.mode is Mode.CALIBRATING:
             return  # it is set up when the bus comes back
-        if not servos.readiness.is_found:
+        if not servos.is_found:
             servos.find()
         elif not self._is_in_force:
             if control.mode not in _CALM:

@@ -12,7 +12,7 @@ import numpy as np
 from harness.lent_bus import LentBus
 from so101_motion.calib.motors import chain_check
 from so101_motion.calib.motors.servo_search import Tuner
-from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+from so101_motion.calib.record.record import JOINTS
 from so101_motion.common.errors import So101Error
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as emulated
@@ -22,7 +22,8 @@ from so101_motion.drivers.feetech.servo_judgement import alarms
 from so101_motion.drivers.servo_types import STS3215_12V
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.joint_setup import find_joints
-from so101_motion.rig.servo_finder import ACCELERATION_CAP, SPEED_CAP
+from so101_motion.rig.port_settings import ServoSettings
+from so101_motion.rig.servo_driver import ACCELERATION_CAP, SPEED_CAP
 from so101_motion.setup.checkup import check_up, is_healthy
 from so101_motion.setup.findings import Findings
 
@@ -59,9 +60,8 @@ def trouble_with_moving(bus):
 
     try:
         found = find_joints(
-            Bus(bus.wire, reply_timeout=0.0), SERVO_IDS, required=JOINTS[:5], timeout=0.0,
-            file=None, may_file_be_missing=True, jaw_closed=-0.17, zero_offsets={},
-        )  # fmt: skip
+            Bus(bus.wire, reply_timeout=0.0), ServoSettings(port="/dev/x"), JOINTS[:5]
+        )
         arm = FeetechArm(
             lambda: bus.wire, clock, {joint: each.map for joint, each in found.setups.items()},
             gravity=WEIGHT, speed=SPEED_CAP, acceleration=ACCELERATION_CAP, reply_timeout=0.0,

@@ -49,7 +49,7 @@ async def ready(rig: HardwareRig) -> None:
     """
     if not rig.first_try.done():
         await asyncio.shield(asyncio.wrap_future(rig.first_try))
-    if rig.not_ready is not None and rig.servos.readiness.is_found:
+    if rig.not_ready is not None and rig.servos.is_found:
         await asyncio.shield(asyncio.wrap_future(rig.look_again()))
     rig.require_ready()
 

@@ -18,7 +18,7 @@ from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.drivers.feetech.servo_setup import prepare
-from so101_motion.rig.servo_finder import ACCELERATION_CAP, SPEED_CAP
+from so101_motion.rig.servo_driver import ACCELERATION_CAP, SPEED_CAP
 
 SINGLE = [
     (), ("LED_ALARM", 0), ("RETURN_DELAY", 254),

@@ -14,6 +14,7 @@ from so101_motion.calib.record.record import JOINTS, SERVO_IDS, default
 from so101_motion.calib.record.zero import Zero
 from so101_motion.common.errors import CalibrationError
 from so101_motion.rig.joint_setup import find_joints
+from so101_motion.rig.port_settings import ServoSettings
 
 BEFORE = {
     joint: HeldCalibration(homing_offset=-i, range_min=600 + i) for i, joint in enumerate(JOINTS)
@@ -130,12 +131,8 @@ def test_the_next_look_at_the_servos_ends_an_interrupted_calibration(arm, file):
     journal.write(file, DECIDED)
     found = find_joints(
         arm.bus,
-        {joint: SERVO_IDS[joint] for joint in JOINTS},
-        required=JOINTS,
-        timeout=0.0,
-        file=file,
-        jaw_closed=-0.17,
-        zero_offsets={},
+        ServoSettings(port="/dev/x", calibration_file=file),
+        JOINTS,
     )
     assert "A calibration was interrupted while it was saved; it is complete now." in found.notes
     assert {joint: setup.calibration for joint, setup in found.setups.items()} == CALIBRATION

@@ -31,7 +31,7 @@ def recorded(joint, *, short_deg=(0.0, 0.0), middle=2047.5, drive_mode=0):
 
 
 def mapped(joint, entry, known):
-    return joint_map(joint, entry, offset=0, jaw_closed=0.0, zero=known)
+    return joint_map(joint, entry, offset=0, zero=known)
 
 
 @given(
