@@ -177,7 +177,8 @@ class Bench:
     @asynccontextmanager
     async def under_way(self, start, degrees=100.0):
         """A move of the pan joint that is well under way, and has far to go."""
-        move = asyncio.ensure_future(self.go([start[0] + degrees, *start[1:]]))
+        there = start[0] + (degrees if start[0] <= 0.0 else -degrees)  # within the limits
+        move = asyncio.ensure_future(self.go([there, *start[1:]]))
 
         async def has_begun():
             return move.done() or abs((await self.joints())[0] - start[0]) > 5.0
