@@ -44,14 +44,14 @@ GAIN = 8.0
 """Integral gain [1/s]: an error shrinks to a tenth in 0.3 s. Chosen; the servo's own response, its
 delay included, is twice as fast."""
 
-GAIN_MOVING = 4.0
+GAIN_MOVING = 2.0
 """Integral gain while the command moves [1/s], for joints that bear weight: an unknown load acts on
-them too. The error of the others is lag, which ends when they rest. Chosen by trial: 2 leaves 7.4 V
-servos farther behind where they turn round, 6 no less than 4."""
+them too. The error of the others is lag, which ends when they rest. Chosen: with 4 a shoulder that
+follows as hard as it can swings farther past."""
 
-REST_KNOWN = 0.2
-"""What is learnt in motion of errors that no mass in the gripper explains, as a share, for servos
-whose own figures are known: such a servo seldom has another error. Chosen by trial."""
+GAIN_KNOWN, REST_KNOWN = 4.0, 0.2
+"""The same gain [1/s] for servos whose own figures are known, and the share of it for errors that
+no mass in the gripper explains: such a servo seldom has another error. Chosen by trial."""
 
 BEARING = 0.3
 """Joints that bear less weight than this learn less while they move [N m]; chosen."""
@@ -378,7 +378,8 @@ class Trim:
             error = self._goal[i] - self.lags[i] - q[i]
             if i in fresh and DEAD_BAND < abs(error) < MOVING_ERROR:
                 bears = min(abs(self._weight[i]) / BEARING, 1.0)
-                steps[i] = bears * GAIN_MOVING * dt * error
+                gain = GAIN_KNOWN if self.models[i].is_known else GAIN_MOVING
+                steps[i] = bears * gain * dt * error
         self._learn(steps, [REST_KNOWN if each.is_known else 1.0 for each in self.models])
 
     def _turn_over(self, i: int, error: float, dt: float) -> float:

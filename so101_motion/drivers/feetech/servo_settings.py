@@ -19,7 +19,7 @@ from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import Register
 from so101_motion.drivers.bus.ticks import TOP_ACCELERATION_UNITS
-from so101_motion.drivers.servo_types import STS3215_12V, type_of
+from so101_motion.drivers.servo_types import type_of
 
 PROTECTIONS = 44
 """Faults that act on the motor: temperature, current, overload; as delivered (FT)."""
@@ -32,9 +32,6 @@ _LEAST_TORQUE, _ELSEWHERE = {2: 1.72, 3: 1.12}, 0.5
 """With less torque than this a servo does not lift an arm that is stretched out [N m], by its id;
 emulated, both types: shoulder_lift failed with 1.69 and 1.62 and lifted with 1.86 and 1.72, the
 elbow failed with 1.01 and 1.05 and lifted with 1.18 and 1.15."""
-
-_WRIST_12V = 0.8
-"""The same for wrist_flex of 12 V servos [N m]: emulated, it stayed 1.6 deg off with 0.78."""
 
 _SOFTEST = 16  # P gain; LeRobot's, the softest any program uses on purpose
 _MOST_I = 50  # I gain; an emulated joint swings with 254. Chosen
@@ -176,8 +173,6 @@ def _odd(held: Mapping[str, int], *, counts_down: bool) -> Iterator[OddSetting]:
     most = held.get("max_torque", 1000)
     kind = type_of(reg.PRESENT_VOLTAGE.scale * held.get("present_voltage", 120))
     needed = _LEAST_TORQUE.get(held.get("id", 0), _ELSEWHERE)
-    if held.get("id") == 4 and kind is STS3215_12V:
-        needed = _WRIST_12V
     if most < round(1000 * needed / (kind.torque_per_volt * kind.volts)):
         yield OddSetting(
             sentence=f"its largest torque is {most} of 1000",
