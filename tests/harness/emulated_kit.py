@@ -17,6 +17,7 @@ from so101_motion.drivers.emulator.hand import STIFFNESS, Hand, parse_script
 from so101_motion.drivers.emulator.joint_figures import JOINTS, SO101
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.servo_types import STS3215_12V
+from so101_motion.planning.kinematics.model import RobotModel
 
 NEW = dict.fromkeys(range(1, 7), 1)
 """Ids of servos that come out of the box."""
@@ -24,6 +25,10 @@ NEW = dict.fromkeys(range(1, 7), 1)
 SPEED = math.radians(150.0)  # of the hand; a person is slower
 REST = 0.6  # [s] that it stays at a stop; a busy machine may look elsewhere for a while
 PRESS = 2.0 * STS3215_12V.break_away  # [N m] against a stop
+
+GIVE = 3.0
+"""How far a stop gives in under this hand [tick]: measured, 2.97 in 40 sweeps of simulated time. It
+presses 1.3; the rest is the speed it arrives with, and what friction holds then."""
 
 
 class Kit:
@@ -34,13 +39,14 @@ class Kit:
         world: The servos.
     """
 
-    def __init__(self, folder, **options):
+    def __init__(self, folder, *, weighs=False, **options):
         self.port = str(folder / "arm")
+        self.weight = RobotModel.load().gravity_torque if weighs else np.zeros_like
         self._emulator = Emulator(
             EmulatorOptions(
                 link=folder / "arm", calibrated=False, pacing=Pacing(realtime=True), **options
             ),
-            gravity=np.zeros_like,
+            gravity=self.weight,
         )
         self.world = self._emulator.world
 
@@ -102,7 +108,7 @@ class Kit:
     def _lead(self, stations):
         lines = [f"0 {joint} start" for joint in JOINTS]
         for t, q, press in stations[1:]:
-            aims = np.degrees(q + press / STIFFNESS)
+            aims = np.degrees(q + (press + self.weight(q)) / STIFFNESS)
             lines += [f"{t} {joint} {aim}" for joint, aim in zip(JOINTS, aims, strict=True)]
         with self.world.lock:
             self.world.hand = Hand(parse_script("\n".join(lines)), time.monotonic())
@@ -127,6 +133,11 @@ class Kit:
             servo.joint.name: reg.decode_offset(servo.memory.raw(reg.OFFSET))
             for servo in self.world.servos
         }
+
+    def stops(self, joint):
+        """Where the encoder is at the stops of a joint [tick]."""
+        shaft = self.world.servo(joint).drive.shaft
+        return shaft.lower, shaft.upper
 
 
 @contextmanager

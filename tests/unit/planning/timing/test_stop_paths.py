@@ -39,7 +39,7 @@ def assert_same(found, expected):
 @pytest.mark.parametrize("every", [0.02, 0.003, math.inf])
 def test_it_is_ruckigs(every):
     random, paths, counts = np.random.default_rng(7), StopPaths(LIMITS, DT, every), set()
-    for _ in range(400):
+    for _ in range(1000):
         now = drawn(random)
         found, expected = paths.to_rest(now), paths._by_ruckig(now)
         assert_same(found, expected)
