@@ -210,10 +210,12 @@ class PlanningWorker:
                 outcome = error
             with self._lock:
                 self._owners -= Counter((asked.owner,))
-                is_kept = not slot.is_copy or not any(each.is_copy for each in self._idle)
-                if is_kept:
-                    self._idle.append(slot)
-                taken = self._next()
+                self._idle.append(slot)
+                taken = self._next()  # before it is decided whether one too many waits
+                waiting = [each for each in self._idle if each.is_copy]
+                is_kept = slot not in waiting or len(waiting) == 1
+                if not is_kept:
+                    self._idle.remove(slot)
             if not asked.answer.set_running_or_notify_cancel():
                 pass
             elif isinstance(outcome, BaseException):
