@@ -23,6 +23,8 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.defaults import SERVO_IDS
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.tasks.program import Loop, Program, Waypoint
@@ -335,15 +337,26 @@ def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_th
     }
     file = tmp_path / "other.json"
     store.save(file, entries)
-    servos = Servos(str(tmp_path / "arm"))
+    options = EmulatorOptions(link=tmp_path / "arm", pacing=Pacing(realtime=True))
+    emulator = Emulator(options)
+
+    def stored() -> list[bytes]:
+        with emulator.world.lock:
+            return [bytes(servo.memory.flash) for servo in emulator.world.servos]
+
+    before = stored()
     asked = ServoSettings(port=str(tmp_path / "arm"), timeout=None, calibration_file=file)
     with open_hardware(asked, reply_timeout=0.3) as rig, serve(rig, port=0) as preview:
         guest = visit()
         guest.open(preview.url)
         guest.until(lambda: guest.button("Hold").is_enabled())
+        for tab in guest.page.get_by_role("tab").all():
+            if tab.is_visible():
+                tab.click()
         guest.press("Hold")
         guest.until(lambda: guest.says("is not the calibration that the servos on"))
         assert rig.arm.state.mode is not Mode.HOLDING
+        assert stored() == before
         guest.press("Store the file")
         asks = guest.page.locator("#so101-buttons .asks")
         guest.until(lambda: asks.count() == 1)
@@ -353,5 +366,6 @@ def test_a_file_that_the_servos_do_not_hold_is_refused_and_can_be_stored_from_th
         guest.press("Hold")
         guest.until(lambda: rig.arm.state.mode is Mode.HOLDING)
         assert rig.servos.calibration["elbow_flex"].homing_offset == 40
+        assert stored() != before
         guest.leave()
-    servos.close()
+    emulator.close()

@@ -264,6 +264,7 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
             port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=progress
         ) as app,
     ):
+        before = [servo.memory.flash for servo in kit.world.servos]
         hand = hand_on(app)
         hand.press("Calibration Only")
         hand.expect("Step 1 of 7")
@@ -273,6 +274,7 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
         hand.expect("it sinks at once")
         kit.put(0.6)
         held = kit.offsets
+        assert [servo.memory.flash for servo in kit.world.servos] == before
         hand.press("Let go of the joints")
         hand.press("I hold it there")
         hand.expect("The pose is taken")
