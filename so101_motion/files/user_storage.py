@@ -24,10 +24,10 @@ from so101_motion.files.json_file import Object
 from so101_motion.files.user_data_folder import user_data_folder
 
 LARGEST = 1_000_000
-"""Largest file that is read [byte]; the longest program has a tenth of that. Chosen."""
+"""Largest file that is read [byte]. Chosen."""
 
 LARGEST_OF_ALL = 20_000_000
-"""The same for the largest kind, guided paths; the longest recording has a fifth of that."""
+"""The same for guided paths and programs; the longest recording has a fifth of that."""
 
 LONGEST_NAME = 40
 """Most characters of a name that a user gives; chosen, it fits on a button."""

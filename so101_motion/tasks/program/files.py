@@ -137,7 +137,8 @@ def read(path: Path, arms: ZerosOfArms | None = None) -> Program:
         ConfigError: It cannot be read, something in it is not valid, or the zeros are another
             arm's; see ``encoder_zeros.shift``.
     """
-    content = user_storage.read(path, schema=SCHEMA, also=OLDER)
+    largest = user_storage.LARGEST_OF_ALL
+    content = user_storage.read(path, schema=SCHEMA, also=OLDER, largest=largest)
     program, made_with = program_from(content), _zeros_from(content)
     if arms is None:
         return program

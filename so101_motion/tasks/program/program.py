@@ -25,7 +25,7 @@ from so101_motion.tasks.program.loops import (
 ARM = "arm"
 """The name of the arm in a program of one; nobody has to type it."""
 
-MOST = 200
+MOST = 2000
 """How many steps a program may have. Chosen; beyond that it is a path, see ``guided``."""
 
 LONGEST_PAUSE = 3600.0

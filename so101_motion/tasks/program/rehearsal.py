@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -73,7 +74,7 @@ class Arrival(NamedTuple):
     times: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Rehearsal:
     """A planned program.
 
@@ -86,7 +87,7 @@ class Rehearsal:
     program: Program
     arrivals: tuple[Arrival, ...]
 
-    @property
+    @cached_property
     def legs(self) -> tuple[Leg, ...]:
         """All different legs, in order."""
         return tuple(dict.fromkeys(each.leg for each in self.arrivals))
@@ -96,15 +97,20 @@ class Rehearsal:
         """Where each arm is at the start, by its name."""
         return self.arrivals[0].leg.stands
 
-    @property
+    @cached_property
     def first_round(self) -> tuple[Arrival, ...]:
         """The arrivals of the first round, of loops the first two times only."""
         return tuple(each for each in self.arrivals if each.visit.round == 0)
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """How long arms move and pause in the first round [s]; the jaws' time comes on top."""
         return sum(each.times * self._lasts(each.leg) for each in self.first_round)
+
+    @cached_property
+    def steps_of_round(self) -> int:
+        """How many steps the first round has, those of loops as often as they come."""
+        return sum(each.times * len(each.visit.indices) for each in self.first_round)
 
     def _lasts(self, leg: Leg) -> float:
         step = self.program.steps[leg.indices[-1]]
@@ -112,7 +118,11 @@ class Rehearsal:
 
     def leg_of(self, visit: Visit) -> Leg:
         """The leg to a stop that the running program comes to."""
-        return next(each.leg for each in self.arrivals if _early(each.visit) == _early(visit))
+        return self._leg_by_visit[_early(visit)]
+
+    @cached_property
+    def _leg_by_visit(self) -> dict[object, Leg]:
+        return {_early(each.visit): each.leg for each in self.arrivals}
 
 
 def _early(visit: Visit) -> tuple[int, tuple[int, ...], int]:

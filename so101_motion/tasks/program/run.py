@@ -117,11 +117,10 @@ class ProgramRun:
         rehearsal, rounds, leg = self.rehearsal, self.program.rounds, self.leg
         if rehearsal is None:
             return 0.0
-        all_of_it = sum(each.times * len(each.visit.indices) for each in rehearsal.first_round)
         passed = 0
         if leg is not None and self._began is not None:
             passed = max(self.where.index - leg.indices[0], 0)
-        done = (self._done + passed) / all_of_it
+        done = (self._done + passed) / rehearsal.steps_of_round
         return done % 1.0 if rounds is None else done / rounds
 
     # The arms' threads

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from so101_motion.common.errors import ConfigError
+from so101_motion.files.user_storage import LARGEST
 from so101_motion.tasks.program import Loop, Program, Waypoint, files
+from so101_motion.tasks.program.program import MOST
 
 PROGRAM = Program.of_waypoints(
     (
@@ -55,6 +57,15 @@ def test_programs_are_found_by_name_and_by_file(data: Path, tmp_path: Path) -> N
     assert files.names() == ()
     with pytest.raises(ConfigError, match="cannot be removed"):
         files.delete("stack cubes")
+
+
+def test_the_longest_program_of_four_arms_is_the_same_after_writing_and_reading(
+    tmp_path: Path,
+) -> None:
+    step = {arm: Waypoint(name="ü" * 40, q=np.full(5, 1.0 / 3.0), speed=0.5) for arm in "abcd"}
+    files.write(Program(steps=(step,) * MOST), tmp_path / "long.json")
+    assert (tmp_path / "long.json").stat().st_size > LARGEST
+    assert len(files.read(tmp_path / "long.json")) == MOST
 
 
 @pytest.mark.parametrize("name", ["../secret", ".hidden", "a/b", "a\\b", "", "x" * 41, "-rf"])
