@@ -45,7 +45,7 @@ from so101_motion.viam.conversion.convert import grpc_statuses, on_the_wire
 from so101_motion.viam.requests.await_motion import TurnQueue
 
 LARGEST = 1 << 24
-"""Most bytes of a message. Chosen: a million points have 16 MB, and so have 300,000 triangles. A mesh
+"""Most bytes of a message. Chosen: a million points have 16 MB, as have 300,000 triangles. A mesh
 of that size takes 0.5 ms to decode, a struct 26 ms."""
 
 LARGEST_STRUCT = 1 << 18
