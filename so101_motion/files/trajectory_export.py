@@ -1,8 +1,8 @@
 """Export trajectories: CSV and JSON for programs, MCAP for Foxglove, Rerun and PlotJuggler.
 
-CSV and JSON are in degrees with the unit in every name, or have LeRobot's names and units
-(``LeRobot``). MCAP holds ROS 2 messages in radians: ``sensor_msgs/msg/JointState`` with the
-commanded angles on ``/joint_commands`` and the measured ones on ``/joint_states``.
+CSV and JSON are in degrees with the unit in every name. MCAP holds ROS 2 messages in radians:
+``sensor_msgs/msg/JointState`` with the commanded angles on ``/joint_commands`` and the measured
+ones on ``/joint_states``.
 
 A motion that was carried out (``Run``) is written with commanded and measured angles side by side.
 """
@@ -12,8 +12,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, frozen_array
-from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 from so101_motion.files import atomic
 from so101_motion.planning.timing.trajectory import Trajectory
@@ -67,74 +67,42 @@ class Run:
             object.__setattr__(self, name, frozen_array(getattr(self, name), (len(self.t), 5)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LeRobot:
-    """LeRobot's units: degrees from the middle of a joint's travel, per cent for the jaw.
-
-    The columns have LeRobot's names, ``shoulder_pan.pos`` and so on. A run has an ``action`` and an
-    ``observation.state``, as in LeRobot's data sets.
-
-    Attributes:
-        middles: The model's angles in the middles of the joints' travels, shape (5,), [rad].
-        aperture: How far the jaw is open meanwhile: 0 closed, 1 open.
-    """
-
-    middles: Array = field(default_factory=lambda: np.zeros(5))
-    aperture: float = 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "middles", frozen_array(self.middles, (5,)))
-
-    def rows(self, q: Array) -> Array:
-        """Joint angles (m, 5) [rad] in LeRobot's units, with the jaw, shape (m, 6)."""
-        return np.column_stack([to_deg(q - self.middles), np.full(len(q), 100.0 * self.aperture)])
-
-
 Motion = Trajectory | Run
 
 
-def export(motion: Motion, path: Path, *, lerobot: LeRobot | None = None) -> None:
+def export(motion: Motion, path: Path) -> None:
     """Write a motion of the five arm joints to a file; the name's ending chooses the format.
 
     Args:
         motion: As planned, or as it was carried out.
         path: Ends with ``.csv``, ``.json`` or ``.mcap``; an existing file is replaced.
-        lerobot: LeRobot's names and units for CSV or JSON; None for our own.
 
     Raises:
         ConfigError: There is no such format, the file cannot be written, or the package for MCAP is
             not installed.
     """
-    content = encoded(motion, path.name, lerobot=lerobot)
+    content = encoded(motion, path.name)
     try:
         atomic.write(path, content)
     except OSError as error:
         raise ConfigError("out", str(path), f"cannot be written: {error.strerror}") from error
 
 
-def encoded(motion: Motion, name: str, *, lerobot: LeRobot | None = None) -> bytes:
+def encoded(motion: Motion, name: str) -> bytes:
     """The bytes that ``export`` would write to a file called ``name``; raises the same errors."""
-    check_name(name, lerobot=lerobot is not None)
-    suffix = Path(name).suffix.lower()
-    return _FORMATS[suffix](motion, name) if lerobot is None else _LEROBOT[suffix](motion, lerobot)
+    check_name(name)
+    return _FORMATS[Path(name).suffix.lower()](motion, name)
 
 
-def check_name(name: str, *, lerobot: bool = False) -> None:
+def check_name(name: str) -> None:
     """Refuse a file name that ``export`` would refuse, before there is anything to write.
-
-    Args:
-        name: The file's name.
-        lerobot: Whether it is to hold LeRobot's names.
 
     Raises:
         ConfigError: There is no such format, or MCAP needs a package that is not installed.
     """
     suffix = Path(name).suffix.lower()
-    if not lerobot and suffix not in _FORMATS:
+    if suffix not in _FORMATS:
         raise ConfigError("out", name, f"must end with one of {', '.join(_FORMATS)}")
-    if lerobot and suffix not in _LEROBOT:
-        wanted = " or ".join(_LEROBOT)
-        raise ConfigError("out", name, f"must end with {wanted} to hold LeRobot's names")
     if suffix == ".mcap":
         mcap_writer(Path(name))
 
@@ -154,11 +122,12 @@ def _columns(motion: Motion) -> dict[tuple[str, str], Array]:
 
 def _to_csv(motion: Motion, _name: str) -> bytes:
     columns = _columns(motion)
-    names = [f"{joint}_{unit}" for unit, _ in columns for joint in ARM_JOINTS]
-    rows = zip(motion.t, np.column_stack(list(columns.values())), strict=True)
-    return _table(
-        ["time_s", *names], ([f"{t:.9g}", *(f"{value:.6f}" for value in row)] for t, row in rows)
-    )
+    text = io.StringIO(newline="")
+    out = csv.writer(text)
+    out.writerow(["time_s", *(f"{joint}_{unit}" for unit, _ in columns for joint in ARM_JOINTS)])
+    for t, row in zip(motion.t, np.column_stack(list(columns.values())), strict=True):
+        out.writerow([f"{t:.9g}", *(f"{value:.6f}" for value in row)])
+    return text.getvalue().encode()
 
 
 def _to_json(motion: Motion, _name: str) -> bytes:
@@ -187,44 +156,6 @@ def _to_mcap(motion: Motion, name: str) -> bytes:
             for topic, message in messages.items():
                 writer.write_message(topic, schema, message, at_ns, at_ns, k)
     return file.getvalue()
-
-
-def _lerobot_columns(motion: Motion, lerobot: LeRobot) -> tuple[list[str], Array]:
-    """The names of LeRobot's columns, and the columns."""
-    if isinstance(motion, Run):
-        groups = {"action.": motion.q_ref, "observation.state.": motion.q}
-    else:
-        groups = {"": motion.q}
-    joints = (*ARM_JOINTS, GRIPPER_JOINT)
-    names = [f"{group}{joint}.pos" for group in groups for joint in joints]
-    return names, np.column_stack([lerobot.rows(q) for q in groups.values()])
-
-
-def _to_lerobot_csv(motion: Motion, lerobot: LeRobot) -> bytes:
-    names, columns = _lerobot_columns(motion, lerobot)
-    rows = enumerate(zip(motion.t, columns, strict=True))
-    return _table(
-        ["timestamp", "frame_index", *names],
-        ([f"{t:.6f}", k, *(f"{value:.4f}" for value in row)] for k, (t, row) in rows),
-    )
-
-
-def _to_lerobot_json(motion: Motion, lerobot: LeRobot) -> bytes:
-    names, columns = _lerobot_columns(motion, lerobot)
-    content = {
-        "schema": "so101/lerobot/1",
-        "timestamp": motion.t.round(6).tolist(),
-        **dict(zip(names, columns.T.round(4).tolist(), strict=True)),
-    }
-    return json.dumps(content).encode() + b"\n"
-
-
-def _table(names: list[str], rows: Iterable[list[Any]]) -> bytes:
-    text = io.StringIO(newline="")
-    out = csv.writer(text)
-    out.writerow(names)
-    out.writerows(rows)
-    return text.getvalue().encode()
 
 
 def mcap_writer(path: Path) -> Any:
@@ -277,9 +208,4 @@ _FORMATS: dict[str, Callable[[Motion, str], bytes]] = {
     ".csv": _to_csv,
     ".json": _to_json,
     ".mcap": _to_mcap,
-}
-
-_LEROBOT: dict[str, Callable[[Motion, LeRobot], bytes]] = {
-    ".csv": _to_lerobot_csv,
-    ".json": _to_lerobot_json,
 }
