@@ -158,7 +158,7 @@ class Preview(ServedPage):
             now=next(iter(rigs.values())).clock.now,
             on_handles=lambda shown: move.set_handles(not shown),
         )
-        share = SharePart(context, rigs, move.pages, bases, title=source.title)
+        share = SharePart(context, move.pages, bases, title=source.title)
         self._teaches = [
             TeachPart(each, source.open_leader, title=name or "Teach", node=move.nodes[name])
             for name, each in self._tab_for_each("Teach", rigs)

@@ -125,7 +125,6 @@ def plan(
         "With --sim: the start of the joints [deg].", JOINTS, name="--from"
     ),
     out: Path | None = option("Save the motion: .csv, .json or .mcap.", OutFile()),
-    lerobot: bool = flag("With --out: LeRobot's names and units."),
     html: Path | None = option("Save a film of it for any browser.", OutFile(".html", ".htm")),
     preview: bool = flag("Show the motion in the browser."),
     as_json: bool = JSON,
@@ -138,7 +137,7 @@ def plan(
     so101 plan --sim --xyz 190,200,100 --from 65,-20,30,50,0 --scene examples/table.json
     so101 plan --machine my-arm.local:8080 --pose ready
     """  # noqa: D301
-    _check_file_name(out, lerobot)
+    _check_file_name(out)
     if q_from is not None:
         if not isinstance(source, Source) or source.port is not None:
             raise click.UsageError("--from works only with --sim; leave it out for a real arm")
@@ -152,9 +151,8 @@ def plan(
             click.echo(plan_table(found))
         if out is not None:
             from so101_motion.files.trajectory_export import export
-            from so101_motion.tasks.teleop.local_arms import lerobot_of
 
-            export(found.trajectory, out, lerobot=lerobot_of(rig) if lerobot else None)
+            export(found.trajectory, out)
             aside(f"saved {out}")
         if html is not None:
             film = viewer.film_of_plan(
@@ -202,14 +200,12 @@ def move(
             click.echo(f"arrived: tool at ({where}) mm, joints within {off_deg:.2f} deg")
 
 
-def _check_file_name(out: Path | None, lerobot: bool) -> None:
+def _check_file_name(out: Path | None) -> None:
     """Refuse a file that the plan could not be saved to, before planning."""
     if out is not None:
         from so101_motion.files.trajectory_export import check_name
 
-        check_name(out.name, lerobot=lerobot)
-    elif lerobot:
-        raise click.UsageError("--lerobot works only with --out; give both")
+        check_name(out.name)
 
 
 def _planned(rig: RigLike, goal: Goal | str, scene: Scene | None) -> Plan:

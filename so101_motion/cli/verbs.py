@@ -7,7 +7,6 @@ from typing import Any
 import click
 
 from so101_motion import __version__
-from so101_motion.cli.bench import bench
 from so101_motion.cli.calibrate import calibrate
 from so101_motion.cli.calibration import calibration
 from so101_motion.cli.cell import cell
@@ -51,7 +50,7 @@ _SECTIONS: dict[str, tuple[click.Command, ...]] = {
     "Move": (view, status, plan, move, run, stop, guide, teleop),
     "Data sets and sweeps": (dataset, sweep),
     "Viam": (viam,),
-    "Tools": (emulate, bench, completion),
+    "Tools": (emulate, completion),
 }
 """The verbs, in the order in which a newcomer needs them."""
 

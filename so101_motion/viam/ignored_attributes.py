@@ -11,15 +11,7 @@ from collections.abc import Mapping
 from functools import cache
 
 from so101_motion.common.attributes import Attribute, ignorable
-from so101_motion.viam.component_config import (
-    MANUAL_RANGES,
-    CalibrationConfig,
-    DiscoveryConfig,
-    HardwareArmConfig,
-    HardwareGripperConfig,
-    MotionConfig,
-    SimulatedArmConfig,
-)
+from so101_motion.viam.component_config import MANUAL_RANGES
 
 
 def without_ignored(
@@ -53,10 +45,6 @@ def without_ignored(
 @cache
 def names_of_the_family() -> frozenset[str]:
     """The names of all attributes that some model of this module has."""
-    from so101_motion.tasks.teleop.config import TeleopConfig  # needed only here, by few machines
+    from so101_motion.viam.published_models import MODELS  # needed only here, by few machines
 
-    configs = (
-        HardwareArmConfig, HardwareGripperConfig, SimulatedArmConfig, CalibrationConfig,
-        DiscoveryConfig, MotionConfig, TeleopConfig,
-    )  # fmt: skip
-    return frozenset(row.name for each in configs for row in each.rows())
+    return frozenset(row.name for each in MODELS.values() for row in each.rows())

@@ -299,19 +299,6 @@ def test_what_a_calibration_and_a_setup_would_do_is_said_and_nothing_is_written(
     assert not list((tmp_path / "work").iterdir())
 
 
-def test_a_port_is_measured_without_driving_the_arm(arm, planning_process):
-    before = memories(arm)
-    asked = ("bench", "--port", arm.port, "--json")
-    result, told = looked(*asked, until=lambda result, _: result.exit_code == 0)
-    assert result.exit_code == 0, result.output
-    figures = told["figures"]
-    assert set(figures) == {"start", "plan_joints", "plan_point", "loop", "bus"}
-    assert figures["plan_point"]["n"] == 40
-    assert figures["bus"]["remark"].endswith("garbled of 1200")
-    assert 0.0 < figures["loop"]["median_ms"] <= figures["loop"]["worst_ms"]
-    assert memories(arm) == before
-
-
 def test_what_was_identified_is_undone_without_a_motion(arm, file):
     command = ("identify", "--port", arm.port, "--calibration", str(file), "--undo")
     assert "identify the arm again" in run(*command).stderr

@@ -88,7 +88,6 @@ LOOKS = (
     ("status",),
     ("ports",),
     ("doctor",),
-    ("bench",),
     ("viam", "config"),
     ("plan", *GOAL),
     ("calibrate", "--dry-run"),

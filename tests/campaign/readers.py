@@ -21,7 +21,6 @@ from viam.components.arm import JointPositions
 from viam.proto.common import GeometriesInFrame, Geometry, Pose, WorldState
 from viam.proto.common import Mesh as ViamMesh
 from viam.proto.common import PointCloud as ViamCloud
-from viam.proto.service.motion import MoveRequest
 
 from so101_motion.calib.motors import progress
 from so101_motion.calib.procedure import journal
@@ -53,7 +52,6 @@ from so101_motion.viam.conversion.frames import Frames
 from so101_motion.viam.conversion.geometries import from_geometry
 from so101_motion.viam.conversion.world_state import scene_with
 from so101_motion.viam.migration import migrate
-from so101_motion.viam.requests.large_messages import LARGE, LargeCodec
 
 OURS = (So101Error,)
 """What a reader may raise."""
@@ -211,22 +209,11 @@ def _cloud(data):
     return Geometry(label="c", center=Pose(o_z=1.0), pointcloud=ViamCloud(point_cloud=data))
 
 
-_PADDING = bytes((0xFA, 0x7F)) + b"\x80\x80\x08" + bytes(LARGE * 2)
-"""A field that no message knows, so long that the message counts as large."""
-
-
 def _read_geometry(make):
     def read(data):
         return read_shape(from_geometry(make(data)))
 
     return read
-
-
-def _move(*geometries):
-    group = GeometriesInFrame(reference_frame="arm_origin", geometries=geometries)
-    return MoveRequest(
-        name="m", component_name="arm", world_state=WorldState(obstacles=[group])
-    ).SerializeToString()
 
 
 def _read_world(data):
@@ -296,20 +283,6 @@ def _read_machine(data):
     report = asyncio.run(reports.ask_arm(arm))
     state = reports.next_state(None, report, reports.GripperReport(), 0.0)
     assert np.all(np.isfinite(state.q_ref)), f"the arm is at {state.q_ref}"
-
-
-def _read_large(data):
-    try:
-        MoveRequest.FromString(data)
-    except DecodeError:
-        is_sound = False
-    else:
-        is_sound = True
-    padded = data + _PADDING
-    try:
-        LargeCodec().decode(padded, MoveRequest)
-    except DecodeError:
-        assert not is_sound, "what protobuf reads is refused"
 
 
 def _read_configuration(data):
@@ -384,7 +357,6 @@ def all_readers(folder=None):
         ),
         Reader("machine", _read_machine, (_json(_STATUS),)),
         Reader("machine configuration", _read_configuration, (_json(_CONFIGURATION),)),
-        Reader("large message", _read_large, (_move(_mesh(_PLY_BINARY), _cloud(_PCD_BINARY)),)),
         Reader(
             "faults and hands",
             _read_words,

@@ -14,7 +14,6 @@ from viam.rpc.server import _patch_mappings
 from harness.fake_parent import ARM, GRIPPER, SIMULATED, SIMULATED_GRIPPER, config_of, until
 from so101_motion.viam.models.simulated import SimulatedArm
 from so101_motion.viam.models.simulated_gripper import SimulatedGripper
-from so101_motion.viam.requests.large_messages import LargeCodec
 from so101_motion.viam.requests.request_guard import guard
 
 
@@ -52,7 +51,7 @@ async def guarded_arm(**attributes):
     arm = new_arm(**attributes)
     try:
         services = _patch_mappings([ArmRPCService(ResourceManager([arm]))])
-        async with _GuardedChannel(services, codec=LargeCodec()) as channel:
+        async with _GuardedChannel(services) as channel:
             client = ArmClient(arm.name, channel)
             client.resource = arm
             yield client

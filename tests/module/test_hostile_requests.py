@@ -15,8 +15,12 @@ from viam.gen.component.arm.v1.arm_grpc import ArmServiceStub
 from viam.proto.common import DoCommandRequest
 from viam.proto.component.arm import GetJointPositionsRequest
 
-from so101_motion.viam.requests.large_messages import LARGEST_STRUCT
-from so101_motion.viam.requests.request_guard import DEEPEST, MOST_VALUES
+from so101_motion.viam.requests.request_guard import (
+    DEEPEST,
+    LARGEST,
+    LARGEST_STRUCT,
+    MOST_VALUES,
+)
 
 LONGEST_GAP = 0.5
 """Of the processor [s]; what is sent here held the loop for 0.7 to 25 s."""
@@ -136,6 +140,14 @@ async def test_a_struct_of_too_many_values_or_bytes_is_refused_with_the_limit():
             error = await refusal(stub.DoCommand(DoCommandRequest(name="arm", command=struct)))
             assert error.status is Status.INVALID_ARGUMENT
             assert limit in error.message
+
+
+async def test_a_message_that_is_too_large_is_refused_before_it_is_decoded():
+    async with guarded_arm() as arm:
+        request = DoCommandRequest(name="a" * (LARGEST + 1))
+        error = await refusal(ArmServiceStub(arm.channel).DoCommand(request))
+    assert error.status is Status.INVALID_ARGUMENT
+    assert f"{LARGEST} bytes" in error.message
 
 
 def nested(levels):

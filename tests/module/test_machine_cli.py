@@ -67,13 +67,6 @@ def test_a_machines_arm_is_stopped_whoever_moves_it(machine):
         rig.arm.set_speed(np.radians(90.0))
 
 
-def test_the_delay_to_a_machine_is_measured(machine):
-    result = run("bench", "--machine", machine.address, "--json")
-    assert result.exit_code == 0, result.output
-    figures = json.loads(result.stdout)["figures"]
-    assert figures["machine"]["n"] == 100
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [

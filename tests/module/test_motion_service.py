@@ -6,7 +6,6 @@ from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
-import trimesh
 from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
 from harness.fake_machine import FakeMachine, Thing, hanging
@@ -16,7 +15,6 @@ from viam.components.arm import JointPositions
 from viam.proto.common import (
     GeometriesInFrame,
     Geometry,
-    Mesh,
     Pose,
     PoseInFrame,
     RectangularPrism,
@@ -39,7 +37,6 @@ from so101_motion.common.geometry import SE3, rotation_by
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.models.motion_service import So101Motion
-from so101_motion.viam.requests.large_messages import LARGE, LargeCodec
 
 MOTION = "rdk:service:motion"
 READY = [0.0, -45.0, 45.0, 60.0, 0.0]
@@ -60,7 +57,7 @@ def machine_with_gripper():
 @asynccontextmanager
 async def motion_client(service):
     services = [MotionRPCService(ResourceManager([service]))]
-    async with ChannelFor(services, codec=LargeCodec()) as channel:
+    async with ChannelFor(services) as channel:
         yield MotionClient(service.name, channel)
 
 
@@ -136,17 +133,6 @@ async def test_obstacles_of_a_request_count_for_that_request_alone(arm, motion):
     with pytest.raises(GRPCError, match="wall"):
         await motion.move("arm", at(230, 0, 150), WALL)
     assert await in_time(arm, motion.move("arm", at(230, 0, 150)))
-
-
-async def test_a_large_mesh_blocks_as_a_small_one_does(arm, motion):
-    """Its content goes beside the request, which is too large to be decoded at once."""
-    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.04).export(file_type="ply")
-    assert len(ball) > LARGE
-    mesh = Mesh(content_type="ply", mesh=ball)
-    world = around(Geometry(label="ball", mesh=mesh, center=Pose(x=200, y=-140, z=120, o_z=1)))
-    with pytest.raises(GRPCError, match="ball"):
-        await motion.move("arm", at(200, -140, 120), world)
-    assert await in_time(arm, motion.move("arm", at(220, 140, 120), world))
 
 
 async def test_a_line_is_kept_when_asked_for(arm, motion):

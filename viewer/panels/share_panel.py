@@ -12,9 +12,7 @@ from operator import is_not
 import viser
 
 from so101_motion.common.geometry import SE3
-from so101_motion.files.trajectory_export import LeRobot, encoded
-from so101_motion.rig.protocols import RigLike
-from so101_motion.tasks.teleop.local_arms import lerobot_of
+from so101_motion.files.trajectory_export import encoded
 
 from ..page import markup, texts
 from ..page.page_context import PageContext
@@ -25,14 +23,12 @@ from .film import Film, MovedArm, recording
 
 FILM = "Film for any browser (HTML)"
 KINDS = {
-    FILM: (".html", False),
-    "Table, degrees (CSV)": (".csv", False),
-    "JSON, degrees": (".json", False),
-    "MCAP: Foxglove, Rerun": (".mcap", False),
-    "LeRobot names (CSV)": (".csv", True),
-    "LeRobot names (JSON)": (".json", True),
+    FILM: ".html",
+    "Table, degrees (CSV)": ".csv",
+    "JSON, degrees": ".json",
+    "MCAP: Foxglove, Rerun": ".mcap",
 }
-"""Kinds of files: the ending, and whether it has LeRobot's names and units."""
+"""Kinds of files and their endings."""
 
 PLAN, RUN = "The plan", "The last run"
 
@@ -58,29 +54,26 @@ def file_name(arm: MovedArm, kind: str, now: datetime, *, chosen: str = "") -> s
         now: Local time.
         chosen: The name of the arm; empty for a single one.
     """
-    suffix, is_lerobot = KINDS[kind]
-    what, names = "plan" if arm.run is None else "run", "-lerobot" if is_lerobot else ""
+    what = "plan" if arm.run is None else "run"
     which = "" if kind == FILM else re.sub(r"\W+", "-", f" {chosen}".rstrip())
-    return f"so101-{what}-{now:%Y%m%d-%H%M%S}{which}{names}{suffix}"
+    return f"so101-{what}-{now:%Y%m%d-%H%M%S}{which}{KINDS[kind]}"
 
 
-def content(arm: MovedArm, kind: str, lerobot: LeRobot) -> bytes:
+def content(arm: MovedArm, kind: str) -> bytes:
     """The bytes of a file that holds the motion of one arm, any of ``KINDS`` but a film.
 
     Raises:
         ConfigError: MCAP needs a package that is not installed.
     """
-    suffix, is_lerobot = KINDS[kind]
     motion = arm.view.plan.trajectory if arm.run is None else arm.run
-    return encoded(motion, f"motion{suffix}", lerobot=lerobot if is_lerobot else None)
+    return encoded(motion, f"motion{KINDS[kind]}")
 
 
 class SharePart(Part):
     """Offers motions for download.
 
     Args:
-        rigs: The arms by name; that of a single one is empty.
-        pages: Their newest plans and runs.
+        pages: The newest plans and runs of the arms by name; that of a single one is empty.
         bases: Where their bases stand in the frame of the scene.
         title: Which arms they are.
     """
@@ -88,14 +81,13 @@ class SharePart(Part):
     def __init__(
         self,
         context: PageContext,
-        rigs: Mapping[str, RigLike],
         pages: Mapping[str, ViewModel],
         bases: Mapping[str, SE3],
         *,
         title: str,
     ) -> None:
         self._context, self._title = context, title
-        self._rigs, self._pages, self._bases = rigs, pages, bases
+        self._pages, self._bases = pages, bases
         self._seen: tuple[object, ...] = ()
         self._is_current = False
         self._orders: list[_PendingFile] = []
@@ -105,7 +97,7 @@ class SharePart(Part):
             self._sentence = gui.add_html("")
             self._what = gui.add_dropdown("Motion", (PLAN, RUN), disabled=True)
             self._kind = gui.add_dropdown("File", tuple(KINDS))
-            self._arm = gui.add_dropdown("Of", tuple(rigs), visible=False)
+            self._arm = gui.add_dropdown("Of", tuple(pages), visible=False)
             self._download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD, disabled=True)
         context.on_asked(self._download, self._order)
         context.leave_open(self._what, self._kind, self._arm, self._download)
@@ -135,7 +127,7 @@ class SharePart(Part):
         """Update the widgets."""
         self._download.disabled = not self._moved(PLAN)
         self._what.disabled = not self._moved(RUN)
-        self._arm.visible = len(self._rigs) > 1 and self._kind.value != FILM
+        self._arm.visible = len(self._pages) > 1 and self._kind.value != FILM
         self._sentence.content = markup.sentence(self._status or self._offer())
 
     def _has_current_plan(self) -> bool:
@@ -167,14 +159,14 @@ class SharePart(Part):
         if chosen not in arms:
             return
         self._status = Sentence("Making the file …")
-        arm, lerobot = arms[chosen], lerobot_of(self._rigs[chosen])
+        arm = arms[chosen]
         film = Film(title=self._title, arms=arms)
         self._orders.append(
             _PendingFile(
                 client=client,
                 name=file_name(arm, kind, datetime.now(), chosen=chosen),
                 file=self._context.in_background(
-                    lambda: recording(film) if kind == FILM else content(arm, kind, lerobot)
+                    lambda: recording(film) if kind == FILM else content(arm, kind)
                 ),
             )
         )

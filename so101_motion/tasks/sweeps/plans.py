@@ -27,7 +27,6 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.files.scene_file import scene_from
-from so101_motion.files.trajectory_export import LeRobot
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal
@@ -241,7 +240,7 @@ class _Source:
             duration=plan.duration,
             room=max(clear, default=0.0),
             frames=len(t),
-            action=LeRobot().rows(q).astype(np.float32),
+            action=np.column_stack([to_deg(q), np.zeros(len(q))]).astype(np.float32),
             velocity=to_deg(qd).astype(np.float32),
             timestamp=t.astype(np.float32),
         )

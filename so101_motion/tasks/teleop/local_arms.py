@@ -1,4 +1,4 @@
-"""The jaw of a rig, and its angles in LeRobot's units."""
+"""The jaw of a rig, and the middles of its joints' travels, from which LeRobot counts."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from so101_motion.arm.gripper import Gripper
 from so101_motion.calib.record.zero import MIDDLE
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
-from so101_motion.files.trajectory_export import LeRobot
 from so101_motion.rig.hardware_rig import HardwareRig
-from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 
 
@@ -19,12 +17,6 @@ def jaw_of(rig: Rig) -> Gripper | None:
     if isinstance(rig, HardwareRig) and GRIPPER_JOINT not in rig.servos.setups:
         return None
     return rig.gripper
-
-
-def lerobot_of(rig: RigLike) -> LeRobot:
-    """LeRobot's units for this arm, with the jaw's present aperture."""
-    middles = middles_of(rig) if isinstance(rig, Rig) else np.zeros(5)
-    return LeRobot(middles=middles, aperture=rig.gripper.aperture)
 
 
 def middles_of(rig: Rig) -> Array:

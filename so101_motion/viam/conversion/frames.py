@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from grpclib import GRPCError
 from grpclib.exceptions import StreamTerminatedError
 from h2.exceptions import ProtocolError
-from viam.components.component_base import ComponentBase
-from viam.proto.common import Pose, PoseInFrame, ResourceName, Transform
-from viam.proto.robot import FrameSystemConfig, GetMachineStatusResponse
+from viam.proto.common import Pose, PoseInFrame, Transform
 
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError, MachineUnavailable
 from so101_motion.common.geometry import SE3
 from so101_motion.viam.conversion import convert
+
+if TYPE_CHECKING:
+    from viam.robot.client import RobotClient
 
 T = TypeVar("T")
 
@@ -38,46 +39,18 @@ to connect again."""
 _PAUSE = 0.05  # [s] between two tries
 
 
-class Machine(Protocol):
-    """The requests to the machine; the SDK's ``RobotClient`` fits."""
-
-    @property
-    def resource_names(self) -> list[ResourceName]:
-        """The names of its resources, as of the last ``refresh``."""
-
-    async def refresh(self) -> None:
-        """Read the names of its resources again."""
-
-    def get_component(self, name: ResourceName) -> ComponentBase:
-        """A client of one of its components."""
-
-    async def transform_pose(self, query: PoseInFrame, destination: str) -> PoseInFrame:
-        """A pose seen from another frame."""
-
-    async def get_frame_system_config(self) -> list[FrameSystemConfig]:
-        """The frames and their parents."""
-
-    async def get_machine_status(self) -> GetMachineStatusResponse:
-        """The state of its resources."""
-
-    async def get_pose(
-        self, component_name: str, destination_frame: str, supplemental_transforms: list[Transform]
-    ) -> PoseInFrame:
-        """Where a component is, seen from a frame."""
-
-
 class _Here:
     """The machine of this process; there is at most one."""
 
-    machine: Callable[[], Machine | None] = staticmethod(lambda: None)
+    machine: Callable[[], RobotClient | None] = staticmethod(lambda: None)
 
 
-def set_machine(machine: Callable[[], Machine | None]) -> None:
+def set_machine(machine: Callable[[], RobotClient | None]) -> None:
     """Set the connection to the machine; called once, by the module."""
     _Here.machine = staticmethod(machine)
 
 
-def machine_here() -> Machine | None:
+def machine_here() -> RobotClient | None:
     """The machine of this process; None while it cannot be reached."""
     return _Here.machine()
 

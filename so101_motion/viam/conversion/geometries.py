@@ -20,7 +20,6 @@ from so101_motion.planning.collision.scene import Box, Capsule, Shape, ShapeFile
 from so101_motion.planning.collision.shape_files import mesh_kind, read_shape, shape_file
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.world_state_json import geometry_json
-from so101_motion.viam.requests.large_messages import content_of
 
 LONGEST_LABEL = 200
 """Most characters of a label; chosen, it appears in messages and pictures."""
@@ -66,7 +65,7 @@ def _shape(geometry: Geometry, label: str) -> Shape | ShapeFile:
         radius, length = _lengths("radius_mm, length_mm", capsule.radius_mm, capsule.length_mm)
         return Capsule(radius=radius, length=length)
     if kind == "mesh":
-        data = content_of(geometry.mesh.mesh)
+        data = geometry.mesh.mesh
         return shape_file(mesh_kind(data), data, name=label)
     if kind == "pointcloud":
         return _cloud(geometry, label)
@@ -85,5 +84,5 @@ def _cloud(geometry: Geometry, label: str) -> ShapeFile:
     """A cloud's file, with its centre unless that is turned; viam-server may send either."""
     centre = convert.from_pose(geometry.center)
     is_turned = not np.allclose(centre.R, np.eye(3), atol=1e-9)
-    data = content_of(geometry.pointcloud.point_cloud)
+    data = geometry.pointcloud.point_cloud
     return shape_file("pcd", data, name=label, centre=None if is_turned else centre.p)

@@ -15,7 +15,6 @@ from viam.proto.common import PoseCloud as ViamCloud
 
 from so101_motion.common.attributes import Attribute, Attributes, checked_number, suggest
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
@@ -121,16 +120,11 @@ class PlannerOptions:
             cloud=self.cloud,
         )
 
-    def search(self, scene: Scene, frames: Mapping[str, SE3] | None = None) -> Search:
-        """The options of the search for a plan.
-
-        Args:
-            scene: The surroundings; the requested margin replaces theirs if it is wider.
-            frames: Frames that the goal may name.
-        """
+    def search(self, scene: Scene) -> Search:
+        """The options of the search; a requested margin replaces the scene's if it is wider."""
         if self.margin is not None and self.margin > scene.margin:  # a copy takes 0.2 ms and more
             scene = replace(scene, margin=self.margin)
-        search = Search(scene=scene, frames=frames or {}, seed=self.seed)
+        search = Search(scene=scene, seed=self.seed)
         return replace(search, time_budget=self.time_budget or search.time_budget)
 
 

@@ -65,7 +65,7 @@ from so101_motion.viam.requests.commands import (
 )
 from so101_motion.viam.requests.manual import ManualMode
 from so101_motion.viam.requests.operation_commands import operation_commands
-from so101_motion.viam.requests.programs import ProgramCommands
+from so101_motion.viam.requests.programs import ENTRIES, run_program
 from so101_motion.viam.requests.streaming import played
 from so101_motion.viam.surroundings.guarded_scene import GuardedScene
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
@@ -135,6 +135,8 @@ class ArmResource(Configured, Arm):
         self._manual = ManualMode(arm, self.logger, self.guarded_scene)
         self.teaching = TeachingOperation(rig, partial(store.resolve, "paths"), self._set_manual)
         self._operations: dict[str, LocalOperation] = {}
+        hold = partial(self.set_manual_mode, False)
+        run = partial(run_program, rig, around, hold, self.arrived)
         self._ended_by = ""  # why no other motion may begin
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
@@ -142,7 +144,7 @@ class ArmResource(Configured, Arm):
             **planning_commands(arm, around.standing),
             "leave_contact": self._leave_contact,
             **self._asked("teaching", self.teaching, TAUGHT),
-            **ProgramCommands(self).commands,
+            "run_program": Taking(run, ENTRIES),
         }
 
     def _asked(

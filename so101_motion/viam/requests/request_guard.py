@@ -3,10 +3,10 @@
 The event loop answers Stop, so no request may keep it busy for long. Every call passes through
 here:
 
-- a message that is too large or not valid protobuf is refused before it is decoded
-  (``large_messages``);
-- a request whose structs (``extra``, ``command``) have too many values is refused, because the SDK
-  converts them value by value on the event loop;
+- a message that is too large is refused before it is received: protobuf decodes it in one piece and
+  holds the interpreter lock meanwhile;
+- a request whose structs (``extra``, ``command``) are too large or have too many values is refused,
+  because the SDK converts them value by value on the event loop;
 - error messages are cut to a length that gRPC can encode without delay;
 - of calls that arrive together one is begun in each turn of the loop, Stops before them;
 - a connection has room for more calls than a client may keep open, and each call has its own
@@ -43,7 +43,14 @@ from so101_motion.arm.stop_order import mark_request
 from so101_motion.common.errors import ConfigError
 from so101_motion.viam.conversion.convert import grpc_statuses, on_the_wire
 from so101_motion.viam.requests.await_motion import TurnQueue
-from so101_motion.viam.requests.large_messages import LargeCodec, receive_in_pieces
+
+LARGEST = 1 << 24
+"""Most bytes of a message. Chosen: a million points have 16 MB, as have 300,000 triangles. A mesh
+of that size takes 0.5 ms to decode, a struct 26 ms."""
+
+LARGEST_STRUCT = 1 << 18
+"""Most bytes of a struct. The most values that are read take 200 kB as numbers; a text of a
+megabyte keeps the event loop for 10 ms."""
 
 MOST_VALUES = 10_000
 """Most values in the structs of a request. Chosen: the SDK takes 15 ms to read so many."""
@@ -77,7 +84,6 @@ module do not."""
 def guard(server: Server) -> None:
     """Check every call of ``server``; call it before the server serves."""
     inner = server._server  # the SDK has no interface for either
-    inner._codec = LargeCodec()
     inner._config = Configuration(
         http2_stream_window_size=_WINDOW, http2_connection_window_size=_CONNECTION_WINDOW
     ).__for_server__()
@@ -131,7 +137,7 @@ class _Guard:
 
         async def answered(stream: Stream[Any, Any]) -> None:
             receive, transport = stream.recv_message, stream._stream
-            transport.recv_data = partial(receive_in_pieces, transport.recv_data)  # type: ignore[method-assign, assignment]
+            transport.recv_data = partial(_at_most, transport.recv_data)  # type: ignore[method-assign]
 
             async def received() -> Any:
                 return await _received(receive)
@@ -168,6 +174,14 @@ class _Guard:
             self._open[on] -= 1
 
 
+async def _at_most(receive: Callable[[int], Awaitable[bytes]], size: int) -> bytes:
+    """Receive ``size`` bytes of a message, unless it is too large."""
+    if size > LARGEST:
+        reason = f"is more than the {LARGEST} bytes that are read; send less"
+        raise ConfigError("request", f"{size} bytes", reason)
+    return await receive(size)
+
+
 async def _received(receive: Callable[[], Awaitable[Any]]) -> Any:
     """The next message of a call.
 
@@ -197,12 +211,15 @@ def check_size(message: Message | None) -> None:
     """Refuse a request whose structs would take long to read.
 
     Raises:
-        ConfigError: One has too many values.
+        ConfigError: One has too many bytes or values.
     """
     for field, value in message.ListFields() if message is not None else ():
         if not isinstance(value, Struct):
             continue
         size = value.ByteSize()
+        if size > LARGEST_STRUCT:
+            reason = f"is more than the {LARGEST_STRUCT} bytes that are read; send less"
+            raise ConfigError(field.name, f"{size} bytes", reason)
         if size > _SMALL and _has_more_values(value, MOST_VALUES):
             raise ConfigError(
                 field.name, f"{size} bytes", f"has more than the {MOST_VALUES} values that are read"

@@ -71,7 +71,7 @@ class ComponentGeometries:
         assert machine is not None
         resource = _component(machine.resource_names, name)
         if resource is None:
-            await machine.refresh()
+            await machine.refresh()  # type: ignore[no-untyped-call]  # the SDK's
             resource = _component(machine.resource_names, name)
         if resource is None and name.endswith(REMOTE):
             return []

@@ -17,10 +17,11 @@ import logging
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
-from typing import Protocol
 
+from so101_motion.arm.arm import Arm
 from so101_motion.common.errors import ConfigError, Interrupted, SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
+from so101_motion.viam.surroundings.surroundings import Surroundings
 
 RENEWED = 1.0
 """Surroundings that are older are read again while motions go on [s]; chosen: it takes
@@ -28,26 +29,6 @@ milliseconds of the process whose other threads move the arm."""
 
 KNOWN_FOR = 5.0
 """Surroundings that are older must be read before a motion begins [s]; chosen."""
-
-
-class GuardedArm(Protocol):
-    """An arm with a guard."""
-
-    scene: Scene
-    stops: int
-
-    def keep_off(self, own: Scene, around: Scene) -> None:
-        """Let followings keep off more than the arm's own scene."""
-
-
-class ReadSurroundings(Protocol):
-    """What reads an arm's surroundings, see ``Surroundings``."""
-
-    def is_asked(self) -> bool:
-        """Whether there is more to read than the arm's own scene."""
-
-    async def standing(self, scene: Scene) -> Scene:
-        """``scene`` with them, without what changes all the time."""
 
 
 class GuardedScene:
@@ -63,8 +44,8 @@ class GuardedScene:
 
     def __init__(
         self,
-        arm: GuardedArm,
-        surroundings: ReadSurroundings,
+        arm: Arm,
+        surroundings: Surroundings,
         logger: logging.Logger,
         *,
         is_used: bool = True,

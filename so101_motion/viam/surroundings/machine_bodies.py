@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Collection, Coroutine, Iterable, Mapping
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
@@ -33,13 +33,16 @@ from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Attached, Shape, ShapeFile
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.frames import Machine, machine_here
+from so101_motion.viam.conversion.frames import machine_here
 from so101_motion.viam.conversion.geometries import from_geometry
 from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.surroundings.component_geometries import REMOTE, ComponentGeometries, words
 from so101_motion.viam.surroundings.frame_tree import FrameTree, Part
 from so101_motion.viam.surroundings.machine_cell import MachineCell, held_by
 from so101_motion.viam.surroundings.machine_view import Body, MachineView, link_hulls, nearly
+
+if TYPE_CHECKING:
+    from viam.robot.client import RobotClient
 
 _LEFT_OUT = ("arm", "gantry")
 """Kinds that are in it only while they run. Grippers are too, but each is attached to one of
@@ -48,7 +51,7 @@ these."""
 _RUNS = (ResourceStatus.STATE_READY, ResourceStatus.STATE_UNSPECIFIED)
 
 
-async def missing_parts(machine: Machine, left_out: Collection[str]) -> Mapping[str, str]:
+async def missing_parts(machine: RobotClient, left_out: Collection[str]) -> Mapping[str, str]:
     """The arms and gantries that do not run.
 
     Args:
@@ -71,13 +74,13 @@ async def missing_parts(machine: Machine, left_out: Collection[str]) -> Mapping[
     }
 
 
-async def lost_part(machine: Machine, gone: Collection[str]) -> str | None:
+async def lost_part(machine: RobotClient, gone: Collection[str]) -> str | None:
     """The first part of ``gone`` that is still a component of the machine; None without one."""
     listed = {each.name.name for each in await _components(machine)} if gone else set()
     return next((name for name in gone if name in listed), None)
 
 
-async def _components(machine: Machine) -> list[ResourceStatus]:
+async def _components(machine: RobotClient) -> list[ResourceStatus]:
     try:
         status = await machine.get_machine_status()
     except GRPCError as error:
@@ -120,7 +123,7 @@ class MachineBodies:
         left_out: Components that are ignored; ``ALL`` to ignore every one.
         arms: The arms of this process by name; arms come and go.
         grippers: The names of the grippers of this process.
-        cell: Lets the arms of this process know each other's motions; None if they do not.
+        cell: Lets the arms of this process know each other's motions.
         patience: How long the machine may take to answer [s].
 
     Attributes:
@@ -133,7 +136,7 @@ class MachineBodies:
         left_out: Collection[str],
         arms: Mapping[str, NeighbourArm],
         grippers: Collection[str],
-        cell: MachineCell | None = None,
+        cell: MachineCell,
         *,
         patience: float = LONGEST_READ,
     ) -> None:
@@ -158,7 +161,7 @@ class MachineBodies:
     @property
     def has_company(self) -> bool:
         """Whether there may be other arms whose motions can be known."""
-        return self._cell is not None and len(self._arms) > 1 and self.is_asked
+        return len(self._arms) > 1 and self.is_asked
 
     @property
     def company(self) -> tuple[object, ...]:
@@ -177,7 +180,7 @@ class MachineBodies:
             SurroundingsUnknown: It does not answer in time, or an answer is not valid.
         """
         if not self.is_asked:
-            return self._nothing()
+            return self._view((), None, {})
         reason = f"the machine has not listed its components within {self._patience:g} s"
         try:
             async with asyncio.timeout(self._patience), self._one_at_a_time:
@@ -192,9 +195,6 @@ class MachineBodies:
         except ConfigError as error:
             component = str(error.value) if error.key == "frame" else ""
             raise SurroundingsUnknown(f"the machine says {error}", component=component) from error
-
-    def _nothing(self) -> MachineView:
-        return self._view((), None, {})
 
     def _view(
         self, bodies: tuple[Body, ...], tree: FrameTree | None, ends: Mapping[str, SE3]
@@ -223,7 +223,7 @@ class MachineBodies:
         except GRPCError as error:
             if error.status is Status.UNIMPLEMENTED:
                 self.without = "the machine has no frame system"
-                return self._nothing()
+                return self._view((), None, {})
             reason = f"the machine does not report its frame system: {words(error)}"
             raise SurroundingsUnknown(reason) from error
         if configs != self._configs:
@@ -239,7 +239,7 @@ class MachineBodies:
         if self._arm not in self._tree.parts:
             self._refuse_renamed()
             self.without = f'"{self._arm}" has no frame in the machine\'s configuration'
-            return self._nothing()
+            return self._view((), None, {})
         self.without = ""
         counted = self._counted
         answers = await (early if configs == before else self._all_geometries(counted))
@@ -260,8 +260,7 @@ class MachineBodies:
             self._asked = asked
             self._bodies = tuple(each for each in bodies if each.holder not in self._mates)
             self._held = held_by(bodies, {self._arm, *self._mates})
-        if self._cell is not None:
-            self._cell.know(self._arm, self._held)
+        self._cell.know(self._arm, self._held)
         return self._view(self._bodies, self._tree, ends)
 
     def _refuse_renamed(self) -> None:
@@ -302,13 +301,12 @@ class MachineBodies:
 
     async def _meet(self, ends: Mapping[str, SE3]) -> None:
         """Take the arms of this process that have frames into a cell."""
-        if self._cell is not None:
-            here = self._arms.keys() & self._tree.parts.keys()
-            bases = {name: self._tree.T_world(f"{name}_origin", ends) for name in here}
-            mates = await asyncio.to_thread(self._cell.meet, self._arm, bases)
-            if mates != self._mates:
-                self._mates = mates
-                self._changes += 1
+        here = self._arms.keys() & self._tree.parts.keys()
+        bases = {name: self._tree.T_world(f"{name}_origin", ends) for name in here}
+        mates = await asyncio.to_thread(self._cell.meet, self._arm, bases)
+        if mates != self._mates:
+            self._mates = mates
+            self._changes += 1
 
     def _fingerprint(
         self, answers: list[list[Geometry]], ends: Mapping[str, SE3]
@@ -436,7 +434,7 @@ class MachineBodies:
         return before
 
 
-async def _listed(machine: Machine) -> list[FrameSystemConfig]:
+async def _listed(machine: RobotClient) -> list[FrameSystemConfig]:
     """The frame system by name: viam-server lists it in another order each time."""
     configs = await machine.get_frame_system_config()
     return sorted(configs, key=lambda each: each.frame.reference_frame)

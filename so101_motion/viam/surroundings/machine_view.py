@@ -52,11 +52,6 @@ class Body:
     T: SE3
     holder: str = ""
 
-    @property
-    def held(self) -> bool:
-        """Whether an arm holds it."""
-        return bool(self.holder)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MachineView:
@@ -125,7 +120,7 @@ def scene_around(scene: Scene, bodies: tuple[Body, ...]) -> Scene:
             continue  # no shape is larger, so the arm cannot reach this one
         is_taken = body.name in (FLOOR, *LINKS)
         name = names.new(f"{body.name} (component)" if is_taken else body.name)
-        if body.held:
+        if body.holder:
             attached.append(Attached(name=name, shape=body.shape, T_tool_object=body.T))
         else:
             obstacles.append(Obstacle(name=name, shape=body.shape, T_base_obstacle=body.T))

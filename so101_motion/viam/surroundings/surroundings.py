@@ -13,7 +13,7 @@ import logging
 import time
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from concurrent.futures import Future
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
@@ -47,13 +47,6 @@ class Source(Protocol):
 
     async def close(self) -> None:
         """Stop using it; may be called twice."""
-
-
-class _Guess(NamedTuple):
-    """A scene that is probably still right."""
-
-    scene: Scene
-    company: tuple[object, ...]
 
 
 class Surroundings:
@@ -162,7 +155,7 @@ class Surroundings:
         if not self.is_asked(also):
             return await plan(scene)
         guess = self._guess(scene, also)
-        early = None if guess is None else asyncio.ensure_future(plan(guess.scene))
+        early = None if guess is None else asyncio.ensure_future(plan(guess[0]))
         try:
             now = await self.around(scene, also)
             if early is not None and guess == (now, self._machine.company):
@@ -196,7 +189,7 @@ class Surroundings:
             SurroundingsUnknown: The surroundings cannot be read.
         """
         guess = self._guess(scene, ())
-        early = None if guess is None else plan(guess.scene)
+        early = None if guess is None else plan(guess[0])
         is_right = False
         try:
             now = wait_for(asyncio.run_coroutine_threadsafe(self.around(scene), loop))
@@ -206,13 +199,13 @@ class Surroundings:
                 early.cancel()
         return early if early is not None and is_right else plan(now)
 
-    def _guess(self, scene: Scene, also: tuple[Source, ...]) -> _Guess | None:
-        """The scene as last read; None if it is not known or changes all the time."""
+    def _guess(self, scene: Scene, also: tuple[Source, ...]) -> tuple[Scene, object] | None:
+        """The scene as last read, and ``company`` now; None if it is not known or not steady."""
         company, last = self._machine.company, self._last.get(also)
         is_steady = all(source.is_steady for source in (*self._sources, *also))
         if last is None or last[0] != scene or not is_steady:
             return None
-        return _Guess(last[1], company)
+        return last[1], company
 
     async def close(self) -> None:
         """Close the sources; may be called twice."""

@@ -45,7 +45,7 @@ def told(result: Result) -> dict[str, Any]:
         ("plan --port /dev/no-such-port --pose ready", 3, "PortUnavailable"),
         ("status --machine 127.0.0.1:9", 3, "MachineUnavailable"),
         ("doctor --machine 127.0.0.1:9", 3, "MachineUnavailable"),
-        ("bench --port /dev/no-such-port", 3, "PortUnavailable"),
+        ("status --port /dev/no-such-port", 3, "PortUnavailable"),
         ("calibrate --port /dev/no-such-port", 3, "PortUnavailable"),
         ("setup --port /dev/no-such-port", 3, "PortUnavailable"),
         ("calibration show none.json", 6, "CalibrationError"),

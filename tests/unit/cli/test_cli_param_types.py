@@ -48,7 +48,6 @@ def so101(line: str) -> Result:
     ("line", "says"),
     [
         ("plan --sim --pose ready --out x.xyz", ".csv, .json, .mcap"),
-        ("plan --sim --pose ready --out x.mcap --lerobot", ".csv or .json"),
         ("plan --sim --pose ready --out none/x.csv", "no folder 'none'"),
         ("plan --sim --pose ready --out folder.json", "is a directory"),
         ("plan --sim --pose ready --html x.mp4", "must end with .html"),

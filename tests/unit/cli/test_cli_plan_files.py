@@ -11,23 +11,16 @@ def plan(*options: str) -> Result:
     return CliRunner().invoke(main, ["plan", "--sim", "--pose", "ready", *options])
 
 
-def test_a_plan_is_saved_under_lerobots_names_and_as_a_film(tmp_path: Path) -> None:
+def test_a_plan_is_saved_as_a_table_and_as_a_film(tmp_path: Path) -> None:
     table, film = tmp_path / "move.csv", tmp_path / "move.html"
-    outcome = plan("--out", str(table), "--lerobot", "--html", str(film))
+    outcome = plan("--out", str(table), "--html", str(film))
     assert outcome.exit_code == 0, outcome.output
     header, *rows = table.read_text().splitlines()
-    assert header.startswith("timestamp,frame_index,shoulder_pan.pos,")
-    assert header.endswith(",gripper.pos")
+    assert header.startswith("time_s,shoulder_pan_deg,")
     assert len(rows) > 10
     page = film.read_text()
     assert "Simulated arm" in page
     assert "Peak speed" in page
-
-
-def test_lerobots_names_without_a_file_are_a_wrong_usage() -> None:
-    outcome = plan("--lerobot")
-    assert outcome.exit_code == 2
-    assert "--lerobot works only with --out" in outcome.output
 
 
 def test_a_film_that_is_no_html_file_is_refused_in_a_sentence(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.files.trajectory_export import LeRobot, Run, export
+from so101_motion.files.trajectory_export import Run, export
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 
@@ -100,36 +100,6 @@ def test_a_run_in_mcap_has_commands_and_states(run, tmp_path):
     states = [message for topic, message in read if topic == "/joint_states"]
     assert len(states) == len(read) / 2 == 4
     np.testing.assert_allclose(states[-1].position, run.q[-1])
-
-
-def test_lerobots_columns_have_its_names_units_and_zero(trajectory, tmp_path):
-    middles = np.array([0.1, 0.0, -0.2, 0.0, 0.0])
-    lerobot = LeRobot(middles=middles, aperture=0.4)
-    export(trajectory, tmp_path / "move.csv", lerobot=lerobot)
-    rows = list(csv.DictReader((tmp_path / "move.csv").read_text().splitlines()))
-    names = [f"{joint}.pos" for joint in (*ARM_JOINTS, "gripper")]
-    assert list(rows[0]) == ["timestamp", "frame_index", *names]
-    assert [float(row["gripper.pos"]) for row in rows] == [40.0] * len(rows)
-    end = [float(rows[-1][f"{joint}.pos"]) for joint in ARM_JOINTS]
-    np.testing.assert_allclose(end, np.degrees(trajectory.q[-1] - middles), atol=1e-4)
-    export(trajectory, tmp_path / "move.json", lerobot=lerobot)
-    content = json.loads((tmp_path / "move.json").read_text())
-    assert content["elbow_flex.pos"] == [float(row["elbow_flex.pos"]) for row in rows]
-
-
-def test_a_run_for_lerobot_is_an_action_and_an_observation(run, tmp_path):
-    export(run, tmp_path / "run.csv", lerobot=LeRobot())
-    row = list(csv.DictReader((tmp_path / "run.csv").read_text().splitlines()))[3]
-    action = float(row["action.wrist_roll.pos"])
-    assert action == pytest.approx(np.degrees(0.5), abs=1e-3)
-    assert float(row["observation.state.wrist_roll.pos"]) == pytest.approx(
-        action - np.degrees(0.01), abs=1e-3
-    )
-
-
-def test_lerobots_names_do_not_go_into_mcap(trajectory, tmp_path):
-    with pytest.raises(ConfigError, match=r"\.csv or \.json to hold LeRobot's names"):
-        export(trajectory, tmp_path / "move.mcap", lerobot=LeRobot())
 
 
 def test_a_run_whose_rows_do_not_match_is_no_run():

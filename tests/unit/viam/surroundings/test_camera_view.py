@@ -21,6 +21,7 @@ from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.surroundings.camera_view import CameraView
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
+from so101_motion.viam.surroundings.machine_cell import MachineCell
 
 MODEL = RobotModel.load()
 Q = np.array((0.3, -0.6, 0.5, 0.4, 0.2))
@@ -66,7 +67,7 @@ class Bench:
         """What a plan would be made in, when it is asked for; over gRPC as the camera is."""
         manager = ResourceManager([self.camera] if finder is None else [self.camera, finder])
         set_machine(lambda: self.machine)
-        reader = MachineBodies("arm", ["camera"], self.arms, ())
+        reader = MachineBodies("arm", ["camera"], self.arms, (), MachineCell({}))
         services = [CameraRPCService(manager), VisionRPCService(manager)]
         async with ChannelFor(services) as channel:
             seer = None if finder is None else VisionClient(finder.name, channel)
@@ -159,7 +160,9 @@ async def test_a_camera_that_does_not_see_is_no_reason_to_take_the_space_for_emp
     view = CameraView("camera", None)
     set_machine(lambda: bench.machine)
     with pytest.raises(SurroundingsUnknown, match="does not run"):
-        await view.added_to(Scene(), await MachineBodies("arm", (), bench.arms, ()).read())
+        await view.added_to(
+            Scene(), await MachineBodies("arm", (), bench.arms, (), MachineCell({})).read()
+        )
     set_machine(lambda: None)
 
 

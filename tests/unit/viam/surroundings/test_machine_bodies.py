@@ -14,6 +14,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.surroundings import component_geometries, frame_tree
 from so101_motion.viam.surroundings.machine_bodies import ALL, MachineBodies
+from so101_motion.viam.surroundings.machine_cell import MachineCell
 from so101_motion.viam.surroundings.machine_view import scene_around
 
 
@@ -43,7 +44,7 @@ def around():
     def begin(machine, ignored=(), arms=None, grippers=(), patience=2.0):
         set_machine(lambda: machine)
         arms = arms or {"arm": Neighbour()}
-        return MachineBodies("arm", ignored, arms, grippers, patience=patience)
+        return MachineBodies("arm", ignored, arms, grippers, MachineCell({}), patience=patience)
 
     yield begin
     set_machine(lambda: None)
@@ -59,7 +60,7 @@ ARM = hanging("arm", x=100.0, joints=5)
 async def test_a_geometry_of_the_configuration_is_seen_from_the_base(around):
     crate = hanging("crate", x=300.0, z=20.0, geometry=a_box(40, 60, 80, z=10.0))
     [body] = (await around(FakeMachine(ARM, crate, things=[Thing("crate")])).read()).bodies
-    assert (body.name, body.held) == ("crate", False)
+    assert (body.name, body.holder) == ("crate", "")
     np.testing.assert_allclose(body.T.p, (0.2, 0.0, 0.03), atol=1e-9)
     np.testing.assert_allclose(body.shape.size, (0.04, 0.06, 0.08))
 
@@ -80,9 +81,9 @@ async def test_what_hangs_from_the_tool_is_held_and_what_hangs_from_the_base_is_
         things=[Thing("stick"), Thing("lamp")],
     )
     bodies = by_name((await around(machine, grippers=["gripper"]).read()).bodies)
-    assert bodies["stick"].held
+    assert bodies["stick"].holder
     np.testing.assert_allclose(bodies["stick"].T.p, (0, 0, 0.1), atol=1e-9)
-    assert not bodies["lamp"].held
+    assert not bodies["lamp"].holder
     np.testing.assert_allclose(bodies["lamp"].T.p, (0, 0.2, 0), atol=1e-9)
 
 
@@ -111,7 +112,7 @@ async def test_what_hangs_from_another_arm_moves_with_that(around):
     reader = around(machine, arms={"arm": Neighbour(), "left": left})
     left.q = np.array((0.3, 0.2, 0.1, 0.0, 0.0))
     body = by_name((await reader.read()).bodies)["camera"]
-    assert not body.held
+    assert not body.holder
     np.testing.assert_allclose(body.T.p, left.T_end().p + np.array((-0.1, 0.5, 0.0)), atol=1e-9)
 
 

@@ -108,7 +108,7 @@ async def test_what_another_arm_holds_moves_with_it_and_not_as_an_obstacle(bench
     assert held.name == "stick"
     np.testing.assert_allclose(held.T_tool_object.p, (0.0, 0.0, 0.1), atol=1e-12)
     bodies = await bench.read(ARM, LEFT, stick, by="left")
-    assert bodies["stick"].held
+    assert bodies["stick"].holder
     assert [each.name for each in left.cell_member.attached_to(left.cell_member)] == ["stick"]
 
 

@@ -19,6 +19,7 @@ from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.conversion.shown_things import shown_id
 from so101_motion.viam.surroundings import store_watch
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
+from so101_motion.viam.surroundings.machine_cell import MachineCell
 from so101_motion.viam.surroundings.store_watch import StoreWatch
 
 LOGGER = logging.getLogger("test")
@@ -48,7 +49,7 @@ async def watched(store, **how):
         hanging("arm", x=100.0, joints=5), hanging("camera"), things=[Thing("camera")]
     )
     set_machine(lambda: machine)
-    reader = MachineBodies("arm", (), {"arm": Still()}, ())
+    reader = MachineBodies("arm", (), {"arm": Still()}, (), MachineCell({}))
     async with ChannelFor([WorldStateStoreService(ResourceManager([store]))]) as channel:
         client = WorldStateStoreClient("seen", channel)
         watch = StoreWatch("seen", client, LOGGER, **how)
@@ -240,7 +241,7 @@ async def test_an_invalid_entry_is_refused_with_its_name():
 
 async def test_a_store_that_does_not_run_is_named():
     watch = StoreWatch("seen", None, LOGGER)
-    machine = MachineBodies("arm", (), {"arm": Still()}, ())
+    machine = MachineBodies("arm", (), {"arm": Still()}, (), MachineCell({}))
     with pytest.raises(SurroundingsUnknown, match='"seen" does not run'):
         await watch.added_to(Scene(), await machine.read())
     await watch.close()
