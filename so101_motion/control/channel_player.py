@@ -355,7 +355,8 @@ class ChannelPlayer:
                 self.reference = motion.source.sample(k - self._k)
             motion.last = k if motion.source.is_over else None
         self._k = k
-        self._following.want(self.reference.q)
+        if motion is not None:
+            self._following.want(self.reference.q)
 
     def run_on(self, gap: float) -> None:
         """Expect the joints farther on, because no setpoint was sent for ``gap`` [s]."""
@@ -376,9 +377,10 @@ class ChannelPlayer:
             if alarms and self._obey(motion, alarms, q):
                 return
             off, joints = self._following.off(q), self._channel.joints
-            in_play = np.array([self._in_play.get(joint, 0.0) for joint in joints])
-            held_up = self._following.held_up(q, in_play, silent=self._unanswered >= {*joints})
-            held_up &= isinstance(motion.source, PlannedMotion)  # the others lag too much to tell
+            held_up = np.zeros(len(q), dtype=np.bool_)
+            if isinstance(motion.source, PlannedMotion):  # the others lag too much to tell
+                in_play = np.array([self._in_play.get(joint, 0.0) for joint in joints])
+                held_up = self._following.held_up(q, in_play, silent=self._unanswered >= {*joints})
             if held_up.any() and self._following.silence and self._rest_a_while(motion):
                 return
             if motion.waits_until is not None:

@@ -216,9 +216,9 @@ class FollowingCheck:
                 held |= self._stands(wanted[-1 - self._lag - window :], window, moved, q)
         if math.isfinite(self._tolerances.pressed_stray) and len(seen) == self._kept:
             side = np.sign(wanted[-1] - wanted[-2])
-            wanted, seen = side * wanted, side * seen
-            shortest = seen[-1 - self._stops[0] :]
-            if np.any(shortest.max(axis=0) - shortest[0] <= STANDS):
+            shortest = side * seen[-1 - self._stops[0] :]
+            if ((side != 0.0) & (shortest.max(axis=0) - shortest[0] <= STANDS)).any():
+                wanted, seen = side * wanted, side * seen
                 for stop in self._stops_fallen_behind(wanted, seen):
                     held |= (side != 0.0) & self._has_stopped(wanted, seen, stop)
         return held

@@ -318,10 +318,11 @@ class FeetechArm:
         Raises:
             BusError: The servo did not take it.
         """
-        servo_id = self._maps[JOINTS.index(joint)].servo_id
+        i, share = JOINTS.index(joint), min(max(share, 0.0), 1.0)
         with self._chain.watching():
             self._chain.bus()
-            self._chain.put(servo_id, reg.TORQUE_LIMIT, round(1000.0 * min(max(share, 0.0), 1.0)))
+            self._chain.put(self._maps[i].servo_id, reg.TORQUE_LIMIT, round(1000.0 * share))
+        self.models[i].most_drive = share
 
     @property
     def on_command(self) -> CommandListener | None:

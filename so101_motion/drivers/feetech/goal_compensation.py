@@ -198,6 +198,7 @@ class GoalCompensation:
         brakes = braking(i, servo.max_acceleration)
         own = self._figures.get(i, AS_SOLD)
         self.trim.models[i] = ServoModel(servo.kind, servo.p_gain, brakes, own)
+        self.trim.models[i].most_drive = servo.torque_limit / 1000.0
 
     def supplied(self, i: int, volts: float) -> None:
         """Take in the supply voltage that joint ``i``'s servo reports [V]."""

@@ -377,8 +377,12 @@ class Trim:
         for i in range(_JAW):
             error = self._goal[i] - self.lags[i] - q[i]
             if i in fresh and DEAD_BAND < abs(error) < MOVING_ERROR:
+                model = self.models[i]
+                demand = model.distance(self._torque[i], self._qd[i]) + self._rest[i] + error
+                if demand * error > 0.0 and model.drive(demand) >= model.most_drive:
+                    continue  # it can do no more; what was learnt then would throw it past its goal
                 bears = min(abs(self._weight[i]) / BEARING, 1.0)
-                gain = GAIN_KNOWN if self.models[i].is_known else GAIN_MOVING
+                gain = GAIN_KNOWN if model.is_known else GAIN_MOVING
                 steps[i] = bears * gain * dt * error
         self._learn(steps, [REST_KNOWN if each.is_known else 1.0 for each in self.models])
 

@@ -72,6 +72,7 @@ class ServoModel:
         kind: The type with its own figures.
         full_drive_error: The position error at which it makes full drive [rad].
         volts: Its supply [V], measured if possible.
+        most_drive: The largest share of full drive that its torque limit allows.
     """
 
     def __init__(
@@ -84,7 +85,7 @@ class ServoModel:
         self.sold_as, self.p_gain, self.braking = sold_as, p_gain, braking
         self.figures, self.is_known = figures, figures != AS_SOLD
         self.kind, self.volts = figures.of(sold_as), sold_as.volts
-        self.full_drive_error = full_drive_error(p_gain)
+        self.full_drive_error, self.most_drive = full_drive_error(p_gain), 1.0
 
     def distance(self, torque: float, speed: float = 0.0) -> float:
         """How far beyond its joint the goal must be [rad].

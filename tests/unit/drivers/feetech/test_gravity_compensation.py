@@ -142,6 +142,22 @@ def carried(figures, *, off):
     return trim.carried, np.abs(trim.rest).max()
 
 
+
+def test_a_servo_at_its_torque_limit_learns_nothing_in_motion():
+    def learnt(most_drive, way):
+        trim = Trim(lambda q: np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
+        start(trim, GOAL, sag=(None,) * 6)
+        trim.models[1].most_drive = most_drive
+        for k in range(20):
+            trim.command((GOAL + way * 0.01 * k).tolist(), 0.01 * k)
+            trim.measure((GOAL + way * (0.01 * k - 0.02)).tolist(), REST, ALL, 0.01 * k)
+        return trim.rest[1]
+
+    assert learnt(1.0, 1.0) > 0.0
+    assert learnt(0.2, 1.0) == 0.0, "it lifts no faster, whatever is asked for"
+    assert learnt(0.2, -1.0) < 0.0, "its drive holds back a joint that is too slow to come down"
+
+
 def test_servos_whose_figures_are_known_tell_a_load_faster_from_what_else_may_be_off():
     off = np.array([0.0, 0.02, 0.01, 0.0, 0.0, 0.0])
     mass, rest = carried(AS_SOLD, off=off)
