@@ -164,7 +164,7 @@ class Planner:
                 yield error
 
     def warm_up(self) -> None:
-        """Run once everything that is slow the first time, toppra's import included."""
+        """Run once everything that is slow the first time."""
         limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
         steps = np.array([[0.2, -0.1, 0.0, 0.0, 0.0], [0.2, 0.1, 0.1, 0.0, 0.0]])
         for goal in (
