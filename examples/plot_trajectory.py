@@ -2,7 +2,7 @@
 
     python examples/plot_trajectory.py trajectory.png --xyz 250 120 150
 
-Needs matplotlib, which toppra brings along on x86-64 Linux; elsewhere `pip install matplotlib`.
+Needs matplotlib (`pip install matplotlib`).
 Nothing moves; the arm is simulated.
 """
 

@@ -113,10 +113,7 @@ class Child:
 
         self.checkpoint()
         from so101_motion.planning.planner import Planner
-        from so101_motion.planning.timing.interval_program import import_toppra_alone
 
-        self.checkpoint()
-        import_toppra_alone()
         self.checkpoint()
         planner = Planner(RobotModel.load(), self.checkpoint)
         planner.warm_up()

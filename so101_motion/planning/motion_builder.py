@@ -141,7 +141,7 @@ class MotionBuilder:
             if spline:
                 yield from self._splined(waypoints, tolerance, smoothing)
             look = self.collision.sampled_check(self.q_jaw, spacing=LOOK)
-            corners = roomy_corners(waypoints, tolerance - smoothing, NARROWEST, look.is_free)
+            corners = roomy_corners(waypoints, tolerance - smoothing, NARROWEST, look.touching)
             yield from self._rounded(waypoints, corners, smoothing)
             tighter = np.where(_ROUNDER * corners < NARROWEST, 0.0, _ROUNDER * corners)
             if np.any(tighter > 0.0):
@@ -239,7 +239,7 @@ class MotionBuilder:
             return
         # Most motions that would be refused after timing are refused here already.
         look = self.collision.sampled_check(self.q_jaw, spacing=LOOK)
-        if not all(map(look.is_free, _dense(path))):
+        if look.touching(_dense(path)).any():
             return
         with suppress(PlanningError):
             yield [self._retimed(path, waypoints, smoothing)]

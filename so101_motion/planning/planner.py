@@ -39,6 +39,7 @@ from so101_motion.planning.goals import (
     PoseGoal,
     ToolGoal,
 )
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import MotionBuilder, Pieces, joined
@@ -135,7 +136,7 @@ class Planner:
             q_goal=trajectory.q[-1],
             trajectory=trajectory,
             path=waypoints,
-            tool_path=self._tool_path(trajectory.q),
+            tool_path=_tool_path(context.moves.tool, trajectory.q),
             limits=request.limits,
             report=PlanReport(
                 stages_ms=context.stages_ms,
@@ -164,7 +165,7 @@ class Planner:
                 yield error
 
     def warm_up(self) -> None:
-        """Run once everything that is slow the first time, toppra's import included."""
+        """Run once everything that is slow the first time."""
         limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
         steps = np.array([[0.2, -0.1, 0.0, 0.0, 0.0], [0.2, 0.1, 0.1, 0.0, 0.0]])
         for goal in (
@@ -349,9 +350,9 @@ class Planner:
                 else:
                     return pieces
 
-    def _tool_path(self, q: Array) -> Array:
-        chosen = np.unique(np.linspace(0, len(q) - 1, _PICTURE_POINTS).astype(int))
-        return np.array([self._model.rotation_and_position(q[k])[1].copy() for k in chosen])
+
+def _tool_path(tool: ArmChain, q: Array) -> Array:
+    return tool.positions(q[np.unique(np.linspace(0, len(q) - 1, _PICTURE_POINTS).astype(int))])
 
 
 def _farthest(context: PlanningContext) -> float:

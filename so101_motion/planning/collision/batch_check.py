@@ -294,6 +294,11 @@ class BatchSampledCheck:
         """Whether nothing is too close at joint angles ``q``, shape (5,), [rad]."""
         return not self.batch.touches(self._levels, q, self._q_jaw)
 
+    def touching(self, q: Array) -> Array:
+        """Which of several configurations (n, 5) [rad] touch something, booleans, shape (n,)."""
+        jaw = np.full((len(q), 1), self._q_jaw)
+        return self.batch.touching(self._levels, np.concatenate((q, jaw), axis=1))
+
     def is_clear(self, q_from: Array, q_to: Array) -> bool:
         """Whether no sample between two configurations touches; the two are not checked."""
         if self.checker.proven:

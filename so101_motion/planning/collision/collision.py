@@ -48,6 +48,10 @@ BACK_OUT = (
 """What to do about an arm in a surface of which the inside is not known."""
 
 
+NEARBY = 0.03
+"""How far it is looked first for the closest pair [m]. Chosen: at most goals one is nearer."""
+
+
 class Clearance(NamedTuple):
     """The distance of two bodies.
 
@@ -237,21 +241,36 @@ class CollisionModel:
 
     def clearance(self, q: ArrayLike, q_jaw: float = 0.0) -> Clearance:
         """The pair of bodies with the least distance beyond its margin."""
-        self._q[:5], self._q[5] = q, q_jaw
         self.checkpoint()
-        least = self._coal.place(self._q) - self.margins
-        rooms = dict[int, float]()
-        for k in np.argsort(least, kind="stable").tolist():
-            if rooms and least[k] > min(rooms.values()):
+        for within in (NEARBY, NEAR):
+            near = self.batch.near(np.asarray(q), q_jaw, within)
+            if near is None:
                 break
-            rooms[k] = self._found(k).distance - self.margins[k]
-        closest = min(rooms, key=lambda k: (rooms[k], k))
-        first, second = self.pairs[closest]
+            pairs, distances = near[0][:, 0].astype(int), near[0][:, 1]
+            rooms = distances - self.margins[pairs]
+            if (self._with_surface[pairs] & (distances <= RIB)).any():  # perhaps in a solid
+                break
+            # Any other pair has more room than this.
+            if rooms.min(initial=math.inf) < within - self.margins.max():
+                closest = min(range(len(rooms)), key=lambda k: (rooms[k], pairs[k]))
+                return self._clearance(int(pairs[closest]), float(distances[closest]))
+        self._q[:5], self._q[5] = q, q_jaw
+        least = self._coal.place(self._q) - self.margins
+        found = dict[int, float]()
+        for k in np.argsort(least, kind="stable").tolist():
+            if found and least[k] > min(found.values()):
+                break
+            found[k] = self._found(k).distance - self.margins[k]
+        last = min(found, key=lambda k: (found[k], k))
+        return self._clearance(last, self._found(last).distance)
+
+    def _clearance(self, k: int, distance: float) -> Clearance:
+        first, second = self.pairs[k]
         return Clearance(
-            distance=self._found(closest).distance,
+            distance=distance,
             first=first,
             second=second,
-            margin=float(self.margins[closest]),
+            margin=float(self.margins[k]),
             called=(self.scene.called(first), self.scene.called(second)),
         )
 

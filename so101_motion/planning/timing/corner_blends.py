@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.timing.path_geometry import JointPath, blended_path
+from so101_motion.planning.timing.path_geometry import rounded_corners
 
 SMALLER = 0.35
 """Factor by which a blocked corner is cut less. Chosen: three sizes between 0.1 and 0.01 rad."""
@@ -23,32 +23,24 @@ PER_CORNER = 12
 
 
 def roomy_corners(
-    waypoints: Array, tolerance: float, narrowest: float, is_free: Callable[[Array], bool]
+    waypoints: Array, tolerance: float, narrowest: float, touching: Callable[[Array], Array]
 ) -> Array:
     """How far a joint may leave a polyline (m, 5) at its corners, (m - 2,) [rad]; 0 for a stop.
 
-    ``tolerance`` is the largest and ``narrowest`` the smallest that is tried [rad]; ``is_free``
-    checks single configurations (5,) on the rounded corner.
+    ``tolerance`` is the largest and ``narrowest`` the smallest that is tried [rad]; ``touching``
+    tells which of several configurations (n, 5) touch something, (n,).
     """
     tolerances = np.full(len(waypoints) - 2, tolerance)
-    tight = list(range(len(tolerances)))
-    while tight:
-        path = blended_path(waypoints, np.maximum(tolerances, narrowest))
-        tight = [k for k in tight if not all(map(is_free, _corner(path, k)))]
+    tight = np.flatnonzero(rounded_corners(waypoints, tolerance).reach > 0.0)
+    while len(tight):
+        corners = rounded_corners(waypoints, np.maximum(tolerances, narrowest))
+        q = corners.at(np.linspace(0.0, 1.0, PER_CORNER))[tight]
+        blocked = touching(q.reshape(-1, q.shape[2])).reshape(len(tight), -1).any(axis=1)
+        tight = tight[blocked]
         tolerances[tight] *= SMALLER
         tolerances[tolerances < narrowest] = 0.0
-        tight = [k for k in tight if tolerances[k] > 0.0]
+        tight = tight[tolerances[tight] > 0.0]
     return tolerances
-
-
-def _corner(path: JointPath, k: int) -> Array:
-    """Configurations on the blend of corner ``k``, shape (n, 5), [rad]; none if it is straight."""
-    bent = np.flatnonzero(np.any(path.coefficients[:, 2] != 0.0, axis=1))
-    if k >= len(bent):
-        return np.empty((0, path.n))
-    piece = int(bent[k])
-    length = float(path.knots[piece + 1] - path.knots[piece])
-    return path.on_pieces(piece, length * np.linspace(0.0, 1.0, PER_CORNER)).q
 
 
 def between_stops(waypoints: Array, tolerances: Array) -> Iterator[tuple[Array, Array]]:

@@ -12,7 +12,7 @@ How it works.
    the acceleration and jerk limits is left for speeding up.
 2. One pass forwards and one backwards keep the acceleration that is left at each speed.
 3. The place as a function of time is averaged over a window that turns steps of acceleration into
-   ramps of the jerk limit (a moving average, or FIR filter: see ``jerk_filter.py``).
+   ramps of the jerk limit (a moving average, or FIR filter: see ``native/retime.c``).
 4. The result is measured. Where it exceeds a limit, the speed near there is lowered accordingly,
    and the motion is made again. Any excess after a few rounds is removed by slowing all of it.
 

@@ -135,33 +135,62 @@ def blended_path(waypoints: ArrayLike, tolerance: ArrayLike) -> JointPath:
     Raises:
         ValueError: Fewer than two different points, not numbers, or no positive tolerance.
     """
+    points, chords, lengths = _polyline(waypoints)
+    corners = _corners(points, chords, lengths, tolerance)
+    reach = np.concatenate(([0.0], corners.reach, [0.0]))
+    # A line and the corner at its end, in turn; what has no length is left out.
+    pieces = np.zeros((2 * len(chords) - 1, 4, points.shape[1]))
+    directions = chords / lengths[:, None]
+    pieces[::2, 0], pieces[::2, 1] = points[:-1] + reach[:-1, None] * directions, directions
+    pieces[1::2, 0], pieces[1::2, 1] = corners.begin, corners.direction
+    extent = np.empty(len(pieces))
+    extent[::2], extent[1::2] = lengths - reach[:-1] - reach[1:], 2.0 * corners.reach
+    exists = extent > np.where(np.arange(len(pieces)) % 2, 0.0, SAME_POINT)
+    curved = corners.reach > 0.0
+    pieces[1::2, 2][curved] = corners.turn[curved] / (4.0 * corners.reach[curved, None])
+    return JointPath(knots=_accumulated(extent[exists]), coefficients=pieces[exists])
+
+
+class Corners(NamedTuple):
+    """The corners of a polyline, rounded as in :func:`blended_path`.
+
+    Attributes:
+        reach: How far from its waypoint each parabola begins and ends, shape (m,), [rad]; 0 where
+            the line is straight.
+        begin: Where it begins, shape (m, n), [rad].
+        direction: The unit direction there, same shape.
+        turn: The change of direction, same shape.
+    """
+
+    reach: Array
+    begin: Array
+    direction: Array
+    turn: Array
+
+    def at(self, share: Array) -> Array:
+        """Configurations at shares (k,) of each corner, 0 to 1, shape (m, k, n), [rad]."""
+        s, reach = share[:, None], self.reach[:, None, None]
+        along = 2.0 * s * self.direction[:, None] + s * s * self.turn[:, None]
+        return np.asarray(self.begin[:, None] + reach * along)
+
+
+def rounded_corners(waypoints: ArrayLike, tolerance: ArrayLike) -> Corners:
+    """The corners of a :func:`blended_path`."""
+    return _corners(*_polyline(waypoints), tolerance)
+
+
+def _corners(points: Array, chords: Array, lengths: Array, tolerance: ArrayLike) -> Corners:
     tolerance = np.asarray(tolerance, dtype=np.float64)
     if not np.all((tolerance > 0.0) & (tolerance < np.inf)):
         raise ValueError(f"the corner tolerance must be positive and finite, got {tolerance}")
-    points, chords, lengths = _polyline(waypoints)
     directions = chords / lengths[:, None]
-    turns = directions[1:] - directions[:-1]
-    largest = np.abs(turns).max(axis=1, initial=0.0)
-    reach = np.zeros(len(points))
-    with np.errstate(divide="ignore"):
-        wanted = np.where(largest > SAME_POINT, 4.0 * tolerance / largest, 0.0)
-    reach[1:-1] = np.minimum(wanted, 0.5 * np.minimum(lengths[:-1], lengths[1:]))
-
-    pieces: list[tuple[float, Array, Array, Array]] = []
-    nothing = np.zeros(points.shape[1])
-    for k, direction in enumerate(directions):
-        straight = lengths[k] - reach[k] - reach[k + 1]
-        if straight > SAME_POINT:
-            pieces.append((straight, points[k] + reach[k] * direction, direction, nothing))
-        ahead = reach[k + 1]
-        if ahead > 0.0:
-            start = points[k + 1] - ahead * direction
-            pieces.append((2.0 * ahead, start, direction, turns[k] / (4.0 * ahead)))
-    coefficients = [[start, slope, bend, nothing] for _, start, slope, bend in pieces]
-    return JointPath(
-        knots=_accumulated(np.array([piece[0] for piece in pieces])),
-        coefficients=np.array(coefficients),
-    )
+    turn = np.diff(directions, axis=0)
+    largest = np.abs(turn).max(axis=1, initial=0.0)
+    with np.errstate(divide="ignore", over="ignore"):
+        reach = np.where(largest > SAME_POINT, 4.0 * tolerance / largest, 0.0)
+    reach = np.minimum(reach, 0.5 * np.minimum(lengths[:-1], lengths[1:]))
+    begin = points[1:-1] - reach[:, None] * directions[:-1]
+    return Corners(reach, begin, directions[:-1], turn)
 
 
 def _polyline(waypoints: ArrayLike) -> tuple[Array, Array, Array]:

@@ -2,59 +2,61 @@
 
 How it works, in four steps:
 
-1. *Optimal speed along the path* (:mod:`~so101_motion.planning.timing.speed_profile`), as fast as
-   the velocity and acceleration limits allow, without a bound of jerk.
+1. *Optimal speed along the path* (TOPP-RA), as fast as the velocity and acceleration limits allow,
+   without a bound of jerk.
 2. *Motion in time.* Acceleration along the path is constant on each interval, which gives time,
    velocity and acceleration exactly.
-3. *Bounded jerk* by a moving average (:mod:`~so101_motion.planning.timing.jerk_filter`).
+3. *Bounded jerk* by a moving average over time.
 4. *Measure and scale.* The result is sampled at 1 kHz; if it exceeds a limit or the tool speed cap,
    its time is stretched by exactly that. The returned motion has been checked.
+
+The compiled library does it; ``native/retime.c`` tells how and why.
 """
 
 from __future__ import annotations
 
+import ctypes
 import math
-from dataclasses import replace
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
+from so101_motion.planning.native.library import native
 from so101_motion.planning.timing import verify
-from so101_motion.planning.timing.jerk_filter import (
-    CHECK_STEP,
-    RAMP_WIDTHS,
-    Curve,
-    check_positions,
-    curve_through,
-    fitting_window,
-    sampled,
-)
 from so101_motion.planning.timing.limits import MotionLimits, ToolSpeed
-from so101_motion.planning.timing.path_geometry import JointPath
-from so101_motion.planning.timing.speed_profile import (
-    SPEED_MARGIN,
-    FurtherLimits,
-    PathGrid,
-    optimal_speed,
-)
+from so101_motion.planning.timing.path_geometry import JointPath, PathPoints
 from so101_motion.planning.timing.trajectory import Trajectory
 
-EASED = 0.97
-"""Share of the acceleration limits used near the ends, where the changing width of the average adds
-acceleration. Chosen together with ``RAMP_WIDTHS``."""
-EASED_PART = 0.1
-"""Longest part of a path that may be eased. If more were needed, steps of acceleration would follow
-each other too closely for a narrow window anyway. Chosen: benchmarks/."""
-WIDTH_MARGIN = 1.004
-"""Factor by which the average is wider than its formula. Chosen: differences at 1 kHz show up to
-0.3 % more jerk at one phase of the sampling than at another."""
-NARROWEST = 0.012
-"""Narrowest average [s], at any jerk limit. Chosen: the 1 kHz samples on which limits are measured
-resolve it, also at the ends where it is half as wide."""
-CORRECTIONS = 3
-"""How often a motion is slowed down because its own samples show a little more of a very short peak
-than those at 1 kHz. Chosen: of 5700 random paths one in fifty needed one, none two."""
+
+class LimitRows(NamedTuple):
+    """Limits on the motion along a path, ``|a u + b x + c| <= 1``; each shape (N, m).
+
+    Attributes:
+        a: Factors of the acceleration along the path, u [s^2/rad].
+        b: Factors of the squared speed along it, x [s^2/rad^2].
+        c: The part of the limit used at rest; less than 1 in magnitude.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+
+
+FurtherLimits = Callable[[PathPoints], LimitRows]
+"""Limits at given points of a path, besides those of velocity and acceleration."""
+
+_SAMPLES, _TOOL_SPEEDS, _ROWS, _CHECKPOINT = range(4)
+_NO_SPEED, _NO_MEMORY = 2, 3
+"""What the library asks for, and two ways in which it ends, as in retime.c."""
+
+_int, _numbers = ctypes.c_int, ctypes.POINTER(ctypes.c_double)
+_Supply = ctypes.CFUNCTYPE(
+    ctypes.c_void_p, _int, _int, _numbers, _numbers, _numbers, ctypes.POINTER(_int)
+)
 
 
 def retime(
@@ -92,110 +94,92 @@ def retime(
         raise ValueError(f"dt = {dt} and deviation = {deviation} must be positive and finite")
     if limits.tool_speed is not None and tool_speed_fn is None:
         raise ValueError("a tool speed cap needs tool_speed_fn")
-    width, share = _width_of_average(limits, deviation)
-    eased = replace(limits, acceleration=share * limits.acceleration)
-    along = _speed_along(path, eased, tool_speed_fn, further, width, checkpoint)
-    checkpoint()
-    curve = _in_time(*along, rest=2.0 * width)
-    checkpoint()
-    window = fitting_window(curve, width, limits)
-    checkpoint()
-    stretch = _stretch(check_positions(curve, window), limits, tool_speed_fn)
-    trajectory = sampled(curve, window, stretch, dt)
-    for _ in range(CORRECTIONS):
-        checkpoint()
-        report = verify.limit_report(trajectory, limits)
-        if report.velocity.max() <= 1.0 and report.worst <= 1.0 + verify.TOLERANCE:
-            return trajectory
-        stretch *= report.stretch * (1.0 + 0.5 * verify.TOLERANCE)
-        trajectory = sampled(curve, window, stretch, dt)
-    verify.check(trajectory, limits)
+    timing = NativeTiming(path, limits, tool_speed_fn, further, checkpoint)
+    duration = ctypes.c_double()
+    numbers = (ctypes.c_double(dt), ctypes.c_double(deviation), ctypes.byref(duration))
+    exceeds = timing.run(native().library.so101_retime, *numbers)
+    q, qd, qdd = timing.samples
+    trajectory = Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=duration.value)
+    if exceeds:
+        verify.check(trajectory, limits)
     return trajectory
 
 
-def _speed_along(
-    path: JointPath,
-    limits: MotionLimits,
-    tool_speed_fn: ToolSpeed | None,
-    further: FurtherLimits | None,
-    width: float,
-    checkpoint: Checkpoint,
-) -> tuple[PathGrid, Array]:
-    """The path cut into intervals, and the best speed at each cut [rad/s]."""
-    near = _eased_length(path.length, limits.acceleration, width)
-    grid = PathGrid.on(path, fine=limits.tool_speed is not None or further is not None)
-    grid = grid.divided_at(np.array([near, path.length - near]))
-    middles = np.cumsum(grid.steps) - 0.5 * grid.steps
-    is_near = np.minimum(middles, path.length - middles) < near
-    acceleration = np.where(is_near[:, None], EASED, 1.0) * limits.acceleration
-    cap = _cap_on_speed(grid, limits, tool_speed_fn)
-    checkpoint()
-    return optimal_speed(grid, cap, acceleration, further, checkpoint)
+class NativeTiming:
+    """Lets the library time one path, and answers what it asks for meanwhile.
 
-
-def _width_of_average(limits: MotionLimits, deviation: float) -> tuple[float, float]:
-    """Width of the moving average [s] and the share of the acceleration limits to use.
-
-    A joint may turn from full acceleration to full braking at once, so ``w = 2 a / j``; its
-    distance from the path is then at most ``a w^2 / 24``, which must stay within ``deviation``.
-    Lowering a lowers w with it, so the distance goes with the cube of the share.
+    Attributes:
+        samples: The samples that it asked for last, shape (3, N, n): positions [rad], velocities
+            [rad/s] and accelerations [rad/s^2].
     """
-    width = max(NARROWEST, WIDTH_MARGIN * float(np.max(2.0 * limits.acceleration / limits.jerk)))
-    furthest = float(np.max(limits.acceleration)) * width**2 / 24.0
-    share = min(1.0, float(np.cbrt(deviation / furthest)))
-    return width * share, share
 
+    samples: Array
 
-def _stretch(q: Array, limits: MotionLimits, tool_speed_fn: ToolSpeed | None) -> float:
-    """How much slower positions ``CHECK_STEP`` apart, (m, n), must be to keep every limit; >= 1."""
-    stretch = max(1.0, verify.measure(q, CHECK_STEP, limits).stretch)
-    if limits.tool_speed is None or tool_speed_fn is None:
-        return stretch
-    middle, rate = 0.5 * (q[1:] + q[:-1]), np.diff(q, axis=0) / CHECK_STEP
-    # Each value may cost a Jacobian: every fourth first, then all near the highest ones.
-    coarse = tool_speed_fn(middle[::4], rate[::4])
-    near = np.repeat(coarse > 0.98 * coarse.max(), 4)
-    near = np.convolve(near, np.ones(9), "same")[: len(rate)] > 0.5
-    fastest = float(np.max(tool_speed_fn(middle[near], rate[near])))
-    return max(stretch, fastest / (SPEED_MARGIN * limits.tool_speed))
+    def __init__(
+        self,
+        path: JointPath,
+        limits: MotionLimits,
+        tool_speed_fn: ToolSpeed | None,
+        further: FurtherLimits | None,
+        checkpoint: Checkpoint = never_abandoned,
+    ) -> None:
+        self._path, self._limits, self._checkpoint = path, limits, checkpoint
+        self._tool, self._further = tool_speed_fn, further
+        self._error: BaseException | None = None
 
+    def run(self, function: Any, *arguments: Any) -> bool:
+        """Call a function of retime.c; whether its result may still exceed a limit.
 
-def _eased_length(length: float, acceleration: Array, width: float) -> float:
-    """Length at both ends where acceleration is a little lower [rad]; 0 for none.
+        Raises:
+            PlanningError: No speed satisfies the limits along the path.
+        """
+        path, limits, answer = self._path, self._limits, _Supply(self._answer)
+        caps = np.concatenate((limits.velocity, limits.acceleration, limits.jerk))
+        arrays = [np.ascontiguousarray(each) for each in (path.knots, path.coefficients, caps)]
+        tool = ctypes.c_double(limits.tool_speed or 0.0)
+        ended = function(
+            len(path.knots) - 1,
+            path.n,
+            *(ctypes.c_void_p(array.ctypes.data) for array in arrays),
+            tool,
+            self._further is not None,
+            answer,
+            *arguments,
+        )
+        if self._error is not None:
+            raise self._error
+        if ended == _NO_SPEED:
+            raise PlanningError(
+                "no speed along this path satisfies the limits; check for a corner that is too"
+                " sharp"
+            )
+        if ended == _NO_MEMORY:
+            raise MemoryError("no memory for the samples of a motion")
+        return bool(ended)
 
-    It is the distance the joints can travel before the average has its full width.
+    def _answer(self, what: int, count: int, q: Any, q_s: Any, q_ss: Any, rows: Any) -> int | None:
+        try:
+            if what == _CHECKPOINT:
+                self._checkpoint()
+                return 1
+            if what == _SAMPLES:
+                self.samples = np.empty((3, count, self._path.n))
+                return self.samples.ctypes.data
+            shape = count, self._path.n
+            points = [np.ctypeslib.as_array(each, shape) for each in (q, q_s, q_ss) if each]
+            self._kept = self._values(points, rows)  # until the library has copied them
+            return self._kept.ctypes.data
+        except BaseException as error:  # raised after the library returns
+            self._error = error
+            return None
 
-    Args:
-        length: Of the path [rad].
-        acceleration: Joint acceleration limits, shape (n,), [rad/s^2].
-        width: Of the moving average [s].
-    """
-    time = (RAMP_WIDTHS + 0.5) * width
-    near = 0.5 * float(acceleration.max()) * time**2 * math.sqrt(len(acceleration))
-    return near if near <= EASED_PART * length else 0.0
-
-
-def _cap_on_speed(grid: PathGrid, limits: MotionLimits, tool_speed_fn: ToolSpeed | None) -> Array:
-    """Largest speed along the path at each cut, shape (N + 1,), [rad/s]."""
-    q, q_s = grid.nodes
-    with np.errstate(divide="ignore", over="ignore"):  # a joint that hardly moves sets no bound
-        fastest = 1.0 / np.max(np.abs(q_s) / limits.velocity, axis=1)
-        if limits.tool_speed is not None and tool_speed_fn is not None:
-            fastest = np.minimum(fastest, limits.tool_speed / tool_speed_fn(q, q_s))
-    return np.asarray(fastest)
-
-
-def _in_time(grid: PathGrid, speed: Array, rest: float) -> Curve:
-    """The motion along the grid with these speeds at its points; u is constant in between."""
-    u = (speed[1:] ** 2 - speed[:-1] ** 2) / (2.0 * grid.steps)
-    begin, end = grid.begin, grid.end
-    q, q_s = grid.nodes
-    square, along = speed[:, None] ** 2, u[:, None]
-    return curve_through(
-        2.0 * grid.steps / (speed[:-1] + speed[1:]),
-        q,
-        q_s * speed[:, None],
-        begin.q_s * along + begin.q_ss * square[:-1],
-        end.q_s * along + end.q_ss * square[1:],
-        rest,
-    )
+    def _values(self, points: list[Array], rows: Any) -> Array:
+        """The tool's speeds at points of the path, or with ``rows`` the further limits there."""
+        if rows:
+            assert self._further is not None
+            found = np.stack(self._further(PathPoints(*points)))
+            rows[0] = found.shape[2]
+        else:
+            assert self._tool is not None
+            found = self._tool(*points[:2])
+        return np.ascontiguousarray(found, dtype=np.float64)

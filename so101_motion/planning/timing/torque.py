@@ -8,7 +8,7 @@ more, it is slowed down.
 Slowing down does not reduce gravity, so a refusal names the joint, the torque and the
 configuration. In a motion that is ``k`` times slower the inertial part falls with ``k^2``, which
 gives directly how much slower it must be. Along a path the limits are two more rows for each joint
-in :mod:`speed_profile`, so that only the heavy part of it takes longer.
+in :mod:`retime`, so that only the heavy part of it takes longer.
 
 Friction is ignored, and so is the loss of torque with speed: speeds are capped well below a servo's
 no-load speed.
@@ -29,8 +29,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 from so101_motion.planning.collision.scene import Attached
-from so101_motion.planning.timing.interval_program import LimitRows
 from so101_motion.planning.timing.path_geometry import PathPoints
+from so101_motion.planning.timing.retime import LimitRows
 from so101_motion.planning.timing.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -341,7 +341,7 @@ class Load:
         return math.sqrt(max(1.0, float(np.max(np.abs(inertial) / left))))
 
     def rows(self, points: PathPoints) -> LimitRows:
-        """The torque limits along a path, for :func:`speed_profile.optimal_speed`.
+        """The torque limits along a path, for :func:`retime.retime`.
 
         With ``q = q(s)`` joints have the velocity ``q_s s'`` and the acceleration
         ``q_s s'' + q_ss s'^2``. Torque is linear in accelerations and quadratic in velocities, so

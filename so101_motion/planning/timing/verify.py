@@ -9,6 +9,7 @@ servo could notice is missed.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ from so101_motion.common.errors import OutsideLimits
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import range_deg, to_deg
+from so101_motion.planning.native.library import native
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 
@@ -82,34 +84,26 @@ def limit_report(
     """
     if len(limits.velocity) != trajectory.n:
         raise ValueError(f"limits for {len(limits.velocity)} joints, a motion of {trajectory.n}")
-    q, dt = trajectory.q, trajectory.dt
+    motion = [np.ascontiguousarray(each) for each in (trajectory.q, trajectory.qd, trajectory.qdd)]
+    peaks = np.empty((5, trajectory.n))
+    native().library.so101_peaks(
+        *(ctypes.c_void_p(each.ctypes.data) for each in motion),
+        len(trajectory),
+        trajectory.n,
+        ctypes.c_double(trajectory.dt),
+        ctypes.c_void_p(peaks.ctypes.data),
+    )
+    velocity, acceleration, jerk, least, most = peaks
     outside = np.zeros(trajectory.n)
     if lower is not None:
-        outside = np.maximum(outside, np.asarray(lower) - q.min(axis=0))
+        outside = np.maximum(outside, np.asarray(lower) - least)
     if upper is not None:
-        outside = np.maximum(outside, q.max(axis=0) - np.asarray(upper))
-    from_rest = not (np.any(trajectory.qd[0]) or np.any(trajectory.qdd[0]))
-    padded = np.concatenate((*([q[:1]] * (3 * from_rest)), q, *([q[-1:]] * 3)))
-    seen = measure(padded, dt, limits)
-    qd, qdd = _joints_first(trajectory.qd), _joints_first(trajectory.qdd)
+        outside = np.maximum(outside, most - np.asarray(upper))
     return LimitReport(
-        velocity=np.maximum(seen.velocity, _peak(qd) / limits.velocity),
-        acceleration=np.maximum(seen.acceleration, _peak(qdd) / limits.acceleration),
-        jerk=np.maximum(seen.jerk, _peak(np.diff(qdd) / dt) / limits.jerk),
+        velocity=velocity / limits.velocity,
+        acceleration=acceleration / limits.acceleration,
+        jerk=jerk / limits.jerk,
         outside=outside,
-    )
-
-
-def measure(q: Array, dt: float, limits: MotionLimits) -> LimitReport:
-    """Measure positions ``dt`` [s] apart, shape (N, n), [rad], by their differences alone."""
-    velocity = np.diff(_joints_first(q)) / dt
-    acceleration = np.diff(velocity) / dt
-    jerk = np.diff(acceleration) / dt
-    return LimitReport(
-        velocity=_peak(velocity) / limits.velocity,
-        acceleration=_peak(acceleration) / limits.acceleration,
-        jerk=_peak(jerk) / limits.jerk,
-        outside=np.zeros(q.shape[1]),
     )
 
 
@@ -172,13 +166,3 @@ def _out_of_range(
 def _joint(i: int, n: int) -> str:
     names: Sequence[str] = ARM_JOINTS
     return names[i] if n == len(names) else f"joint {i + 1}"
-
-
-def _joints_first(values: Array) -> Array:
-    """Transpose (N, n) to (n, N): numpy is ten times faster along a long last axis."""
-    return np.ascontiguousarray(values.T)
-
-
-def _peak(values: Array) -> Array:
-    """Largest magnitude of each joint; 0 where there are no samples."""
-    return np.asarray(np.abs(values).max(axis=1, initial=0.0))

@@ -11,7 +11,7 @@ MOST, LEAST = 0.1, 0.002
 
 
 def corners(is_free, points=POINTS):
-    return roomy_corners(points, MOST, LEAST, is_free)
+    return roomy_corners(points, MOST, LEAST, lambda q: np.array([not is_free(each) for each in q]))
 
 
 def test_where_all_is_free_every_corner_is_cut_as_widely_as_may_be():

@@ -1,7 +1,3 @@
-import subprocess
-import sys
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
 
@@ -40,16 +36,6 @@ def away_from(path: JointPath, q: np.ndarray) -> float:
     """How far the worst joint of the worst ``q`` is from the nearest point of the path."""
     dense = path.evaluate(np.linspace(0.0, path.length, 6000)).q
     return max(np.abs(dense - one).max(axis=1).min() for one in q)
-
-
-needs_toppra = pytest.mark.skipif(
-    find_spec("toppra") is None, reason="toppra has wheels for x86-64 Linux alone"
-)
-
-
-def run(code: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return done.stdout.strip()
 
 
 @pytest.mark.parametrize("path", [spline_path(POINTS), blended_path(POINTS, 0.03)])
@@ -185,21 +171,35 @@ def test_mistakes_are_named(change: dict[str, object], complaint: str) -> None:
         retime(**arguments)
 
 
-@needs_toppra
-def test_a_matplotlib_that_is_there_already_is_left_alone() -> None:
-    code = """
-import sys, types
-mine = sys.modules["matplotlib"] = types.ModuleType("matplotlib")
-sys.modules["matplotlib.pyplot"] = mine.pyplot = types.ModuleType("matplotlib.pyplot")
-import numpy as np
-from so101_motion.planning.timing import path_geometry, retime
-from so101_motion.planning.timing.limits import MotionLimits
-limits = MotionLimits.uniform(velocity=1.0, acceleration=5.0, jerk=100.0, n=2)
-retime.retime(path_geometry.spline_path([[0.0, 0.0], [0.3, 0.1]]), limits, 0.01)
-assert "toppra" in sys.modules
-print(sys.modules["matplotlib"] is mine)
-"""
-    assert run(code) == "True"
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+def test_velocity_and_acceleration_are_the_derivatives_of_the_positions(scale: float) -> None:
+    h = 1e-5
+    motion = retime(spline_path(scale * POINTS), LIMITS, h)
+    q, qd, qdd = (each[1:-2] for each in (motion.q, motion.qd, motion.qdd))
+    assert np.allclose((q[2:] - q[:-2]) / (2.0 * h), qd[1:-1], atol=1e-5)
+    assert np.allclose((qd[2:] - qd[:-2]) / (2.0 * h), qdd[1:-1], atol=2e-2)
+
+
+def test_half_the_width_is_taken_at_the_ends_where_it_keeps_the_limits() -> None:
+    # One joint: full acceleration, top speed if there is room, full braking.
+    def lengthened_by(way: float, bang_bang: float, top: float) -> float:
+        limits = MotionLimits.uniform(velocity=top, acceleration=10.0, jerk=502.0, n=1)
+        motion = retime(blended_path([[0.0], [way]], 0.01), limits, 0.01)
+        return (motion.duration - bang_bang) / 0.04
+
+    assert 0.5 <= lengthened_by(2.0, 2.1, top=1.0) < 0.6  # a little slower near the ends
+    # Too short for a change of width.
+    assert lengthened_by(0.1, 0.2, top=4.0) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_lower_cap_on_everything_is_the_same_motion_in_more_time() -> None:
+    path = spline_path(POINTS)
+    once = retime(path, LIMITS, 0.01)
+    half = MotionLimits.uniform(velocity=1.5, acceleration=2.5, jerk=62.5)
+    # Smoothing may not leave the path any further, which would shorten the slower motion's average.
+    twice = retime(path, half, 0.02, deviation=1.0)
+    assert twice.duration == pytest.approx(2.0 * once.duration, rel=1e-3)
+    assert np.allclose(twice.q[:-2], once.q[:-2][: len(twice) - 2], atol=1e-3)
 
 
 def test_a_joint_that_moves_by_next_to_nothing_is_no_trouble():

@@ -1,84 +1,170 @@
+"""The speed profile of ``native/retime.c``, before jerk is bounded."""
+
+import ctypes
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from benchmarks.bench_retime import LIMITS, random_waypoints
 from so101_motion.common.errors import PlanningError
-from so101_motion.planning.timing import speed_profile
-from so101_motion.planning.timing.interval_program import LimitRows
+from so101_motion.planning.native.library import native
+from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.path_geometry import JointPath, blended_path, spline_path
-from so101_motion.planning.timing.speed_profile import PathGrid, optimal_speed
+from so101_motion.planning.timing.retime import LimitRows, NativeTiming
 
 POINTS = np.array([[0.0, 0.0, 0.0], [0.8, -0.3, 0.2], [0.9, 0.5, -0.4], [0.2, 0.3, -0.6]])
-VELOCITY, ACCELERATION = np.full(3, 3.0), np.full(3, 10.0)
+THREE = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, n=3)
 
 
-def best(path: JointPath, *, fine: bool = False, further=None) -> tuple[PathGrid, np.ndarray]:
-    grid = PathGrid.on(path, fine=fine)
-    cap = 1.0 / np.max(np.abs(grid.nodes[1]) / VELOCITY, axis=1)
-    return optimal_speed(grid, cap, np.tile(ACCELERATION, (len(grid.steps), 1)), further)
+class Best:
+    """The best speeds along a path: at the cuts ``speed``, and the intervals between them."""
 
+    def __init__(self, path: JointPath, limits: MotionLimits = THREE, **more) -> None:
+        timing = NativeTiming(path, limits, more.get("tool"), more.get("further"))
+        rows, count = np.empty((20_000, 4)), ctypes.c_int(20_000)
+        place = ctypes.c_void_p(rows.ctypes.data)
+        timing.run(native().library.so101_best_speeds, place, ctypes.byref(count))
+        piece, begin, end, speed = rows[: count.value].T
+        self.steps, self.speed = end - begin, np.append(speed, 0.0)
+        self.begin, self.end = (path.on_pieces(piece.astype(int), at) for at in (begin, end))
 
-def duration(grid: PathGrid, rate: np.ndarray) -> float:
-    return float(np.sum(2.0 * grid.steps / (rate[1:] + rate[:-1])))
+    @property
+    def duration(self) -> float:
+        return float(np.sum(2.0 * self.steps / (self.speed[1:] + self.speed[:-1])))
 
-
-def accelerations(grid: PathGrid, rate: np.ndarray) -> np.ndarray:
-    """Joint accelerations at both ends of each interval."""
-    u = ((rate[1:] ** 2 - rate[:-1] ** 2) / (2.0 * grid.steps))[:, None]
-    squares = rate[:, None] ** 2
-    begin, end = grid.begin, grid.end
-    return np.concatenate(
-        [begin.q_s * u + begin.q_ss * squares[:-1], end.q_s * u + end.q_ss * squares[1:]]
-    )
+    def accelerations(self) -> np.ndarray:
+        """Joint accelerations at both ends of each interval."""
+        square = self.speed[:, None] ** 2
+        u = np.diff(square, axis=0) / (2.0 * self.steps[:, None])
+        at_begin = self.begin.q_s * u + self.begin.q_ss * square[:-1]
+        return np.concatenate([at_begin, self.end.q_s * u + self.end.q_ss * square[1:]])
 
 
 def test_a_straight_path_has_the_three_phases_of_a_trapezoid() -> None:
-    grid, rate = best(blended_path([np.zeros(3), [2.0, 1.0, 0.0]], 0.01))
+    best = Best(blended_path([np.zeros(3), [2.0, 1.0, 0.0]], 0.01))
     scale = np.sqrt(5.0) / 2.0  # path length for each radian of the first joint
     top = 3.0 * scale * (1.0 - 1e-4)
-    assert rate == pytest.approx([0.0, top, top, 0.0])
-    assert grid.steps[[0, 2]] == pytest.approx(2 * [top**2 / (2.0 * 10.0 * scale)])
-    assert duration(grid, rate) == pytest.approx(2.0 / 3.0 + 3.0 / 10.0, rel=1e-3)
+    assert best.speed == pytest.approx([0.0, top, top, 0.0])
+    assert best.steps[[0, 2]] == pytest.approx(2 * [top**2 / (2.0 * 10.0 * scale)])
+    assert best.duration == pytest.approx(2.0 / 3.0 + 3.0 / 10.0, rel=1e-3)
 
 
 def test_a_short_straight_path_turns_from_speeding_up_to_braking_in_its_middle() -> None:
-    grid, rate = best(blended_path([np.zeros(3), [0.1, 0.0, 0.0]], 0.01))
-    assert grid.steps == pytest.approx([0.05, 0.05])
-    assert rate == pytest.approx([0.0, 1.0, 0.0])
+    best = Best(blended_path([np.zeros(3), [0.1, 0.0, 0.0]], 0.01))
+    assert best.steps == pytest.approx([0.05, 0.05])
+    assert best.speed == pytest.approx([0.0, 1.0, 0.0])
 
 
 @pytest.mark.parametrize("path", [blended_path(POINTS, 0.05), spline_path(POINTS)])
 def test_limits_are_kept_at_both_ends_of_every_interval_and_used(path: JointPath) -> None:
-    grid, rate = best(path)
-    shares = np.abs(accelerations(grid, rate)) / ACCELERATION
-    assert shares.max() <= 1.0 + 1e-5
-    speeds = np.abs(grid.nodes[1] * rate[:, None]) / VELOCITY
+    best = Best(path)
+    shares = np.abs(best.accelerations()) / THREE.acceleration
+    assert shares.max() <= 1.0 + 1e-9
+    speeds = np.abs(best.begin.q_s * best.speed[:-1, None]) / THREE.velocity
     assert speeds.max() <= 1.0
     assert np.median(np.maximum(shares.max(axis=1), speeds[1:].max())) > 0.9
-    assert rate[0] == rate[-1] == 0.0
+    assert best.speed[0] == best.speed[-1] == 0.0
+
+
+def largest_square(rows: np.ndarray, step: float, cap: float, following: float) -> float:
+    """The library's answer for rows a, b, c, shape (3, m)."""
+    solve = native().library.so101_largest_square
+    solve.restype = ctypes.c_double
+    a, b, c = (ctypes.c_void_p(row.ctypes.data) for row in rows)
+    return solve(a, b, c, rows.shape[1], *map(ctypes.c_double, (step, cap, following)))
+
+
+def one(rows: list[tuple[float, float, float]], *, step: float, cap: float, following: float):
+    return largest_square(np.array(rows).T.copy(), step, cap, following)
+
+
+def test_nothing_but_the_next_interval_brakes_as_hard_as_it_may() -> None:
+    assert one([(0.5, 0.0, 0.0)], step=0.1, cap=9.0, following=1.0) == pytest.approx(1.4)
+
+
+def test_the_speed_limit_holds_where_braking_allows_more() -> None:
+    assert one([(0.5, 0.0, 0.0)], step=0.1, cap=1.2, following=1.0) == 1.2
+
+
+def test_a_row_without_acceleration_bounds_the_speed() -> None:
+    assert one([(0.0, 0.25, 0.0)], step=1.0, cap=9.0, following=9.0) == pytest.approx(4.0)
+
+
+def test_a_constant_load_leaves_less_for_braking() -> None:
+    assert one([(1.0, 0.0, -0.5)], step=0.5, cap=9.0, following=1.0) == pytest.approx(1.5)
+
+
+def test_rows_that_contradict_each_other_leave_nothing() -> None:
+    assert one([(1.0, 0.0, 1.5), (1.0, 0.0, -1.5)], step=0.5, cap=9.0, following=1.0) == 0.0
+
+
+def test_the_result_is_the_largest_that_rows_allow() -> None:
+    """Against a fine search over u, where every row is tried."""
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        a, b = rng.normal(size=(2, 1, 6))
+        c = rng.uniform(-0.9, 0.9, (1, 6))
+        x = largest_square(np.concatenate((a, b, c)), 0.3, 50.0, 0.7)
+        assert is_allowed(x * (1.0 - 1e-9), a, b, c)
+        assert x == 50.0 or not is_allowed(x * (1.0 + 1e-3), a, b, c)
+
+
+def is_allowed(x: float, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> bool:
+    ends = np.sort(np.stack(((1.0 - c - b * x) / a, (-1.0 - c - b * x) / a)), axis=0)
+    lower, upper = max(ends[0].max(), -x / 0.6), min(ends[1].min(), (0.7 - x) / 0.6)
+    return lower <= upper
+
+
+def of_toppra(rows: np.ndarray, steps: np.ndarray, caps: np.ndarray):
+    """Toppra's solver of the same programs: of the N intervals with rows (3, N, m)."""
+    constraint = pytest.importorskip("toppra.constraint", reason="no wheel for this system")
+    from toppra.solverwrapper import seidelWrapper
+
+    m = rows.shape[2]
+    all_rows = np.concatenate((rows, rows[:, -1:]), axis=1)
+    sides = np.vstack((np.eye(m), -np.eye(m)))
+    given = (*all_rows, sides, np.ones(2 * m), None, np.column_stack((0.0 * caps, caps)))
+    base = constraint.LinearConstraint()
+    base.identical, base.compute_constraint_params = True, lambda *_: given
+    cuts = np.append(0.0, np.cumsum(steps))
+    path = SimpleNamespace(path_interval=(cuts[0], cuts[-1]))
+    solve = seidelWrapper([base], path, cuts).solve_stagewise_optim
+    up, free = np.array([1e-9, -1.0]), float("nan")
+    return lambda i, following: max(solve(i, None, up, free, free, 0.0, following)[1], 0.0)
+
+
+def test_it_agrees_with_toppra_on_all_benchmark_paths() -> None:
+    for waypoints in random_waypoints():
+        best = Best(spline_path(waypoints), LIMITS)
+        # Lengths in units of some intervals, accelerations in units of the limit.
+        unit = 16.0 * float(best.steps.mean())
+        steps, bend = best.steps / unit, best.end.q_ss * unit
+        at_end = best.end.q_s + 2.0 * steps[:, None] * bend
+        a = np.hstack((best.begin.q_s, at_end))
+        rows = np.stack((a, np.hstack((best.begin.q_ss * unit, bend)), 0.0 * a))
+        squares = 9.0 / (np.abs(np.vstack((best.begin.q_s, best.end.q_s[-1]))) ** 2).max(axis=1)
+        caps = (1.0 - 1e-4) ** 2 * squares / (10.0 * unit)
+        theirs, found = of_toppra(rows, steps, caps), [0.0]
+        for i in range(len(steps) - 1, -1, -1):
+            of_interval = np.ascontiguousarray(rows[:, i])
+            x = largest_square(of_interval, float(steps[i]), float(caps[i]), found[-1])
+            assert x == pytest.approx(theirs(i, found[-1]), rel=1e-9, abs=0.0)
+            found.append(x)
+        reached = best.speed**2 / (10.0 * unit)
+        assert np.all(reached[1:] <= np.array(found[-2::-1]) * (1.0 + 1e-9))
 
 
 @pytest.mark.parametrize("tolerance", [0.002, 0.02, 0.1])
-def test_a_coarse_grid_with_exact_straights_is_as_quick_as_a_fine_one(
-    tolerance: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = blended_path(POINTS, tolerance)
-    quick = duration(*best(path))
-    monkeypatch.setattr(speed_profile, "GRID_POINTS", 5000)
-    monkeypatch.setattr(speed_profile, "GRID_PER_PIECE", (16, 1500))
-    bound = duration(*best(path, fine=True))
-    assert quick <= 1.002 * bound
-
-
-def test_an_even_interval_is_cut_where_it_is_asked_for_and_a_round_one_is_not() -> None:
-    grid = PathGrid.on(blended_path(POINTS, 0.05), fine=False)
-    cut = grid.divided_at(np.array([0.1, float(grid.steps.sum()) - 0.1]))
-    assert len(cut.steps) == len(grid.steps) + 2
-    assert cut.steps[[0, -1]] == pytest.approx([0.1, 0.1])
-    assert cut.steps.sum() == pytest.approx(grid.steps.sum())
-    assert np.allclose(cut.begin.q[1:], cut.end.q[:-1])
-    corner = float(grid.steps[0]) + 0.5 * float(grid.steps[1])
-    assert not grid.is_even[1]
-    assert len(grid.divided_at(np.array([corner])).steps) == len(grid.steps)
+def test_a_coarse_grid_with_exact_straights_is_as_quick_as_a_fine_one(tolerance: float) -> None:
+    # Each piece split into many is the same path, with as many more cuts.
+    path, parts = blended_path(POINTS, tolerance), 25
+    piece = np.repeat(np.arange(len(path.knots) - 1), parts)
+    ends = np.interp(np.arange(len(piece) + 1) / parts, np.arange(len(path.knots)), path.knots)
+    at = path.on_pieces(piece, ends[:-1] - path.knots[piece])
+    split = np.stack((at.q, at.q_s, 0.5 * at.q_ss, path.coefficients[piece, 3]), axis=1)
+    bound = Best(JointPath(knots=ends, coefficients=split)).duration
+    assert bound * (1.0 - 1e-4) <= Best(path).duration <= 1.002 * bound
 
 
 def test_further_limits_slow_the_motion_down_where_they_bind() -> None:
@@ -88,9 +174,9 @@ def test_further_limits_slow_the_motion_down_where_they_bind() -> None:
         first = points.q_s[:, :1] / 5.0, points.q_ss[:, :1] / 5.0
         return LimitRows(*first, np.zeros((len(points.q), 1)))
 
-    grid, rate = best(path, fine=True, further=half_of_the_first_joint)
-    assert np.abs(accelerations(grid, rate)[:, 0]).max() <= 5.0 * (1.0 + 1e-5)
-    assert duration(grid, rate) > duration(*best(path))
+    best = Best(path, further=half_of_the_first_joint)
+    assert np.abs(best.accelerations()[:, 0]).max() <= 5.0 * (1.0 + 1e-5)
+    assert best.duration > Best(path).duration
 
 
 def test_a_constant_load_leaves_less_on_one_side() -> None:
@@ -98,9 +184,8 @@ def test_a_constant_load_leaves_less_on_one_side() -> None:
         a = points.q_s[:, :1] / 10.0
         return LimitRows(a, 0.0 * a, np.full_like(a, 0.5))
 
-    path = blended_path([np.zeros(3), [0.1, 0.0, 0.0]], 0.01)
-    grid, rate = best(path, fine=True, further=leaning)
-    first = accelerations(grid, rate)[: len(grid.steps), 0]
+    best = Best(blended_path([np.zeros(3), [0.1, 0.0, 0.0]], 0.01), further=leaning)
+    first = best.accelerations()[: len(best.steps), 0]
     assert first.max() == pytest.approx(5.0, rel=1e-3)
     assert first.min() == pytest.approx(-10.0, rel=0.1)
 
@@ -113,11 +198,12 @@ def test_rows_that_contradict_each_other_leave_no_motion() -> None:
         return LimitRows(a, 0.0 * a, c)
 
     with pytest.raises(PlanningError, match="no speed along this path"):
-        best(blended_path(POINTS, 0.05), fine=True, further=contradictory)
+        Best(blended_path(POINTS, 0.05), further=contradictory)
 
 
-def test_a_cap_of_zero_leaves_no_motion() -> None:
-    grid = PathGrid.on(spline_path(POINTS), fine=False)
-    cap = np.zeros(len(grid.steps) + 1)
-    with pytest.raises(PlanningError, match="no speed along this path"):
-        optimal_speed(grid, cap, np.tile(ACCELERATION, (len(grid.steps), 1)))
+def test_an_error_of_a_limit_is_raised_after_the_library_has_ended() -> None:
+    def broken(points) -> LimitRows:
+        raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        Best(blended_path(POINTS, 0.05), further=broken)
