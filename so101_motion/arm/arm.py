@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import nullcontext, suppress
-from functools import partial
+from dataclasses import replace
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Literal, Unpack
 
 import numpy as np
@@ -22,6 +23,7 @@ from so101_motion.arm.motion_queue import MotionQueue, Opening, wait_here
 from so101_motion.arm.open_ended_motions import OpenEndedMotions
 from so101_motion.arm.planned_arm import ArmParts, PlannedArm
 from so101_motion.arm.protocols import OtherArms
+from so101_motion.arm.replanned_motion import ReplannedMotion
 from so101_motion.arm.stop_order import NUMBERS, STOP, refuse_older, request_number
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import (
@@ -42,9 +44,10 @@ from so101_motion.control.following import STALE_AFTER, Following, FollowingSett
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
 from so101_motion.control.streamed_trajectory import Stream
-from so101_motion.planning.goals import Goal, JointGoal
+from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
 from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from so101_motion.planning.collision.scene import Scene
@@ -123,6 +126,7 @@ class Arm(PlannedArm):
         *,
         limits: MotionLimits | None = None,
         search: Search | None = None,
+        replan: bool = False,
         wait: bool = True,
     ) -> Motion:
         """Move to a goal, or along a plan; supersedes what is under way.
@@ -132,6 +136,8 @@ class Arm(PlannedArm):
                 a plan, if the arm is where it starts.
             limits: Caps of this motion; the arm's own if not given. A plan has its own.
             search: Options of the search; for a goal alone.
+            replan: For joint angles or a pose: plan again while it moves, without a stop, when
+                ``scene`` changes, what ``keep_off`` adds, or the goal, by another such ``move``.
             wait: Return when the arm has settled. With False the motion is returned at once, and
                 raises its errors from ``Motion.result``.
 
@@ -147,7 +153,16 @@ class Arm(PlannedArm):
                     "given",
                     "belongs to the planning of a goal; this plan is finished",
                 )
+            if replan:
+                raise ConfigError("replan", True, "needs a goal; this plan is finished")
             motion = self.start_series((to,))
+        elif replan:
+            asked = search or Search()
+            motion = self.start_replanned(
+                _goal(to),
+                lambda scene: replace(asked, scene=asked.scene or scene),
+                limits=limits,
+            )
         else:
             planning = partial(self.start_plan, _goal(to), limits=limits, search=search)
             motion = self.start_planned(planning)
@@ -178,6 +193,47 @@ class Arm(PlannedArm):
             self._execute(motion, motion.wait_for(planning()))
 
         return self._motions.start(run)
+
+    def start_replanned(
+        self,
+        goal: Goal,
+        search: Callable[[Scene], Search],
+        *,
+        limits: MotionLimits | None = None,
+    ) -> Motion:
+        """Like ``move`` with ``replan``, but does not wait; ``search`` is made for each scene.
+
+        Raises:
+            ConfigError: The way to such a goal is prescribed, or other arms rely on this one's.
+        """
+        if not isinstance(goal, JointGoal | PoseGoal):
+            raise ConfigError(
+                "replan", True, "is for joint angles and poses; the way to this goal is prescribed"
+            )
+        if self.cell_member is not None and self.cell_member.minded:
+            others = " and ".join(sorted(self.cell_member.minded))
+            raise ConfigError(
+                "replan", True, f"is for an arm that moves alone; {others} relies on its plan"
+            )
+
+        in_scene = lru_cache(maxsize=1)(search)
+
+        def plan(search: Search, lead: Trajectory | None) -> Future[Plan]:
+            return self.start_plan(goal, limits=limits, search=search, lead=lead)
+
+        def run(motion: Motion) -> None:
+            self._leave_manual(motion)
+            ReplannedMotion(
+                model=self.model,
+                executor=self._executor,
+                clock=self._clock,
+                search=lambda: in_scene(self._situation.scene),
+                plan=plan,
+                limits=lambda: self.effective_limits(limits),
+                check_path=self._range.check_path,
+            ).run(motion)
+
+        return self._motions.start(run, goes_on=True)
 
     def start_series(self, steps: Iterable[Step]) -> Motion:
         """Carry out several steps, one after the other; supersedes what is under way.
@@ -329,6 +385,7 @@ class Arm(PlannedArm):
         use = self._open_ended.renewal(self._situation_in(around))
         self._kept_off = own, around
         use()
+        self._look_around()
 
     def stop(self) -> None:
         """Slow to rest along a jerk-limited ramp and hold; returns when the arm rests.
@@ -437,6 +494,9 @@ class Arm(PlannedArm):
         """Hold an arm that yields or is limp, unless the motion was ended meanwhile."""
         if self._must_hold():
             motion.begin(self._executor.hold, lambda _holding, _by: None).result()
+
+    def _look_around(self) -> None:
+        self._motions.current.wake()
 
     def _must_hold(self) -> bool:
         """Whether the arm is guided or limp, so that it must hold before it moves."""

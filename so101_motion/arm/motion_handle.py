@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
+from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.control.request_queue import running_future
 from so101_motion.planning.request import Plan
 
@@ -32,11 +33,13 @@ class Motion:
         future: Completes when the arm has arrived and settled, or raises what went wrong:
             ``PlanningError``, ``Interrupted``, ``FollowingError``, ``WorkerError``.
         plan: The plan that is being executed, once it is known; None for motions without a plan.
+        playing: What moves the arm, if a newer motion may go on from it without a stop.
     """
 
     def __init__(self) -> None:
         self.future: Future[None] = running_future()  # a motion ends by being interrupted
         self.plan: Plan | None = None
+        self.playing: PlannedMotion | None = None
         self._lock = threading.Lock()
         self._interruption: Future[str] = Future()
         self._wake = threading.Event()  # set when it is interrupted
@@ -109,6 +112,19 @@ class Motion:
             until = clock.now() + seconds
             while clock.now() < until and not self._interruption.done():
                 clock.wait(until, self._wake)
+        self.refuse_interrupted()
+
+    def wake(self) -> None:
+        """Let its thread look again at what it waits for in ``wait_until``."""
+        self._wake.set()
+
+    def wait_until(self, clock: Clock, until: float) -> None:
+        """Wait until a time [s], or until ``wake``; called by a thread that attends to ``clock``.
+
+        Raises:
+            Interrupted: The motion was interrupted.
+        """
+        clock.wait(until, self._wake)
         self.refuse_interrupted()
 
     def begin(

@@ -78,10 +78,15 @@ class MotionQueue:
         self.stopped = 0
         self._threads = ThreadPoolExecutor(max_workers=4, thread_name_prefix="so101-arm")
 
-    def start(self, run: Run) -> Motion:
+    def start(self, run: Run, *, goes_on: bool = False) -> Motion:
         """Let ``run`` move the arm once it rests; returns at once.
 
         The motion raises what ``run`` or its future raises.
+
+        Args:
+            run: Carries the motion out.
+            goes_on: What moves the arm now may go on meanwhile, if ``Motion.playing`` says what it
+                is; the new motion has it as its own then.
 
         Raises:
             Interrupted: The arm was stopped after the request for this motion had arrived.
@@ -97,7 +102,11 @@ class MotionQueue:
             except RuntimeError as error:  # no more threads after ``close``
                 raise MotionError("this arm has been closed; open it again") from error
             self.current = motion
-            previous.interrupt(SUPERSEDED)
+            if goes_on and previous.playing is not None:
+                motion.playing = previous.playing
+                previous.give_up(SUPERSEDED)
+            else:
+                previous.interrupt(SUPERSEDED)
             self._considered.interrupt(SUPERSEDED)
         return motion
 
@@ -184,7 +193,8 @@ class MotionQueue:
         wait([previous.pop().future])
         forget_request()
         try:
-            self._rest_for(motion)
+            if motion.playing is None or motion.playing.future.done():
+                self._rest_for(motion)
             _here.motion = motion
             ending = run(motion)
         except BaseException as error:  # those who wait for the motion must get it

@@ -15,6 +15,7 @@ from so101_motion.arm.joint_caps import CappedJoints, JointCaps, JointRange
 from so101_motion.arm.open_ended_motions import Situation
 from so101_motion.arm.protocols import ArmExecutor, OtherArms
 from so101_motion.common.attributes import LoadConfig
+from so101_motion.common.clock import Clock
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
@@ -24,6 +25,7 @@ from so101_motion.planning.goals import Goal
 from so101_motion.planning.request import Plan, PlanRequest, Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
+from so101_motion.planning.timing.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from so101_motion.planning.kinematics.model import RobotModel
@@ -36,6 +38,7 @@ class ArmParts(TypedDict):
         model: Kinematics and limits.
         executor: Moves the joints; owned by the rig.
         planner: Takes a request to the planning process.
+        clock: The executor's clock.
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
         scene: What is around the arm and in its hand.
@@ -44,6 +47,7 @@ class ArmParts(TypedDict):
     model: RobotModel
     executor: ArmExecutor
     planner: Callable[[PlanRequest], Future[Plan]]
+    clock: Clock
     speed: float
     acceleration: float
     scene: Scene
@@ -57,15 +61,15 @@ class PlannedArm(CappedJoints):
 
     Attributes:
         model: Kinematics and limits.
-        scene: What is around it and in its hand, for plans made from now on.
         newest: The newest plan and its request, for display; None before the first.
         cell_member: What keeps it clear of the other arms of its cell; None outside a cell.
     """
 
     def __init__(self, **parts: Unpack[ArmParts]) -> None:
         super().__init__(JointCaps(speed=parts["speed"], acceleration=parts["acceleration"]))
-        self.model, self.scene = parts["model"], parts["scene"]
+        self.model, self._scene = parts["model"], parts["scene"]
         self._executor, self._planner = parts["executor"], parts["planner"]
+        self._clock = parts["clock"]
         self._range = JointRange(self.model.lower, self.model.upper)
         self._strength = Strength.of_servos(LoadConfig().servo_voltage)
         self.set_load(LoadConfig())
@@ -75,6 +79,19 @@ class PlannedArm(CappedJoints):
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
         self._looking = threading.Lock()  # guards what follows
         self._looked_with: CollisionModel | None = None
+
+    @property
+    def scene(self) -> Scene:
+        """What is around it and in its hand, for plans made from now on."""
+        return self._scene
+
+    @scene.setter
+    def scene(self, scene: Scene) -> None:
+        self._scene = scene
+        self._look_around()
+
+    def _look_around(self) -> None:
+        """Called when the scene, or what ``keep_off`` adds to it, has changed."""
 
     @property
     def state(self) -> JointState:
@@ -161,10 +178,21 @@ class PlannedArm(CappedJoints):
         self._range = JointRange(self.model.lower, self.model.upper).narrowed(lower, upper)
 
     def start_plan(
-        self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
+        self,
+        goal: Goal,
+        *,
+        limits: MotionLimits | None = None,
+        search: Search | None = None,
+        lead: Trajectory | None = None,
     ) -> Future[Plan]:
-        """Like ``plan``, but returns at once; cancelling the future ends the planning."""
-        request = self.request(goal, limits=limits, search=search)
+        """Like ``plan``, but returns at once; cancelling the future ends the planning.
+
+        ``lead``: how the arm, which moves, would come to rest; see ``PlanRequest``.
+        """
+        request = self.request(
+            goal, limits=limits, search=search, q_start=None if lead is None else lead.q[-1]
+        )
+        request = request if lead is None else replace(request, lead=lead)
         planning = self._planner(request)
 
         def note(done: Future[Plan]) -> None:

@@ -8,7 +8,9 @@ The executor plays every source in the same manner. Four fit: a trajectory that 
 from __future__ import annotations
 
 from concurrent.futures import Future
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
+
+import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.control.request_queue import running_future
@@ -58,6 +60,20 @@ class MotionSource(Protocol):
 
 S = TypeVar("S", bound=MotionSource)
 
+SEAM = 1e-6
+"""How far position, velocity and acceleration of a continuation may be from those that it replaces
+[rad, s]; chosen: rounding."""
+
+
+class _Continuation(NamedTuple):
+    """What is to be played from sample ``at`` of ``seen`` on."""
+
+    seen: Trajectory
+    since: int  # the sample of ``seen`` that ``whole`` begins with
+    at: int
+    whole: Trajectory
+    taken: Future[bool]
+
 
 class PlannedMotion:
     """A trajectory as a source; a stop brakes along its path where that is possible.
@@ -65,6 +81,9 @@ class PlannedMotion:
     Args:
         trajectory: What is played.
         future: Stands for the motion; a new one by default.
+
+    Attributes:
+        played: What is played and which of its samples was the last; replaced whole in every tick.
     """
 
     can_wait = True
@@ -73,6 +92,9 @@ class PlannedMotion:
         self.future = future or running_future()
         self._trajectory, self._k, self._k_before = trajectory, 0, 0
         self._now: Setpoint | None = None
+        self._passed = 0  # samples before the first that ``_trajectory`` still has
+        self._continuation: _Continuation | None = None
+        self.played = trajectory, 0
 
     @property
     def start(self) -> Setpoint:
@@ -82,9 +104,47 @@ class PlannedMotion:
 
     def sample(self, k: int) -> Setpoint:
         """The setpoint of tick ``k``."""
-        self._k_before, self._k = self._k, k
+        if self._continuation is not None:
+            self._continue(*self._continuation)
+        k -= self._passed
+        self._k_before, self._k, self.played = self._k, k, (self._trajectory, k)
         self._now = self._trajectory.sample(k * self._trajectory.dt)
         return self._now
+
+    def splice(
+        self, seen: tuple[Trajectory, int], at: int, rest: Trajectory
+    ) -> tuple[Trajectory, Future[bool]]:
+        """Play ``rest`` from a later sample on; any thread may call it, one at a time.
+
+        Args:
+            seen: What ``played`` was.
+            at: The sample of it that the first of ``rest`` replaces.
+            rest: Begins in the state of that sample, and ends at rest.
+
+        Returns:
+            What is played from now on, and whether it is, told in the next tick. It is not if that
+            sample has passed, or something else is played by then: that goes on.
+
+        Raises:
+            ValueError: ``rest`` begins in another state.
+        """
+        trajectory, k = seen
+        pairs = ((getattr(trajectory, s)[at], getattr(rest, s)[0]) for s in ("q", "qd", "qdd"))
+        if any(np.abs(was - becomes).max() > SEAM for was, becomes in pairs):
+            raise ValueError("the continuation of a motion begins in another state")
+        whole = trajectory.since(k).then(at - k, rest)
+        taken: Future[bool] = running_future()
+        self._continuation = _Continuation(trajectory, k, at, whole, taken)
+        return whole, taken
+
+    def _continue(
+        self, seen: Trajectory, since: int, at: int, whole: Trajectory, taken: Future[bool]
+    ) -> None:
+        self._continuation = None
+        is_in_time = seen is self._trajectory and self._k < at
+        if is_in_time:
+            self._trajectory, self._k, self._passed = whole, self._k - since, self._passed + since
+        taken.set_result(is_in_time)
 
     @property
     def acceleration(self) -> Array:
@@ -112,8 +172,7 @@ class PlannedMotion:
 
     def resumed(self) -> PlannedMotion | None:
         """The rest of the motion, from rest at the last setpoint; None if that cannot be."""
-        rest = online.resume_on_path(self._trajectory, self._k * self._trajectory.dt)
-        return None if rest is None else PlannedMotion(rest, self.future)
+        return self._anew(online.resume_on_path(self._trajectory, self._k * self._trajectory.dt))
 
     def paused(self, limits: MotionLimits, rest: float) -> PlannedMotion | None:
         """The motion with a stop and a rest [s] from the last setpoint on; None if that cannot be.
@@ -123,8 +182,14 @@ class PlannedMotion:
             rest: How long the joints rest [s].
         """
         t = self._k * self._trajectory.dt
-        paused = shortest_pause(self._trajectory, t, limits, rest)
-        return None if paused is None else PlannedMotion(paused, self.future)
+        return self._anew(shortest_pause(self._trajectory, t, limits, rest))
+
+    def _anew(self, trajectory: Trajectory | None) -> PlannedMotion | None:
+        """This motion, with ``trajectory`` from its next tick on, which is then tick 0."""
+        if trajectory is None:
+            return None
+        self._trajectory, self._k, self._k_before, self._passed = trajectory, 0, 0, 0
+        return self
 
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
         """Brake along the trajectory's path if possible, else each joint by itself."""

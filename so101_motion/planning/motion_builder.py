@@ -182,10 +182,17 @@ class MotionBuilder:
         report = self.check_limits(trajectory)
         if self.load is not None:
             report = replace(report, effort=self.load.check(trajectory))
-        blocked = self.collision.first_blocked(trajectory.q, self.q_jaw, tolerance=MARGIN_TOLERANCE)
+        blocked = self._first_blocked(trajectory)
         if blocked is not None:
             raise self.in_collision(blocked, "path")
         return report
+
+    def is_free(self, trajectory: Trajectory) -> bool:
+        """Whether a motion touches nothing; ``check`` says what else is wrong with it."""
+        return self._first_blocked(trajectory) is None
+
+    def _first_blocked(self, trajectory: Trajectory) -> Array | None:
+        return self.collision.first_blocked(trajectory.q, self.q_jaw, tolerance=MARGIN_TOLERANCE)
 
     def check_limits(self, trajectory: Trajectory) -> verify.LimitReport:
         """Refuse a motion that breaks a limit; one that starts outside may come in from there."""

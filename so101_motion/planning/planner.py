@@ -43,6 +43,7 @@ from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import MotionBuilder, Pieces, joined
+from so101_motion.planning.moving_start import taken_up
 from so101_motion.planning.paths.path import PathFinder
 from so101_motion.planning.paths.start_recovery import FARTHEST, find_departure, needs_departure
 from so101_motion.planning.planning_context import PlanningContext
@@ -115,6 +116,9 @@ class Planner:
         trajectory = joined([*departure, *pieces])
         if departure:
             waypoints = np.concatenate([request.q_start[None], waypoints])
+        if request.lead is not None:
+            with context.stage("join"):
+                trajectory = taken_up(context, request.lead, trajectory)
         if context.moves.load is not None:
             context.moves.load.check_goal(trajectory.q[-1])
         context.stages_ms["total"] = (time.perf_counter() - begin) * 1e3
@@ -132,7 +136,7 @@ class Planner:
         request = context.request
         closest = context.moves.collision.clearance(trajectory.q[-1], request.q_jaw)
         return Plan(
-            q_start=request.q_start,
+            q_start=request.q_start if request.lead is None else trajectory.q[0],
             q_goal=trajectory.q[-1],
             trajectory=trajectory,
             path=waypoints,
@@ -242,6 +246,8 @@ class Planner:
         """The slow motion out of a bad start, none for a good one, and where planning begins."""
         request, moves = context.request, context.moves
         q_start = request.q_start
+        if request.lead is not None and not context.is_free(q_start):
+            raise moves.in_collision(q_start, "start")
         if not needs_departure(context.model, moves.collision, q_start, request.q_jaw):
             return [], q_start
         with context.stage("departure"):

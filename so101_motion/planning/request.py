@@ -47,6 +47,8 @@ class PlanRequest:
         q_jaw: Jaw angle during the motion [rad].
         scene: The obstacles around the arm and the objects it holds.
         others: Other arms that share the space, with their courses.
+        lead: For an arm that moves: how it would come to rest at ``q_start``. The plan begins in
+            the first state of it. Not among other arms.
         payload: The gripper's payload without the objects attached in the scene.
         strength: Torque limits of the servos; None not to check torques.
         frames: Further frames fixed to the tool that the goal may name: ``T_tool_frame`` by name.
@@ -64,6 +66,7 @@ class PlanRequest:
     q_jaw: float = 0.0
     scene: Scene = field(default_factory=Scene)
     others: tuple[OtherArm, ...] = ()
+    lead: Trajectory | None = None
     payload: Payload | None = None
     strength: Strength | None = None
     frames: Mapping[str, SE3] = field(default_factory=dict)

@@ -83,6 +83,7 @@ class Rig:
                 model=RobotModel.load(),
                 executor=self.executor,
                 planner=partial(self.planner.plan, owner=self.executor),
+                clock=clock,
                 speed=speed,
                 acceleration=acceleration,
                 scene=scene,

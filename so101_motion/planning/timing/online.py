@@ -19,6 +19,7 @@ lengths are checked here, and waypoints are never set.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import ruckig
@@ -108,6 +109,41 @@ def from_state(
     positions, velocities, accelerations, duration = _calculated(request, dt)
     _land(positions, np.array(goal))
     return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
+
+
+def between(
+    now: Setpoint, then: Setpoint, limits: MotionLimits, dt: float
+) -> tuple[int, Callable[[], Trajectory]]:
+    """The fastest motion from one state to another that takes a whole number of periods.
+
+    Args:
+        now: The state at its start, shapes (n,).
+        then: The state at its end; its last sample.
+
+    Returns:
+        That number, and a function that makes the motion.
+
+    Raises:
+        PlanningError: ruckig finds no motion.
+        ValueError: Shapes that do not fit, or values that are not finite.
+    """
+    request = _request(numbers(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd), limits)
+    request.target_position, request.target_velocity, request.target_acceleration = numbers(
+        limits, dt, q=then.q, qd=then.qd, qdd=then.qdd
+    )
+    count = math.ceil(found_motion(request).duration / dt - 1e-9)
+    request.minimum_duration = count * dt
+    found = found_motion(request)
+    if found.duration > (count + 1e-6) * dt:
+        raise PlanningError("no motion between these states takes a whole number of periods")
+
+    def made() -> Trajectory:
+        states = np.array([found.at_time(k * dt) for k in range(count + 1)])
+        states[-1] = then.q, then.qd, then.qdd  # where ruckig's sums are off by rounding
+        q, qd, qdd = states.swapaxes(0, 1)
+        return Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=count * dt)
+
+    return count, made
 
 
 def path_to_rest(

@@ -78,6 +78,19 @@ class Trajectory:
         q, qd, qdd = self.at([t])
         return Setpoint(q=q[0], qd=qd[0], qdd=qdd[0])
 
+    def since(self, k: int) -> Trajectory:
+        """The part from sample ``k`` on."""
+        left = max(0.0, self.duration - k * self.dt)
+        return Trajectory(dt=self.dt, q=self.q[k:], qd=self.qd[k:], qdd=self.qdd[k:], duration=left)
+
+    def then(self, k: int, rest: Trajectory) -> Trajectory:
+        """This motion, of which ``rest`` takes the place from sample ``k`` on."""
+        q, qd, qdd = (
+            np.concatenate((getattr(self, name)[:k], getattr(rest, name)))
+            for name in ("q", "qd", "qdd")
+        )
+        return Trajectory(dt=self.dt, q=q, qd=qd, qdd=qdd, duration=k * self.dt + rest.duration)
+
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations at times ``t`` (m,) [s], each (m, n).
 

@@ -292,6 +292,7 @@ class MachineRig(Machine):
             model=RobotModel.load(),
             executor=self._executor,
             planner=planner,
+            clock=self.clock,
             speed=speed,
             acceleration=acceleration,
             scene=scene_from(self._setup["scene"], folder=None) if self._setup else Scene(),

@@ -1,0 +1,262 @@
+"""Carry a motion out while its scene and its goal may change: check it again, plan it again.
+
+The arm always plays a trajectory that ends at rest (``PlannedMotion``). With each new scene what is
+left of it is checked. If that is not free any more, its end is replaced at once by a stop, which
+begins as late as ``STOPS`` allow; and a new plan is asked for that begins in the state in which the
+arm will be in ``LEAD`` ticks. A plan that is there in time takes the place of the rest. After one
+that is late, the next gets more time; when none comes, the arm comes to rest, and it is planned
+from there. So nothing that moves ever waits for a plan.
+
+A new goal is a new motion, which goes on from what the one before was playing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.protocols import ArmExecutor
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import SUPERSEDED, Interrupted, PlanningError
+from so101_motion.common.geometry import Array
+from so101_motion.control.joint_group import Channel
+from so101_motion.control.motion_source import PlannedMotion
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.request import Plan, Search
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
+
+LEAD, LONGEST_LEAD = 4, 32
+"""Ticks from asking for a plan until its first setpoint; twice as many after one that was late.
+Chosen: a plan takes 5 to 20 ms, and a new scene is to be answered within 50 ms."""
+
+STOPS = (12, LEAD, 1)
+"""In how many ticks a motion that is not free begins to stop: in the first that is free."""
+
+PATIENCE = 5.0
+"""How long an arm that has come to rest waits for a scene in which it can reach its goal [s]."""
+
+_LOOK = 1.0  # how long to wait when nothing is expected [s]
+
+
+class _Planning(NamedTuple):
+    """A plan that is being made, to take over at sample ``at`` of what is played."""
+
+    plan: Future[Plan]
+    seen: tuple[Trajectory, int]
+    at: int
+    search: Search
+
+
+@dataclass(slots=True, kw_only=True)
+class ReplannedMotion:
+    """A motion to one goal; ``run`` occupies a thread until it is over.
+
+    Attributes:
+        model: The arm.
+        executor: Moves it.
+        clock: The executor's clock.
+        search: Returns the options of a search, with the scene now: the same ones for the same.
+        plan: Starts to plan with them; from rest, or from the beginning of a stop.
+        limits: Returns the caps of the motion.
+        check_path: Raises for a path that leaves the arm's range.
+    """
+
+    model: RobotModel
+    executor: ArmExecutor
+    clock: Clock
+    search: Callable[[], Search]
+    plan: Callable[[Search, Trajectory | None], Future[Plan]]
+    limits: Callable[[], MotionLimits]
+    check_path: Callable[[Array], None]
+    _reaches: bool = False  # what is played ends at the goal
+    _known: bool = False  # there was a plan to this goal
+    _lead: int = LEAD
+    _checked: Search | None = None  # what is played was checked in its scene
+    _failed: Search | None = None  # there is no plan in its scene
+    _collision: CollisionModel | None = None  # for the scene in which was checked
+    _planning: _Planning | None = None
+    _joining: tuple[Future[bool], bool] | None = None  # and whether the goal was reached without
+
+    def run(self, motion: Motion) -> None:
+        """Move to the goal; returns on arrival.
+
+        Raises:
+            PlanningError: There is no plan, or none was found until the arm's patience ended.
+            Interrupted: The motion was interrupted, or another one goes on from it.
+        """
+        try:
+            with self.clock.attend():
+                self._carry_out(motion)
+        except Interrupted:
+            raise  # the arm is being stopped, or goes on
+        except BaseException:
+            if motion.playing is not None:
+                self.executor.interrupt(motion.playing.future, SUPERSEDED).result()
+            raise
+        finally:
+            self._give_up_plan()
+
+    def _carry_out(self, motion: Motion) -> None:
+        if motion.playing is not None and not motion.playing.future.done():
+            self._have(motion, motion.playing, lambda playing: playing)
+        while True:
+            playing = motion.playing
+            if playing is not None and not playing.future.done():
+                motion.wait_until(self.clock, self._look(motion, playing))
+            elif playing is None or not self._reaches:
+                self._begin(motion)
+            else:
+                break
+        playing.future.result()
+
+    def _begin(self, motion: Motion) -> None:
+        """Plan from rest, and begin to move."""
+        self._give_up_plan()
+        patient_until = self.clock.now() + PATIENCE
+        while True:
+            try:
+                plan = motion.wait_for(self.plan(self.search(), None))
+                self.check_path(plan.trajectory.q)
+                break
+            except PlanningError:
+                if not self._known or self.clock.now() >= patient_until:
+                    raise
+            motion.wait_until(self.clock, patient_until)
+        self._known = self._reaches = True
+        self._checked, self._joining, self._lead, motion.plan = None, None, LEAD, plan
+        self._have(motion, PlannedMotion(plan.trajectory), self.executor.play)
+
+    def _have(
+        self,
+        motion: Motion,
+        playing: PlannedMotion,
+        play: Callable[[PlannedMotion], PlannedMotion],
+    ) -> None:
+        motion.begin(lambda: play(playing).future, self.executor.interrupt)
+        motion.playing = playing
+        playing.future.add_done_callback(lambda _over: motion.wake())
+
+    def _look(self, motion: Motion, playing: PlannedMotion) -> float:
+        """Do what is to be done while it moves; returns when to look again at the latest [s]."""
+        if self._joining is None or self._note_outcome():
+            search, seen = self.search(), playing.played
+            if self._checked is not search:
+                seen = self._check(motion, playing, search)
+            if not self._reaches:
+                self._go_on(motion, playing, seen, search)
+        return self.clock.now() + (_LOOK if self._planning is None else self.executor.dt)
+
+    def _check(
+        self, motion: Motion, playing: PlannedMotion, search: Search
+    ) -> tuple[Trajectory, int]:
+        """Let the arm stop if its way is not free any more; returns what is played then."""
+        seen = trajectory, k = playing.played
+        self._checked, self._collision = search, CollisionModel(self.model, search.scene)
+        last = len(trajectory) - 1
+        if k >= last or self._is_free(trajectory.since(k)):
+            return seen
+        hard, dt = self.executor.stop_limits(Channel.ARM), trajectory.dt
+        for ticks in STOPS:
+            at = min(k + ticks, last)
+            stop = online.stop_on_path(trajectory, at * dt, hard, dt)
+            if self._is_free(trajectory.since(k).then(at - k, stop)):
+                break
+        self._give_up_plan()
+        return self._join(motion, playing, seen, at, stop, reaches=False)
+
+    def _go_on(
+        self,
+        motion: Motion,
+        playing: PlannedMotion,
+        seen: tuple[Trajectory, int],
+        search: Search,
+    ) -> None:
+        """Ask for a plan to the goal, or take the one that is there."""
+        planning = self._planning
+        if planning is None:
+            if self._failed is not search:
+                self._ask(motion, seen, search)
+        elif planning.plan.done():
+            self._planning = None
+            self._take(motion, playing, planning, search)
+            motion.wake()
+        elif seen[0] is planning.seen[0] and seen[1] >= planning.at:
+            self._give_up_plan()
+            self._lead = min(2 * self._lead, LONGEST_LEAD)
+            motion.wake()
+
+    def _ask(self, motion: Motion, seen: tuple[Trajectory, int], search: Search) -> None:
+        (trajectory, k), limits = seen, self.limits()
+        at, dt = k + self._lead, trajectory.dt
+        if at >= len(trajectory) - 1:
+            return  # it is at rest by then
+        now = trajectory.sample(at * dt)
+        lead = online.stop(now.q, now.qd, now.qdd, limits, dt)
+        if not self._is_free(lead):
+            lead = online.stop_on_path(trajectory, at * dt, limits, dt)
+        self._planning = _Planning(self.plan(search, lead), seen, at, search)
+        self._planning.plan.add_done_callback(lambda _made: motion.wake())
+
+    def _take(
+        self, motion: Motion, playing: PlannedMotion, planning: _Planning, search: Search
+    ) -> None:
+        """Join a plan that is there to what is played, unless it is not free any more."""
+        try:
+            plan = planning.plan.result()
+            self.check_path(plan.trajectory.q)
+        except PlanningError:
+            if not self._known:
+                raise
+            self._failed = planning.search
+            return
+        self._known, self._lead = True, LEAD
+        if search is planning.search or self._is_free(plan.trajectory):
+            self._join(motion, playing, planning.seen, planning.at, plan.trajectory, reaches=True)
+            motion.plan = plan
+
+    def _join(
+        self,
+        motion: Motion,
+        playing: PlannedMotion,
+        seen: tuple[Trajectory, int],
+        at: int,
+        rest: Trajectory,
+        *,
+        reaches: bool,
+    ) -> tuple[Trajectory, int]:
+        whole, taken = playing.splice(seen, at, rest)
+        self._joining, self._reaches = (taken, self._reaches), reaches
+        taken.add_done_callback(lambda _told: motion.wake())
+        return whole, 0
+
+    def _note_outcome(self) -> bool:
+        """Whether it is known if what was joined is played."""
+        assert self._joining is not None
+        taken, before = self._joining
+        if not taken.done():
+            return False
+        self._joining = None
+        if not taken.result():  # too late: look at all again
+            self._reaches, self._checked = before, None
+            self._give_up_plan()
+        return True
+
+    def _give_up_plan(self) -> None:
+        if self._planning is not None:
+            self._planning.plan.cancel()
+            self._planning = None
+
+    def _is_free(self, trajectory: Trajectory) -> bool:
+        """Whether a motion is proven free in the newest scene."""
+        assert self._collision is not None
+        q_jaw = self.executor.state.q_jaw_ref
+        return (
+            self._collision.first_blocked(trajectory.q, q_jaw, tolerance=MARGIN_TOLERANCE) is None
+        )
