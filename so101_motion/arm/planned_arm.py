@@ -229,6 +229,7 @@ class PlannedArm(CappedJoints):
             dt=self._executor.dt,
             seed=search.seed,
             time_budget=search.time_budget,
+            route_effort=search.route_effort,
         )
 
     def _with_surroundings(self, scene: Scene) -> Scene:

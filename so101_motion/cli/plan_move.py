@@ -102,6 +102,11 @@ _GOAL = together(
 )  # fmt: skip
 
 
+_EFFORT = option(
+    "How many routes are compared where the straight one is blocked.", click.IntRange(1, 10_000), 16
+)
+
+
 def _pose(name: str, zeros: EncoderZeros | None = None) -> Goal:
     """A named pose, built in or the user's own, of an arm with these zeros."""
     from so101_motion.common.errors import ConfigError, quoted
@@ -121,6 +126,7 @@ def plan(
     source: AnySource = paced(ANY_SOURCE),
     goal: Goal | str = _GOAL,
     scene: Scene | None = SCENE,
+    route_effort: int = _EFFORT,
     q_from: np.ndarray | None = option(
         "With --sim: the start of the joints [deg].", JOINTS, name="--from"
     ),
@@ -146,7 +152,7 @@ def plan(
     from so101_motion.arm.shared_worker import planner_started
 
     with planner_started(), quietly(), closing(source.open_to_look()) as rig:
-        found = _planned(rig, goal, scene)
+        found = _planned(rig, goal, scene, route_effort)
         if not as_json:
             click.echo(plan_table(found))
         if out is not None:
@@ -171,6 +177,7 @@ def move(
     source: AnySource = paced(ANY_SOURCE),
     goal: Goal | str = _GOAL,
     scene: Scene | None = SCENE,
+    route_effort: int = _EFFORT,
     yes: bool = YES,
     as_json: bool = JSON,
 ) -> None:
@@ -182,7 +189,7 @@ def move(
     so101 move --machine my-arm.local:8080 --xyz 250,0,60
     """  # noqa: D301
     with quietly(), closing(source.open()) as rig:
-        found = _planned(rig, goal, scene)
+        found = _planned(rig, goal, scene, route_effort)
         if not as_json:
             click.echo(plan_table(found))
         if not yes:
@@ -208,13 +215,15 @@ def _check_file_name(out: Path | None) -> None:
         check_name(out.name)
 
 
-def _planned(rig: RigLike, goal: Goal | str, scene: Scene | None) -> Plan:
+def _planned(rig: RigLike, goal: Goal | str, scene: Scene | None, effort: int) -> Plan:
+    from so101_motion.planning.request import Search
+
     if isinstance(goal, str):
         goal = _pose(goal, rig.connection.encoder_zeros)
     if scene is not None:
         rig.arm.scene = scene
     with busy_message("planning"):
-        return rig.arm.plan(goal)
+        return rig.arm.plan(goal, search=Search(route_effort=effort))
 
 
 def _facts(found: Plan) -> dict[str, object]:
@@ -227,6 +236,8 @@ def _facts(found: Plan) -> dict[str, object]:
         "setpoints": len(found.trajectory),
         "clearance_mm": float(to_mm(report.clearance)),
         "closest": list(report.closest),
+        "routes": report.routes,
+        "out_of_time": report.out_of_time,
         "stages_ms": {name: round(ms, 3) for name, ms in report.stages_ms.items()},
         "path_deg": to_deg(found.path).tolist(),
     }

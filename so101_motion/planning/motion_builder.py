@@ -126,13 +126,36 @@ class MotionBuilder:
             raise self.in_collision(q_from, "start")
         return trajectory
 
-    def motions(self, waypoints: Array, tolerance: float, *, spline: bool) -> Iterator[Pieces]:
+    def motions(
+        self,
+        waypoints: Array,
+        tolerance: float,
+        *,
+        spline: bool,
+        quick: JointPath | None = None,
+    ) -> Iterator[Pieces]:
         """Motions along a free polyline (m, 5), the fastest first; none has been checked.
 
         The last one stops at every corner and stays on the polyline. A motion of several pieces
         rests between them. Each joint may leave the polyline by ``tolerance`` [rad]; with
-        ``spline`` the curve through all waypoints is tried first.
+        ``spline`` the curve through all waypoints is tried first. ``quick`` is another motion
+        between the same ends, over time [s], which leaves the polyline.
         """
+        along = self._along(waypoints, tolerance, spline=spline)
+        if quick is None:
+            yield from along
+            return
+        motions: list[Pieces] = []
+        with suppress(PlanningError):
+            fast = retime(quick, self.limits, self.dt, in_time=True)
+            motions.append([self.slowed_to_torque_limits(fast)])
+            if motions != [[fast]]:  # along the polyline only the heavy part becomes slower
+                motions.append(next(along))
+        yield from sorted(motions, key=_duration)
+        yield from along
+
+    def _along(self, waypoints: Array, tolerance: float, *, spline: bool) -> Iterator[Pieces]:
+        """Motions that keep to a polyline."""
         if self.load is not None:
             self.load.check_holding(_between(waypoints), "on the way")
         tolerance = min(tolerance, WIDEST)
@@ -272,6 +295,10 @@ def joined(pieces: Sequence[Trajectory]) -> Trajectory:
     )
     duration = sum(lengths) * first.dt + pieces[-1].duration
     return Trajectory(dt=first.dt, q=q, qd=qd, qdd=qdd, duration=duration)
+
+
+def _duration(pieces: Pieces) -> float:
+    return sum(piece.duration for piece in pieces)
 
 
 def _between_ends(trajectory: Trajectory, waypoints: Array) -> Trajectory:

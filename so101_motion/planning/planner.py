@@ -4,9 +4,10 @@ The stages, for every kind of goal:
 
     departure   only if the start is beyond a limit or in contact: a short, slow motion out of it
     ik          a pose becomes joint angles; all that are free of contact are candidates
-    path        a polyline in joint space proven free, straight if possible
-    retime      the polyline becomes a motion: ruckig along a straight line, toppra through corners,
-                one number along the line for a straight line of the tool
+    path        a polyline in joint space proven free, straight if possible; else the quickest of
+                several, with a motion that takes cuts in time
+    retime      that becomes a motion of bounded jerk: ruckig along a straight line, an average over
+                time of cuts, TOPP-RA through corners, one number along a straight line of the tool
     verify      every sample of the motion against limits and contact
 
 The same request gives the same motion, byte for byte; only the times in the report differ.
@@ -49,6 +50,7 @@ from so101_motion.planning.paths.start_recovery import FARTHEST, find_departure,
 from so101_motion.planning.planning_context import PlanningContext
 from so101_motion.planning.request import PathDeviation, Plan, PlanReport, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.path_geometry import JointPath
 from so101_motion.planning.timing.torque import Load, carried
 from so101_motion.planning.timing.trajectory import Trajectory
 from so101_motion.planning.waypoints import checked_path
@@ -152,6 +154,8 @@ class Planner:
                 load=context.load,
                 effort=context.effort,
                 path_deviation=context.path_deviation,
+                routes=context.routes,
+                out_of_time=context.out_of_time,
                 clearance=closest.distance,
                 closest=(closest.first, closest.second),
             ),
@@ -287,10 +291,10 @@ class Planner:
     ) -> tuple[Array, Pieces]:
         """Waypoints and motion to the first of the goals that can be reached."""
         with context.stage("path"):
-            found = context.finder.find(q_from, goals, context.request.time_budget)
+            found = context.find(q_from, goals)
         if context.branches:
             context.branch = context.branches[found.goal]
-        return found.waypoints, self._timed(context, found.waypoints, CORNER, spline=False)
+        return found.waypoints, self._timed(context, found.waypoints, CORNER, quick=found.motion)
 
     def _along(
         self, context: PlanningContext, q_from: Array, goal: PathGoal
@@ -325,23 +329,29 @@ class Planner:
         kept: list[tuple[int, ToolMotion]] = []
         with context.stage("path"):
             above = configurations_above(context, q_from, goal, kept)
-            found = context.finder.find(q_from, above, context.request.time_budget)
+            found = context.find(q_from, above)
         number, line = kept[found.goal]
-        pieces = self._timed(context, found.waypoints, CORNER, spline=False)
+        pieces = self._timed(context, found.waypoints, CORNER, quick=found.motion)
         context.branch, load = context.branches[number], context.load
         pieces += self._followed(context, line)
         context.load = max(context.load, load)
         return np.concatenate([found.waypoints, line.waypoints[1:]]), pieces
 
     def _timed(
-        self, context: PlanningContext, waypoints: Array, tolerance: float, *, spline: bool
+        self,
+        context: PlanningContext,
+        waypoints: Array,
+        tolerance: float,
+        *,
+        spline: bool = False,
+        quick: JointPath | None = None,
     ) -> Pieces:
         """Time a polyline in several ways; the first result that passes verification.
 
         Raises:
             PlanningError: None passes, not even stopping at every corner.
         """
-        motions = context.moves.motions(waypoints, tolerance, spline=spline)
+        motions = context.moves.motions(waypoints, tolerance, spline=spline, quick=quick)
         problem: PlanningError | None = None
         while True:
             with context.stage("retime"):

@@ -6,13 +6,15 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.cartesian.cartesian import CartesianPlanner
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import MotionBuilder, Pieces
-from so101_motion.planning.paths.path import PathFinder
+from so101_motion.planning.paths.path import FreePath, PathFinder
+from so101_motion.planning.paths.routes import Routing
 from so101_motion.planning.request import PathDeviation, PlanRequest
 
 
@@ -33,6 +35,8 @@ class PlanningContext:
         load: Largest share of a velocity, acceleration or jerk limit that is used.
         effort: Largest share of a servo's torque that is used.
         path_deviation: How far the tool is from a prescribed path, if there is one.
+        routes: How many routes were compared.
+        out_of_time: Whether the time budget ended that.
     """
 
     request: PlanRequest
@@ -47,6 +51,8 @@ class PlanningContext:
     load: float = 0.0
     effort: float = 0.0
     path_deviation: PathDeviation | None = None
+    routes: int = 0
+    out_of_time: bool = False
     _inner_ms: float = 0.0
 
     @contextmanager
@@ -62,6 +68,15 @@ class PlanningContext:
             own_ms = spent_ms - self._inner_ms
             self.stages_ms[name] = self.stages_ms.get(name, 0.0) + own_ms
             self._inner_ms = outer_ms + spent_ms
+
+    def find(self, q_from: Array, goals: Iterator[Array]) -> FreePath:
+        """A free path to one of the goals, as quick as the request's effort finds."""
+        request, routing = self.request, None
+        if request.limits.tool_speed is None:  # under such a cap other routes are quick
+            routing = partial(Routing.within, request.limits, request.route_effort)
+        found = self.finder.find(q_from, goals, request.time_budget, routing)
+        self.routes, self.out_of_time = found.routes, found.out_of_time
+        return found
 
     def check(self, pieces: Pieces) -> None:
         """Check motions, and note how much of the limits they use; raises if one fails."""

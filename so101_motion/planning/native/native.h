@@ -198,6 +198,7 @@ int so101_furthest_base(const float *, int, const float *);
 int so101_furthest_avx2(const float *, int, const float *);
 extern Furthest so101_furthest;
 
+double so101_drawn(uint64_t *state); /* a random number from 0 to 1 */
 int so101_check(Scene *s, const Level *level, const double *q, int n, int stop, uint8_t *verdict);
 int so101_is_clear(Scene *s, const Level *level, const double *reach, double spacing,
                    const double *a, const double *b, double q_jaw, int ends);

@@ -683,7 +683,19 @@ static double eased_length(double length, double most, int n, double width) {
     return near <= EASED_PART * length ? near : 0.0;
 }
 
-static int make(const Path *path, const Caps *caps, double dt, double deviation, int has_further,
+/* A path whose parameter is time is passed at a speed of 1. */
+static int as_it_is(const Path *path, Room *room, Grid *grid) {
+    grid->count = path->pieces;
+    grid->interval = more(room, path->pieces * sizeof(Interval));
+    grid->speed = numbers(room, path->pieces + 1);
+    if (!grid->interval || !grid->speed) return NO_MEMORY;
+    for (int k = 0; k <= path->pieces; k++) grid->speed[k] = 1.0;
+    for (int k = 0; k < path->pieces; k++)
+        grid->interval[k] = (Interval){k, 0, 0.0, path->knots[k + 1] - path->knots[k], 1.0};
+    return evaluate_all(path, room, grid);
+}
+
+static int make(const Path *path, const Caps *caps, int timed, double dt, double deviation, int has_further,
                 Supply supply, Room *room, double *duration) {
     const int n = path->n;
     Grid grid;
@@ -695,7 +707,8 @@ static int make(const Path *path, const Caps *caps, double dt, double deviation,
     for (int j = 0; j < n; j++) most = fmax(most, lower[j] = share * caps->acceleration[j]);
     const Caps eased = {caps->velocity, lower, caps->jerk, caps->tool};
     const double near = eased_length(path->knots[path->pieces], most, n, width);
-    int status = best_speeds(path, &eased, has_further, near, supply, room, &grid);
+    int status = timed ? as_it_is(path, room, &grid)
+                       : best_speeds(path, &eased, has_further, near, supply, room, &grid);
     if (!status) status = in_time(&grid, n, 2.0 * width, room, &curve);
     if (!status) status = fitting_window(&curve, width, caps, room, &window);
     if (status) return status;
@@ -729,16 +742,25 @@ static void leave(Room *room) {
     while (room->used) free(room->block[--room->used]);
 }
 
-/* Times a path; `caps`: velocity, acceleration and jerk, each n. Returns one of the codes above; the last
- * samples that were asked for are the motion. */
+/* Times a path, or averages one that is `timed` already; `caps`: velocity, acceleration and jerk, each n.
+ * Returns one of the codes above; the last samples that were asked for are the motion. */
 int so101_retime(int pieces, int n, const double *knots, const double *coefficients, const double *caps,
-                 double tool, int has_further, Supply supply, double dt, double deviation, double *duration) {
+                 double tool, int has_further, Supply supply, int timed, double dt, double deviation,
+                 double *duration) {
     const Path path = {pieces, n, knots, coefficients};
     const Caps limits = {caps, caps + n, caps + 2 * n, tool};
     Room room = {.used = 0};
-    const int status = make(&path, &limits, dt, deviation, has_further, supply, &room, duration);
+    const int status = make(&path, &limits, timed, dt, deviation, has_further, supply, &room, duration);
     leave(&room);
     return status;
+}
+
+/* The width of the average, and the share of the accelerations for a motion that is averaged. */
+double so101_averaging(const double *caps, int n, double deviation, double *share) {
+    const Caps limits = {caps, caps + n, caps + 2 * n, 0.0};
+    const double width = width_of_average(&limits, n, deviation, share);
+    *share *= EASED;
+    return width;
 }
 
 /* The best speeds along a path before jerk is bounded, for tests: of each interval its piece of the path,

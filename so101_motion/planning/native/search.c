@@ -50,7 +50,7 @@ typedef struct {
 } Search;
 
 /* Sebastiano Vigna's splitmix64, as a number in [0, 1). */
-static double drawn(uint64_t *state) {
+double so101_drawn(uint64_t *state) {
     uint64_t z = (*state += 0x9e3779b97f4a7c15u);
     z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
     z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
@@ -115,7 +115,7 @@ static int grow(const Team *m, Search *h, Tree *t) {
     for (int i = 0; i < TRIES; i++) {
         double q[MOST_JOINTS];
         for (int j = 0; j < h->joints; j++)
-            q[j] = h->lower[j] + (h->upper[j] - h->lower[j]) * drawn(&h->random);
+            q[j] = h->lower[j] + (h->upper[j] - h->lower[j]) * so101_drawn(&h->random);
         parents[i] = nearest(m, h, t, q);
         const double *origin = t->points + h->joints * parents[i];
         const double part = STEP / fmax(distance(h, q, origin), STEP);
@@ -295,7 +295,7 @@ static int cut(const Team *m, double *p, int n, double *end, uint64_t *random) {
     measure(p, n, d, end);
     for (int k = 0, failed = 0; k < CUTS; k++) {
         if (n == 2 || failed == MOST_FAILED_CUTS || so101_team_is_over(m)) break;
-        const double x = drawn(random), y = drawn(random), total = end[n - 1];
+        const double x = so101_drawn(random), y = so101_drawn(random), total = end[n - 1];
         const double first = fmin(x, y) * total, last = fmax(x, y) * total;
         const int i = after(end, n, first), j = after(end, n, last);
         failed++;

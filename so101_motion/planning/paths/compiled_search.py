@@ -27,7 +27,7 @@ ROOM = 256
 """Initial room for the waypoints of a path while it is shortened; grows if needed."""
 
 SEEDS = 64
-"""Number of different seeds; a search uses a few."""
+"""Number of seeds that are made at once; then they come again, each 1 higher."""
 
 
 STEP, TRIES = 0.20, 16
@@ -218,7 +218,8 @@ class Seeds:
     def next(self) -> ctypes.c_uint64:
         """The next seed."""
         self._used += 1
-        return ctypes.c_uint64(self._values[self._used % SEEDS - 1])
+        turn, k = divmod(self._used - 1, SEEDS)
+        return ctypes.c_uint64(self._values[k] + turn)
 
     @cached_property
     def generator(self) -> np.random.Generator:

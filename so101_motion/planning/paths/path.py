@@ -8,13 +8,15 @@ edge by edge (``continuous_check.py``). Shortening keeps a little more than the 
 its paths would graze them and often fail the proof. An edge that still fails is replaced by a
 search between its ends in which every edge is proven.
 
+With ``Routing`` more routes are searched, and the quickest is taken (``routes.py``).
+
 The same request with the same seed gives the same path; only giving up depends on time.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -33,6 +35,8 @@ from so101_motion.planning.paths.compiled_search import (
     Tree,
     compiled_shortened,
 )
+from so101_motion.planning.paths.routes import Route, Routing, quickest
+from so101_motion.planning.timing.path_geometry import JointPath
 
 SPACING = 0.025
 """Travel between two samples [m]. Chosen: one in ten paths around a shelf then needs an edge
@@ -65,10 +69,17 @@ class FreePath:
     Attributes:
         waypoints: From start to goal, shape (m, 5), m >= 2, [rad].
         goal: Which of the goals it leads to, as an index.
+        motion: A quicker motion of the same kind, over time [s]; it leaves these lines, is proven
+            nowhere, and its jerk has no bound.
+        routes: How many routes were compared.
+        out_of_time: Whether the time budget ended the comparison.
     """
 
     waypoints: Array
     goal: int
+    motion: JointPath | None = None
+    routes: int = 0
+    out_of_time: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "waypoints", frozen_array(self.waypoints, (-1, 5)))
@@ -91,7 +102,13 @@ class PathFinder:
         self._space = Space(lower=model.lower, upper=model.upper, weights=collision.reach)
         self._seeds = Seeds(seed)
 
-    def find(self, q_start: Array, goals: Iterable[Array], time_budget: float) -> FreePath:
+    def find(
+        self,
+        q_start: Array,
+        goals: Iterable[Array],
+        time_budget: float,
+        routing: Callable[[], Routing] | None = None,
+    ) -> FreePath:
         """A free path to one of the goals, straight if there is such.
 
         Args:
@@ -99,6 +116,7 @@ class PathFinder:
             goals: Free configurations inside the limits, at least one, nearest first. They are
                 taken one by one, so the later ones may be computed only if needed.
             time_budget: Time for the search [s]; a path found by then is not shortened any further.
+            routing: How routes that are not straight are compared; None to take the first.
 
         Raises:
             NoPath: None was found in time. The message names an end that is shut in and the bodies
@@ -109,7 +127,7 @@ class PathFinder:
             if self.is_free_line(q_start, goal):
                 return FreePath(waypoints=np.array([q_start, goal]), goal=index)
             blocked.append(goal)
-        return self._around(q_start, blocked, Deadline(time_budget))
+        return self._around(q_start, blocked, Deadline(time_budget), routing)
 
     def is_free_line(self, q_from: Array, q_to: Array) -> bool:
         """Whether the straight joint line from ``q_from`` to ``q_to`` is free, ends included."""
@@ -118,16 +136,43 @@ class PathFinder:
     def _is_free(self, points: list[Array]) -> bool:
         return self._collision.first_blocked(np.array(points), self._q_jaw) is None
 
-    def _around(self, q_start: Array, goals: Sequence[Array], deadline: Deadline) -> FreePath:
+    def _around(
+        self,
+        q_start: Array,
+        goals: Sequence[Array],
+        deadline: Deadline,
+        routing: Callable[[], Routing] | None,
+    ) -> FreePath:
         """A path that is not straight."""
         random = self._seeds.again()
         look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
-        points, index = self._searched(look, q_start, goals, random, deadline)
+        points, goal = self._searched(look, q_start, goals, random, deadline)
         wide = self._collision.sampled_check(self._q_jaw, spacing=SPACING, extra=ROOM)
         points = compiled_shortened(points, wide, random, deadline)
-        if not self._is_free(points):
-            points = self._mended(points, random, deadline)
-        return FreePath(waypoints=np.array(points), goal=index)
+        proven = self._proven(points, random, deadline)
+        if routing is None:
+            return FreePath(waypoints=proven, goal=goal)
+        how = routing()
+        first = Route(points, goal, how, wide, self._space, random.next())
+        best, routes = quickest(
+            first, q_start, goals, how, self._space, (look, wide), random, deadline
+        )
+        if best is not first:
+            try:
+                proven = self._proven(best.points, random, deadline)
+            except NoPath:  # the time is up
+                best = first
+        return FreePath(
+            waypoints=proven,
+            goal=best.goal,
+            motion=best.motion(),
+            routes=routes,
+            out_of_time=deadline.has_passed(),
+        )
+
+    def _proven(self, points: list[Array], random: Seeds, deadline: Deadline) -> Array:
+        is_free = self._is_free(points)
+        return np.array(points if is_free else self._mended(points, random, deadline))
 
     def _mended(self, points: list[Array], random: Seeds, deadline: Deadline) -> list[Array]:
         """The path with detours in place of the edges that fail their proof."""

@@ -49,6 +49,9 @@ class LimitRows(NamedTuple):
 FurtherLimits = Callable[[PathPoints], LimitRows]
 """Limits at given points of a path, besides those of velocity and acceleration."""
 
+DEVIATION = 0.02
+"""How far smoothing may move a joint off the path by default [rad]. Chosen."""
+
 _SAMPLES, _TOOL_SPEEDS, _ROWS, _CHECKPOINT = range(4)
 _NO_SPEED, _NO_MEMORY = 2, 3
 """What the library asks for, and two ways in which it ends, as in retime.c."""
@@ -66,7 +69,8 @@ def retime(
     *,
     tool_speed_fn: ToolSpeed | None = None,
     further: FurtherLimits | None = None,
-    deviation: float = 0.02,
+    deviation: float = DEVIATION,
+    in_time: bool = False,
     checkpoint: Checkpoint = never_abandoned,
 ) -> Trajectory:
     """The fastest motion along a path, from rest to rest, within the limits.
@@ -79,6 +83,8 @@ def retime(
             profile; unlike the others they are not measured on the result.
         deviation: How far smoothing may move each joint off the path [rad]; accelerations are
             lowered if a low jerk limit would need more.
+        in_time: Whether the path is a motion already, from rest to rest: its parameter is time [s].
+            Only its jerk is bounded then, and what exceeds another limit is slowed down.
 
     Returns:
         The motion. It starts and ends exactly at the ends of the path.
@@ -96,13 +102,24 @@ def retime(
         raise ValueError("a tool speed cap needs tool_speed_fn")
     timing = NativeTiming(path, limits, tool_speed_fn, further, checkpoint)
     duration = ctypes.c_double()
-    numbers = (ctypes.c_double(dt), ctypes.c_double(deviation), ctypes.byref(duration))
+    numbers = (in_time, ctypes.c_double(dt), ctypes.c_double(deviation), ctypes.byref(duration))
     exceeds = timing.run(native().library.so101_retime, *numbers)
     q, qd, qdd = timing.samples
     trajectory = Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=duration.value)
     if exceeds:
         verify.check(trajectory, limits)
     return trajectory
+
+
+def averaging(limits: MotionLimits, deviation: float = DEVIATION) -> tuple[float, float]:
+    """The largest width of the average [s], and the share of the accelerations that fits to it."""
+    caps, share = _caps(limits), ctypes.c_double()
+    numbers = (len(limits.velocity), ctypes.c_double(deviation), ctypes.byref(share))
+    return native().library.so101_averaging(caps.ctypes.data_as(_numbers), *numbers), share.value
+
+
+def _caps(limits: MotionLimits) -> Array:
+    return np.concatenate((limits.velocity, limits.acceleration, limits.jerk))
 
 
 class NativeTiming:
@@ -134,8 +151,8 @@ class NativeTiming:
             PlanningError: No speed satisfies the limits along the path.
         """
         path, limits, answer = self._path, self._limits, _Supply(self._answer)
-        caps = np.concatenate((limits.velocity, limits.acceleration, limits.jerk))
-        arrays = [np.ascontiguousarray(each) for each in (path.knots, path.coefficients, caps)]
+        given = path.knots, path.coefficients, _caps(limits)
+        arrays = [np.ascontiguousarray(each) for each in given]
         tool = ctypes.c_double(limits.tool_speed or 0.0)
         ended = function(
             len(path.knots) - 1,

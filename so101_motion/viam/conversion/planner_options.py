@@ -18,7 +18,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
-from so101_motion.planning.request import Search
+from so101_motion.planning.request import MOST_ROUTES, ROUTE_EFFORT, Search
 from so101_motion.viam.conversion import convert
 
 _IGNORED = frozenset(
@@ -57,6 +57,10 @@ _OPTIONS = (
     ),
     Attribute("rseed", "of the random choices", kind="whole", range=(0.0, 2.0**31), default=0),
     Attribute(
+        "route_effort", "how many routes are compared where the straight one is blocked",
+        kind="whole", range=(1.0, MOST_ROUTES), default=ROUTE_EFFORT,
+    ),
+    Attribute(
         "collision_buffer_mm", "how far bodies must stay apart", unit="mm", range=(0.0, 100.0),
         zero_is_none=True,
     ),
@@ -79,6 +83,7 @@ class PlannerOptions:
             None for the arm's own.
         seed: Of the random choices.
         time_budget: When to give up searching [s]; None for the planner's own.
+        route_effort: How many routes are compared where the straight one is blocked.
         margin: How far bodies must stay apart [m]; None for the scene's own.
         cloud: Poses that will do as well as the goal; it replaces metric and tolerances.
     """
@@ -88,6 +93,7 @@ class PlannerOptions:
     orientation_tolerance: float | None = None
     seed: int = 0
     time_budget: float | None = None
+    route_effort: int = ROUTE_EFFORT
     margin: float | None = None
     cloud: PoseCloud | None = None
 
@@ -105,6 +111,7 @@ class PlannerOptions:
             orientation_tolerance=given.value("orientation_tolerance_deg"),
             seed=given.value("rseed"),
             time_budget=given.value("timeout"),
+            route_effort=given.value("route_effort"),
             # ``search`` uses it only if it is wider than the scene's own margin.
             margin=given.value("collision_buffer_mm"),
             cloud=cloud_in(extra),
@@ -124,7 +131,7 @@ class PlannerOptions:
         """The options of the search; a requested margin replaces the scene's if it is wider."""
         if self.margin is not None and self.margin > scene.margin:  # a copy takes 0.2 ms and more
             scene = replace(scene, margin=self.margin)
-        search = Search(scene=scene, seed=self.seed)
+        search = Search(scene=scene, seed=self.seed, route_effort=self.route_effort)
         return replace(search, time_budget=self.time_budget or search.time_budget)
 
 

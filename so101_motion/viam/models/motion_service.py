@@ -434,6 +434,8 @@ def _plan_json(plan: Plan, name: str) -> dict[str, Any]:
         "clearance_mm": float(to_mm(report.clearance)),
         "closest": list(report.closest),
         "planning_ms": report.stages_ms["total"],
+        "routes": report.routes,
+        "out_of_time": report.out_of_time,
     }
 
 

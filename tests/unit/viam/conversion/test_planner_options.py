@@ -31,6 +31,7 @@ def test_tolerances_seed_margin_and_time_are_taken():
         "orientation_tolerance_deg": 10,
         "rseed": 7,
         "timeout": 1.5,
+        "route_effort": 40,
         "collision_buffer_mm": 8,
     }
     options = PlannerOptions.of(extra)
@@ -39,7 +40,7 @@ def test_tolerances_seed_margin_and_time_are_taken():
     assert (goal.position_tolerance, goal.approach_tolerance) == pytest.approx(
         (0.002, math.radians(10))
     )
-    assert (search.seed, search.time_budget) == (7, 1.5)
+    assert (search.seed, search.time_budget, search.route_effort) == (7, 1.5, 40)
     assert search.scene.margin == pytest.approx(0.008)
 
 
@@ -68,6 +69,7 @@ def test_a_cloud_replaces_the_metric():
         ({"pose_cloud": {}, "goal_metric_type": "position_only"}, "give one"),
         ({"timeout": "soon"}, "timeout"),
         ({"rseed": 1.5}, "whole"),
+        ({"route_effort": 0}, "route_effort"),
         ({"orientation_tolerance_deg": 400}, "180"),
     ],
 )

@@ -1,0 +1,147 @@
+"""Routes around an obstacle: compared by counted work, cut short in time, proven, and given up."""
+
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from harness.coal_check import CoalJudge
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.checkpoint import Abandoned
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE, Box, Obstacle, Scene
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.native.library import native
+from so101_motion.planning.paths import routes
+from so101_motion.planning.paths.compiled_search import Deadline
+from so101_motion.planning.paths.path import PathFinder
+from so101_motion.planning.paths.routes import Routing
+from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Strength
+
+POST = Scene(
+    obstacles=(
+        Obstacle(
+            name="post",
+            shape=Box(size=np.array([0.06, 0.06, 0.4])),
+            T_base_obstacle=SE3.from_translation((0.28, 0.0, 0.2)),
+        ),
+    )
+)
+LEFT, RIGHT = np.array([0.8, 0.0, 0.2, 0.9, 0.0]), np.array([-0.8, 0.0, 0.2, 0.9, 0.0])
+LIMITS = MotionLimits(
+    velocity=np.array([3.0, 2.0, 3.0, 2.5, 3.0]),
+    acceleration=np.array([10.0, 6.0, 10.0, 10.0, 12.0]),
+    jerk=np.full(5, 300.0),
+)
+
+
+@pytest.fixture(scope="module")
+def planner():
+    return Planner(RobotModel.load())
+
+
+def request(effort, **changes):
+    made = {"q_start": LEFT, "goal": JointGoal(q=RIGHT), "limits": LIMITS, "scene": POST}
+    return PlanRequest(**{**made, "route_effort": effort, **changes})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_more_effort_gives_a_quicker_motion_that_coal_finds_free(planner, seed):
+    some, more = (planner.plan(request(effort, seed=seed)) for effort in (1, 16))
+    assert (some.report.routes, some.report.out_of_time) == (1, False)
+    assert 8 < more.report.routes <= 16
+    assert more.duration <= some.duration
+    judge = CoalJudge(RobotModel.load(), POST)
+    for each in (some, more):
+        assert judge.first_blocked(each.trajectory.q, tolerance=MARGIN_TOLERANCE) is None
+        assert all(judge.first_blocked(edge) is None for edge in pairwise(each.path))
+
+
+def test_the_same_request_gives_the_same_motion_at_any_width():
+    found = []
+    for lanes in (4, 16):
+        native().library.so101_start(lanes)
+        found.append(Planner(RobotModel.load()).plan(request(8)).trajectory)
+    native().library.so101_start(native().lanes)
+    assert found[0].q.tobytes() == found[1].q.tobytes()
+
+
+def found_route(effort=8, checkpoint=None, budget=10.0):
+    model = RobotModel.load()
+    collision = CollisionModel(model, POST, *([checkpoint] if checkpoint else []))
+    finder = PathFinder(model, collision)
+    return finder.find(LEFT, [RIGHT], budget, partial(Routing.within, LIMITS, effort))
+
+
+def test_its_pieces_fit_together_and_keep_the_caps():
+    motion = found_route().motion
+    (q, qd, half_qdd, none), step = motion.coefficients.transpose(1, 0, 2), np.diff(motion.knots)
+    end = motion.on_pieces(np.arange(len(step)), step)
+    np.testing.assert_allclose(end.q, [*q[1:], RIGHT], atol=1e-8)
+    np.testing.assert_allclose(end.q_s, [*qd[1:], np.zeros(5)], atol=1e-6)
+    np.testing.assert_array_equal(q[0], LEFT)
+    assert not np.any(qd[0])
+    assert not np.any(none)
+    assert np.abs(qd / LIMITS.velocity).max() <= 1.0 + 1e-9
+    assert 0.95 < np.abs(2.0 * half_qdd / LIMITS.acceleration).max() <= 1.0 + 1e-9
+
+
+def test_when_the_time_is_up_the_best_route_so_far_is_taken(monkeypatch):
+    looks = 0
+
+    def has_passed(self):
+        nonlocal looks
+        looks += 1
+        return looks > 30
+
+    monkeypatch.setattr(Deadline, "has_passed", has_passed)
+    found = found_route(effort=1000)
+    assert found.out_of_time
+    assert 1 < found.routes < 30
+    assert found.motion.length > 0.0
+
+
+def test_a_comparison_that_nobody_wants_any_more_ends_at_once():
+    asked, most = 0, 40
+
+    def ask():
+        nonlocal asked
+        asked += 1
+        if asked >= most:
+            raise Abandoned
+
+    with pytest.raises(Abandoned):
+        found_route(effort=1000, checkpoint=ask)
+    assert asked == most
+
+
+def test_a_direct_motion_is_not_compared(planner, monkeypatch):
+    monkeypatch.setattr(routes, "DIRECT", 10.0)
+    assert planner.plan(request(16)).report.routes == 1
+    assert planner.plan(request(16, goal=JointGoal(q=LEFT + 0.1))).report.routes == 0
+
+
+def test_a_cap_on_the_tool_and_weak_servos_hold(planner):
+    capped = MotionLimits(
+        velocity=LIMITS.velocity,
+        acceleration=LIMITS.acceleration,
+        jerk=LIMITS.jerk,
+        tool_speed=0.2,
+    )
+    assert planner.plan(request(16, limits=capped)).report.routes == 0
+    hard = MotionLimits.uniform(velocity=8.0, acceleration=80.0, jerk=5000.0)
+    weak = Strength(holding=1.1, moving=0.6)
+    made = planner.plan(request(16, limits=hard, strength=weak))
+    assert 0.99 < made.report.effort <= 1.001
+    assert made.duration > 1.1 * planner.plan(request(16, limits=hard)).duration
+
+
+@pytest.mark.parametrize("effort", [0, 2.5, 10_001])
+def test_an_effort_out_of_range_is_refused(effort):
+    with pytest.raises(ConfigError, match=r"route_effort.*1 to 10000"):
+        request(effort)
