@@ -142,7 +142,6 @@ def carried(figures, *, off):
     return trim.carried, np.abs(trim.rest).max()
 
 
-
 def test_a_servo_at_its_torque_limit_learns_nothing_in_motion():
     def learnt(most_drive, way):
         trim = Trim(lambda q: np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
