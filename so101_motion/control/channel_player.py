@@ -376,31 +376,40 @@ class ChannelPlayer:
         if motion.ending is None:
             if alarms and self._obey(motion, alarms, q):
                 return
-            off, joints = self._following.off(q), self._channel.joints
-            held_up = np.zeros(len(q), dtype=np.bool_)
-            if isinstance(motion.source, PlannedMotion):  # the others lag too much to tell
-                in_play = np.array([self._in_play.get(joint, 0.0) for joint in joints])
-                held_up = self._following.held_up(q, in_play, silent=self._unanswered >= {*joints})
-            if held_up.any() and self._following.silence and self._rest_a_while(motion):
-                return
-            if motion.waits_until is not None:
-                if self._k > motion.waits_until:
-                    self._give_way(
-                        motion,
-                        self._recovery.mask,
-                        q,
-                        barred(*self._recovery.farthest(), self._recent()),
-                    )
-                    return
-                off[self._recovery.mask], held_up[self._recovery.mask] = 0.0, False
-            lost = held_up | (off > self._tolerances.following_error)
-            if lost.any():
-                self._give_way(motion, lost, q, self._lost(np.where(lost, off, -np.inf), held_up))
+            held_up = self._held_up(motion, q)
+            waits = motion.waits_until is not None
+            if (waits or held_up.any() or not self._following.is_near(q)) and self._is_over(
+                motion, q, held_up
+            ):
                 return
         if motion.last is not None:
             self._settle(motion, motion.last, q, qd)
 
     # How
+
+    def _held_up(self, motion: _Motion, q: Array) -> NDArray[np.bool_]:
+        joints = self._channel.joints
+        if not isinstance(motion.source, PlannedMotion):
+            return np.zeros(len(q), dtype=np.bool_)  # the others lag too much to tell
+        in_play = np.array([self._in_play.get(joint, 0.0) for joint in joints])
+        return self._following.held_up(q, in_play, silent=self._unanswered >= {*joints})
+
+    def _is_over(self, motion: _Motion, q: Array, held_up: NDArray[np.bool_]) -> bool:
+        """End the motion if a joint does not follow; whether there is no more to check."""
+        off = self._following.off(q)
+        if held_up.any() and self._following.silence and self._rest_a_while(motion):
+            return True
+        if motion.waits_until is not None:
+            mask = self._recovery.mask
+            if self._k > motion.waits_until:
+                error = barred(*self._recovery.farthest(), self._recent())
+                self._give_way(motion, mask, q, error)
+                return True
+            off[mask], held_up[mask] = 0.0, False
+        lost = held_up | (off > self._tolerances.following_error)
+        if lost.any():
+            self._give_way(motion, lost, q, self._lost(np.where(lost, off, -np.inf), held_up))
+        return bool(lost.any())
 
     def _take_up(self, motion: _Motion, k: int) -> None:
         if self._motion is None:

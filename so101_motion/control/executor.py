@@ -9,7 +9,9 @@ that would be more than half a period late is left out and counted; two goals ar
 catch up. After a pause of more than two ticks the motion goes on with the very next setpoint,
 later than planned, so that nothing jumps; after one in which the joints came to rest it speeds up
 again as it once began, and after a long one it is given up. While nothing moves, the
-thread only looks at the arm now and then, to keep the snapshot fresh; a request wakes it at once.
+thread only looks at the arm now and then, to keep the snapshot fresh: 20 times a second after
+something has happened at the arm, and five times once all has been quiet for two seconds. A request
+wakes it at once.
 
 Two channels, the arm and the jaw, move independently on the same ticks: one write and one read for
 both. Torque and faults belong to the bus, so there is one ``Mode``, and ``modes.py`` says what is
@@ -67,8 +69,9 @@ T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
-_IDLE_PERIOD = 0.05
-"""How often a resting arm is looked at [s]; chosen: fresh enough for a picture, near no load."""
+_IDLE_PERIOD, _QUIET_PERIOD = 0.05, 0.2
+"""How often a resting arm is looked at: after something has happened at it, and otherwise [s].
+Chosen: fresh enough for a picture of joints that a hand moves; near no load."""
 
 
 class Executor:
@@ -371,8 +374,9 @@ class Executor:
         self._beat.advance()
         self._control.outcomes.settle()
         self._notify_listeners()
-        is_busy = self._control.is_busy or self._listeners
-        return self._beat.deadline if is_busy else now + _IDLE_PERIOD
+        if self._control.is_busy or self._listeners:
+            return self._beat.deadline
+        return now + (_QUIET_PERIOD if self._control.is_quiet(now) else _IDLE_PERIOD)
 
     def _notify_listeners(self) -> None:
         state = self._control.state

@@ -174,6 +174,12 @@ class FollowingCheck:
         if self._late < 0:
             self._ran_to = None
 
+    def is_near(self, q: Array) -> bool:
+        """Whether no joint at ``q``, shape (n,), [rad], is far from the latest setpoint."""
+        self._q, most = q, self._tolerances.following_error
+        setpoint: list[float] = self._wanted.last(1)[0].tolist()
+        return all(abs(w - at) <= most for w, at in zip(setpoint, q.tolist(), strict=True))
+
     def off(self, q: Array) -> Array:
         """How far the joints at ``q`` are from all the latest setpoints, shapes (n,), [rad]."""
         self._q, wanted = q, self._wanted.last(1 + self._lag)
@@ -196,8 +202,9 @@ class FollowingCheck:
         held = np.zeros(len(q), dtype=np.bool_)
         if not self._sees_contact:
             return held
+        stray = self._wanted.last(1)[0] - q
         if not silent:
-            held |= self._have_missed_goals(self._wanted.last(1)[0] - q)
+            held |= self._have_missed_goals(stray)
         else:
             self._silent += 1
         if self._silent >= SILENCE or self._blind:
@@ -205,22 +212,22 @@ class FollowingCheck:
             self._forget_seen()
             return held
         self._seen.append(q)
-        self._pressed = np.where(in_play == 0.0, self._pressed + 1, 0)
-        self._in_play = np.where(in_play == 0.0, self._in_play, in_play)  # as it was at last
+        pressed = in_play == 0.0
+        self._pressed = np.where(pressed, self._pressed + 1, 0)
+        self._in_play = np.where(pressed, self._in_play, in_play)  # as it was at last
         if len(self._wanted) < self._kept:
             return held
         wanted, seen = self._wanted.last(self._kept), self._seen.last(self._kept)
-        for window in self._windows if self._may_stand(wanted[-1], q) else ():
+        is_far = max(map(abs, stray.tolist())) > NEAREST * self._tolerances.contact_distance
+        for window in self._windows if is_far else ():
             if len(seen) > window:
                 moved = q - seen[-1 - window]
                 held |= self._stands(wanted[-1 - self._lag - window :], window, moved, q)
-        if math.isfinite(self._tolerances.pressed_stray) and len(seen) == self._kept:
+        if len(seen) == self._kept and self._may_have_stopped(wanted, seen):
             side = np.sign(wanted[-1] - wanted[-2])
-            shortest = side * seen[-1 - self._stops[0] :]
-            if ((side != 0.0) & (shortest.max(axis=0) - shortest[0] <= STANDS)).any():
-                wanted, seen = side * wanted, side * seen
-                for stop in self._stops_fallen_behind(wanted, seen):
-                    held |= (side != 0.0) & self._has_stopped(wanted, seen, stop)
+            wanted, seen = side * wanted, side * seen
+            for stop in self._stops_fallen_behind(wanted, seen):
+                held |= (side != 0.0) & self._has_stopped(wanted, seen, stop)
         return held
 
     def words(self, i: int, *, held_up: bool) -> tuple[str, str]:
@@ -270,6 +277,17 @@ class FollowingCheck:
         )
         return missed
 
+    def _may_have_stopped(self, wanted: Array, seen: Array) -> bool:
+        """Whether a joint that is to move has hardly done so, which costs little to see."""
+        if not math.isfinite(self._tolerances.pressed_stray):
+            return False
+        before, now = wanted[-2:].tolist()
+        there, here = seen[-1 - self._stops[0]].tolist(), seen[-1].tolist()
+        return any(
+            w != v and (q - p if w > v else p - q) <= STANDS
+            for v, w, p, q in zip(before, now, there, here, strict=True)
+        )
+
     def _stops_fallen_behind(self, wanted: Array, seen: Array) -> Sequence[int]:
         """The ``stop`` for which ``_has_stopped`` may be true: a joint has fallen behind since.
 
@@ -306,10 +324,6 @@ class FollowingCheck:
         most = np.where(pressed, least, self._in_play)
         held &= wanted[-1] - farthest - before.max(axis=0) > most
         return held
-
-    def _may_stand(self, wanted: Array, q: Array) -> bool:
-        """Whether a joint is as far behind its setpoint as ``_stands`` asks for at least."""
-        return bool(np.abs(wanted - q).max() > NEAREST * self._tolerances.contact_distance)
 
     def _stands(self, wanted: Array, window: int, moved: Array, q: Array) -> NDArray[np.bool_]:
         steps = wanted[window:] - wanted[:-window]

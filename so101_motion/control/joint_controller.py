@@ -40,7 +40,9 @@ from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.motion_source import MotionSource
 from so101_motion.control.recent_states import RecentStates
 from so101_motion.control.request_queue import Outcomes
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.drivers.goal_limiter import PAUSE
+from so101_motion.drivers.position_check import SCATTER
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.timing.limits import MotionLimits
 
@@ -55,6 +57,14 @@ stand, but nobody expects that any more. Chosen: longer than a busy machine keep
 _LOOKS = 12
 """Most readings that are taken before joints are held. Chosen: with 7 % of the replies corrupt, one
 of six joints stays without a confirmed reading once in a million times."""
+
+
+_QUIET_AFTER = 2.0
+"""For so long nothing must have happened at resting joints before they are looked at less often
+[s]. Chosen: what the driver learns of their load at rest is learnt by then."""
+
+_STIRS = SCATTER * RAD_PER_TICK
+"""A resting joint has been moved if it is this far from where it was [rad]."""
 
 
 class JointController:
@@ -93,6 +103,8 @@ class JointController:
         self._fault: str | None = None
         self._lent_to: str | None = None
         self._watch: Callable[[], None] | None = None
+        self._rested = np.zeros(6)  # where the joints were when something happened last [rad]
+        self._quiet_from = 0.0
         self.outcomes = Outcomes()
         self.recent = RecentStates(dt)
 
@@ -122,6 +134,10 @@ class JointController:
     def is_busy(self) -> bool:
         """Whether the joints need every tick, not only an occasional reading."""
         return self.is_moving or self.mode is Mode.GUIDING or self._watch is not None
+
+    def is_quiet(self, now: float) -> bool:
+        """Whether nothing has happened for a while, so that a look now and then will do."""
+        return self.mode in (Mode.HOLDING, Mode.LIMP) and now >= self._quiet_from
 
     def stop_limits(self, channel: Channel) -> MotionLimits:
         """The limits with which a stop of ``channel`` brakes."""
@@ -315,6 +331,7 @@ class JointController:
         self._jaw.update(np.array([reading.q_jaw]), reading)
         if reading.alarms and self.mode is Mode.HOLDING:
             self._yield_to_push(reading)
+        self._note_events(reading, now)
         self.state = self._snapshot(reading, now, late)
         self.recent.append(self.state)
         if reading.unconfirmed.isdisjoint(ARM_JOINTS):
@@ -366,6 +383,23 @@ class JointController:
         missing = reading.unanswered | reading.unconfirmed
         if missing.isdisjoint(ARM_JOINTS) and self._arm.yield_to_push(reading.alarms, reading.q):
             self._driver.write(self._arm.command, float(self._jaw.command[0]))
+
+    def _note_events(self, reading: JointReading, now: float) -> None:
+        """Note whether something has happened, now or since the last snapshot."""
+        if not (
+            self.is_moving
+            or self.state is None
+            or self.state.mode is not self.mode
+            or reading.alarms
+            or reading.out_of_range
+            or reading.unanswered
+            or reading.unconfirmed
+        ):
+            q = np.append(reading.q, reading.q_jaw)
+            if np.abs(q - self._rested).max() <= _STIRS:
+                return
+            self._rested = q
+        self._quiet_from = now + _QUIET_AFTER
 
     def _looked(self) -> JointReading:
         """Read the joints until two readings of each agree."""

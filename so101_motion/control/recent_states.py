@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 from so101_motion.common.errors import NotReady
 from so101_motion.common.state import JointState
@@ -31,13 +32,17 @@ class RecentStates:
         self._notified: Exception | None = None
 
     def append(self, state: JointState) -> None:
-        """Add the newest state."""
+        """Add the newest state; it replaces one of the same time."""
+        if self._states and self._states[-1].t == state.t:
+            self._states.pop()
         self._states.append(state)
 
     def last_second(self) -> tuple[JointState, ...]:
-        """The states of the last second, oldest first."""
+        """The states of the last second, oldest first; the first is the one that held then."""
         since = self._states[-1].t - SPAN if self._states else 0.0
-        return tuple(state for state in self._states if state.t >= since)
+        before = [state for state in self._states if state.t < since]
+        held = (replace(before[-1], t=since),) if before else ()
+        return (*held, *(state for state in self._states if state.t >= since))
 
     def notify(self, error: Exception, recent: tuple[JointState, ...]) -> None:
         """Pass an error to ``on_failure``, once."""

@@ -97,9 +97,11 @@ class Reversals:
         for i, (speed, change) in enumerate(zip(qd, qdd, strict=True)):
             model, way = self._trim.models[i], None
             weight, play = self._trim.weights[i], model.figures.play
-            turn = 2.0 * model.friction(weight, 1.0) / model.torque(1.0)
-            early = EARLY * math.sqrt(turn / model.braking)
-            ahead = speed + (DELAY + model.kind.goal_delay + early) * change
+            ahead = speed
+            if change:
+                turn = 2.0 * model.friction(weight, 1.0) / model.stiffness
+                early = EARLY * math.sqrt(turn / model.braking)
+                ahead += (DELAY + model.kind.goal_delay + early) * change
             self.crossing[i] = 0.0
             if abs(ahead) > STANDS:
                 way = within_change(math.copysign(1.0, ahead), self._trim.ways[i], 2.0 * dt / FLIP)
@@ -323,36 +325,35 @@ class GoalCompensation:
 
     def _lead(self, i: int, qd: float, qdd: float, dt: float) -> float:
         """The lead that compensates the lag of joint ``i`` at this speed and acceleration [rad]."""
-        self._lags[i] += qd * dt - min(dt / (DELAY + self.trim.models[i].lag), 1.0) * self._lags[i]
-        self.trim.lags[i] = (1.0 - self._foreseen[i]) * self._lags[i]
-        wanted, before = 1.0 if self._is_told else 0.0, self._foreseen[i]
-        if abs(qd) < _SLOW:
-            self._foreseen[i] = wanted
-        else:  # one that follows a target at speed is not overtaken
-            rise = 0.0 if self._follows_target else dt / _BLEND
-            self._foreseen[i] += min(max(wanted - before, -dt / _BLEND), rise)
-        crossing = self._reversals.crossing[i]
-        if not (qd or qdd or self._setpoint_qd[i] or crossing):
-            return 0.0
-        model = self.trim.models[i]
+        model, trim, crossing = self.trim.models[i], self.trim, self._reversals.crossing[i]
+        late = DELAY + model.lag
+        lag = self._lags[i]
+        self._lags[i] = lag = lag + (qd * dt - min(dt / late, 1.0) * lag)
         share = self._foreseen[i]
+        trim.lags[i] = (1.0 - share) * lag
+        wanted = 1.0 if self._is_told else 0.0
+        if abs(qd) < _SLOW:
+            share = wanted
+        elif share != wanted:  # one that follows a target at speed is not overtaken
+            rise = 0.0 if self._follows_target else dt / _BLEND
+            share += min(max(wanted - share, -dt / _BLEND), rise)
+        self._foreseen[i], before = share, self._setpoint_qd[i]
+        if not (qd or qdd or before or crossing):
+            return 0.0
         # The set-point runs ahead of the joint; no faster than it can.
-        before, slower = self._setpoint_qd[i], model.braking * dt
-        faster = slower
+        faster = slower = model.braking * dt
         if self._follows_target:
             faster *= _FOLLOWING_BRAKING if self._is_told else 1.0
             share *= _FOLLOWING_SHARE + (1.0 - _FOLLOWING_SHARE) * min(abs(qd) / _TURNING, 1.0)
-            self.trim.lags[i] = (1.0 - share) * self._lags[i]
-        wanted = qd + share * qdd * (DELAY + model.lag)
+            trim.lags[i] = (1.0 - share) * lag
         low, high = (slower, faster) if before > 0.0 else (faster, slower)
-        self._setpoint_qd[i] = min(max(wanted, before - low), before + high)
+        setpoint_qd = min(max(qd + share * qdd * late, before - low), before + high)
+        self._setpoint_qd[i] = setpoint_qd
         # A goal sent now acts later, when the joint has moved on and is faster or slower.
         later = DELAY + model.kind.goal_delay
-        behind = self.trim.lag(i, qd + qdd * later + crossing, qdd) + later * (
-            qd + 0.5 * qdd * later
-        )
-        ahead = stopping_distance(self._setpoint_qd[i], model.braking) + share * behind
-        ahead += self._maps[i].direction * cut_off(self._setpoint_qd[i])
+        behind = trim.lag(i, qd + qdd * later + crossing, qdd) + later * (qd + 0.5 * qdd * later)
+        ahead = stopping_distance(setpoint_qd, model.braking) + share * behind
+        ahead += self._maps[i].direction * cut_off(setpoint_qd)
         return min(max(ahead, -_MOST_AHEAD), _MOST_AHEAD) if self._follows_target else ahead
 
     def _in_ticks(self, goals: Sequence[float], absent: Collection[int]) -> dict[int, Ticks]:

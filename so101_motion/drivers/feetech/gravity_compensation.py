@@ -34,7 +34,7 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
-from so101_motion.drivers.feetech.servo_model import ServoModel
+from so101_motion.drivers.feetech.servo_model import LARGEST_SAG, ServoModel
 from so101_motion.drivers.goal_limiter import limited
 
 Gravity = Callable[[Array], Array]
@@ -90,10 +90,6 @@ SETTLE_TIMEOUT = 2.0
 LARGEST_DRIVE = 1.7
 """Torque that the integral may cause [N m]. Chosen: 300 g in the jaws of the stretched arm need 1.5
 at the shoulder, their friction included."""
-
-LARGEST_SAG = 3.4
-"""Torque beyond which an error cannot be the arm's weight [N m]: with 300 g in the jaws of the
-stretched arm its shoulder takes 3.1 to be lifted. A 7.4 V servo makes 3.8 at full drive."""
 
 INERTIA = (0.012, 0.014, 0.007, 0.002, 0.001)
 """Inertia that the moved links add to each joint [kg m^2]; chosen, averages."""
@@ -156,7 +152,8 @@ class Trim:
         self._qd: Sequence[float] = (0.0,) * 6  # commanded [rad/s]
         self._way = [0.0] * 6  # which way friction is overcome, -1 to 1
         self._torque = [0.0] * 6  # what weight and friction take [N m]
-        self._known = [0.0] * 6  # and what that adds to the goal [rad]
+        self._without_speed = [0.0] * 6  # and what that adds to the goal at rest [rad]
+        self._known = [0.0] * 6  # as far as it can be the arm's weight
         self._rest = [0.0] * 6
         self._goal: list[float] = []
         self._arrived = [False] * 6
@@ -188,7 +185,7 @@ class Trim:
         return [
             limited(
                 model.distance(weight + side * model.friction(weight, side), speed),
-                model.error_for(LARGEST_SAG),
+                model.largest_sag,
             )
             for model, weight, side, speed in zip(self.models, weights, way, qd, strict=False)
         ]
@@ -224,7 +221,7 @@ class Trim:
         more = sum(u * t for u, t in zip(arms, torques, strict=False)) / heaviness
         mass = limited(self.carried + more, HEAVIEST)
         left = [
-            (torque - (mass - self.carried) * arm) / model.torque(1.0)
+            (torque - (mass - self.carried) * arm) / model.stiffness
             for torque, arm, model in zip(torques, arms, self.models, strict=False)
         ]
         return mass, left
@@ -314,7 +311,7 @@ class Trim:
         """
         model, torque = self.models[i], self._torque[i]
         more = model.kind.viscous * qd + (model.kind.armature + INERTIA[i]) * qdd
-        return model.distance(torque + more, qd) - model.distance(torque)
+        return model.distance(torque + more, qd) - self._without_speed[i]
 
     def start(self, goal: list[float], now: float, sag: Sequence[float | None]) -> None:
         """Start with the six joints at rest at ``goal`` [rad] at ``now`` [s].
@@ -334,7 +331,7 @@ class Trim:
             self._find(i)
             if off is None:
                 continue
-            model, most = self.models[i], self.models[i].error_for(LARGEST_SAG)
+            model, most = self.models[i], self.models[i].largest_sag
             off = limited(off, most)
             friction = model.friction(self._weight[i], 0.0)
             self._way[i] = limited(model.torque(off - self._known[i]) / friction, 1.0)
@@ -366,7 +363,7 @@ class Trim:
             if still >= LATE:
                 self._arrived[i] = self._arrived[i] or abs(error) <= SETTLE_POSITION
                 dead = LEFT_ALONE if self._arrived[i] else SETTLE_POSITION
-            is_droop = dead < abs(error) < self.models[i].error_for(LARGEST_SAG)
+            is_droop = dead < abs(error) < self.models[i].largest_sag
             is_droop = is_droop and not self._gives_way[i]
             if is_droop and abs(qd[i]) < _AT_REST and i in fresh:
                 steps[i] = self._turn_over(i, error, dt)
@@ -384,7 +381,8 @@ class Trim:
                 bears = min(abs(self._weight[i]) / BEARING, 1.0)
                 gain = GAIN_KNOWN if model.is_known else GAIN_MOVING
                 steps[i] = bears * gain * dt * error
-        self._learn(steps, [REST_KNOWN if each.is_known else 1.0 for each in self.models])
+        if any(steps):
+            self._learn(steps, [REST_KNOWN if each.is_known else 1.0 for each in self.models])
 
     def _turn_over(self, i: int, error: float, dt: float) -> float:
         """Turn the friction of joint ``i`` over; return what to learn once that is done [rad]."""
@@ -410,7 +408,7 @@ class Trim:
         for i in range(_JAW):
             change = (self.carried - before) * self._per_kg[i]
             self._weight[i] += change
-            steps[i] -= change / self.models[i].torque(1.0)
+            steps[i] -= change / self.models[i].stiffness
             steps[i] *= shares[i]
         for i in range(_JAW):
             self._add(i, steps[i])
@@ -432,10 +430,10 @@ class Trim:
 
     def _find(self, i: int) -> None:
         """Update the offset of joint ``i`` for its weight and friction."""
-        model, way, weight = self.models[i], self._way[i], self._weight[i]
-        torque = weight
+        model, way, torque = self.models[i], self._way[i], self._weight[i]
         if way:
-            load = weight + model.torque(self._rest[i])
+            load = torque + self._rest[i] * model.stiffness
             torque += way * model.friction(load, way, self._qd[i])
         self._torque[i] = torque
-        self._known[i] = limited(model.distance(torque), model.error_for(LARGEST_SAG))
+        self._without_speed[i] = model.distance(torque)
+        self._known[i] = limited(self._without_speed[i], model.largest_sag)

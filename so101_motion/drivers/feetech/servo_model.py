@@ -45,6 +45,10 @@ CHANGED = 0.045
 crosses its play seems to have hit something: ``test_servo_model.py`` lists how far such joints
 fell behind, by type, P gain and speed."""
 
+LARGEST_SAG = 3.4
+"""Torque beyond which an error cannot be the arm's weight [N m]: with 300 g in the jaws of the
+stretched arm its shoulder takes 3.1 to be lifted. A 7.4 V servo makes 3.8 at full drive."""
+
 _DEAD_ZONE = 1.0 * RAD_PER_TICK
 """Errors up to this count as none: registers 26 and 27 as delivered [rad]."""
 
@@ -72,6 +76,8 @@ class ServoModel:
         kind: The type with its own figures.
         full_drive_error: The position error at which it makes full drive [rad].
         volts: Its supply [V], measured if possible.
+        stiffness: Approximate torque that the goal adds for each radian farther on [N m/rad].
+        largest_sag: The error that makes ``LARGEST_SAG`` [rad].
         most_drive: The largest share of full drive that its torque limit allows.
     """
 
@@ -84,8 +90,22 @@ class ServoModel:
     ) -> None:
         self.sold_as, self.p_gain, self.braking = sold_as, p_gain, braking
         self.figures, self.is_known = figures, figures != AS_SOLD
-        self.kind, self.volts = figures.of(sold_as), sold_as.volts
-        self.full_drive_error, self.most_drive = full_drive_error(p_gain), 1.0
+        self.kind, self.most_drive = figures.of(sold_as), 1.0
+        self.full_drive_error = full_drive_error(p_gain)
+        self._over_shape = 1.0 / self.kind.duty_shape
+        self.volts = sold_as.volts
+
+    @property
+    def volts(self) -> float:
+        """Its supply [V]."""
+        return self._volts
+
+    @volts.setter
+    def volts(self, volts: float) -> None:
+        kind, self._volts = self.kind, volts
+        self._full_torque = volts * kind.torque_per_volt  # a dozen times in every cycle
+        self.stiffness = self._full_torque / self.full_drive_error
+        self.largest_sag = self.error_for(LARGEST_SAG)
 
     def distance(self, torque: float, speed: float = 0.0) -> float:
         """How far beyond its joint the goal must be [rad].
@@ -95,11 +115,12 @@ class ServoModel:
             speed: Speed of the joint [rad/s].
         """
         kind = self.kind
-        share = (torque / kind.torque_per_volt + kind.back_emf * speed) / self.volts
-        duty = abs(share) ** (1.0 / kind.duty_shape) - START_DUTY
-        return (
-            math.copysign(duty * self.full_drive_error + _DEAD_ZONE, share) if duty > 0.0 else 0.0
-        )
+        share = (torque / kind.torque_per_volt + kind.back_emf * speed) / self._volts
+        duty = abs(share) ** self._over_shape - START_DUTY
+        if duty <= 0.0:
+            return 0.0
+        error = duty * self.full_drive_error + _DEAD_ZONE
+        return error if share > 0.0 else -error
 
     def drive(self, distance: float) -> float:
         """The share of full drive that the servo makes of an error [rad], as it measures it."""
@@ -123,7 +144,7 @@ class ServoModel:
         if not speed:
             return play
         brake = kind.torque_per_volt * kind.back_emf
-        stiffness = self.torque(1.0)
+        stiffness = self.stiffness
         late = kind.loop_delay + kind.armature / (brake + kind.viscous)
         late += FREED / (stiffness * speed)
         h, more = stiffness / brake, max(play / speed - late, 0.0)
@@ -132,11 +153,11 @@ class ServoModel:
 
     def torque(self, distance: float) -> float:
         """Approximate torque [N m] that a further ``distance`` [rad] of the goal adds."""
-        return distance / self.full_drive_error * self.volts * self.kind.torque_per_volt
+        return distance * self.stiffness
 
     def error_for(self, torque: float) -> float:
         """The error that makes ``torque`` [N m], at most that of full drive [rad]."""
-        return min(torque / self.torque(self.full_drive_error), 1.0) * self.full_drive_error
+        return min(torque / self._full_torque, 1.0) * self.full_drive_error
 
     def friction(self, load: float, way: float, speed: float = 0.0) -> float:
         """Friction torque that the motor must overcome [N m], zero or positive.
@@ -147,13 +168,14 @@ class ServoModel:
             speed: Speed of the joint [rad/s].
         """
         kind = self.kind
-        still = math.exp(-abs(speed) / kind.stribeck_speed)
+        still = math.exp(-abs(speed) / kind.stribeck_speed) if speed else 1.0
+        world, world_still = kind.load_external * load, kind.still_external * load
         friction, motor = 0.0, load
         for _ in range(2):  # what the motor exerts depends on the friction, a little
             friction = (
                 kind.coulomb
-                + abs(kind.load_external * load + kind.load_motor * motor)
-                + still * abs(kind.still_external * load + kind.still_motor * motor)
+                + abs(world + kind.load_motor * motor)
+                + still * abs(world_still + kind.still_motor * motor)
             )
             motor = load + way * friction
         return friction

@@ -32,6 +32,40 @@ def test_released_joints_can_be_pushed_and_are_held_where_they_are(sim):
     np.testing.assert_array_equal(sim.arm.torques[-1][1], Q_GOAL)
 
 
+def looks(sim, seconds):
+    """How often the arm is looked at meanwhile."""
+    times = {sim.state.t}
+    for _ in range(round(seconds / 0.01)):
+        sim.clock.advance(0.01)
+        times.add(sim.state.t)
+    return len(times) - 1
+
+
+def test_a_quiet_arm_is_looked_at_five_times_a_second_until_something_happens(sim):
+    assert looks(sim, 1.0) in (19, 20)
+    sim.clock.advance(1.5)
+    assert looks(sim, 2.0) in (9, 10)
+    sim.after(0.0, sim.executor.release())
+    sim.clock.advance(2.5)
+    assert looks(sim, 2.0) in (9, 10)
+    sim.arm.push(sim.state.q + 0.02)
+    sim.clock.advance(0.2)
+    assert looks(sim, 1.0) in (19, 20)
+
+
+def test_a_quiet_arm_serves_a_request_at_once(sim):
+    sim.clock.advance(5.05)
+    begin = sim.clock.now()
+    future = sim.executor.execute(sim.to_goal(Q_GOAL))
+    sim.clock.advance(0.0)
+    assert sim.state.t == begin
+    assert sim.state.arm_moving
+    stop = sim.executor.stop()
+    sim.clock.advance(1.0)
+    assert future.done()
+    assert stop.done()
+
+
 def test_limp_joints_refuse_to_move(sim):
     sim.after(0.0, sim.executor.release())
     for future in (
