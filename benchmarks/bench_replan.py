@@ -24,8 +24,8 @@ import numpy as np
 
 from benchmarks import _common
 from so101_motion.arm import replanned_motion
-from so101_motion.common.clock import ManualClock, MonotonicClock
-from so101_motion.common.errors import PlanningError, So101Error
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import JointState
 from so101_motion.planning.collision.collision import CollisionModel
@@ -171,10 +171,12 @@ class Course:
         while True:
             moving = []
             for _ in range(count):
-                size = self.rng.uniform(0.02, 0.04)
-                shape = Sphere(radius=size) if self.rng.random() < 0.5 else Box(size=(2 * size,) * 3)
-                ends = self.rng.uniform((-0.3, -0.3, 0.08), (0.35, 0.3, 0.4), (2, 3))
-                moving.append(Moving(shape, *ends, self.rng.uniform(0.05, FASTEST)))
+                size = float(self.rng.uniform(0.02, 0.04))
+                cube = Box(size=np.full(3, 2.0 * size))
+                shape = Sphere(radius=size) if self.rng.random() < 0.5 else cube
+                p_from, p_to = self.rng.uniform((-0.3, -0.3, 0.08), (0.35, 0.3, 0.4), (2, 3))
+                speed = float(self.rng.uniform(0.05, FASTEST))
+                moving.append(Moving(shape, p_from, p_to, speed))
             check = CollisionModel(self._model, scene_at(moving, 0.0, 0.05))
             if all(check.is_free(q) for q in off):
                 return moving
@@ -215,7 +217,7 @@ def one_run(rig: Rig, clock: ManualClock, course: Course, model: RobotModel) -> 
     )
     moves = np.abs(np.diff(q, axis=0)).max(axis=1) > 1e-6
     contacts = 1 + np.flatnonzero(touches[1:] & ~touches[:-1] & moves)
-    avoidable = sum(_was_avoidable(model, moving, begin, t, q, k, verdicts) for k in contacts)
+    avoidable = sum(_was_avoidable(model, moving, begin, t, q, int(k), verdicts) for k in contacts)
     speed = np.abs(np.diff(q, axis=0)).max(axis=0) / TICK / arm.effective_limits(None).velocity
     arm.scene = Scene()
     return {
