@@ -54,6 +54,7 @@ class ViewModel(TargetEditor):
         plan_view: The newest plan and what is drawn of it; None before the first.
         plan_is_current: Whether that plan can still be executed.
         path: The line to the target, or None.
+        replans: Whether ``execute`` plans again while the arm moves, when the scene changes.
         sweeps: Whether configurations along the path are shown when there is a plan.
         tracker: Measures how well motions are followed.
         drops: How often a plan was dropped because something has changed.
@@ -84,7 +85,7 @@ class ViewModel(TargetEditor):
         self._motion: Motion | None = None
         self._backs_out = False
         self._in_contact: tuple[object, bytes, bool] = (None, b"", False)  # where it was looked
-        self.sweeps = True
+        self.sweeps, self.replans = True, False
         self._playback = Playback()
         self.tracker = MotionTracker()
         self._count = 0  # plans that were shown
@@ -163,9 +164,17 @@ class ViewModel(TargetEditor):
         """Show configurations along the path beside the ghost, or hide them."""
         self.sweeps = shown
 
+    def set_replan(self, replans: bool) -> None:
+        """Let the next motion be planned again while it moves, or not."""
+        self.replans = replans
+
     def execute(self) -> None:
-        """Move the arm along the plan that is shown."""
-        if self.plan_view is not None and self.can_execute:
+        """Move the arm along the plan that is shown, or with such plans to the target."""
+        if self.plan_view is None or not self.can_execute:
+            return
+        if self.replans and not self._backs_out:
+            self.follow(self.arm.move(self._target.goal, replan=True, wait=False))
+        else:
             self.follow(self.arm.move(self.plan_view.plan, wait=False))
 
     def follow(self, motion: Motion) -> None:
@@ -228,6 +237,7 @@ class ViewModel(TargetEditor):
             self._follow_caps(),
             self._track("another motion" if own is None else own.name),
             self._collect_plan(),
+            self._show_plan_under_way(),
             self._collect_motion(),
             self._notice_departure(),
             self._playback.advance(self._now()),
@@ -353,7 +363,8 @@ class ViewModel(TargetEditor):
         if self._loading is None and not around.same_as(self._around):
             self._around = around
             self._loading = self._submit(lambda: self._load_solver(around))
-            if self.plan_is_current or self._planning is not None:
+            moves_on = self.replans and self._motion is not None
+            if (self.plan_is_current or self._planning is not None) and not moves_on:
                 self.drop_plan(texts.SURROUNDINGS_CHANGED)
             return True
         if self._loading is None or not self._loading.done():
@@ -387,6 +398,15 @@ class ViewModel(TargetEditor):
             self.show(future.result())
         else:
             self.take_plan(future.result())
+        return True
+
+    def _show_plan_under_way(self) -> bool:
+        """Show the plan that the arm follows, if that is another one than before."""
+        motion, shown = self._motion, self.plan_view
+        if motion is None or shown is None or motion.plan in (None, shown.plan):
+            return False
+        self.take_plan(motion.plan, shown.name)
+        self.follow(motion)
         return True
 
     def _collect_motion(self) -> bool:

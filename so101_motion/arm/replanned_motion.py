@@ -7,25 +7,29 @@ arm will be in ``LEAD`` ticks. A plan that is there in time takes the place of t
 that is late, the next gets more time; when none comes, the arm comes to rest, and it is planned
 from there. So nothing that moves ever waits for a plan.
 
+What has moved from one scene to the next will go on: for a while, the places where it will be
+within ``FORESIGHT`` are obstacles, too.
+
 A new goal is a new motion, which goes on from what the one before was playing.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.protocols import ArmExecutor
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import SUPERSEDED, Interrupted, PlanningError
-from so101_motion.common.geometry import Array
+from so101_motion.common.geometry import SE3, Array
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import PlannedMotion
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import MARGIN_TOLERANCE
+from so101_motion.planning.collision.scene import MARGIN_TOLERANCE, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing import online
@@ -41,6 +45,13 @@ STOPS = (12, LEAD, 1)
 
 PATIENCE = 5.0
 """How long an arm that has come to rest waits for a scene in which it can reach its goal [s]."""
+
+FORESIGHT, _GHOSTS = 0.3, 3
+"""How far ahead [s] and at how many instants things are expected where they move to. Chosen: by
+then the arm has answered to a new scene, and come to rest."""
+
+STILL = 0.5
+"""Things that have not moved for so long rest [s]."""
 
 _LOOK = 1.0  # how long to wait when nothing is expected [s]
 
@@ -80,6 +91,9 @@ class ReplannedMotion:
     _lead: int = LEAD
     _checked: Search | None = None  # what is played was checked in its scene
     _failed: Search | None = None  # there is no plan in its scene
+    _given: Search | None = None  # what ``search`` returned last
+    _since: float = -math.inf  # when it was first returned [s]
+    _foreseen: Search | None = None  # the same, and where things will be
     _collision: CollisionModel | None = None  # for the scene in which was checked
     _planning: _Planning | None = None
     _joining: tuple[Future[bool], bool] | None = None  # and whether the goal was reached without
@@ -122,7 +136,7 @@ class ReplannedMotion:
         patient_until = self.clock.now() + PATIENCE
         while True:
             try:
-                plan = motion.wait_for(self.plan(self.search(), None))
+                plan = motion.wait_for(self.plan(self._search(), None))
                 self.check_path(plan.trajectory.q)
                 break
             except PlanningError:
@@ -146,12 +160,31 @@ class ReplannedMotion:
     def _look(self, motion: Motion, playing: PlannedMotion) -> float:
         """Do what is to be done while it moves; returns when to look again at the latest [s]."""
         if self._joining is None or self._note_outcome():
-            search, seen = self.search(), playing.played
+            search, seen = self._search(), playing.played
             if self._checked is not search:
                 seen = self._check(motion, playing, search)
             if not self._reaches:
                 self._go_on(motion, playing, seen, search)
-        return self.clock.now() + (_LOOK if self._planning is None else self.executor.dt)
+        if self._planning is not None:
+            return self.clock.now() + self.executor.dt
+        if self._foreseen is not self._given:
+            return self._since + STILL
+        return self.clock.now() + _LOOK
+
+    def _search(self) -> Search:
+        """The options of a search now, with what is around the arm and will be soon."""
+        search, now = self.search(), self.clock.now()
+        before, passed = self._given, now - self._since
+        if search is not before:
+            self._given = self._foreseen = search
+            self._since = now
+            if before is not None and before.scene and search.scene and passed < STILL:
+                scene = foreseen(before.scene, search.scene, max(passed, self.executor.dt))
+                self._foreseen = replace(search, scene=scene)
+        elif passed >= STILL:
+            self._foreseen = search
+        assert self._foreseen is not None
+        return self._foreseen
 
     def _check(
         self, motion: Motion, playing: PlannedMotion, search: Search
@@ -260,3 +293,19 @@ class ReplannedMotion:
         return (
             self._collision.first_blocked(trajectory.q, q_jaw, tolerance=MARGIN_TOLERANCE) is None
         )
+
+
+def foreseen(before: Scene, now: Scene, passed: float) -> Scene:
+    """``now``, with the places where things will be that have moved in ``passed`` [s] until now."""
+    was = {each.name: each.T_base_obstacle.p for each in before.obstacles}
+    ghosts = list[Obstacle]()
+    for each in now.obstacles:
+        T = each.T_base_obstacle
+        velocity = (T.p - was.get(each.name, T.p)) / passed
+        if velocity.any():
+            for k in range(1, _GHOSTS + 1):
+                ahead = FORESIGHT * k / _GHOSTS
+                T_then = SE3(T.R, T.p + ahead * velocity)
+                name = f"{each.name} in {ahead:.1f} s"
+                ghosts.append(replace(each, name=name, T_base_obstacle=T_then))
+    return replace(now, obstacles=(*now.obstacles, *ghosts)) if ghosts else now

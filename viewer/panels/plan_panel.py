@@ -89,6 +89,13 @@ class PlanPanel:
             " whose inside is not known it may lead deeper.",
         )
         self._add_plan()
+        replan = gui.add_checkbox(
+            "Plan again while moving",
+            False,
+            hint="When an object on the World tab moves, the arm goes around it without a stop if"
+            " it can, and stops if it cannot.",
+        )
+        self._replans = SharedField(replan, page.set_replan, context, shown=bool)
         gui.add_divider()
         target.add_jaw()
         gui.add_divider()
@@ -158,6 +165,7 @@ class PlanPanel:
             self._facts.content = markup.facts(plan_facts(common))
         else:
             self._back_out.visible = model.can_back_out
+            self._replans.show(model.replans)
             plan = model.plan_view if model.plan_is_current else None
             figures = texts.NO_FACTS if plan is None else texts.plan_facts(plan)
             self._facts.content = markup.facts(figures, lines=_LINES)

@@ -32,13 +32,16 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.shared_worker import acquire_worker, release_worker
 from so101_motion.common import interrupts
 from so101_motion.common.attributes import checked_number, suggest
-from so101_motion.common.errors import ConfigError, MachineRefused, So101Error
+from so101_motion.common.errors import ConfigError, MachineRefused, MotionError, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
 from so101_motion.files.scene_file import arms_from, attached_from, obstacles_from, scene_from
 from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import Goal
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.request import Search
+from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.viam.client.executor import STOPPING, MachineExecutor
 from so101_motion.viam.client.link import LOSSES, PATIENCE, Access, Link
 from so101_motion.viam.client.machine import Machine, is_there
@@ -175,6 +178,23 @@ class MachineArm(Arm):
         before = self._caps
         super().set_acceleration(acceleration)
         self._pass_on({"set_acceleration": in_deg(acceleration)}, before)
+
+    def start_replanned(
+        self,
+        goal: Goal,
+        search: Callable[[Scene], Search],
+        *,
+        limits: MotionLimits | None = None,
+    ) -> Motion:
+        """Not possible over the network.
+
+        Raises:
+            MotionError: Always; says what to do instead.
+        """
+        raise MotionError(
+            "a motion is planned again only where the arm is; send its machine"
+            ' MoveToPosition with {"replan": true} in extra'
+        )
 
     def _with_surroundings(self, scene: Scene) -> Scene:
         told = self.surroundings()

@@ -41,6 +41,8 @@ _IGNORED = frozenset(
 )
 """Options of viam-server's planner that have no effect on ours."""
 
+REPLAN = "replan"
+
 _OPTIONS = (
     Attribute("goal_metric_type", "how much of a pose counts", kind="own"),
     Attribute("pose_cloud", "poses that will do as well as the goal", kind="own"),
@@ -64,6 +66,7 @@ _OPTIONS = (
         "collision_buffer_mm", "how far bodies must stay apart", unit="mm", range=(0.0, 100.0),
         zero_is_none=True,
     ),
+    Attribute(REPLAN, "whether to plan again while it moves", kind="flag", default=False),
 )  # fmt: skip
 """Options that have an effect."""
 
@@ -86,6 +89,7 @@ class PlannerOptions:
         route_effort: How many routes are compared where the straight one is blocked.
         margin: How far bodies must stay apart [m]; None for the scene's own.
         cloud: Poses that will do as well as the goal; it replaces metric and tolerances.
+        replan: Whether to plan again while it moves.
     """
 
     metric: GoalMetric = GoalMetric.POSITION_ONLY
@@ -96,6 +100,7 @@ class PlannerOptions:
     route_effort: int = ROUTE_EFFORT
     margin: float | None = None
     cloud: PoseCloud | None = None
+    replan: bool = False
 
     @classmethod
     def of(cls, extra: Mapping[str, object]) -> PlannerOptions:
@@ -115,6 +120,7 @@ class PlannerOptions:
             # ``search`` uses it only if it is wider than the scene's own margin.
             margin=given.value("collision_buffer_mm"),
             cloud=cloud_in(extra),
+            replan=given.value(REPLAN),
         )
 
     def goal(self, goal: PoseGoal) -> PoseGoal:

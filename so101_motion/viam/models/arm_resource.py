@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import aclosing, suppress
 from dataclasses import replace
@@ -44,6 +44,7 @@ from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, complia
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.conversion.planner_options import (
+    REPLAN,
     OptionWarnings,
     PlannerOptions,
     cloud_in,
@@ -214,7 +215,10 @@ class ArmResource(Configured, Arm):
             self._ignored.warn(extra)
             options = PlannerOptions.of(extra)
             goal = options.goal(self.goal(convert.from_pose(pose)))
-            await self.arrived(self._start_move(goal, options.search(self._arm.scene)))
+            if options.replan:
+                await self.replanned(goal, options.search, self.arrived)
+            else:
+                await self.arrived(self._start_move(goal, options.search(self._arm.scene)))
 
     def _start_move(self, goal: Goal, search: Search) -> Motion:
         """Plan around the surroundings as they are once the arm rests, and move."""
@@ -230,6 +234,16 @@ class ArmResource(Configured, Arm):
                 return self.surroundings.start_planning(scene, plan, wait_here, loop)
 
         return self._arm.start_planned(planning)
+
+    async def replanned(
+        self,
+        goal: Goal,
+        search: Callable[[Scene], Search],
+        arrived: Callable[[Motion], Awaitable[None]],
+    ) -> None:
+        """Move to a goal, and plan again whenever the surroundings have changed; see ``Arm``."""
+        async with self.guarded_scene.kept_new():
+            await arrived(self._arm.start_replanned(goal, search))
 
     async def _move_by_service(
         self, service: MotionService, pose: Pose, extra: dict[str, Any], **kwargs: Any
@@ -268,7 +282,13 @@ class ArmResource(Configured, Arm):
         with grpc_statuses():
             q_goal = self._checked(convert.from_joint_values(positions.values))
             convert.flag(extra or {}, "streamed", False)
-            if convert.flag(extra or {}, "wait", True):
+            waits = convert.flag(extra or {}, "wait", True)
+            if convert.flag(extra or {}, REPLAN, False):
+                if not waits:
+                    raise ConfigError(REPLAN, True, "is for calls that wait for arrival")
+                goal = JointGoal(q=q_goal)
+                await self.replanned(goal, lambda scene: Search(scene=scene), self.arrived)
+            elif waits:
                 await self.arrived(self._start_move(JointGoal(q=q_goal), Search()))
             else:
                 await self.guarded_scene.known()
@@ -293,6 +313,8 @@ class ArmResource(Configured, Arm):
         with grpc_statuses():
             if checked_number("stops", extra.get("stops", self._arm.stops)) != self._arm.stops:
                 raise Interrupted("stop")
+            if convert.flag(extra, REPLAN, False):
+                raise ConfigError(REPLAN, True, "is for one goal; the way through points is given")
             interpolate = convert.flag(extra, "interpolate", True)
             waits = convert.flag(extra, "waitAtEnd", True)
             limits = convert.from_move_options(options, self._arm.limits)

@@ -44,6 +44,7 @@ from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.conversion.frames import WORLD, Frames, carrier
 from so101_motion.viam.conversion.planner_options import (
+    REPLAN,
     OptionWarnings,
     PlannerOptions,
     from_goal_cloud,
@@ -117,6 +118,10 @@ class So101Motion(ServiceForAnArm, MotionService):
             )
             resource = await self._arm_for(component_name, wanted.transforms)
             await resource.ready()
+            options = PlannerOptions.of(wanted.extra)
+            if options.replan:
+                await self._replanned(wanted, options, resource)
+                return True
             arm, loop = resource.rig.arm, asyncio.get_running_loop()
             if arm.is_movable_by_hand or not arm.newest_motion.future.done():
                 await self._refuse_hopeless(wanted, arm.scene)
@@ -285,6 +290,25 @@ class So101Motion(ServiceForAnArm, MotionService):
         return _PlanningTask(
             arm=arm, goal=goal, search=search, constraints=asked, T_tool_component=T_tool_component
         )
+
+    async def _replanned(
+        self, wanted: MoveArguments, options: PlannerOptions, resource: ArmResource
+    ) -> None:
+        """Move, and plan again whenever the arm's surroundings have changed.
+
+        Raises:
+            ConfigError: There is more to keep to than these.
+        """
+        if wanted.world is not None or wanted.constraints is not None or self._sources:
+            raise ConfigError(
+                REPLAN,
+                True,
+                "cannot be combined with world_state, constraints, or a camera or store of this"
+                " service; name those in the arm's configuration",
+            )
+        asked = await self._asked(wanted, resource.rig.arm.scene)
+        search = partial(options.search, frames=asked.search.frames)
+        await resource.replanned(asked.goal, search, partial(self._seen_through, resource))
 
     async def _planned(self, wanted: MoveArguments) -> Plan:
         """Plan a request around the present surroundings and check it; moves nothing."""

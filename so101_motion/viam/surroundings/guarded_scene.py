@@ -15,8 +15,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
+from typing import Any
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.errors import ConfigError, Interrupted, SurroundingsUnknown
@@ -26,6 +27,9 @@ from so101_motion.viam.surroundings.surroundings import Surroundings
 RENEWED = 1.0
 """Surroundings that are older are read again while motions go on [s]; chosen: it takes
 milliseconds of the process whose other threads move the arm."""
+
+REPLANNED = 0.1
+"""The same for motions that are planned again while they move [s]; chosen."""
 
 KNOWN_FOR = 5.0
 """Surroundings that are older must be read before a motion begins [s]; chosen."""
@@ -88,10 +92,10 @@ class GuardedScene:
             if self._told is not None and self._told[0] == self._arm.scene:
                 return  # else it was begun before the arm had its present scene
 
-    async def keep_known(self, goes_on: Callable[[], bool]) -> None:
-        """Read the surroundings again and again as long as ``goes_on()``."""
+    async def keep_known(self, goes_on: Callable[[], bool], every: float = RENEWED) -> None:
+        """Read the surroundings again every so often [s] as long as ``goes_on()``."""
         while goes_on():
-            await asyncio.sleep(RENEWED)
+            await asyncio.sleep(every)
             with suppress(SurroundingsUnknown, Interrupted):  # the first is in the log
                 await self.read()
 
@@ -99,7 +103,19 @@ class GuardedScene:
     async def kept_known(self) -> AsyncIterator[None]:
         """Make sure that the guard knows the surroundings until the block ends; see ``known``."""
         await self.known()
-        reading = asyncio.ensure_future(self.keep_known(lambda: self._is_used))
+        async with self._read_on(self.keep_known(lambda: self._is_used)):
+            yield
+
+    @asynccontextmanager
+    async def kept_new(self) -> AsyncIterator[None]:
+        """Read the surroundings now, and every ``REPLANNED`` until the block ends; see ``read``."""
+        await self.read()
+        async with self._read_on(self.keep_known(self._surroundings.is_asked, REPLANNED)):
+            yield
+
+    @asynccontextmanager
+    async def _read_on(self, keep: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+        reading = asyncio.ensure_future(keep)
         try:
             yield
         finally:

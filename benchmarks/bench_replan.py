@@ -1,0 +1,294 @@
+"""Motions that are planned again while they move, among obstacles that move.
+
+Three parts. *Runs*: from one random configuration to another, with one to five balls and boxes that
+move through the arm's space at up to 0.3 m/s; the arm gets a new scene every 40 ms. The clock is
+simulated, and each plan is there as long after it was asked for as it took, times ``--slow`` (at
+least 10 ms). Every 10 ms the arm, where it is commanded to be, is checked with the obstacles where
+they truly are. A contact of an arm that moves counts, unless a stop begun 50 ms after the first
+scene in which its way was blocked would have met the obstacle as well: then stopping was not
+possible. *Switches*: a new goal every 300 ms. *Latency*: in real time, with the planning process
+and the executor at 100 Hz, from a new scene that blocks the way, and from a new goal, to the first
+setpoint that is another one; and how long the check takes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks import _common
+from so101_motion.arm import replanned_motion
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import So101Error
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.state import JointState
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene, Sphere
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.planner import Planner
+from so101_motion.planning.request import Plan, PlanRequest
+from so101_motion.planning.timing import online
+from so101_motion.rig.rig import HARD_STOP, TICK, Rig
+from so101_motion.rig.simulated_rig import open_simulated
+
+SEED = 49
+SCENES_EVERY = 4  # ticks
+FASTEST = 0.3  # of an obstacle [m/s]
+MARGIN = 0.02  # that the arm keeps from obstacles [m]
+LONGEST = 30.0  # a run that takes longer has not reached its goal [s]
+RESPONSE = 0.05  # from a scene to new setpoints [s]
+SWITCH_EVERY = 0.3  # of the goal [s]
+
+
+@dataclass(frozen=True)
+class Moving:
+    """An obstacle that goes to and fro between two points."""
+
+    shape: Box | Sphere
+    p_from: Array
+    p_to: Array
+    speed: float
+
+    def at(self, t: float) -> Array:
+        """Where it is at a time [s]."""
+        length = max(float(np.linalg.norm(self.p_to - self.p_from)), 1e-9)
+        along = (t * self.speed / length) % 2.0
+        return self.p_from + (self.p_to - self.p_from) * min(along, 2.0 - along)
+
+
+def scene_at(moving: list[Moving], t: float, margin: float) -> Scene:
+    """The scene at a time [s]."""
+    things = tuple(
+        Obstacle(name=f"thing {i}", shape=each.shape, T_base_obstacle=SE3.from_translation(p))
+        for i, each in enumerate(moving)
+        for p in [each.at(t)]
+    )
+    return Scene(obstacles=things, margin=margin)
+
+
+class SimulatedPlanner:
+    """Plans in this thread; the answer is there after a time on the simulated clock."""
+
+    def __init__(self, model: RobotModel, clock: ManualClock, slow: float) -> None:
+        self._planner, self._clock, self._slow = Planner(model), clock, slow
+        self._planner.warm_up()
+        self._due: list[tuple[float, Callable[[], None]]] = []
+        self.took: list[float] = []
+
+    def plan(self, request: PlanRequest) -> Future[Plan]:
+        """Like that of a ``PlanningWorker``."""
+        answer: Future[Plan] = Future()
+        begin = time.thread_time()
+        try:
+            plan = self._planner.plan(request)
+        except So101Error as error:
+            found: Any = error
+        else:
+            found = plan
+        took = time.thread_time() - begin
+        self.took.append(took)
+
+        def give() -> None:
+            if answer.set_running_or_notify_cancel():
+                if isinstance(found, So101Error):
+                    answer.set_exception(found)
+                else:
+                    answer.set_result(found)
+
+        if request.lead is None:
+            give()
+        else:
+            self._due.append((self._clock.now() + max(self._slow * took, 0.01), give))
+        return answer
+
+    def note(self, state: JointState) -> None:
+        """Give what is due; called in every tick."""
+        due = [give for t, give in self._due if t <= state.t]
+        self._due = [each for each in self._due if each[0] > state.t]
+        for give in due:
+            give()
+
+
+VERDICTS: list[Callable[[bool], None]] = []
+"""Told whether what is played was found free, or is from now on."""
+
+
+def watch() -> None:
+    """Let ``VERDICTS`` know what replanned motions find."""
+    motion: Any = replanned_motion.ReplannedMotion
+    check, join = motion._check, motion._join
+
+    def checked(self: Any, *args: Any) -> Any:
+        before = self._joining
+        found = check(self, *args)
+        if self._joining is before:
+            VERDICTS[-1](True)
+        return found
+
+    def joined(self: Any, *args: Any, reaches: bool) -> Any:
+        VERDICTS[-1](reaches)
+        return join(self, *args, reaches=reaches)
+
+    motion._check, motion._join = checked, joined
+
+
+class Tape:
+    """What was commanded, tick by tick."""
+
+    def __init__(self) -> None:
+        self.t: list[float] = []
+        self.q: list[Array] = []
+
+    def note(self, state: JointState) -> None:
+        """Called in every tick."""
+        self.t.append(state.t)
+        self.q.append(np.array(state.q_ref))
+
+
+class Course:
+    """Draws goals and obstacles."""
+
+    def __init__(self, model: RobotModel, seed: int) -> None:
+        self.rng, self._model = np.random.default_rng(seed), model
+        self._alone = CollisionModel(model, Scene(margin=0.05))
+
+    def goal(self) -> Array:
+        """A configuration that is free without obstacles, and well above the floor."""
+        lower, upper = 0.7 * self._model.lower, 0.7 * self._model.upper
+        while True:
+            q = self.rng.uniform(lower, upper)
+            if self._alone.is_free(q):
+                return q
+
+    def obstacles(self, count: int, off: tuple[Array, ...]) -> list[Moving]:
+        """Obstacles that are not in the way of the arm at ``off`` at the beginning."""
+        while True:
+            moving = []
+            for _ in range(count):
+                size = float(self.rng.uniform(0.02, 0.04))
+                cube = Box(size=np.full(3, 2.0 * size))
+                shape = Sphere(radius=size) if self.rng.random() < 0.5 else cube
+                p_from, p_to = self.rng.uniform((-0.3, -0.3, 0.08), (0.35, 0.3, 0.4), (2, 3))
+                speed = float(self.rng.uniform(0.05, FASTEST))
+                moving.append(Moving(shape, p_from, p_to, speed))
+            check = CollisionModel(self._model, scene_at(moving, 0.0, 0.05))
+            if all(check.is_free(q) for q in off):
+                return moving
+
+
+def one_run(rig: Rig, clock: ManualClock, course: Course, model: RobotModel) -> dict[str, Any]:
+    """One run among moving obstacles; where the arm is at its beginning is where it starts."""
+    arm = rig.arm
+    goal, begin, tape = course.goal(), clock.now(), Tape()
+    moving = course.obstacles(int(course.rng.integers(1, 6)), (arm.state.q_ref, goal))
+    end_of_tape = rig.executor.listen(tape.note)
+    verdicts: list[tuple[float, bool]] = []  # whether the way is free, and since when
+    VERDICTS.append(lambda is_free: verdicts.append((clock.now(), is_free)))
+    scenes, outcome = 0, "reached"
+    arm.scene = scene_at(moving, 0.0, MARGIN)
+    motion = arm.move(goal, replan=True, wait=False)
+    while not motion.future.done() and clock.now() - begin < LONGEST:
+        clock.advance(TICK)
+        scenes += 1
+        if scenes % SCENES_EVERY == 0:
+            arm.scene = scene_at(moving, clock.now() - begin, MARGIN)
+    if not motion.future.done():
+        motion.interrupt("time")
+        outcome = "time"
+    while not motion.future.done():
+        clock.advance(TICK)
+    error = motion.future.exception()
+    if error is not None and outcome == "reached":
+        outcome = type(error).__name__
+    VERDICTS.clear()
+    end_of_tape()
+    q, t = np.array(tape.q), np.array(tape.t)
+    touches = np.array(
+        [
+            not CollisionModel(model, scene_at(moving, at - begin, 1e-6)).is_free(each)
+            for at, each in zip(t, q, strict=True)
+        ]
+    )
+    moves = np.abs(np.diff(q, axis=0)).max(axis=1) > 1e-6
+    contacts = 1 + np.flatnonzero(touches[1:] & ~touches[:-1] & moves)
+    avoidable = sum(_was_avoidable(model, moving, begin, t, q, int(k), verdicts) for k in contacts)
+    speed = np.abs(np.diff(q, axis=0)).max(axis=0) / TICK / arm.effective_limits(None).velocity
+    arm.scene = Scene()
+    return {
+        "outcome": outcome,
+        "contacts": len(contacts),
+        "avoidable": avoidable,
+        "seconds": float(t[-1] - begin),
+        "speed": float(speed.max()),
+        "blocked": sum(not is_free for _, is_free in verdicts),
+    }
+
+
+def _was_avoidable(
+    model: RobotModel,
+    moving: list[Moving],
+    begin: float,
+    t: Array,
+    q: Array,
+    k: int,
+    verdicts: list[tuple[float, bool]],
+) -> bool:
+    """Whether a stop soon after it was known that the way is not free avoids the contact."""
+    known = t[k]
+    for at, is_free in reversed([each for each in verdicts if each[0] <= t[k]]):
+        if is_free:
+            break
+        known = at
+    at = int(np.searchsorted(t, known + RESPONSE))
+    if at >= k:
+        return False
+    qd, qdd = (q[at] - q[at - 1]) / TICK, (q[at] - 2 * q[at - 1] + q[at - 2]) / TICK**2
+    stop = online.stop(q[at], qd, qdd, HARD_STOP, TICK)
+    return all(
+        CollisionModel(model, scene_at(moving, t[at] + i * TICK - begin, 1e-6)).is_free(each)
+        for i, each in enumerate(stop.q[:-1])
+    )
+
+
+def runs(count: int, slow: float) -> _common.Row:
+    """Runs among moving obstacles on the simulated clock."""
+    clock, model = ManualClock(), RobotModel.load()
+    watch()
+    planner, course = SimulatedPlanner(model, clock, slow), Course(model, SEED)
+    found = []
+    with open_simulated(clock=clock) as rig:
+        rig.arm._planner = planner.plan
+        rig.executor.listen(planner.note)
+        for number in range(count):
+            found.append(one_run(rig, clock, course, model))
+            print(number, found[-1], flush=True)
+    outcomes = [each["outcome"] for each in found]
+    return {
+        "case": "runs among moving obstacles",
+        "n": count,
+        "reached": outcomes.count("reached") / count,
+        "other": {each: outcomes.count(each) for each in set(outcomes) - {"reached"}},
+        "contacts": sum(each["contacts"] for each in found),
+        "avoidable": sum(each["avoidable"] for each in found),
+        "speed": max(each["speed"] for each in found),
+        "blocked": sum(each["blocked"] for each in found),
+    }
+
+
+def main() -> None:
+    """Run all parts, or those named."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--slow", type=float, default=1.0)
+    options = parser.parse_args()
+    print(runs(options.runs, options.slow))
+
+
+if __name__ == "__main__":
+    main()
