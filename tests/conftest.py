@@ -16,9 +16,11 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.control.executor import Executor
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.drivers.simulated import SimArm
+from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
+from so101_motion.rig.simulated_rig import open_simulated
 
 # Deadlines would be timed tests; a failure prints how to repeat it.
 settings.register_profile("so101", deadline=None, print_blob=True)
@@ -131,6 +133,14 @@ def emulated_servos_of_this_process_are_always_heard():
 def no_second_copies_in_the_home_of_whoever_runs_the_tests(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
+        yield
+
+
+@pytest.fixture(scope="session")
+def planning_process():
+    """Keep the planning process between tests; starting it for each would cost a second."""
+    with open_simulated(clock=ManualClock()) as rig:
+        rig.arm.plan(JointGoal(q=np.full(5, 0.1)))
         yield
 
 

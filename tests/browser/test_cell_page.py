@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from conftest import Visit
 from harness.browser_user import Guest
-from harness.web_camera import web_camera
 from playwright.sync_api import Download, Locator
 from so101_viewer import Preview, Source, serve_source
 
@@ -336,21 +335,3 @@ def test_what_is_put_around_the_arms_is_planned_around_by_each_and_saved_with_th
     guest.until(lambda: not file.exists())
     page.get_by_role("tab", name="Move", exact=True).click()
     assert guest.problems == []
-
-
-def test_the_pictures_of_a_camera_are_shown_over_the_scene(visit: Visit, arms: CellRigs) -> None:
-    with web_camera() as camera:
-        source = Source(
-            title="Two arms",
-            open=lambda: arms,
-            lasts=True,
-            camera=f"{camera}/picture",
-        )
-        with serve_source(source, port=0) as served:
-            window = visit()
-            window.page.goto(served.url)
-            picture = window.page.get_by_alt_text("The camera's picture")
-            window.until(lambda: picture.count() == 1)
-            first = picture.get_attribute("src")
-            window.until(lambda: picture.get_attribute("src") != first)
-            window.leave()

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Visit, move_to
-from harness.browser_user import HOME, READY, Guest
+from harness.browser_user import READY, Guest
 from playwright.sync_api import Locator
 from so101_viewer import Preview, Source, serve_source
 
-from so101_motion.arm.gripper import GENTLEST
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.rig.rig import Rig
@@ -241,19 +240,6 @@ def test_the_views_turn_the_picture(guest: Guest) -> None:
     guest.until(lambda: float(np.linalg.norm(view() - seen[1])) < 0.01)
 
 
-def test_the_jaw_goes_where_its_slider_is_and_force_is_chosen(guest: Guest, rig: Rig) -> None:
-    opening = guest.page.get_by_role("slider", name="Opening (%)")
-    opening.press("End")
-    guest.until(lambda: guest.says("Holding nothing, 100 % open."))
-    guest.page.get_by_role("slider", name="Grip force (%)").press("Home")
-    guest.until(lambda: rig.gripper.force == GENTLEST)
-    opening.press("Home")
-    guest.until(lambda: guest.says("Holding nothing, 0 % open."))
-    guest.page.get_by_role("slider", name="Grip force (%)").press("End")
-    guest.until(lambda: rig.gripper.force == 1.0)
-    assert not rig.arm.is_moving
-
-
 def test_letting_go_asks_first_and_hold_holds_again(guest: Guest, rig: Rig) -> None:
     guest.press("Let go")
     asks = guest.page.locator("#so101-buttons .asks")
@@ -313,31 +299,3 @@ def test_a_path_that_a_hand_shows_is_recorded_planned_and_replayed(
     np.testing.assert_allclose(rig.arm.state.q, there, atol=to_rad(1.0))
     assert (own_files / "paths" / "wave.json").exists()
     in_front(guest, "Move")
-
-
-def test_one_button_lets_the_arm_follow_its_leader_and_stop_ends_it(
-    guest: Guest, rig: Rig, leader: Rig
-) -> None:
-    in_front(guest, "Teach")
-    guest.until(lambda: guest.says("Keep a hand on the leader"))
-    guest.press("Follow the leader")
-    guest.until(lambda: guest.says("Following the leader."))
-    q_leader = np.radians([12.0, 0.0, 0.0, 8.0, 0.0])
-    for share in np.linspace(0.0, 1.0, 20):
-        push(leader, share * q_leader)
-        guest.page.wait_for_timeout(40)
-
-    def rests_there() -> bool:
-        state = rig.arm.state
-        rests = np.max(np.abs(state.qd_ref)) < to_rad(0.5)
-        return bool(rests and np.max(np.abs(state.q - q_leader)) < to_rad(1.5))
-
-    guest.until(rests_there)
-    guest.press("STOP")
-    guest.until(lambda: guest.button("Follow the leader").count() == 1)
-    guest.until(lambda: leader.arm.state.mode is rig.arm.state.mode is Mode.HOLDING)
-    push(leader, HOME)
-    guest.page.wait_for_timeout(300)
-    assert float(np.max(np.abs(rig.arm.state.q - q_leader))) < to_rad(3.0), "it follows no longer"
-    in_front(guest, "Move")
-    assert guest.problems == []

@@ -16,7 +16,6 @@ from viser import _messages
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.files.saved_poses import SavedPoses
-from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.rig import Rig
 
@@ -233,16 +232,6 @@ def test_the_camera_follows_the_tool(guest: Guest, rig: Rig) -> None:
     guest.press("Home")
 
 
-def test_a_target_out_of_reach_says_so_in_millimetres_and_cannot_be_planned_for(
-    guest: Guest,
-) -> None:
-    guest.type_target(600.0, 0.0, 200.0)
-    guest.until(lambda: guest.says(" mm out of reach"))
-    guest.until(lambda: guest.says("(arm fully stretched)"))
-    guest.until(lambda: guest.button("Plan").is_disabled())
-    guest.until(lambda: guest.button("Execute").is_disabled())
-
-
 def test_the_joint_sliders_and_the_tool_aim_as_well(guest: Guest, rig: Rig) -> None:
     guest.page.get_by_text("Joints (°)").click()
     slider = guest.page.locator('[role="slider"][aria-valuemax="162.7"]')  # the wrist's roll
@@ -312,28 +301,6 @@ def test_a_plan_is_played_and_shows_what_it_sweeps_and_its_curves(guest: Guest, 
     guest.until(lambda: abs(float(handle.get_attribute("aria-valuenow") or 0) - 0.5 * end) < 0.1)
     assert at_rest(rig)
     assert not far_from(HOME, rig)
-
-
-def test_after_a_motion_there_is_a_curve_of_how_well_it_was_followed(
-    guest: Guest, rig: Rig
-) -> None:
-    guest.plan()
-    guest.press("Execute")
-    guest.until(lambda: guest.says("Arrived"))
-    guest.page.get_by_role("tab", name="Tracking").click()
-    guest.until(lambda: guest.says("RMS"))
-    guest.until(lambda: curves(guest, "Tracking") > 10)
-    guest.page.get_by_role("tab", name="Velocity").click()
-    assert at_rest(rig)
-
-
-def test_new_surroundings_drop_the_plan(guest: Guest, rig: Rig) -> None:
-    guest.plan()
-    before = rig.arm.scene
-    rig.arm.scene = Scene(floor_z=before.floor_z)
-    guest.until(lambda: guest.says("The surroundings have changed. Press Plan again."))
-    guest.until(lambda: guest.button("Execute").is_disabled())
-    rig.arm.scene = before
 
 
 def test_a_reload_moves_nothing_and_keeps_the_plan(guest: Guest, rig: Rig) -> None:

@@ -303,18 +303,3 @@ def test_names_are_shown_as_they_are_typed_and_a_program_is_kept(
     program.until(lambda: (own_files / "programs" / "wave.json").exists())
     program.until(lambda: program.says("Undone: the saved files are as before."))
     program.page.get_by_text("Save and load").click()
-
-
-def test_an_arm_guided_by_hand_is_recorded_where_the_hand_leaves_it(
-    program: Guest, rig: Rig
-) -> None:
-    program.press("Guide by hand")
-    program.until(lambda: program.says("Record keeps where the arm stands now."))
-    program.until(lambda: program.button("Plan program").is_disabled())
-    q = np.radians([15.0, -10.0, 10.0, 5.0, 0.0])
-    rig.executor.call(lambda driver: driver.push(q))  # type: ignore[attr-defined]
-    program.until(lambda: at(q, rig))
-    program.press("arm")
-    program.until(lambda: "/program/number2" in program.nodes())
-    program.press("STOP")
-    program.until(lambda: rig.arm.state.mode is Mode.HOLDING)

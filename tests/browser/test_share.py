@@ -45,17 +45,6 @@ def test_without_a_plan_there_is_nothing_to_download(opened: Guest) -> None:
     opened.page.get_by_role("tab", name="Move").click()
 
 
-def test_the_plan_is_downloaded_as_a_film(guest: Guest, tmp_path: Path) -> None:
-    plan(guest)
-    download = take(guest)
-    assert download.suggested_filename.startswith("so101-plan-")
-    assert download.suggested_filename.endswith(".html")
-    download.save_as(tmp_path / "film.html")
-    page = (tmp_path / "film.html").read_text()
-    assert "Peak speed" in page
-    assert len(page) < 2_000_000
-
-
 def test_the_last_run_is_downloaded_as_wanted_and_as_measured(
     guest: Guest, rig: Rig, tmp_path: Path
 ) -> None:

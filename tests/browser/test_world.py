@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from click.testing import CliRunner
 from harness.browser_user import Guest
 from PIL import Image
@@ -19,7 +18,7 @@ from so101_viewer.page import history
 
 from so101_motion.cli.verbs import main
 from so101_motion.files.scene_file import read_scene, scene_to
-from so101_motion.planning.collision.scene import Mesh, PointCloud, Scene
+from so101_motion.planning.collision.scene import PointCloud, Scene
 from so101_motion.rig.rig import Rig
 
 pytestmark = pytest.mark.browser
@@ -213,17 +212,6 @@ def test_the_gripper_takes_a_thing_along_and_leaves_it(world: Guest, rig: Rig) -
     np.testing.assert_allclose(rig.arm.scene.obstacles[0].T_base_obstacle.p, there, atol=1e-3)
 
 
-def test_an_obstacle_where_the_arm_stands_is_drawn_and_reported(world: Guest, rig: Rig) -> None:
-    node = add(world, "box")
-    p_mm = 1000.0 * rig.arm.model.frame(rig.arm.state.q, "gripper_link").p
-    fill(world, "Position (mm)", *(f"{x:.0f}" for x in p_mm))
-    world.until(lambda: world.says("is inside 'box 1'") or world.says("'box 1' is inside"))
-    assert node in things(world)
-    world.press("delete")
-    world.until(lambda: world.says("Removed box 1."))
-    world.comes_to([], lambda: things(world))
-
-
 def test_the_floor_can_be_taken_away(world: Guest, rig: Rig) -> None:
     world.page.get_by_role("checkbox").last.click()
     world.until(lambda: rig.arm.scene.floor_z is None)
@@ -282,23 +270,6 @@ def test_the_scene_is_shown_as_viam_says_it_until_it_changes(world: Guest, rig: 
     world.until(lambda: world.button("Copied").count() == 1)
     add(world, "box")
     world.until(lambda: text.count() == 0)
-
-
-def test_a_mesh_can_be_loaded_and_what_is_none_is_refused(
-    world: Guest, rig: Rig, tmp_path: Path
-) -> None:
-    trimesh.creation.cone(20.0, 60.0).export(tmp_path / "cone.stl")
-    load(world, tmp_path / "cone.stl")
-    world.until(lambda: len(rig.arm.scene.obstacles) == 1)
-    assert isinstance(rig.arm.scene.obstacles[0].shape, Mesh)
-    (tmp_path / "bad.json").write_text("{")
-    load(world, tmp_path / "bad.json")
-    world.until(lambda: world.says("is not JSON"))
-    (tmp_path / "none.stl").write_text("solid nothing")  # what is wrong is said in one sentence
-    load(world, tmp_path / "none.stl")
-    world.until(lambda: world.says("'none.stl' holds no triangles; is it a mesh?"))
-    assert len(rig.arm.scene.obstacles) == 1
-    assert world.problems == []
 
 
 PLY = """ply

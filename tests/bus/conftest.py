@@ -23,7 +23,6 @@ from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.rig.simulated_rig import open_simulated
 
 PATIENCE = 0.1
 """How long an answer is waited for, on the wall clock [s]: above what a busy machine mostly takes
@@ -193,10 +192,3 @@ def make_bench(clock, tmp_path, weight):
 def bench(make_bench):
     """A calibrated arm at its zero, holding."""
     return make_bench()
-
-
-@pytest.fixture(scope="session")
-def planning_process():
-    """Keep the planning process between tests; starting it for each would cost a second."""
-    with open_simulated():
-        yield

@@ -103,21 +103,6 @@ async def test_it_shares_the_port_whoever_comes_first(bench, first):
     assert positions["elbow_flex"]["degrees"] == pytest.approx(q[2], abs=0.05)
 
 
-@pytest.mark.parametrize("named", [{}, {"calibration_file": "mine.json"}])
-async def test_the_arms_file_counts_for_all_and_another_name_is_warned_of(
-    bench, data, caplog, named
-):
-    arm = bench.new_arm(calibration_file="ours.json")
-    sensor = new_sensor(bench, **named)
-    warned = [text for text in caplog.messages if "different calibration files" in text]
-    assert len(warned) == len(named)
-    await record(bench, sensor)
-    saved = await do(sensor, "save_calibration")
-
-    assert saved["calibration_file"] == str(data / "ours.json")
-    assert (await do(arm, "get_calibration"))["calibration_file"] == str(data / "ours.json")
-
-
 # Calibrating beside an arm
 
 
@@ -231,17 +216,6 @@ async def test_only_the_joints_it_was_given_are_calibrated(bench, data):
 # When things go wrong
 
 
-async def test_steps_out_of_order_are_refused_with_what_is_possible(bench):
-    sensor = new_sensor(bench)
-    for command in ("set_homing", "start_range_recording", "stop_range_recording",
-                    "save_calibration"):  # fmt: skip
-        says = await refused(sensor, command)
-        assert f'"{command}" is not possible in the state "idle"; now possible: "start"' in says
-    await do(sensor, "start")
-    assert 'now possible: "set_homing" or "abort"' in await refused(sensor, "start")
-    assert (await sensor.get_readings())["calibration_state"] == "started"
-
-
 @pytest.mark.parametrize(
     ("request_", "says"),
     [
@@ -336,21 +310,6 @@ async def test_a_servo_that_is_missing_at_the_start_is_named_and_the_arm_stays_u
     assert (await do(sensor, "reset"))["state"] == "idle"
 
 
-async def test_a_cable_that_comes_off_while_recording_is_reported(bench):
-    sensor = new_sensor(bench)
-    await do(sensor, "start")
-    await do(sensor, "set_homing")
-    await do(sensor, "start_range_recording")
-    await bench.pass_time(0.1)
-    bench.emulator.unplug()
-    await bench.pass_time(1.5)
-    assert "USB cable" in (await sensor.get_readings())["error"]
-    bench.emulator.plug()
-    await bench.pass_time(1.5)
-    now = await sensor.get_readings()
-    assert (now["calibration_state"], "error" in now) == ("range_recording", False)
-
-
 async def test_a_client_that_goes_away_leaves_no_half_step(bench):
     sensor = new_sensor(bench)
     for command, state in (("start", "started"), ("set_homing", "homing_position")):
@@ -386,17 +345,6 @@ async def test_what_a_crash_left_is_seen_to_when_the_servos_answer(data, plannin
         assert not journal.path_for(file).exists()
     finally:
         await bench.end()
-
-
-async def test_status_and_closing(bench):
-    sensor = new_sensor(bench)
-    await sensor.get_readings()  # is there once the port has been looked at
-    status = await sensor.get_status()
-    await sensor.close()
-
-    assert status["calibration_state"] == "idle"
-    assert status["connected"] is True
-    assert status["calibration_file"].endswith("so101_calibration.json")
 
 
 # The steps of a setup

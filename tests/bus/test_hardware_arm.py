@@ -1,12 +1,11 @@
-import asyncio
 import json
 from datetime import timedelta
 
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.emulated_rig import MIDDLES_DEG, ModelBench, arm_client
-from viam.components.arm import Arm, JointPositions, MoveOptions, Pose
+from harness.emulated_rig import ModelBench, arm_client
+from viam.components.arm import Arm, JointPositions
 
 from so101_motion.calib.record import record, store
 from so101_motion.drivers.emulator import registers as emu
@@ -45,39 +44,6 @@ async def positions(client):
 # Moving
 
 
-async def test_joints_go_where_they_are_sent(bench, client):
-    await bench.in_time(client.move_to_joint_positions(joints(*HOME)))
-
-    assert await positions(client) == pytest.approx(HOME, abs=0.35)
-    assert bench.q_deg[:5] == pytest.approx(np.add(HOME, MIDDLES_DEG), abs=1.3)
-    assert not await client.is_moving()
-
-
-async def test_the_tool_goes_where_it_is_sent(bench, client):
-    await bench.in_time(client.move_to_position(Pose(x=250, y=60, z=150, o_z=1)))
-    pose = await client.get_end_position()
-
-    assert (pose.x, pose.y, pose.z) == pytest.approx((250, 60, 150), abs=3.0)
-
-
-async def test_waypoints_are_passed_and_limits_kept(bench, client):
-    way = [joints(0, -20, 20, 20, 0), joints(30, -20, 40, 20, 0), joints(30, -40, 40, 40, 20)]
-    seen = []
-    call = client.move_through_joint_positions(way, MoveOptions(max_vel_degs_per_sec=30.0))
-    task = asyncio.ensure_future(call)
-    while not task.done():
-        await bench.pass_time(0.05)
-        seen.append(await positions(client))
-        await asyncio.sleep(0.001)
-    await task
-
-    for point in way:
-        assert min(np.max(np.abs(np.subtract(q, point.values))) for q in seen) < 3.0
-    play = 0.85  # [deg], through which a joint may fall at once
-    assert np.max(np.abs(np.diff(seen, axis=0))) < 36.0 * 0.05 + play
-    assert seen[-1] == pytest.approx(list(way[-1].values), abs=0.4)
-
-
 async def test_a_streamed_trajectory_is_played(bench, client):
     start = np.array(await positions(client))
     points = []
@@ -101,51 +67,6 @@ async def test_a_streamed_trajectory_is_played(bench, client):
 
     assert len(updates) >= 1
     assert (await positions(client))[0] == pytest.approx(start[0] + 20.0, abs=0.6)
-
-
-async def test_a_stop_ends_the_call_and_the_arm_holds_where_it_is(bench, client):
-    before = bench.q_deg[0]
-    move = await bench.start(
-        client.move_to_joint_positions(joints(90, 0, 0, 0, 0)), lambda: bench.q_deg[0] > before + 8
-    )
-    await bench.in_time(client.stop())
-    with pytest.raises(GRPCError) as caught:
-        await move
-    here = bench.q_deg[0]
-    await bench.pass_time(1.0)
-
-    assert caught.value.status is Status.CANCELLED
-    assert here < 80.0
-    assert bench.q_deg[0] == pytest.approx(here, abs=1.0)
-
-
-async def test_cancelling_the_call_stops_the_arm(bench, client):
-    before = bench.q_deg[0]
-    move = await bench.start(
-        client.move_to_joint_positions(joints(90, 0, 0, 0, 0)), lambda: bench.q_deg[0] > before + 8
-    )
-    move.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await move
-    await bench.until_it_rests(client)
-    here = bench.q_deg[0]
-    await bench.pass_time(2.0)
-
-    assert here < 80.0
-    assert bench.q_deg[0] == pytest.approx(here, abs=1.0), "its standing error is taken out"
-
-
-async def test_a_newer_move_ends_the_older_with_aborted(bench, client):
-    before = bench.q_deg[0]
-    older = await bench.start(
-        client.move_to_joint_positions(joints(90, 0, 0, 0, 0)), lambda: bench.q_deg[0] > before + 8
-    )
-    await bench.in_time(client.move_to_joint_positions(joints(0, 0, 0, 0, 0)))
-    with pytest.raises(GRPCError) as caught:
-        await older
-
-    assert caught.value.status is Status.ABORTED
-    assert (await positions(client))[0] == pytest.approx(0.0, abs=0.35)
 
 
 async def test_after_the_cable_was_out_the_next_move_works(bench, client):
@@ -208,25 +129,6 @@ async def test_ping_names_the_servo_that_is_silent(bench, client):
     assert "wrist_flex" in caught.value.message
 
 
-async def test_the_controller_s_status_counts_who_shares_it(bench, client):
-    bench.new_gripper()
-    answer = await ask(client, bench, command="controller_status")
-
-    assert answer["ref_count"] == 3, "the arm, the gripper and the bench"
-    assert answer["has_controller"] is True
-    assert answer["arm_servo_ids"] == [1, 2, 3, 4, 5]
-    assert f"{bench.port}@1000000(refs:3,cal:registers)" in answer["config"]
-
-
-async def test_diagnose_finds_nothing_on_a_healthy_arm(bench, client):
-    answer = await ask(client, bench, command="diagnose")
-
-    assert answer["findings"] == []
-    assert answer["success"] is True
-    assert answer["error"] == ""
-    assert answer["servos_found"] == [1, 2, 3, 4, 5, 6]
-
-
 async def test_what_is_only_worth_knowing_is_no_failure_of_diagnose(bench, arm, client):
     arm.rig.servos.notes = ("the file was restored",)
     bench.emulator.unplug()
@@ -238,15 +140,6 @@ async def test_what_is_only_worth_knowing_is_no_failure_of_diagnose(bench, arm, 
     assert answer["findings"][0] == "the file was restored"
     assert "the port went away 1 times" in answer["findings"][-1]
     assert (answer["success"], answer["error"]) == (True, "")
-
-
-async def test_diagnose_names_the_cable_that_is_out(bench, client):
-    for joint in ("wrist_flex", "wrist_roll", "gripper"):
-        bench.world.disconnect(joint)
-    answer = await ask(client, bench, command="diagnose")
-
-    assert answer["success"] is False
-    assert "cable between servo 3 (elbow_flex) and servo 4 (wrist_flex)" in answer["error"]
 
 
 async def test_diagnose_without_a_port_says_so(bench, client):

@@ -2,7 +2,7 @@ import json
 
 import numpy as np
 import pytest
-from harness.emulated_rig import MIDDLES_DEG, hardware_bench, rad
+from harness.emulated_rig import hardware_bench, rad
 from harness.held_calibration import forget_limits, hold_calibration
 
 from so101_motion.calib.record import record, store
@@ -30,16 +30,6 @@ def memory(bench, joint):
 
 
 # Opening
-
-
-def test_nothing_moves_by_being_opened(bench):
-    before = bench.q_deg
-    rig = bench.open()
-    bench.advance(2.0)
-
-    assert bench.q_deg == pytest.approx(before, abs=0.5)
-    assert rig.arm.state.mode is Mode.HOLDING
-    assert np.degrees(rig.arm.state.q) == pytest.approx([-d for d in MIDDLES_DEG], abs=0.6)
 
 
 def test_one_port_is_opened_once_however_it_is_spelled(bench):
@@ -185,6 +175,24 @@ def test_a_bad_joint_of_a_file_gives_way_to_its_servo_and_a_bad_file_to_all(
     found = {joint for joint, setup in rig.servos.setups.items() if setup.source != "file"}
     assert found == from_servos
     assert "elbow_flex" in caplog.text
+    is_unused = "calibration file is not used" in " ".join(rig.servos.notes)
+    assert is_unused == (from_servos == set(record.JOINTS))
+
+
+def test_a_servo_whose_limits_make_no_sense_has_the_defaults(bench):
+    for joint, limits in (("elbow_flex", (3000, 1000)), ("gripper", (0, 4095))):
+        for row, limit in zip((emu.MIN_POSITION, emu.MAX_POSITION), limits, strict=True):
+            memory(bench, joint).keep(row, limit)
+    servos = bench.open().servos
+    used = {
+        joint: (setup.calibration.range_min, setup.calibration.range_max)
+        for joint, setup in servos.setups.items()
+        if setup.source == "defaults"
+    }
+    assert used == {"elbow_flex": (500, 3500), "gripper": (2048, 3248)}
+    notes = " ".join(servos.notes)
+    assert "elbow_flex: the limits in the servo (3000 to 1000) make no sense" in notes
+    assert "gripper: the limits in the servo (0 to 4095) are wider than the jaw" in notes
 
 
 def test_a_component_that_brings_a_file_changes_angles_and_moves_nothing(bench):
@@ -262,18 +270,6 @@ def test_a_stop_brakes_each_joint_no_harder_than_its_servo_does(tmp_path, planni
             lowest = min(lowest, bench.arm_deg(rig)[1])
         bench.finish(stopped)
         assert np.degrees(rig.arm.state.q_ref[1]) - lowest < 4.2, "else it swings past by 4.8"
-
-
-def test_a_grab_whose_position_cannot_be_read_is_an_error(bench):
-    rig = bench.open()
-    bench.finish(rig.gripper.move(0.9, wait=False))
-    grab = rig.gripper.grab(wait=False)
-    bench.advance(0.2)
-    bench.world.disconnect("gripper")
-    with pytest.raises(NoReply, match="gripper"):
-        bench.finish(grab)
-
-    assert not rig.gripper.is_holding
 
 
 def test_what_is_held_is_still_held_after_the_cable_was_out(bench):

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from harness.emulated_rig import hardware_bench, rad
+from harness.emulated_rig import hardware_bench
 from harness.held_calibration import forget_limits
 
 from so101_motion.calib.record import record, store
 from so101_motion.common.errors import FollowingError, Interrupted, MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.control.limit_recovery import remarks
-from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 
@@ -181,15 +180,6 @@ def test_a_jaw_outside_comes_in_when_it_is_moved_and_not_when_the_arm_is(bench):
     assert rig.gripper.aperture == pytest.approx(0.3, abs=0.02)
 
 
-def test_a_joint_of_the_arm_outside_is_left_alone_by_a_motion_of_the_jaw(bench):
-    rig = bench.open(calibration_file=filed(bench, shoulder_pan=(2130, 3000)))
-    bench.advance(0.5)
-    bench.finish(rig.gripper.move(0.5, wait=False))
-
-    assert torque(bench, 1) == 0
-    assert bench.q_deg[0] == pytest.approx(0.0, abs=0.5)
-
-
 @pytest.mark.parametrize("joint", ["shoulder_pan", "shoulder_lift"])
 def test_a_stop_on_the_way_in_stops_it_there(bench, joint):
     i = record.JOINTS.index(joint)
@@ -261,16 +251,6 @@ def test_a_servo_that_restarts_outside_its_limits_is_not_made_to_leap_inside(ben
     assert bench.q_deg[0] == pytest.approx(0.0, abs=0.5)
     assert torque(bench, 1) == 0
     bench.finish(bench.go(rig, *(np.degrees(rig.arm.state.q_ref) + 10.0)))
-
-
-def test_its_limits_are_in_the_servo_all_the_while(bench):
-    rig = bench.open(calibration_file=filed(bench, shoulder_pan=(2130, 3000)))
-    bench.advance(0.5)
-
-    assert rig.executor.call(lambda _: rig.servos.bus.read(1, reg.MIN_POSITION)).result() == 2130
-    assert rig.arm.state.reading.out_of_range["shoulder_pan"] == pytest.approx(
-        rad(deg(2130 - (2130 + 3000) / 2)), abs=rad(0.5)
-    )
 
 
 # Guided outside by a hand

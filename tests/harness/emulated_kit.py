@@ -17,7 +17,6 @@ from so101_motion.drivers.emulator.hand import STIFFNESS, Hand, parse_script
 from so101_motion.drivers.emulator.joint_figures import JOINTS, SO101
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.servo_types import STS3215_12V
-from so101_motion.planning.kinematics.model import RobotModel
 
 NEW = dict.fromkeys(range(1, 7), 1)
 """Ids of servos that come out of the box."""
@@ -25,10 +24,6 @@ NEW = dict.fromkeys(range(1, 7), 1)
 SPEED = math.radians(150.0)  # of the hand; a person is slower
 REST = 0.6  # [s] that it stays at a stop; a busy machine may look elsewhere for a while
 PRESS = 2.0 * STS3215_12V.break_away  # [N m] against a stop
-
-GIVE = 3.0
-"""How far a stop gives in under this hand [tick]: measured, 2.97 in 40 sweeps of simulated time. It
-presses 1.3; the rest is the speed it arrives with, and what friction holds then."""
 
 
 class Kit:
@@ -39,14 +34,12 @@ class Kit:
         world: The servos.
     """
 
-    def __init__(self, folder, *, weighs=False, **options):
+    def __init__(self, folder, **options):
         self.port = str(folder / "arm")
-        self.weight = RobotModel.load().gravity_torque if weighs else np.zeros_like
         self._emulator = Emulator(
             EmulatorOptions(
                 link=folder / "arm", calibrated=False, pacing=Pacing(realtime=True), **options
-            ),
-            gravity=self.weight,
+            )
         )
         self.world = self._emulator.world
 
@@ -82,15 +75,15 @@ class Kit:
 
     def hold(self, **pose):
         """Let a hand lead all joints to ``pose`` [rad], zeros by default, and keep them there."""
-        self._lead([(0.0, self._pose(pose), 0.0), (1.0, self._pose(pose), 0.0)])
-        return 1.2
+        there = np.array([pose.get(joint, 0.0) for joint in JOINTS])
+        self._lead([(0.0, there, 0.0), (1.0, there, 0.0)])
 
-    def sweep(self, **pose):
-        """From ``pose`` lead all joints at once to their lower stops, the upper ones, and back.
+    def sweep(self):
+        """From zero lead all joints at once to their lower stops, the upper ones, and back.
 
         Returns how long that takes [s].
         """
-        held = self._pose(pose)
+        held = np.zeros(len(JOINTS))
         lower, upper = (np.array([getattr(joint, end) for joint in SO101]) for end in
                         ("lower", "upper"))  # fmt: skip
         t, stations, here = 0.0, [(0.0, held, 0.0)], held
@@ -101,14 +94,10 @@ class Kit:
         self._lead(stations)
         return t + 0.2
 
-    @staticmethod
-    def _pose(pose):
-        return np.array([pose.get(joint, 0.0) for joint in JOINTS])
-
     def _lead(self, stations):
         lines = [f"0 {joint} start" for joint in JOINTS]
         for t, q, press in stations[1:]:
-            aims = np.degrees(q + (press + self.weight(q)) / STIFFNESS)
+            aims = np.degrees(q + press / STIFFNESS)
             lines += [f"{t} {joint} {aim}" for joint, aim in zip(JOINTS, aims, strict=True)]
         with self.world.lock:
             self.world.hand = Hand(parse_script("\n".join(lines)), time.monotonic())
@@ -133,11 +122,6 @@ class Kit:
             servo.joint.name: reg.decode_offset(servo.memory.raw(reg.OFFSET))
             for servo in self.world.servos
         }
-
-    def stops(self, joint):
-        """Where the encoder is at the stops of a joint [tick]."""
-        shaft = self.world.servo(joint).drive.shaft
-        return shaft.lower, shaft.upper
 
 
 @contextmanager

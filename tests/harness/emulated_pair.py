@@ -1,7 +1,5 @@
 """Two emulated arms, driven by the real rigs on one clock, and a leader moved as a hand would."""
 
-import random
-import threading
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 
@@ -184,29 +182,6 @@ class Arm:
     def close(self):
         self.rig.close()
         self.emulator.close()
-
-
-class BusyClock(ManualClock):
-    """The clock of a machine that wakes the threads that talk to servos late now and then.
-
-    Args:
-        share: How often.
-        late: By how much, from and to [s].
-
-    Attributes:
-        is_busy: Whether it does so now.
-    """
-
-    def __init__(self, share, late, seed=1):
-        super().__init__()
-        self.is_busy, self._share, self._late = False, share, late
-        self._random = random.Random(seed)
-
-    def wait(self, until, wake):
-        is_driving = threading.current_thread().name.startswith("so101-io")
-        if self.is_busy and is_driving and self._random.random() < self._share:
-            until += self._random.uniform(*self._late)
-        super().wait(until, wake)
 
 
 class TeleopBench:

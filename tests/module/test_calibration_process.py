@@ -6,22 +6,15 @@ The servos are in this process and a scripted hand moves them; not tried on a re
 import asyncio
 import json
 
-import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.emulated_kit import GIVE, NEW, emulated_kit
-from harness.emulated_port import patiently
+from harness.emulated_kit import NEW, emulated_kit
 from harness.fake_parent import (
-    ARM,
     CALIBRATION,
-    HARDWARE_ARM,
     SENSOR,
     running_module,
     until,
 )
-from viam.components.arm import Pose
-
-from so101_motion.planning.kinematics.model import RobotModel
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 IDS = {joint: i for i, joint in enumerate(JOINTS, start=1)}
@@ -62,51 +55,6 @@ async def samples(sensor, count):
         return (await sensor.get_readings())["position_samples"] >= begin + count
 
     await until(are_in)
-
-
-@pytest.mark.slow
-async def test_from_the_box_to_a_move_to_a_pose(tmp_path, data):
-    pose = {"elbow_flex": -0.2, "gripper": 0.5}
-    half_done = {1: 1, 2: 2, 3: 1, 4: 4, 5: 5, 6: 1}  # each new one costs three seconds
-    with emulated_kit(tmp_path, ids=half_done, weighs=True) as kit:
-        await kit.connect_only()
-        kit.hold(**pose)
-        async with running_module() as (module, _, _):
-            sensor = await module.add(SENSOR, CALIBRATION, {"port": kit.port}, "calibration")
-            assert (await motor_setup(sensor))["next_motor"] == "gripper"
-            for joint in ("gripper", "elbow_flex"):
-                await kit.connect_only(joint)
-                await do(sensor, "motor_setup_assign_id", motor_name=joint)
-            assert kit.ids == [1, 2, 3, 4, 5, 6]
-            await kit.connect_only(*JOINTS)
-            assert (await do(sensor, "motor_setup_verify"))["success"] is True
-
-            await do(sensor, "start")
-            await asyncio.sleep(kit.hold(**pose))
-            await do(sensor, "set_homing")
-            await do(sensor, "start_range_recording")
-            for _ in range(10):  # once, unless a busy machine looked elsewhere on the way
-                await asyncio.sleep(kit.sweep(**pose))
-                if await are_swept(sensor, kit):
-                    break
-            await do(sensor, "stop_range_recording")
-            saved = await do(sensor, "save_calibration")
-            kit.let_go()
-            assert saved["torque_enabled"] is True
-
-            entries = json.loads((data / "so101_calibration.json").read_text())
-            for joint in JOINTS:
-                entry = entries[joint]
-                ends = [entry["homing_offset"] + entry[end] for end in ("range_min", "range_max")]
-                assert ends == pytest.approx(kit.stops(joint), abs=GIVE + 0.5), joint  # whole ticks
-
-            file = {"calibration_file": saved["calibration_file"]}
-            arm = await module.add(ARM, HARDWARE_ARM, {"port": kit.port, **file}, "arm")
-            there = Pose(x=250, y=30, z=150, o_z=-1)
-            extra = {"goal_metric_type": "position_only"}
-            await patiently(lambda: arm.move_to_position(there, extra=extra))
-            p = RobotModel.load().frame(kit.world.q[:5], "tool").p * 1000.0
-            assert p == pytest.approx((there.x, there.y, there.z), abs=5.0)
 
 
 SCANNING = ("scanning", "listening")
@@ -209,14 +157,6 @@ async def test_every_command_of_the_workflow_answers_as_published(tmp_path, data
                 ]  # fmt: skip
                 assert entry["norm_mode"] == (1 if joint == "gripper" else 3)
                 assert entry["homing_offset"] == kit.offsets[joint]
-
-
-async def are_swept(sensor, kit):
-    """Whether all joints were seen from stop to stop; four fifths of that count as completed."""
-    joints = (await sensor.get_readings())["joints"]
-    seen = {joint: joints[joint].get("recorded_range_degs", 0.0) * 4096 / 360 for joint in JOINTS}
-    travels = {joint: -np.subtract(*kit.stops(joint)) for joint in JOINTS}
-    return all(seen[joint] > travel - 3.0 for joint, travel in travels.items())
 
 
 async def are_completed(sensor):

@@ -83,29 +83,11 @@ async def test_targets_without_a_plan_stop_short_of_a_component_until_it_is_gone
         assert await pan() == pytest.approx(-60.0, abs=0.1)
 
 
-async def test_a_move_that_does_not_wait_says_in_the_log_what_it_met(machine, caplog):
-    async with on_the_left(machine) as (_, client, pan):
-        with caplog.at_level(logging.WARNING):
-            await client.move_to_joint_positions(joints(RIGHT), extra={"wait": False})
-            assert await client.is_moving()
-            while await client.is_moving():
-                await advance(client, 0.05)
-        assert "close to 'crate'" in caplog.text
-        assert await pan() > 5.0
-
-
 async def test_an_ignored_component_and_no_guard_are_no_obstacle(machine):
     for attributes in ({"ignore_components": ["crate"]}, {"collision_guard": False}):
         async with on_the_left(machine, **attributes) as (_, client, pan):
             await sent(client, RIGHT)
             assert await pan() == pytest.approx(-60.0, abs=0.1)
-
-
-async def test_without_the_guard_the_machine_is_not_asked(machine):
-    async with on_the_left(machine, collision_guard=False) as (_, client, _pan):
-        asked = machine.asked
-        await sent(client, RIGHT)
-        assert machine.asked == asked
 
 
 async def test_a_machine_that_cannot_be_read_is_an_error_as_for_plans(machine):
@@ -256,25 +238,6 @@ async def test_a_stream_stops_before_a_component_until_it_is_gone(machine):
         await arm.guarded_scene.read()
         await streamed(client, LEFT, RIGHT)
         assert await pan() == pytest.approx(-60.0, abs=0.1)
-
-
-async def test_a_component_that_comes_while_a_stream_is_played_stops_it(machine):
-    machine.configs.remove(CRATE)
-    async with on_the_left(machine) as (_, client, pan):
-        updates = []
-        playing = asyncio.ensure_future(streamed(client, LEFT, RIGHT, 60.0, updates))
-        await until(lambda: updates)
-        machine.configs.append(CRATE)
-        with pytest.raises(GRPCError, match="'crate'"):
-            await playing
-        assert await pan() > 5.0
-
-
-async def test_a_stream_is_not_kept_from_what_is_ignored_or_without_a_guard(machine):
-    for attributes in ({"ignore_components": ["crate"]}, {"collision_guard": False}):
-        async with on_the_left(machine, **attributes) as (_, client, pan):
-            await streamed(client, LEFT, RIGHT)
-            assert await pan() == pytest.approx(-60.0, abs=0.1)
 
 
 async def test_a_stream_is_kept_from_the_arms_own_table_and_itself(machine):

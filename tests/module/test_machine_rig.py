@@ -175,13 +175,6 @@ def test_a_request_that_moves_the_arm_is_a_motion_as_any_other(rig):
         rig.start_request({"command": "no_such"}).result(60.0)
 
 
-def test_a_newer_motion_takes_over(rig):
-    error = ended_early(rig, lambda: move_to(rig, RIGHT))
-    assert isinstance(error, Interrupted), error
-    assert "newer" in str(error)
-    np.testing.assert_allclose(rig.arm.state.q, RIGHT, atol=np.radians(0.05))
-
-
 def test_retargeting_turns_without_a_stop(rig):
     move_to(rig, RIGHT)
     rig.arm.retarget(LEFT)

@@ -264,29 +264,6 @@ async def test_real_and_simulated_arms_have_the_same_kinematics(session):
         await session.module.remove(ARM, "simulated")
 
 
-@pytest.mark.emulator_only
-async def test_how_arm_and_gripper_look_can_be_chosen(session):
-    port, add = session.port.port, session.module.add
-    attributes = {"port": port, "acceleration_degs_per_sec_per_sec": 300.0}
-    shown = await add(ARM, HARDWARE_ARM, {**attributes, "visualize_ee_frame": True}, "shown")
-    handle = await add(
-        GRIPPER, HARDWARE_GRIPPER, {"port": port, "gripper_type": "leader"}, "handle"
-    )
-    try:
-        assert "tool" in await shown.get_3d_models()
-        assert "tool" not in await session.arm.get_3d_models()
-        assert "gripper_body_1" in [part.label for part in await handle.get_geometries()]
-    finally:
-        await session.module.remove(ARM, "shown")
-        await session.module.remove(GRIPPER, "handle")
-
-
-async def test_its_parts_are_shown(session):
-    labels = [geometry.label for geometry in await session.arm.get_geometries()]
-    assert len(labels) == len(set(labels)) >= 5
-    assert set(await session.arm.get_3d_models()) >= {"base", "shoulder", "upper_arm", "wrist"}
-
-
 # The arm's requests
 
 
@@ -312,29 +289,6 @@ async def test_servos_can_be_asked_after_in_every_way(session):
     answer = await ask(command="reload_calibration")
     assert answer["success"] is False, "there is no file"
     assert "calibration_file" in answer["error"]
-
-
-async def test_speed_and_acceleration_are_read_and_set_together_or_not_at_all(session):
-    before = await session.ask(get_motion_params=True)
-    answer = await session.ask(set_speed=15.0, set_acceleration=50.0, get_motion_params=True)
-    assert (answer["speed_set"], answer["acceleration_set"]) == (15.0, 50.0)
-    assert answer["current_speed_degs_per_sec"] == 15.0
-    with pytest.raises(GRPCError) as caught:
-        await session.ask(set_speed=16.0, set_acceleration=5.0)
-    assert caught.value.status is Status.INVALID_ARGUMENT
-    after = await session.ask(get_motion_params=True)
-    assert after["current_speed_degs_per_sec"] == 15.0
-    await session.ask(
-        set_speed=before["current_speed_degs_per_sec"],
-        set_acceleration=before["current_acceleration_degs_per_sec_per_sec"],
-    )
-
-
-@pytest.mark.parametrize("command", ["diagnoze", "servo", ""])
-async def test_a_request_that_nobody_knows_is_refused_by_name(session, command):
-    with pytest.raises(GRPCError) as caught:
-        await session.ask(command=command)
-    assert caught.value.status is Status.INVALID_ARGUMENT
 
 
 @pytest.mark.emulator_only
@@ -363,51 +317,3 @@ async def test_the_gripper_opens_closes_and_tells_what_it_holds(session):
     closed = await session.grip(command="get_position")
     assert closed["position_percentage"] < 5.0
     assert not (await session.gripper.is_holding_something()).is_holding_something
-
-
-async def test_the_gripper_goes_to_servo_positions_and_percentages(session):
-    grip = session.grip
-    assert await grip(command="set_position", percentage=30.0) == {"success": True}
-    middle = await grip(command="get_position")
-    assert middle["position_percentage"] == pytest.approx(30.0, abs=3.0)
-    aim = round(middle["servo_position"]) + 60
-    assert await grip(command="set_position", servo_position=aim) == {"success": True}
-
-    async def is_there():  # a busy machine may have ended the motion
-        await grip(command="set_position", servo_position=aim)
-        await asyncio.sleep(0.3)
-        return abs((await grip(command="get_position"))["servo_position"] - aim) < 15
-
-    await until(is_there)
-    assert (await grip(set=20.0))["position"] == 20.0
-    assert (await grip(get=True))["position"] == pytest.approx(20.0, abs=3.0)
-    status = await grip(command="controller_status")
-    assert (status["servo_id"], status["ref_count"], status["has_controller"]) == (6, 2, True)
-
-
-async def test_stopping_the_gripper_leaves_the_arm_alone(session):
-    start = await session.joints()
-    goal = await session.near(1, 0, 0, 0, 0)
-    options = MoveOptions(max_vel_degs_per_sec=8.0)
-    moving = asyncio.ensure_future(
-        session.arm.move_through_joint_positions([positions(goal)], options)
-    )
-    opening = asyncio.ensure_future(session.gripper.open())
-    await until(lambda: session.gripper.is_moving())
-    await session.gripper.stop()
-    with pytest.raises(GRPCError) as caught:
-        await opening
-    assert caught.value.status is Status.CANCELLED
-    await moving
-    assert await session.joints() == pytest.approx(goal, abs=0.35)
-    await session.go(start)
-    await patiently(session.gripper.grab)
-
-
-async def test_the_gripper_s_jaw_is_shown_where_it_is(session):
-    labels = [geometry.label for geometry in await session.gripper.get_geometries()]
-    assert any("moving" in label for label in labels)
-    _kind, data, *_ = await session.gripper.get_kinematics()
-    assert json.loads(data)["joints"] == []
-    assert list(await session.gripper.get_current_inputs()) == []
-    await session.gripper.go_to_inputs([])

@@ -35,13 +35,6 @@ async def start(client, call):
     return task
 
 
-async def test_joint_moves_arrive_and_report_where_they_are(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-
-    assert await positions(client) == pytest.approx(HOME, abs=0.01)
-    assert not await client.is_moving()
-
-
 async def test_a_joint_move_takes_as_long_as_its_speed_says(client):
     await in_time(client, client.move_to_joint_positions(joints(*HOME)))
     fast = await duration_of(client, client.move_to_joint_positions(joints(60, *HOME[1:])))
@@ -50,23 +43,6 @@ async def test_a_joint_move_takes_as_long_as_its_speed_says(client):
 
     assert 60.0 / 90.0 < fast < 60.0 / 90.0 + 1.0
     assert 60.0 / 30.0 < slow < 60.0 / 30.0 + 1.0
-
-
-async def test_the_tool_is_brought_to_a_point(client):
-    await in_time(client, client.move_to_position(Pose(x=250, y=60, z=150, o_z=1)))
-    pose = await client.get_end_position()
-
-    assert (pose.x, pose.y, pose.z) == pytest.approx((250, 60, 150), abs=0.2)
-
-
-async def test_the_tool_is_brought_to_a_point_and_a_direction(client):
-    goal = Pose(x=220, y=0, z=150, o_z=-1)
-    extra = {"goal_metric_type": "position_and_approach"}
-    await in_time(client, client.move_to_position(goal, extra=extra))
-    pose = await client.get_end_position()
-
-    assert (pose.x, pose.y, pose.z) == pytest.approx((220, 0, 150), abs=0.2)
-    assert pose.o_z < -math.cos(math.radians(1.1))
 
 
 async def test_a_full_pose_that_was_reached_before_is_reached_again(client):
@@ -90,16 +66,6 @@ async def test_a_point_out_of_reach_is_refused_with_how_far_and_where_to_go_inst
     assert "nearest" in caught.value.message.lower()
 
 
-async def test_a_full_pose_that_five_joints_cannot_reach_is_refused(client):
-    goal = Pose(x=250, y=0, z=150, o_x=0, o_y=1, o_z=0, theta=45)
-    with pytest.raises(GRPCError) as caught:
-        await in_time(
-            client, client.move_to_position(goal, extra={"goal_metric_type": "squared_norm"})
-        )
-
-    assert caught.value.status is Status.FAILED_PRECONDITION
-
-
 @pytest.mark.parametrize(
     ("extra", "says"),
     [
@@ -114,14 +80,6 @@ async def test_a_request_that_is_not_understood_moves_nothing(client, extra, say
     assert caught.value.status is Status.INVALID_ARGUMENT
     assert says in caught.value.message
     assert not await client.is_moving()
-
-
-async def test_a_pose_that_is_no_number_is_an_invalid_argument(client):
-    with pytest.raises(GRPCError) as caught:
-        await client.move_to_position(Pose(x=math.nan, o_z=1))
-
-    assert caught.value.status is Status.INVALID_ARGUMENT
-    assert "pose.x" in caught.value.message
 
 
 @pytest.mark.parametrize(
@@ -152,39 +110,6 @@ async def test_no_waypoints_are_no_motion(client):
     assert not await client.is_moving()
 
 
-async def test_waypoints_are_passed_without_stopping_at_each(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    between = [a + (b - a) * 0.5 for a, b in zip(HOME, ELSEWHERE, strict=True)]
-    task = await start(
-        client,
-        client.move_through_joint_positions([joints(*HOME), joints(*between), joints(*ELSEWHERE)]),
-    )
-    speeds = []
-    while not task.done():
-        before = np.array(await positions(client))
-        await advance(client, 0.02)
-        speeds.append(np.max(np.abs(np.array(await positions(client)) - before)) / 0.02)
-    await task
-
-    assert await positions(client) == pytest.approx(ELSEWHERE, abs=0.01)
-    moving = [speed for speed in speeds if speed > 1.0]
-    first_rest = next(i for i, speed in enumerate(speeds) if speed <= 1.0)
-    assert len(moving) == first_rest, "no rest before the end"
-
-
-async def test_options_bind_the_move(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    goal = [joints(60, *HOME[1:])]
-    options = MoveOptions(max_vel_degs_per_sec=20.0)
-    slow = await duration_of(client, client.move_through_joint_positions(goal, options))
-    nothing = MoveOptions(max_vel_degs_per_sec=0.0, max_acc_degs_per_sec2=0.0, max_tcp_speed=0.0)
-    home = [joints(*HOME)]
-    normal = await duration_of(client, client.move_through_joint_positions(home, nothing))
-
-    assert slow > 60.0 / 20.0
-    assert normal < 60.0 / 90.0 + 1.0
-
-
 async def test_the_speed_of_the_tool_can_be_bound(client):
     await in_time(client, client.move_to_joint_positions(joints(*HOME)))
     options = MoveOptions(max_tcp_speed=0.05)
@@ -204,26 +129,6 @@ async def test_the_speed_of_the_tool_can_be_bound(client):
     assert fastest < 50.0 * 1.05, "millimetres a second"
 
 
-async def test_a_list_of_caps_for_the_wrong_number_of_joints_is_refused(client):
-    options = MoveOptions(max_vel_degs_per_sec_joints=[10.0] * 4)
-    with pytest.raises(GRPCError) as caught:
-        await client.move_through_joint_positions([joints(*HOME)], options)
-
-    assert caught.value.status is Status.INVALID_ARGUMENT
-
-
-async def test_a_stop_ends_the_move_with_an_error_that_says_so(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    move = await start(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
-    await client.stop()
-
-    with pytest.raises(GRPCError) as caught:
-        await move
-    assert caught.value.status is Status.CANCELLED
-    assert "stop" in caught.value.message
-    await at_rest(client)
-
-
 async def ended(client):
     """Nothing moves any more; the time for that passes by itself."""
 
@@ -238,18 +143,6 @@ async def at_rest(client):
     before = await positions(client)
     await advance(client, 0.5)
     assert await positions(client) == pytest.approx(before, abs=0.01)
-
-
-async def test_a_newer_move_ends_the_old_one_with_aborted(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    old = await start(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-
-    with pytest.raises(GRPCError) as caught:
-        await old
-    assert caught.value.status is Status.ABORTED
-    assert "newer motion" in caught.value.message
-    assert await positions(client) == pytest.approx(HOME, abs=0.01)
 
 
 async def test_cancelling_a_call_brings_the_arm_to_rest(client, arm):
@@ -283,17 +176,6 @@ async def test_a_deadline_brings_the_arm_to_rest(client):
 
     await at_rest(client)
     assert np.max(np.abs(np.subtract(await positions(client), ELSEWHERE))) > 1.0
-
-
-async def test_cancelling_an_old_call_leaves_the_newer_motion_alone(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    old = await start(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
-    new = asyncio.ensure_future(client.move_to_joint_positions(joints(*HOME)))
-    await advance(client, 0.05)
-    old.cancel()
-    await in_time(client, new)
-
-    assert await positions(client) == pytest.approx(HOME, abs=0.01)
 
 
 async def test_without_waiting_the_call_returns_at_once_and_the_arm_goes_on(client):
@@ -404,26 +286,6 @@ async def test_a_streamed_trajectory_out_of_the_limits_is_refused_and_the_arm_re
 
     assert caught.value.status is Status.OUT_OF_RANGE
     assert "shoulder_pan" in caught.value.message
-    await at_rest(client)
-
-
-async def test_a_stop_ends_a_streamed_trajectory(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-
-    async def play():
-        async def endless():
-            yield [Arm.TrajectoryPoint(timedelta(seconds=t), v) for t, v in sweep(100)]
-            await asyncio.Event().wait()
-
-        async for _ in client.move_through_joint_positions_streamed(endless()):
-            pass
-
-    playing = await start(client, play())
-    await client.stop()
-
-    with pytest.raises(GRPCError) as caught:
-        await playing
-    assert caught.value.status is Status.CANCELLED
     await at_rest(client)
 
 

@@ -33,14 +33,6 @@ async def test_manual_mode_lets_go_and_a_move_takes_hold_again(client):
     assert await positions(client) == pytest.approx(HOME, abs=0.01)
 
 
-async def test_manual_mode_ends_by_itself_when_it_was_given_a_time(client):
-    await client.set_manual_mode(True, enabled_for=1)
-    assert await client.get_manual_mode()
-    async with asyncio.timeout(30):
-        while await client.get_manual_mode():
-            await advance(client, 0.01)
-
-
 async def test_a_time_limit_that_viam_s_message_cannot_carry_is_not_sent(client):
     with pytest.raises(TypeError):
         await client.set_manual_mode(True, enabled_for=0.2)

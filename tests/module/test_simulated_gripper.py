@@ -150,17 +150,6 @@ async def test_a_stop_ends_the_call_and_leaves_the_jaw_where_it_is(client, in_ti
     assert position["target_percentage"] == pytest.approx(position["position_percentage"], abs=0.1)
 
 
-async def test_a_second_command_ends_the_first_with_aborted(client, in_time, until):
-    await in_time(client.grab())
-    first = asyncio.ensure_future(client.open())
-    await until(lambda: opens(client))
-    assert await in_time(client.grab()) is False
-
-    with pytest.raises(GRPCError) as caught:
-        await first
-    assert caught.value.status is Status.ABORTED
-
-
 async def test_cancelling_a_call_brings_the_jaw_to_rest(client, in_time, until):
     await in_time(client.grab())
     call = asyncio.ensure_future(client.open())

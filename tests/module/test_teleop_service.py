@@ -12,10 +12,6 @@ from grpclib.exceptions import StreamTerminatedError
 from grpclib.testing import ChannelFor
 from harness.emulated_port import patiently, processes_came_late
 from harness.fake_parent import (
-    ARM,
-    GRIPPER,
-    SIMULATED,
-    SIMULATED_GRIPPER,
     config_of,
     running_module,
     until,
@@ -383,24 +379,3 @@ async def test_validation_names_what_it_needs():
             with pytest.raises(GRPCError) as caught:
                 await module.validate(GENERIC, TELEOP, attributes)
             assert caught.value.status is Status.INVALID_ARGUMENT
-
-
-async def test_the_real_process_lets_one_arm_lead_another():
-    async with running_module() as (module, _, _):
-        leader = await module.add(ARM, SIMULATED, FAST, "leader")
-        follower = await module.add(ARM, SIMULATED, FAST, "follower")
-        await module.add(GRIPPER, SIMULATED_GRIPPER, {}, "lg")
-        await module.add(GRIPPER, SIMULATED_GRIPPER, {}, "fg")
-        wanted = {**ARMS, **GRIPPERS, "manage_leader_torque": False}
-        teleop = await module.add(GENERIC, TELEOP, wanted, "teleop")
-        await teleop.do_command({"command": "start"})
-        await until(lambda: is_in(teleop, "mirroring"))
-        goal = [15.0, -10.0, 5.0, 5.0, 20.0]
-        await leader.move_to_joint_positions(JointPositions(values=goal))
-
-        async def is_there():
-            return np.abs(joints(await follower.get_joint_positions()) - goal).max() < 0.3
-
-        await until(is_there)
-        await module.remove(GENERIC, "teleop")
-        assert await follower.is_moving() is False

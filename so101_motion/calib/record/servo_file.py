@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from so101_motion.calib.record import versions as history
-from so101_motion.common.errors import CalibrationError, quoted
+from so101_motion.common.attributes import checked_number
+from so101_motion.common.errors import CalibrationError, ConfigError
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg, to_mm, to_rad
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from so101_motion.drivers.servo_types import ServoFigures
 from so101_motion.files import atomic, json_file
 
@@ -175,58 +176,46 @@ def _text(record: ServoRecord) -> bytes:
     return json.dumps(content, indent=2).encode() + b"\n"
 
 
-def _parsed(content: object, file: Path) -> ServoRecord:
-    if not isinstance(content, Mapping) or not isinstance(content.get("servos"), Mapping):
-        raise CalibrationError(None, f'{file} holds no "servos"', "identify the arm again")
-    servos = {
-        joint: _figures(joint, entry, file)
-        for joint, entry in content["servos"].items()
-        if joint in ARM_JOINTS
-    }
-    load = content.get("load")
-    carried = None
-    if isinstance(load, Mapping):
-        com = load.get("com_mm")
-        if not isinstance(com, list) or len(com) != 3:
-            raise CalibrationError(None, f'"com_mm" in {file} is not three numbers', _AGAIN)
-        x, y, z = (_number(None, file, "com_mm", each, -1000.0, 1000.0) / 1000.0 for each in com)
-        mass = _number(None, file, "mass_kg", load.get("mass_kg"), -0.5, 5.0)
-        carried = HandLoad(mass=mass, com=(x, y, z))
-    return ServoRecord(
-        at=str(content.get("at", "")),
-        volts=_number(None, file, "volts", content.get("volts"), 0.0, 30.0),
-        servos=servos,
-        load=carried,
-    )
-
-
 _AGAIN = "restore it, or identify the arm again"
 
 
-def _figures(joint: str, entry: object, file: Path) -> ServoFigures:
+def _parsed(content: object, file: Path) -> ServoRecord:
+    if not isinstance(content, Mapping) or not isinstance(content.get("servos"), Mapping):
+        raise CalibrationError(None, f'{file} holds no "servos"', "identify the arm again")
+    load = content.get("load")
+    try:
+        return ServoRecord(
+            at=str(content.get("at", "")),
+            volts=checked_number("volts", content.get("volts"), lower=0.0, upper=30.0),
+            servos={
+                joint: _figures(joint, entry)
+                for joint, entry in content["servos"].items()
+                if joint in ARM_JOINTS
+            },
+            load=_load(load) if isinstance(load, Mapping) else None,
+        )
+    except ConfigError as error:
+        raise CalibrationError(None, f"{file}: {error}", _AGAIN) from error
+
+
+def _load(content: Mapping[str, object]) -> HandLoad:
+    com = content.get("com_mm")
+    if not isinstance(com, list) or len(com) != 3:
+        raise ConfigError("com_mm", com, "must be three numbers")
+    x, y, z = (checked_number("com_mm", each, lower=-1000.0, upper=1000.0) for each in com)
+    mass = checked_number("mass_kg", content.get("mass_kg"), lower=-0.5, upper=5.0)
+    return HandLoad(mass=mass, com=(to_m(x), to_m(y), to_m(z)))
+
+
+def _figures(joint: str, entry: object) -> ServoFigures:
     if not isinstance(entry, Mapping):
-        raise CalibrationError(joint, f"its entry in {file} is no object", _AGAIN)
+        raise ConfigError(joint, entry, "must be an object")
     shares = {
-        name: _number(joint, file, name, entry.get(name), *bounds)
-        for name, bounds in _BOUNDS.items()
+        name: checked_number(f"{joint}.{name}", entry.get(name), lower=lower, upper=upper)
+        for name, (lower, upper) in _BOUNDS.items()
     }
     play = entry.get("play_deg")
     if play is not None:
-        play = to_rad(_number(joint, file, "play_deg", play, 0.0, _MOST_PLAY_DEG))
+        most = _MOST_PLAY_DEG
+        play = to_rad(checked_number(f"{joint}.play_deg", play, lower=0.0, upper=most))
     return ServoFigures(**shares, play=play)
-
-
-def _number(
-    joint: str | None, file: Path, name: str, value: object, lower: float, upper: float
-) -> float:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, (int, float))
-        or not lower <= value <= upper
-    ):
-        raise CalibrationError(
-            joint,
-            f'"{name}" in {file} must be {lower:g} to {upper:g}, not {quoted(value)}',
-            _AGAIN,
-        )
-    return float(value)

@@ -15,7 +15,8 @@ from pathlib import Path
 
 from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
 from so101_motion.calib.record.zero import CONVENTIONS, Zero
-from so101_motion.common.errors import CalibrationError, quoted
+from so101_motion.common.attributes import checked_number
+from so101_motion.common.errors import CalibrationError, ConfigError, quoted
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files import json_file
 
@@ -86,19 +87,15 @@ def _zero(joint: str, record: JointCalibration, entries: object) -> Zero | None:
 
 
 def _checked(joint: str, entry: Mapping[str, object]) -> Zero:
-    by, middle_deg = entry.get("by"), entry.get("middle_deg")
+    by = entry.get("by")
     if by not in _SOURCES:
         raise CalibrationError(
             joint, f'"by" is {" or ".join(_SOURCES)}, not {quoted(by)}', "calibrate again"
         )
-    if (
-        isinstance(middle_deg, bool)
-        or not isinstance(middle_deg, (int, float))
-        or not -180.0 <= middle_deg <= 180.0
-    ):
-        raise CalibrationError(
-            joint,
-            f'"middle_deg" must be from -180 to 180, not {quoted(middle_deg)}',
-            "calibrate again",
+    try:
+        middle_deg = checked_number(
+            "middle_deg", entry.get("middle_deg"), lower=-180.0, upper=180.0
         )
-    return Zero(by=str(by), angle=to_rad(float(middle_deg)))
+    except ConfigError as error:
+        raise CalibrationError(joint, str(error), "calibrate again") from error
+    return Zero(by=str(by), angle=to_rad(middle_deg))

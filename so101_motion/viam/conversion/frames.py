@@ -9,7 +9,7 @@ through other frames.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
 from grpclib import GRPCError
@@ -89,7 +89,10 @@ async def parents() -> Mapping[str, str]:
 
 
 async def carrier(
-    frame: str, arms: Collection[str], transforms: Iterable[Transform] = ()
+    frame: str,
+    arms: Collection[str],
+    transforms: Iterable[Transform] = (),
+    above: Callable[[], Awaitable[Mapping[str, str]]] = parents,
 ) -> str | None:
     """The arm to which ``frame`` is attached; None if to none.
 
@@ -97,24 +100,33 @@ async def carrier(
         frame: A frame of the machine or of the request; an arm's own frame gives that arm.
         arms: The arms in question.
         transforms: Those of the request.
+        above: Gives the parent of each frame of the machine; called only if that is needed.
+
+    Raises:
+        ConfigError: Frames are attached to each other, or too many.
     """
-    if frame in arms:
-        return frame
-    above = dict(await parents())
-    for transform in transforms:
-        above[transform.reference_frame] = transform.pose_in_observer_frame.reference_frame
-    for _ in range(len(above)):  # no chain is longer, unless it leads round in a circle
-        frame = above.get(frame.removesuffix("_origin"), WORLD)
-        if frame in arms:
-            return frame
-    return None
+    brought = {each.reference_frame: each.pose_in_observer_frame for each in transforms}
+    trail: list[str] = []
+    known: Mapping[str, str] = {}
+    while frame != WORLD and frame not in arms:
+        _note(frame, trail)
+        if frame in brought:
+            frame = brought[frame].reference_frame
+        else:
+            known = known or await above()
+            frame = known.get(frame.removesuffix("_origin"), WORLD)
+    return frame if frame in arms else None
 
 
 LONGEST_CHAIN = 100
 """Most frames between a frame and the root. Chosen."""
 
 
-def _refuse_long(trail: Sequence[str]) -> None:
+def _note(frame: str, trail: list[str]) -> None:
+    """Add a frame to those below it; refuses a chain that is too long or leads to itself."""
+    if frame in trail:
+        raise ConfigError("transforms", frame, "is attached to itself: " + " - ".join(trail))
+    trail.append(frame)
     if len(trail) > LONGEST_CHAIN:
         raise ConfigError("transforms", trail[0], f"has more than {LONGEST_CHAIN} parents")
 
@@ -166,7 +178,18 @@ class Frames:
         Raises:
             ConfigError: There is no such frame, or it cannot be asked for.
         """
-        return await self._resolve(frame, ())
+        trail: list[str] = []
+        while frame in self._brought and frame not in self._known:
+            _note(frame, trail)
+            frame = self._brought[frame].pose_in_observer_frame.reference_frame
+        if frame not in self._known:
+            known = None if self._placed is None else self._placed(frame)
+            self._known[frame] = known or await self._ask(frame, f"{self.arm}_origin")
+        T_base_frame = self._known[frame]
+        for name in reversed(trail):
+            T_base_frame @= convert.from_pose(self._brought[name].pose_in_observer_frame.pose)
+            self._known[name] = T_base_frame
+        return T_base_frame
 
     async def T_tool(self, frame: str) -> SE3:
         """The pose of ``frame`` in the arm's tool frame.
@@ -189,35 +212,13 @@ class Frames:
         Raises:
             ConfigError: There is no such frame.
         """
-        trail: list[str] = []
-        while frame not in (self.arm, WORLD, f"{self.arm}_origin"):
-            if frame in trail:
-                raise ConfigError(
-                    "transforms", frame, "is attached to itself: " + " - ".join(trail)
-                )
-            trail.append(frame)
-            _refuse_long(trail)
-            if frame in self._brought:
-                frame = self._brought[frame].pose_in_observer_frame.reference_frame
-            else:
-                frame = (await self._machine_parents()).get(frame.removesuffix("_origin"), WORLD)
-        return frame == self.arm
+        arms, brought = (self.arm, f"{self.arm}_origin"), self._brought.values()
+        return await carrier(frame, arms, brought, self._machine_parents) == self.arm
 
-    async def _resolve(self, frame: str, trail: tuple[str, ...]) -> SE3:
-        if frame in self._known:
-            return self._known[frame]
-        if frame in trail:
-            raise ConfigError("transforms", frame, "is attached to itself: " + " - ".join(trail))
-        _refuse_long(trail)
-        if frame in self._brought:
-            seen = self._brought[frame].pose_in_observer_frame
-            T_base_parent = await self._resolve(seen.reference_frame, (*trail, frame))
-            found = T_base_parent @ convert.from_pose(seen.pose)
-        else:
-            known = None if self._placed is None else self._placed(frame)
-            found = known or await self._ask(frame, f"{self.arm}_origin")
-        self._known[frame] = found
-        return found
+    async def _machine_parents(self) -> Mapping[str, str]:
+        if self._parents is None:
+            self._parents = await parents()
+        return self._parents
 
     async def _ask(self, frame: str, seen_from: str) -> SE3:
         machine = machine_here()
@@ -230,11 +231,6 @@ class Frames:
         except GRPCError as error:
             raise self._unknown(frame, str(error.message)) from error
         return convert.from_pose(seen.pose)
-
-    async def _machine_parents(self) -> Mapping[str, str]:
-        if self._parents is None:
-            self._parents = await parents()
-        return self._parents
 
     def _unknown(self, frame: str, why: str) -> ConfigError:
         where = f"its pose seen from {self.arm} is not known ({why}); {GIVE_FRAME}"

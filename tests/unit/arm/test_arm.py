@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import (
     ConfigError,
     InCollision,
@@ -25,16 +24,10 @@ from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
 from so101_motion.planning.request import Search
 from so101_motion.rig.simulated_rig import open_simulated
 
+pytestmark = pytest.mark.usefixtures("planning_process")
+
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
 ASIDE = np.radians([40.0, -20.0, 30.0, 30.0, 50.0])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()) as rig:
-        rig.arm.plan(JointGoal(q=READY))
-        yield
 
 
 @pytest.fixture

@@ -28,13 +28,7 @@ from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing import online
 from so101_motion.rig.simulated_rig import open_simulated
 
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()) as rig:
-        rig.arm.plan(JointGoal(q=np.full(5, 0.2)))
-        yield
+pytestmark = pytest.mark.usefixtures("planning_process")
 
 
 @pytest.mark.parametrize("seed", [21, 22])

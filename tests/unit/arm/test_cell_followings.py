@@ -7,22 +7,14 @@ import pytest
 from harness.cell_pair import FAST, crossing_task, in_time
 from harness.facing_arms import Facing
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import MotionError
 from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.planning.collision.apart import GUARDED, PARTING, ROOM
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.motion_builder import DEPARTURE_SPEED
 from so101_motion.planning.timing import online
-from so101_motion.rig.simulated_rig import open_simulated
 
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()) as rig:
-        rig.arm.plan(JointGoal(q=np.full(5, 0.2)))
-        yield
+pytestmark = pytest.mark.usefixtures("planning_process")
 
 
 def test_followings_with_targets_in_each_other_hold_and_go_on_when_they_can(pair_of, clock):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from harness.facing_arms import T_LEFT_RIGHT, FacingArms
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, Interrupted, MotionError
 from so101_motion.planning.cell.grasps import grasps_of
 from so101_motion.planning.collision.apart import GUARDED, clearance_over_time
@@ -15,16 +14,10 @@ from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.kinematics.jaw import JawGeometry
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.rig.simulated_rig import open_simulated
+
+pytestmark = pytest.mark.usefixtures("planning_process")
 
 STICK = Box(size=[0.02, 0.02, 0.16])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()):
-        yield
 
 
 class Bench(FacingArms):

@@ -6,25 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import NotPossibleNow
 from so101_motion.common.geometry import SE3
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
-from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.setup.accuracy import JointAccuracy, MoveReport
 from so101_motion.setup.move_test import JAW_SWING, LIMITS, SWING, MoveTest
 
+pytestmark = pytest.mark.usefixtures("planning_process")
+
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()) as rig:
-        rig.arm.plan(JointGoal(q=READY))
-        yield
 
 
 @pytest.fixture

@@ -9,13 +9,12 @@ from harness.fake_page import aside, pages_of, run_at_once
 from so101_viewer.cell_model import CellModel
 from so101_viewer.panels.plan_panel import plan_facts
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.planning.collision.apart import ROOM
-from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
-from so101_motion.rig.simulated_rig import open_simulated
+
+pytestmark = pytest.mark.usefixtures("planning_process")
 
 OVER_THE_MIDDLE = to_rad(np.array([0.0, -60.0, 60.0, 60.0, 0.0]))
 
@@ -52,14 +51,6 @@ class Bench:
 
     def says(self, words):
         return words in self.model.sentence.text
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()) as rig:
-        rig.arm.plan(JointGoal(q=np.full(5, 0.2)))
-        yield
 
 
 @pytest.fixture

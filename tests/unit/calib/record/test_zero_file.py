@@ -86,18 +86,18 @@ ENTRY = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 314
             'elbow_flex: "by" is stops or pose or middle or homing, not None',
         ),
         ({"joints": {"elbow_flex": [{**ENTRY, "by": "luck"}]}}, "not 'luck'"),
-        ({"joints": {"elbow_flex": [{**ENTRY, "by": "stops"}]}}, '"middle_deg" must be'),
+        ({"joints": {"elbow_flex": [{**ENTRY, "by": "stops"}]}}, '"middle_deg": must be a number from -180 to 180'),
         (
             {"joints": {"elbow_flex": [{**ENTRY, "by": "stops", "middle_deg": float("nan")}]}},
-            '"middle_deg" must be .*nan',
+            '"middle_deg" = nan: must be a finite',
         ),
         (
             {"joints": {"elbow_flex": [{**ENTRY, "by": "stops", "middle_deg": 181}]}},
-            '"middle_deg" must be from -180 to 180, not 181',
+            '"middle_deg" = 181: out of range; must be a number from -180 to 180',
         ),
         (
             {"joints": {"elbow_flex": [{**ENTRY, "by": "stops", "middle_deg": 10**400}]}},
-            '"middle_deg" must be from -180 to 180',
+            '"middle_deg" = 1000.*must be a finite number from -180 to 180',
         ),
     ],
 )

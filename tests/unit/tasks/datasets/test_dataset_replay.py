@@ -14,10 +14,8 @@ from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero import Zero
 from so101_motion.cli.verbs import main
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, Interrupted, PlanningError
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.datasets import (
     convert_data_set,
@@ -27,15 +25,9 @@ from so101_motion.tasks.datasets import (
     units_of,
 )
 
+pytestmark = pytest.mark.usefixtures("planning_process")
+
 MODEL = units_of("model")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()) as rig:
-        rig.arm.plan(JointGoal(q=np.full(5, 0.1)))
-        yield
 
 
 @pytest.fixture

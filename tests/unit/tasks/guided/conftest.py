@@ -5,17 +5,12 @@ from concurrent.futures import wait
 import numpy as np
 import pytest
 
-from so101_motion.common.clock import ManualClock
-from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.simulated_rig import open_simulated
 
 
 @pytest.fixture(scope="package", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()) as rig:
-        rig.arm.plan(JointGoal(q=np.full(5, 0.1)))
-        yield
+def planned(planning_process):
+    """All tests here plan."""
 
 
 class Guest:

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from harness.facing_arms import Facing, FacingArms
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
-from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import (
     Loop,
     Program,
@@ -19,15 +17,10 @@ from so101_motion.tasks.program import (
 )
 from so101_motion.tasks.program.rehearsal import PASSING
 
+pytestmark = pytest.mark.usefixtures("planning_process")
+
 A = np.radians([50.0, -20.0, 30.0, 30.0, 0.0])
 B = np.radians([60.0, -30.0, 20.0, 40.0, 20.0])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()):
-        yield
 
 
 class Bench(FacingArms):

@@ -13,6 +13,8 @@ from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
 from so101_motion.tasks.teleop.gate import Phase
 
+pytestmark = pytest.mark.usefixtures("planning_process")
+
 AWAY = np.radians([30.0, -20.0, 10.0, 10.0, 20.0])
 
 
@@ -79,12 +81,6 @@ def pair(**options):
         yield both
     finally:
         both.close()
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    with open_simulated():
-        yield
 
 
 def test_before_the_start_nothing_happens():

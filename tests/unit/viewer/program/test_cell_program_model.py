@@ -7,14 +7,14 @@ import pytest
 from harness.fake_page import aside, pages_of, run_at_once
 from so101_viewer.program.program_model import REST, STEP, ProgramModel
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
-from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import files
+
+pytestmark = pytest.mark.usefixtures("planning_process")
 
 FIRST, SECOND = "arm 1", "arm 2"
 
@@ -53,14 +53,6 @@ class Bench:
 
     def q(self, name):
         return self.opened.rigs[name].arm.state.q
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process():
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()) as rig:
-        rig.arm.plan(JointGoal(q=np.full(5, 0.2)))
-        yield
 
 
 @pytest.fixture

@@ -31,17 +31,11 @@ from so101_motion.rig.rig import Rig
 from so101_motion.rig.simulated_rig import open_simulated
 from so101_motion.tasks.program import ARM, Loop, Solo, files
 
+pytestmark = pytest.mark.usefixtures("planning_process")
+
 A = np.radians([20.0, -20.0, 20.0, 20.0, 0.0])
 B = np.radians([-20.0, -20.0, 20.0, 20.0, 30.0])
 INTO_THE_TABLE = np.radians([0.0, 80.0, 20.0, 0.0, 0.0])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planning_process() -> Iterator[None]:
-    """One rig stays open, so that the others find the planning process running."""
-    with open_simulated(clock=ManualClock()) as rig:
-        rig.arm.plan(JointGoal(q=A))
-        yield
 
 
 class Tab:
