@@ -307,8 +307,10 @@ class So101Motion(ServiceForAnArm, MotionService):
                 " service; name those in the arm's configuration",
             )
         asked = await self._asked(wanted, resource.rig.arm.scene)
-        search = partial(options.search, frames=asked.search.frames)
-        await resource.replanned(asked.goal, search, partial(self._seen_through, resource))
+        frames, seen_through = asked.search.frames, partial(self._seen_through, resource)
+        await resource.replanned(
+            asked.goal, lambda scene: replace(options.search(scene), frames=frames), seen_through
+        )
 
     async def _planned(self, wanted: MoveArguments) -> Plan:
         """Plan a request around the present surroundings and check it; moves nothing."""

@@ -86,7 +86,10 @@ ENTRY = {"drive_mode": 0, "homing_offset": 5, "range_min": 948, "range_max": 314
             'elbow_flex: "by" is stops or pose or middle or homing, not None',
         ),
         ({"joints": {"elbow_flex": [{**ENTRY, "by": "luck"}]}}, "not 'luck'"),
-        ({"joints": {"elbow_flex": [{**ENTRY, "by": "stops"}]}}, '"middle_deg": must be a number from -180 to 180'),
+        (
+            {"joints": {"elbow_flex": [{**ENTRY, "by": "stops"}]}},
+            '"middle_deg": must be a number from -180 to 180',
+        ),
         (
             {"joints": {"elbow_flex": [{**ENTRY, "by": "stops", "middle_deg": float("nan")}]}},
             '"middle_deg" = nan: must be a finite',
