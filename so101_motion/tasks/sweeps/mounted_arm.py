@@ -89,6 +89,7 @@ class _Legs:
             payload=self._payload,
             strength=self._strength,
             time_budget=NEVER,
+            route_effort=1,  # hundreds of places are tried
         )
         return {name: self._planner.plan(request)}
 

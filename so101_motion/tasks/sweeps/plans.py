@@ -218,6 +218,7 @@ class _Source:
             strength=self._strength,
             seed=problem,
             time_budget=NEVER,
+            route_effort=1,  # a sweep wants many motions
         )
         self._patience.reset()
         try:
