@@ -147,7 +147,7 @@ class MotionBuilder:
             return
         motions: list[Pieces] = []
         with suppress(PlanningError):
-            fast = retime(quick, self.limits, self.dt, in_time=True)
+            fast = _between_ends(retime(quick, self.limits, self.dt, in_time=True), waypoints)
             motions.append([self.slowed_to_torque_limits(fast)])
             if motions != [[fast]]:  # along the polyline only the heavy part becomes slower
                 motions.append(next(along))

@@ -58,6 +58,7 @@ def test_more_effort_gives_a_quicker_motion_that_coal_finds_free(planner, seed):
     assert more.duration <= some.duration
     judge = CoalJudge(RobotModel.load(), POST)
     for each in (some, more):
+        np.testing.assert_array_equal(each.trajectory.q[[0, -1]], [LEFT, RIGHT])
         assert judge.first_blocked(each.trajectory.q, tolerance=MARGIN_TOLERANCE) is None
         assert all(judge.first_blocked(edge) is None for edge in pairwise(each.path))
 
