@@ -28,7 +28,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 
 SETS = ("shelf", "slot", "opposite", "cage")
 COUNT = 20
-EFFORTS = (1, 2, ROUTE_EFFORT)
+EFFORTS = (1, 3, ROUTE_EFFORT)
 LONG = 64
 """Route effort in the search for the shortest."""
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)

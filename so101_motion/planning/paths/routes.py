@@ -9,6 +9,7 @@ so the same request gives the same motion on every machine.
 from __future__ import annotations
 
 import ctypes
+from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -34,9 +35,9 @@ and on the winner twice as many. Chosen: more searches gain more than more cuts.
 FINALISTS = 2
 
 BEYOND = (0.6, 1.2, np.inf, 0.3)
-"""How far beyond start and goal the searches go, in turn [rad]. Chosen: with the last alone routes
-through a slot are a sixth slower at the 95th percentile, with the first two alone those around a
-shelf."""
+"""How far beyond start and goal the searches go, in turn, each until it fails [rad]. Chosen: with
+the third alone routes through a slot are a sixth slower at the 95th percentile, with the first and
+the last alone those around a shelf."""
 
 MOST_ROUNDS = 200
 """Rounds after which a search is given up. Chosen: half as many find fewer routes into a shelf."""
@@ -146,17 +147,21 @@ def quickest(
     if best[0][0] <= DIRECT * routing.least(q_start, goals):
         return first, compared
     ends = np.array([q_start, *goals])
-    low, high = ends.min(axis=0), ends.max(axis=0)
+    low, high, turns = ends.min(axis=0), ends.max(axis=0), deque(BEYOND)
     for k in range(1, routing.effort):
         if deadline.has_passed():
             break
-        part = space.around(low, high, BEYOND[(k - 1) % len(BEYOND)])
+        part = space.around(low, high, turns[0])
         path = CompiledSearch(part, look, q_start, goals, random).run(deadline, MOST_ROUNDS)
-        if path is not None:
-            points = compiled_shortened(path[0], wide, random, deadline)
-            route = Route(points, path[1], routing, wide, space, random.next())
-            best = sorted([*best, (route.cut(FIRST_CUTS, deadline), k, route)])[:FINALISTS]
-            compared += 1
+        if path is None:
+            if len(turns) > 1:
+                turns.popleft()
+            continue
+        turns.rotate(-1)
+        points = compiled_shortened(path[0], wide, random, deadline)
+        route = Route(points, path[1], routing, wide, space, random.next())
+        best = sorted([*best, (route.cut(FIRST_CUTS, deadline), k, route)])[:FINALISTS]
+        compared += 1
     tries = MORE_CUTS * routing.effort
     _, _, winner = min((route.cut(tries, deadline), k, route) for _, k, route in best)
     winner.cut(FINALISTS * tries, deadline)
