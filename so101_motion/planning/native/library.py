@@ -59,7 +59,7 @@ def native() -> Native:
         )
     try:
         library = ctypes.CDLL(str(file))
-        lanes = int(library.so101_start(int(os.environ.get("SO101_LANES", "16"))))
+        lanes = int(library.so101_start(int(os.environ.get("SO101_LANES", "8"))))
         library.so101_new.restype = library.so101_search_new.restype = ctypes.c_void_p
     except (OSError, AttributeError, ValueError) as error:
         raise WorkerError(f"the compiled part of planning cannot be loaded: {error}") from error
