@@ -32,7 +32,6 @@ ZIG_MACHINES = ("x86_64", "aarch64", "arm64")
 FLAGS = ("-std=c11", "-O3", "-fPIC", "-fno-math-errno", "-w")
 WIDTHS = (
     ("lanes.c", "-ffp-contract=fast", "-march=haswell"),
-    ("lanes.c", "-ffp-contract=fast", "-march=skylake-avx512", "-mprefer-vector-width=512"),
     ("furthest.c", "-ffp-contract=off", "-march=haswell"),
 )
 """Sources that are compiled again for wider vectors on x86-64, with their flags."""
@@ -86,11 +85,8 @@ def build(target: str | None = None) -> Path:
         objects = []
         for k, (name, *flags) in enumerate(widths):
             objects.append(f"{folder}/wide{k}.o")
-            # zig wants the name of the processor with an underscore.
-            named = [flag.replace("skylake-", "skylake_") for flag in flags if "prefer" not in flag]
-            chosen = named if "ziglang" in compiler else flags
             source = str(SOURCES / name)
-            if not _succeeds([*compiler, *FLAGS, *chosen, "-c", source, "-o", objects[-1]]):
+            if not _succeeds([*compiler, *FLAGS, *flags, "-c", source, "-o", objects[-1]]):
                 sys.exit("the C library of planning could not be compiled; see above")
         sources = [str(each) for each in sorted(SOURCES.glob("*.c"))]
         made = f"{folder}/made.so"

@@ -188,7 +188,6 @@ typedef int (*Lanes)(const Scene *s, const double *q, int n, const double *margi
                      uint8_t *verdict);
 int so101_lanes_base(const Scene *, const double *, int, const double *, int, uint8_t *);
 int so101_lanes_avx2(const Scene *, const double *, int, const double *, int, uint8_t *);
-int so101_lanes_avx512(const Scene *, const double *, int, const double *, int, uint8_t *);
 extern Lanes so101_lanes;
 
 /* The number of the point that lies furthest along a direction. `columns`: their x, then y, then z, of

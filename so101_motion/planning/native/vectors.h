@@ -5,11 +5,7 @@
 
 #include <stdint.h>
 
-#if defined(__AVX512F__) && defined(__AVX512DQ__)
-#include <immintrin.h>
-#define W 16
-#define NAME so101_lanes_avx512
-#elif defined(__AVX2__)
+#if defined(__AVX2__)
 #include <immintrin.h>
 #define W 8
 #define NAME so101_lanes_avx2
@@ -30,9 +26,7 @@ typedef struct {
 
 /* The lanes of a mask as bits. */
 static inline unsigned bits(I m) {
-#if W == 16
-    return (unsigned)_mm512_movepi32_mask((__m512i)m);
-#elif W == 8
+#if W == 8
     return (unsigned)_mm256_movemask_ps((__m256)m);
 #elif defined(__SSE2__)
     return (unsigned)_mm_movemask_ps((__m128)m);
@@ -84,19 +78,11 @@ static inline void furthest(const float *points, int count, const V *n, V *out) 
     for (int i = 1; i < count; i++) {
         const float *p = points + 3 * i;
         V value = n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
-#if W == 16 /* what compilers do not find themselves; a third of all time is spent here */
-        __mmask16 better = _mm512_cmp_ps_mask((__m512)value, (__m512)best, _CMP_GT_OQ);
-        best = (V)_mm512_max_ps((__m512)best, (__m512)value);
-        x = (V)_mm512_mask_blend_ps(better, (__m512)x, _mm512_set1_ps(p[0]));
-        y = (V)_mm512_mask_blend_ps(better, (__m512)y, _mm512_set1_ps(p[1]));
-        z = (V)_mm512_mask_blend_ps(better, (__m512)z, _mm512_set1_ps(p[2]));
-#else
         I better = value > best;
         best = pick(better, value, best);
         x = pick(better, all(p[0]), x);
         y = pick(better, all(p[1]), y);
         z = pick(better, all(p[2]), z);
-#endif
     }
     out[0] = x, out[1] = y, out[2] = z;
 }

@@ -35,7 +35,7 @@ def test_verdicts_are_coals_far_from_contact_and_close_to_it(model, seed):
     assert told["by_coal"] < 40, "hardly any is left to coal"
 
 
-@pytest.mark.parametrize("lanes", [4, 8, 16])
+@pytest.mark.parametrize("lanes", [4, 8])
 def test_the_width_of_vectors_changes_no_verdict(model, lanes):
     rng = np.random.default_rng(7)
     if native().library.so101_start(lanes) < lanes:
