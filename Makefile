@@ -43,6 +43,7 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_ik
 	$(BIN)/python -m benchmarks.bench_retime
 	$(BIN)/python -m benchmarks.bench_plan
+	$(BIN)/python -m benchmarks.bench_no_path
 	$(BIN)/python -m benchmarks.bench_many
 	$(BIN)/python -m benchmarks.bench_fair
 	$(BIN)/python -m benchmarks.bench_line

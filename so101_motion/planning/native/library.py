@@ -60,7 +60,8 @@ def native() -> Native:
     try:
         library = ctypes.CDLL(str(file))
         lanes = int(library.so101_start(int(os.environ.get("SO101_LANES", "16"))))
-        library.so101_new.restype = library.so101_search_new.restype = ctypes.c_void_p
+        for made in (library.so101_new, library.so101_search_new, library.so101_flood_new):
+            made.restype = ctypes.c_void_p
     except (OSError, AttributeError, ValueError) as error:
         raise WorkerError(f"the compiled part of planning cannot be loaded: {error}") from error
     return Native(library, lanes)
