@@ -198,7 +198,7 @@ class Overloaded(PlanningError):
 
 
 class NoPath(PlanningError):
-    """Start and goal are free, but no path between them was found in the time allowed.
+    """Start and goal are free, but no path between them was found in time, or there is none.
 
     Attributes:
         where: ``"start"`` or ``"goal"`` if that is shut in, else ``"path"``.

@@ -60,8 +60,13 @@ def native() -> Native:
     try:
         library = ctypes.CDLL(str(file))
         lanes = int(library.so101_start(int(os.environ.get("SO101_LANES", "8"))))
-        for each in (library.so101_new, library.so101_search_new, library.so101_motion_new):
-            each.restype = ctypes.c_void_p
+        for made in (
+            library.so101_new,
+            library.so101_search_new,
+            library.so101_motion_new,
+            library.so101_flood_new,
+        ):
+            made.restype = ctypes.c_void_p
         library.so101_motion_cut.restype = library.so101_averaging.restype = ctypes.c_double
     except (OSError, AttributeError, ValueError) as error:
         raise WorkerError(f"the compiled part of planning cannot be loaded: {error}") from error

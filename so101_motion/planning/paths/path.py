@@ -26,6 +26,7 @@ from so101_motion.common.errors import NoPath
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.planning.collision.batch_check import BatchSampledCheck
 from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import FLOOR, LINKS
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.paths.compiled_search import (
     CompiledSearch,
@@ -35,6 +36,7 @@ from so101_motion.planning.paths.compiled_search import (
     Tree,
     compiled_shortened,
 )
+from so101_motion.planning.paths.infeasibility import Closed, Infeasibility
 from so101_motion.planning.paths.routes import Route, Routing, quickest
 from so101_motion.planning.timing.path_geometry import JointPath
 
@@ -51,11 +53,38 @@ NEARBY, TRIES_NEARBY = 0.3, 30
 most the second number of rounds. Chosen: it fails by tenths of a millimetre, and two or three tries
 are enough."""
 
-CONFINED = 0.25
-"""A tree that in the end spans less than this share of the joints' range counts as shut in."""
+CONFINED, ENCLOSED = 0.25, 0.5
+"""A tree that in the end spans less than the first share of the joints' range counts as shut in; so
+does all that can be reached from an end, if it spans less than the second."""
+
+_REASONS = {
+    "goal": (
+        ("the goal is free but shut in", ": nothing leads up to it"),
+        "choose another approach",
+    ),
+    "start": (
+        ("the start is free but shut in", ": nothing leads away from it"),
+        "clear its surroundings",
+    ),
+    "path": (
+        ("start and goal are free, the path between them is blocked", ""),
+        "move in smaller steps",
+    ),
+}
+"""What is wrong, in two parts between which the bodies are named, and what to do about it."""
+
+MOST_NAMED = 4
+"""Most bodies that a message names."""
 
 PROBES, NAMED = 30, 50
 """Most rounds of further tries to find what blocked a search, and most contacts counted."""
+
+ROUNDS = (500, 1000, 2000, 4000)
+"""After so many rounds of a search, enough for nearly all paths, and again after so many more, it
+is examined whether there is a path at all. Chosen by bench_plan and bench_no_path."""
+
+LOOKS = (20_000, 60_000, 250_000, 600_000)
+"""How many configurations are checked for that in all, for each of four kinds of cells."""
 
 BRIEF = 0.1
 """The reason why a shorter search [s] failed is not examined: that takes tens of milliseconds, and
@@ -205,10 +234,28 @@ class PathFinder:
         deadline: Deadline,
     ) -> tuple[list[Array], int]:
         search = CompiledSearch(self._space, checker, q_start, goals, random)
-        found = search.run(deadline)
+        found = None
+        if deadline.budget >= BRIEF and not checker.checker.proven:
+            found = self._unless_closed(search, q_start, goals, deadline)
+        found = found or search.run(deadline)
         if found is None:
             raise self._no_path(search, deadline)
         return found
+
+    def _unless_closed(
+        self, search: CompiledSearch, q_start: Array, goals: Sequence[Array], deadline: Deadline
+    ) -> tuple[list[Array], int] | None:
+        """What the search finds early; raises ``NoPath`` if it is shown that there is nothing."""
+        ends: Infeasibility | None = None
+        for rounds, looks in zip(ROUNDS, LOOKS, strict=True):
+            found = search.run(deadline, rounds)
+            if found is not None or deadline.has_passed():
+                return found
+            ends = ends or Infeasibility(self._space, self._collision, self._q_jaw, q_start, goals)
+            closed = ends.look(deadline, looks, NAMED)
+            if closed is not None:
+                raise self._closed(closed)
+        return None
 
     def _no_path(self, search: CompiledSearch, deadline: Deadline) -> NoPath:
         if deadline.budget < BRIEF:
@@ -218,24 +265,37 @@ class PathFinder:
         counts = [len(tree.points) for tree in trees]
         blockers = [self._blockers(tree) for tree in trees]
         shut_in = [tree.spread() < CONFINED for tree in trees]
-        if shut_in[1] and not shut_in[0]:
-            where, by = "goal", blockers[1]
-            says = "the goal is free but shut in", ": nothing leads up to it"
-            advice = "choose another approach"
-        elif shut_in[0] and not shut_in[1]:
-            where, by = "start", blockers[0]
-            says = "the start is free but shut in", ": nothing leads away from it"
-            advice = "clear its surroundings"
-        else:
+        if shut_in[0] == shut_in[1]:
             where, by = "path", blockers[0] + blockers[1]
-            says = "start and goal are free, the path between them is blocked", ""
-            advice = "move in smaller steps"
+        else:
+            where, by = ("start", "goal")[shut_in[1]], blockers[shut_in[1]]
+        says, advice = _REASONS[where]
         names = tuple(name for name, _ in by.most_common())
         mostly = f", mostly by {self._collision.scene.called(names[0])}" if names else ""
         return NoPath(
             f"no path found in {deadline.budget:.1f} s ({counts[0]} configurations reached from the"
             f" start, {counts[1]} from the goal): {mostly.join(says)}; {advice}, or allow more"
             " time",
+            where=where,
+            blockers=names,
+        )
+
+    def _closed(self, closed: Closed) -> NoPath:
+        """The error where all that can be reached from an end was looked at."""
+        by = Counter(self._collision.clearance(q, self._q_jaw).second for q in closed.rim)
+        order = sorted(by, key=lambda name: (name in LINKS, name == FLOOR, -by[name]))
+        things = [name for name in order if name not in LINKS]
+        names = tuple(things or order)
+        where, range_ = "path", self._space.upper - self._space.lower
+        if (np.ptp(closed.rim, axis=0) < ENCLOSED * range_).all():
+            where = "start" if closed.at_start else "goal"
+        says, advice = _REASONS[where]
+        called = [self._collision.scene.called(name) for name in names[:MOST_NAMED]]
+        by_all = " and ".join(filter(None, (", ".join(called[:-1]), called[-1])))
+        advice = "choose another goal" if where == "path" else advice
+        clear = ", or clear the way" if things and things != [FLOOR] else ""
+        return NoPath(
+            f"there is no path: {f' by {by_all}'.join(says)}; {advice}{clear}",
             where=where,
             blockers=names,
         )

@@ -1,0 +1,152 @@
+"""Show that no path exists, so that a search for one can end.
+
+What can be reached from an end is filled with cells (``native/flood.c``). If the cells end before
+they meet the other end, there is no path. Two kinds are tried from either end: of the first three
+joints with any wrist, for an end that walls cut off, and of all joints, for one that is shut in.
+
+Cells are checked at their middles only, so this is no strict proof. But the margins there are
+smaller than a path's, and smaller cells in other places must end as well.
+``benchmarks/bench_no_path.py`` holds it against solvable problems with gaps that are 2 mm wider
+than what must pass.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.batch_check import (
+    BatchSampledCheck,
+    BatchTeamCheck,
+    pointer,
+)
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import MARGIN
+from so101_motion.planning.native.library import native
+from so101_motion.planning.paths.compiled_search import Deadline, Space
+
+STEP, SMALLER, SHIFT = 0.014, 0.75, 0.37
+"""Edge of a cell, as motion of the arm's furthest point [m], the share of it that smaller cells
+have, and how far those are shifted, as a share of theirs. Chosen with the next two by
+bench_no_path."""
+
+KEPT = 1.0 / 3.0
+"""Share of the margin that a cell must keep; a wider margin is lessened by no more [m] than the
+default one."""
+
+LAST = 0.15, 0.30
+"""Spacing of the angles of wrist and roll that are tried for cells of the first joints [rad]."""
+
+CONFIRMED = 1_000_000
+"""Most configurations that are checked for the smaller cells; 0.5 s."""
+
+_CLOSED = 1
+
+
+class Closed(NamedTuple):
+    """The space that can be reached from an end.
+
+    Attributes:
+        at_start: Whether that is the start.
+        rim: Configurations around it that are blocked, shape (n, 5), [rad].
+    """
+
+    at_start: bool
+    rim: Array
+
+
+class Infeasibility:
+    """Tries to show that no path leads from a start to any of several goals.
+
+    Args:
+        space: The joint limits, and how far each joint moves the arm.
+        collision: Checks for contact.
+        q_jaw: Jaw angle during the motion [rad].
+        q_start: A free configuration, shape (5,), [rad].
+        goals: Free configurations, at least one, each of shape (5,), [rad].
+    """
+
+    def __init__(
+        self,
+        space: Space,
+        collision: CollisionModel,
+        q_jaw: float,
+        q_start: Array,
+        goals: Sequence[Array],
+    ) -> None:
+        less = -(1.0 - KEPT) * min(collision.margin, MARGIN)
+        self._check = collision.sampled_check(q_jaw, spacing=1.0, extra=less)
+        self._team = BatchTeamCheck([self._check])
+        start, ends = np.array([q_start], dtype=float), np.array(goals, dtype=float)
+        make = partial(_Flood, space, self._check)
+        kinds = [
+            (partial(make, joints, *ways), is_start)
+            for joints in (3, 5)
+            for is_start, ways in ((False, (ends, start)), (True, (start, ends)))
+        ]
+        self._left = [(make(1.0, 0.0), make, is_start) for make, is_start in kinds]
+
+    def look(self, deadline: Deadline, most: int, rim: int) -> Closed | None:
+        """Check up to ``most`` configurations in all for each kind; None if that shows nothing.
+
+        Args:
+            deadline: When to end.
+            most: Includes those of earlier calls.
+            rim: How many configurations of the rim are returned at most.
+        """
+        for each in tuple(self._left):
+            flood, again, is_start = each
+            with self._team.until(deadline.has_passed):
+                if flood.run(most) != _CLOSED:
+                    continue
+                if again(SMALLER, SHIFT).run(CONFIRMED) == _CLOSED:
+                    return Closed(is_start, flood.rim(rim))
+            self._left.remove(each)
+        return None
+
+
+class _Flood:
+    def __init__(
+        self,
+        space: Space,
+        check: BatchSampledCheck,
+        joints: int,
+        roots: Array,
+        ends: Array,
+        part: float,
+        shift: float,
+    ) -> None:
+        self._library, self._checker = native().library, check.checker
+        wrist, roll = (
+            np.linspace(low, high, 1 + int(np.ceil((high - low) / spacing)))
+            for low, high, spacing in zip(space.lower[3:], space.upper[3:], LAST, strict=True)
+        )
+        grid = np.stack(np.meshgrid(wrist, roll), axis=-1).reshape(-1, 2)
+        # In an order in which a free place is soon met.
+        grid = np.random.default_rng(0).permutation(grid)
+        places = np.concatenate([roots[:, 3:], grid]) if joints < 5 else np.empty((0, 0))
+        size = part * STEP / space.weights
+        given = np.concatenate([size, roots[0] + shift * size, space.lower, space.upper])
+        handle = self._library.so101_flood_new(
+            check.batch.scene, joints, *(pointer(each) for each in given.reshape(4, 5)),
+            pointer(roots), len(roots), pointer(ends), len(ends), pointer(places), len(places),
+        )  # fmt: skip
+        if not handle:
+            raise MemoryError("no memory for the cells around an end")
+        self._flood = ctypes.c_void_p(handle)
+        weakref.finalize(self, self._library.so101_flood_free, self._flood)
+
+    def run(self, most: int) -> int:
+        most_in_all = ctypes.c_long(most)
+        checker = ctypes.byref(self._checker)
+        return int(self._library.so101_flood_run(self._flood, checker, most_in_all))
+
+    def rim(self, most: int) -> Array:
+        rim = np.empty((most, 5))
+        return rim[: self._library.so101_flood_rim(self._flood, most, pointer(rim))]
