@@ -28,7 +28,7 @@ def frozen_array(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Arr
         ValueError: The shape is another one.
     """
     array = np.array(values, dtype=np.float64)
-    if shape is not None and (
+    if shape not in (None, array.shape) and (
         array.ndim != len(shape)
         or any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True))
     ):

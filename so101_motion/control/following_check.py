@@ -22,8 +22,8 @@ catch up faster than they may: the motion has to wait for them (``forgive``), or
 
 from __future__ import annotations
 
+import ctypes
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.control.joint_group import Tolerances
 from so101_motion.drivers.goal_limiter import PAUSE
+from so101_motion.planning.native.library import native
 
 FOLLOWED = 0.4
 """For how long a joint must have followed before it stopped [s]; chosen."""
@@ -72,6 +73,24 @@ NEAREST = 0.75
 """From which share of ``contact_distance`` on a joint is behind its setpoint; chosen."""
 
 
+MOST, MOST_SPANS = 8, 16  # joints, windows or stops; as in held_up.c
+
+
+class _Watch(ctypes.Structure):
+    """What ``held_up.c`` goes by: times in ticks, and how long the gears have been on one side."""
+
+    _fields_ = [
+        *((name, ctypes.c_int) for name in ("joints", "kept", "lag", "before", "one_side")),
+        *((name, ctypes.c_int) for name in ("windows", "stops")),
+        ("window", ctypes.c_int * MOST_SPANS),
+        ("stop", ctypes.c_int * MOST_SPANS),
+        *((name, ctypes.c_double) for name in ("contact_distance", "contact_share", "nearest")),
+        *((name, ctypes.c_double) for name in ("pressed_stray", "stands", "least_way", "most_way")),
+        ("pressed", ctypes.c_double * MOST),
+        ("in_play", ctypes.c_double * MOST),
+    ]
+
+
 class LatestRows:
     """The latest rows of a table, in one array: looking back at them copies nothing.
 
@@ -91,6 +110,7 @@ class LatestRows:
         """Add a row, shape (n,); the oldest is dropped if as many as are kept are there."""
         if self._rows.shape[1:] != row.shape:
             self._rows = np.empty((4 * self._kept, len(row)))
+            self._begin, self._size = self._rows.ctypes.data, self._rows.strides[0]
             self._end = self._count = 0
         if self._end == len(self._rows):
             self._rows[: self._kept] = self._rows[-self._kept :].copy()
@@ -98,6 +118,11 @@ class LatestRows:
         self._rows[self._end] = row
         self._end += 1
         self._count = min(self._count + 1, self._kept)
+
+    @property
+    def end(self) -> ctypes.c_void_p:
+        """The address behind the last row."""
+        return ctypes.c_void_p(self._begin + self._end * self._size)
 
     def last(self, n: int) -> Array:
         """The last ``n`` rows that are there, oldest first; until the next ``append``."""
@@ -125,16 +150,19 @@ class FollowingCheck:
         self._sees_contact = math.isfinite(
             min(tolerances.contact_distance, tolerances.pressed_stray)
         )
-        self._windows = tuple(round(span / dt) for span in tolerances.contact_windows)
-        self._before = round(FOLLOWED / dt)
-        self._stops = tuple(round(span / dt) for span in STOPPED)
-        self._stops_array = np.array(self._stops)
-        self._stop_rows = -1 - self._stops_array
-        self._one_side = round(ONE_SIDE / dt)
-        self._kept = 1 + max(self._lag + max(self._windows), self._before + max(self._stops))
+        windows = [round(span / dt) for span in tolerances.contact_windows]
+        stops, before = [round(span / dt) for span in STOPPED], round(FOLLOWED / dt)
+        self._kept = 1 + max(self._lag + max(windows), before + max(stops))
         self._wanted, self._seen = LatestRows(self._kept), LatestRows(self._kept)
-        self._pressed: Array | int = 0  # for how many ticks
-        self._in_play: Array | float = math.inf
+        spans = ctypes.c_int * MOST_SPANS
+        self._watch = _Watch(
+            kept=self._kept, lag=self._lag, before=before, one_side=round(ONE_SIDE / dt),
+            windows=len(windows), stops=len(stops), window=spans(*windows), stop=spans(*stops),
+            contact_distance=tolerances.contact_distance, contact_share=tolerances.contact_share,
+            nearest=NEAREST * tolerances.contact_distance, pressed_stray=tolerances.pressed_stray,
+            stands=STANDS, least_way=LEAST_WAY, most_way=SLOW * FOLLOWED,
+        )  # fmt: skip
+        self._watch_at = ctypes.c_void_p(ctypes.addressof(self._watch))
         self._doubted = round(DOUBTED / dt)
         self._blind = 0  # for how many ticks joints may catch up
         self._silent = self._left = 0  # ticks without an answer; ticks until these do not matter
@@ -148,6 +176,9 @@ class FollowingCheck:
 
     def begin(self, q_ref: Array) -> None:
         """Forget everything; the joints have stood at ``q_ref``, shape (n,), [rad]."""
+        self._watch.joints = len(q_ref)
+        self._given: Array = np.zeros(len(q_ref))
+        self._given_at = ctypes.c_void_p(self._given.ctypes.data)
         for _ in range(self._kept):
             self._wanted.append(q_ref)
         self._forget_seen()
@@ -212,22 +243,14 @@ class FollowingCheck:
             self._forget_seen()
             return held
         self._seen.append(q)
-        pressed = in_play == 0.0
-        self._pressed = np.where(pressed, self._pressed + 1, 0)
-        self._in_play = np.where(pressed, self._in_play, in_play)  # as it was at last
         if len(self._wanted) < self._kept:
             return held
-        wanted, seen = self._wanted.last(self._kept), self._seen.last(self._kept)
-        is_far = max(map(abs, stray.tolist())) > NEAREST * self._tolerances.contact_distance
-        for window in self._windows if is_far else ():
-            if len(seen) > window:
-                moved = q - seen[-1 - window]
-                held |= self._stands(wanted[-1 - self._lag - window :], window, moved, q)
-        if len(seen) == self._kept and self._may_have_stopped(wanted, seen):
-            side = np.sign(wanted[-1] - wanted[-2])
-            wanted, seen = side * wanted, side * seen
-            for stop in self._stops_fallen_behind(wanted, seen):
-                held |= (side != 0.0) & self._has_stopped(wanted, seen, stop)
+        self._given[:] = in_play
+        found = native().library.so101_held_up(
+            self._watch_at, self._wanted.end, self._seen.end, len(self._seen), self._given_at
+        )
+        if found:
+            held |= (found >> np.arange(len(q)) & 1).astype(np.bool_)
         return held
 
     def words(self, i: int, *, held_up: bool) -> tuple[str, str]:
@@ -261,7 +284,8 @@ class FollowingCheck:
 
     def _forget_seen(self) -> None:
         self._seen.clear()
-        self._pressed, self._in_play = 0, math.inf
+        self._watch.pressed[:] = [0.0] * MOST
+        self._watch.in_play[:] = [math.inf] * MOST
 
     def _have_missed_goals(self, stray: Array) -> NDArray[np.bool_] | bool:
         """Which joints, ``stray`` [rad] from their setpoints now, fell behind in a silence."""
@@ -276,66 +300,3 @@ class FollowingCheck:
             np.abs(stray - self._stray) > BEHIND * self._tolerances.contact_distance
         )
         return missed
-
-    def _may_have_stopped(self, wanted: Array, seen: Array) -> bool:
-        """Whether a joint that is to move has hardly done so, which costs little to see."""
-        if not math.isfinite(self._tolerances.pressed_stray):
-            return False
-        before, now = wanted[-2:].tolist()
-        there, here = seen[-1 - self._stops[0]].tolist(), seen[-1].tolist()
-        return any(
-            w != v and (q - p if w > v else p - q) <= STANDS
-            for v, w, p, q in zip(before, now, there, here, strict=True)
-        )
-
-    def _stops_fallen_behind(self, wanted: Array, seen: Array) -> Sequence[int]:
-        """The ``stop`` for which ``_has_stopped`` may be true: a joint has fallen behind since.
-
-        In most ticks there are none, and this takes a tenth of the time of looking at each.
-        """
-        stray = wanted - seen
-        fallen = stray[-1] - stray[self._stop_rows]
-        least = np.minimum(self._tolerances.pressed_stray, self._in_play)
-        told: list[int] = self._stops_array[np.any(fallen > least, axis=1)].tolist()
-        return told
-
-    def _has_stopped(self, wanted: Array, seen: Array, stop: int) -> NDArray[np.bool_]:
-        """Which joints followed slowly and evenly until ``stop`` ticks ago, and stand since.
-
-        Setpoints and measured angles count as growing in the present direction of the setpoints.
-        """
-        since = seen[-1 - stop :]
-        # A joint whose load turns round falls back on its motor, which is no farther behind then.
-        farthest = since.max(axis=0)
-        held: NDArray[np.bool_] = np.maximum(farthest - since[0], farthest - since[-1]) <= STANDS
-        if not held.any():
-            return held
-        span = slice(len(seen) - 1 - stop - self._before, None)
-        wanted, seen = wanted[span], seen[span]
-        then, least = self._before, self._tolerances.pressed_stray
-        steps, stray = np.diff(wanted, axis=0), wanted - seen
-        before = stray[: then + 1]
-        way, moved = wanted[then] - wanted[0], seen[then] - seen[0]
-        held &= (steps.min(axis=0) > 0.0) & (steps[-1] >= 0.8 * steps.max(axis=0))
-        held &= (way >= LEAST_WAY) & (way <= SLOW * FOLLOWED) & (moved >= 0.7 * way)
-        # One that ran ahead has fallen through its play, whatever the driver knew of its load.
-        ran_ahead = before.max(axis=0) - before.min(axis=0) > least
-        pressed = (self._pressed > stop + self._one_side) & ~ran_ahead
-        most = np.where(pressed, least, self._in_play)
-        held &= wanted[-1] - farthest - before.max(axis=0) > most
-        return held
-
-    def _stands(self, wanted: Array, window: int, moved: Array, q: Array) -> NDArray[np.bool_]:
-        steps = wanted[window:] - wanted[:-window]
-        # By whatever lag it is explained best: only then is it no lag.
-        low, high = steps.min(axis=0), steps.max(axis=0)
-        way = np.where(low > 0.0, low, np.where(high < 0.0, high, 0.0))
-        # One that goes backwards has not met anything, it sags or turns round.
-        missing = np.abs(way) - np.maximum(np.sign(way) * moved, 0.0)
-        least = self._tolerances.contact_distance
-        less = np.maximum(least, self._tolerances.contact_share * np.abs(way))
-        # One that ran ahead may wait for its setpoints.
-        behind = np.sign(way) * (wanted[-1] - q)
-        far = behind > np.maximum(0.5 * less, NEAREST * least)
-        held: NDArray[np.bool_] = (missing > less) & far
-        return held

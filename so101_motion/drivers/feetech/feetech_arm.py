@@ -115,6 +115,7 @@ class FeetechArm:
             reply_timeout=reply_timeout, counters=counters,
         )  # fmt: skip
         self._index, self._presence = self._chain.index, self._chain.presence
+        self._absent = frozenset(JOINTS) - maps.keys()
         if len(self._index) != len(maps):
             raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
         self._torque = False
@@ -171,8 +172,7 @@ class FeetechArm:
             qd_jaw=qd[5],
             out_of_range={JOINTS[i]: q_inside for i, q_inside in out_of_range.items()},
             unanswered=frozenset(JOINTS[self._index[i]] for i in self._presence.unanswering),
-            silent=frozenset(JOINTS)
-            - {JOINTS[i] for servo_id, i in self._index.items() if servo_id not in silent},
+            silent=self._absent | {JOINTS[self._index[servo_id]] for servo_id in silent},
             unconfirmed=frozenset(JOINTS[i] for i in unconfirmed),
             in_play={JOINTS[i]: off for i, off in self._compensation.in_play().items()},
         )

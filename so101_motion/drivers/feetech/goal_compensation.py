@@ -307,9 +307,13 @@ class GoalCompensation:
     def in_play(self) -> dict[int, float]:
         """The joints that may stand in their play now, with how far they fall behind then [rad].
 
+        None in motions that are not planned: there, what holds a joint up is not looked for.
+
         A joint whose motor is being driven through the play is one of them: if the load is not what
         the driver takes it for, its gears were on the other side already.
         """
+        if self._follows_target or not self._is_told:
+            return {}
         speeds, models = self._qd or (0.0,) * 5, self.trim.models
         crossing = (i for i, speed in enumerate(self._reversals.crossing) if speed)
         return {

@@ -116,7 +116,7 @@ class ServoModel:
         """
         kind = self.kind
         share = (torque / kind.torque_per_volt + kind.back_emf * speed) / self._volts
-        duty = float(abs(share) ** self._over_shape) - START_DUTY
+        duty: float = abs(share) ** self._over_shape - START_DUTY
         if duty <= 0.0:
             return 0.0
         error = duty * self.full_drive_error + _DEAD_ZONE
