@@ -1,4 +1,4 @@
-"""Motions that are planned again while they move: simulated joints, a planner in the test's hands."""
+"""Motions that are planned again while they move: simulated joints, and a planner in our hands."""
 
 from concurrent.futures import Future
 
