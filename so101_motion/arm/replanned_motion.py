@@ -21,6 +21,8 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.protocols import ArmExecutor
 from so101_motion.common.clock import Clock
@@ -40,8 +42,10 @@ LEAD, LONGEST_LEAD = 4, 32
 """Ticks from asking for a plan until its first setpoint; twice as many after one that was late.
 Chosen: a plan takes 5 to 20 ms, and a new scene is to be answered within 50 ms."""
 
-STOPS = (12, LEAD, 1)
-"""In how many ticks a motion that is not free begins to stop: in the first that is free."""
+STOPS = ((3 * LEAD, False), (LEAD, False), (LEAD, True), (1, True))
+"""In how many ticks a motion that is not free begins to stop, and whether as hard as the arm can
+instead of within its caps: the first that is free. Chosen: while it stops within its caps, a plan
+can still take over."""
 
 PATIENCE = 5.0
 """How long an arm that has come to rest waits for a scene in which it can reach its goal [s]."""
@@ -173,15 +177,16 @@ class ReplannedMotion:
 
     def _search(self) -> Search:
         """The options of a search now, with what is around the arm and will be soon."""
-        search, now = self.search(), self.clock.now()
-        before, passed = self._given, now - self._since
+        search, now, before = self.search(), self.clock.now(), self._given
+        is_still = now >= self._since + STILL
         if search is not before:
+            passed, self._since = max(now - self._since, self.executor.dt), now
             self._given = self._foreseen = search
-            self._since = now
-            if before is not None and before.scene and search.scene and passed < STILL:
-                scene = foreseen(before.scene, search.scene, max(passed, self.executor.dt))
-                self._foreseen = replace(search, scene=scene)
-        elif passed >= STILL:
+            if before is not None and before.scene and search.scene and not is_still:
+                scene = foreseen(before.scene, search.scene, passed)
+                if scene is not search.scene:
+                    self._foreseen = replace(search, scene=scene)
+        elif is_still:
             self._foreseen = search
         assert self._foreseen is not None
         return self._foreseen
@@ -193,16 +198,24 @@ class ReplannedMotion:
         seen = trajectory, k = playing.played
         self._checked, self._collision = search, CollisionModel(self.model, search.scene)
         last = len(trajectory) - 1
-        if k >= last or self._is_free(trajectory.since(k)):
+        if k >= last or self._is_free(self._after_contact(motion, trajectory.since(k))):
             return seen
-        hard, dt = self.executor.stop_limits(Channel.ARM), trajectory.dt
-        for ticks in STOPS:
-            at = min(k + ticks, last)
-            stop = online.stop_on_path(trajectory, at * dt, hard, dt)
+        for ticks, is_hard in STOPS:
+            at, dt = min(k + ticks, last), trajectory.dt
+            limits = self.executor.stop_limits(Channel.ARM) if is_hard else self.limits()
+            stop = online.stop_on_path(trajectory, at * dt, limits, dt)
             if self._is_free(trajectory.since(k).then(at - k, stop)):
                 break
         self._give_up_plan()
         return self._join(motion, playing, seen, at, stop, reaches=False)
+
+    def _after_contact(self, motion: Motion, left: Trajectory) -> Trajectory:
+        """What is left of a motion from where it has led the arm out of contact, if it does."""
+        assert self._collision is not None
+        if motion.plan is None or not motion.plan.report.departure:
+            return left
+        touches = self._collision.touching(left.q, self.executor.state.q_jaw_ref)
+        return left.since(min(int(np.argmin(touches)), len(left) - 1))
 
     def _go_on(
         self,

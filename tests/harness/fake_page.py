@@ -142,9 +142,10 @@ class FakeArm:
         q = goal.q if isinstance(goal, JointGoal) else np.append(goal.T_base_tool.p, np.zeros(2))
         return straight(self.state.q_ref, q)
 
-    def move(self, plan: FakePlan, *, wait: bool) -> Any:
+    def move(self, to: Any, *, replan: bool = False, wait: bool) -> Any:
+        plan = self.plan(to) if replan else to
         self.executed.append(plan)
-        self.motion = SimpleNamespace(future=Future())
+        self.motion = SimpleNamespace(future=Future(), plan=plan)
         return self.motion
 
 

@@ -178,6 +178,28 @@ async def test_a_deadline_brings_the_arm_to_rest(client):
     assert np.max(np.abs(np.subtract(await positions(client), ELSEWHERE))) > 1.0
 
 
+async def test_a_motion_that_is_planned_again_goes_on_to_a_new_goal(client):
+    replan = {"replan": True}
+    await in_time(client, client.move_to_joint_positions(joints(*HOME), extra=replan))
+    old = await start(client, client.move_to_joint_positions(joints(*ELSEWHERE), extra=replan))
+    above = Pose(x=250, y=0, z=150, o_z=-1)
+    await in_time(client, client.move_to_position(above, extra=replan))
+    with pytest.raises(GRPCError, match="a newer motion"):
+        await old
+    reached = await client.get_end_position()
+    assert (reached.x, reached.y, reached.z) == pytest.approx((250, 0, 150), abs=1.0)
+
+
+async def test_what_cannot_be_planned_again_is_refused(client):
+    for call in (
+        client.move_to_joint_positions(joints(*HOME), extra={"replan": True, "wait": False}),
+        client.move_through_joint_positions([joints(*HOME)], extra={"replan": True}),
+        client.move_to_joint_positions(joints(*HOME), extra={"replan": "yes"}),
+    ):
+        with pytest.raises(GRPCError, match="replan"):
+            await call
+
+
 async def test_without_waiting_the_call_returns_at_once_and_the_arm_goes_on(client):
     await in_time(client, client.move_to_joint_positions(joints(*HOME)))
     await client.move_to_joint_positions(joints(*ELSEWHERE), extra={"wait": False})

@@ -72,6 +72,17 @@ async def test_requests_that_keep_coming_have_it_read_again_and_do_not_wait(benc
     assert bench.around.asked == 2
 
 
+async def test_for_motions_that_are_planned_again_it_is_read_all_the_time(bench, monkeypatch):
+    monkeypatch.setattr(guarded_scene, "REPLANNED", 0.0)
+    async with bench.guarded.kept_new():
+        assert bench.arm.told == [(OWN, FULL)]
+        bench.around.scene = EMPTIER
+        await until(lambda: bench.arm.told == [(OWN, FULL), (OWN, EMPTIER)])
+    asked = bench.around.asked
+    await asyncio.sleep(0)
+    assert bench.around.asked == asked
+
+
 async def test_a_guard_is_told_only_what_has_changed(bench):
     for _ in range(3):
         await bench.guarded.read()

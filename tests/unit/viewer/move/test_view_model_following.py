@@ -9,6 +9,7 @@ from harness.fake_page import (
     FakeGripper,
     PageInputs,
     planned,
+    straight,
 )
 from so101_viewer.view_model import ViewModel
 
@@ -32,6 +33,27 @@ def test_dragging_during_a_motion_neither_stops_nor_redirects_it(
     assert page.sentence.text.startswith("Arrived, 0.0 mm off")
     assert page.can_plan
     assert len(arm.executed) == 1
+
+
+def test_a_motion_that_is_planned_again_shows_its_newest_plan(
+    page: ViewModel, arm: FakeArm
+) -> None:
+    page.set_replan(True)
+    planned(page)
+    page.execute()
+    page.refresh()
+    assert page.plan_view is not None
+    assert page.plan_view.plan is arm.executed[0]
+    arm.scene = object()
+    page.refresh()
+    assert page.plan_is_current  # the scene alone does not end it
+    arm.motion.plan = straight(np.full(5, 0.1), arm.executed[0].q_goal)
+    page.refresh()
+    assert page.plan_view.plan is arm.motion.plan
+    arm.be(arm.executed[0].q_goal)
+    arm.motion.future.set_result(None)
+    page.refresh()
+    assert page.sentence.text.startswith("Arrived, 0.0 mm off")
 
 
 def test_an_arm_at_rest_gives_nothing_new_to_show(page: ViewModel, arm: FakeArm) -> None:

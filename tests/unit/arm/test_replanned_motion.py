@@ -1,0 +1,246 @@
+"""Motions that are planned again while they move: simulated joints, and a planner in our hands."""
+
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+
+from so101_motion.common.errors import (
+    ConfigError,
+    InCollision,
+    Interrupted,
+    So101Error,
+    WorkerError,
+)
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Obstacle, Scene, Sphere
+from so101_motion.planning.goals import LineGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.planner import Planner
+from so101_motion.rig.rig import HARD_STOP, TICK
+from so101_motion.rig.simulated_rig import open_simulated
+
+LEFT = np.array([0.9, 0.0, 0.0, 0.0, 0.0])
+BALL = Sphere(radius=0.04)
+AHEAD, FARTHER, AT_THE_GOAL = (0.25, 0.0, 0.23), (0.24, 0.08, 0.23), (0.15, 0.19, 0.23)
+
+
+def ball(p, name="ball"):
+    T = SE3.from_translation(p)
+    return Scene(obstacles=(Obstacle(name=name, shape=BALL, T_base_obstacle=T),))
+
+
+class HandledPlanner:
+    """Plans at once; what an arm asks while it moves is answered when the test wants it."""
+
+    def __init__(self):
+        self._planner = Planner(RobotModel.load())
+        self.holds, self.dies, self.asked = False, False, []
+
+    def plan(self, request):
+        answer = Future()
+        if request.lead is not None:
+            self.asked.append((request, answer))
+            if self.dies:
+                answer.set_exception(WorkerError("the planning process has been closed"))
+            if self.dies or self.holds:
+                return answer
+        self.give(request, answer)
+        return answer
+
+    def give(self, request, answer):
+        try:
+            answer.set_result(self._planner.plan(request))
+        except So101Error as error:
+            answer.set_exception(error)
+
+
+@pytest.fixture(scope="module")
+def warm():
+    return HandledPlanner()
+
+
+@pytest.fixture
+def planner(warm):
+    warm.holds, warm.dies, warm.asked = False, False, []
+    return warm
+
+
+@pytest.fixture
+def rig(clock, planner):
+    with open_simulated(clock=clock, q_start=LEFT) as rig:
+        rig.arm._planner = planner.plan
+        yield rig
+
+
+@pytest.fixture
+def tape(rig):
+    """Every setpoint of the arm."""
+    setpoints = []
+    rig.executor.listen(lambda state: setpoints.append(state.q_ref))
+    return setpoints
+
+
+def finish(clock, motion):
+    while not motion.future.done():
+        clock.advance(TICK)
+    motion.result()
+
+
+def under_way(rig, clock, to=-LEFT):
+    motion = rig.arm.move(to, replan=True, wait=False)
+    while not rig.arm.is_moving:
+        clock.advance(TICK)
+    clock.advance(0.4)
+    return motion
+
+
+def rates(tape):
+    """Largest speed, acceleration and jerk between setpoints, of any joint."""
+    q = np.array(tape)
+    return [np.abs(np.diff(q, n, axis=0)).max() / TICK**n for n in (1, 2, 3)]
+
+
+def is_free(tape, scene):
+    collision = CollisionModel(RobotModel.load(), scene)
+    return collision.first_blocked(np.array(tape), tolerance=0.2) is None
+
+
+def test_an_obstacle_in_the_way_is_gone_around_without_a_stop(rig, clock, tape):
+    motion = under_way(rig, clock)
+    first, before = motion.plan, len(tape)
+    rig.arm.scene = ball(AHEAD)
+    finish(clock, motion)
+    np.testing.assert_allclose(rig.arm.state.q, -LEFT, atol=1e-3)
+    assert motion.plan is not first
+    assert is_free(tape[before:], ball(AHEAD))
+    moved = np.abs(np.diff(np.array(tape), axis=0)).max(axis=1) > 0.0
+    assert moved[np.flatnonzero(moved)[0] : np.flatnonzero(moved)[-1]].all()
+    limits = rig.arm.effective_limits(None)
+    caps = limits.velocity.min(), limits.acceleration.min(), limits.jerk.min()
+    assert (np.array(rates(tape)) <= np.multiply(caps, 1.001)).all()
+
+
+def test_a_scene_that_leaves_the_way_free_changes_nothing(rig, clock, planner):
+    motion = under_way(rig, clock)
+    first = motion.plan
+    rig.arm.scene = ball((0.25, 0.0, 0.6))
+    finish(clock, motion)
+    assert (motion.plan, planner.asked) == (first, [])
+
+
+def test_without_an_answer_the_arm_stops_before_the_obstacle(rig, clock, planner, tape):
+    planner.holds = True
+    motion = under_way(rig, clock)
+    rig.arm.scene = ball(AHEAD)
+    while rig.arm.is_moving:
+        clock.advance(TICK)
+        if len(planner.asked) > 1 and rig.arm.state.qd.any():
+            assert planner.asked[0][1].cancelled()  # it was late
+    assert is_free(tape, ball(AHEAD))
+    assert (np.array(rates(tape)) <= 1.02 * np.array([v[0] for v in _caps(HARD_STOP)])).all()
+    finish(clock, motion)  # it is planned from rest
+    np.testing.assert_allclose(rig.arm.state.q, -LEFT, atol=1e-3)
+
+
+def _caps(limits):
+    return limits.velocity, limits.acceleration, limits.jerk
+
+
+def test_a_late_plan_is_not_played_and_the_next_has_more_time(rig, clock, planner):
+    planner.holds = True
+    motion = under_way(rig, clock)
+    rig.arm.scene = ball(FARTHER)
+    clock.advance(0.06)
+    (_, late), (request, answer) = planner.asked
+    assert late.cancelled()
+    planner.give(request, answer)
+    clock.advance(0.1)
+    assert motion.plan is answer.result()
+    finish(clock, motion)
+
+
+def test_a_stop_is_at_once_whatever_the_planner_does(rig, clock, planner, tape):
+    planner.holds = True
+    motion = under_way(rig, clock)
+    rig.arm.scene = ball(FARTHER)
+    clock.advance(TICK)
+    before = len(tape)
+    planner.give(*planner.asked[0])
+    stopped = rig.arm.start_stop()
+    clock.advance(0.5)
+    assert stopped.done()
+    with pytest.raises(Interrupted, match="stop"):
+        motion.result()
+    swing = np.abs(tape[-1] - tape[before]).max()
+    assert 0.0 < swing < 0.1  # as short as that of any motion
+    assert not rig.arm.is_moving
+
+
+def test_a_planner_that_dies_ends_in_a_stop(rig, clock, planner, tape):
+    planner.dies = True
+    motion = under_way(rig, clock)
+    rig.arm.scene = ball(AHEAD)
+    with pytest.raises(WorkerError):
+        finish(clock, motion)
+    assert not rig.arm.is_moving
+    assert is_free(tape, ball(AHEAD))
+
+
+def test_a_new_goal_is_gone_to_without_a_stop(rig, clock, tape):
+    first = under_way(rig, clock)
+    second = rig.arm.move(0.3 * LEFT, replan=True, wait=False)
+    finish(clock, second)
+    with pytest.raises(Interrupted, match="a newer motion"):
+        first.result()
+    np.testing.assert_allclose(rig.arm.state.q, 0.3 * LEFT, atol=1e-3)
+    limits = rig.arm.effective_limits(None)
+    caps = limits.velocity.min(), limits.acceleration.min(), limits.jerk.min()
+    assert (np.array(rates(tape)) <= np.multiply(caps, 1.001)).all()
+
+
+def test_goals_that_change_all_the_time(rig, clock, tape):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        motion = rig.arm.move(rng.uniform(-0.6, 0.6, 5), replan=True, wait=False)
+        clock.advance(0.3)
+    finish(clock, motion)
+    assert motion.plan is not None
+    np.testing.assert_allclose(rig.arm.state.q, motion.plan.q_goal, atol=1e-3)
+
+
+def test_a_new_goal_that_cannot_be_reached_ends_in_a_stop(rig, clock):
+    under_way(rig, clock)
+    rig.arm.scene = ball(AT_THE_GOAL)
+    with pytest.raises(InCollision):
+        finish(clock, rig.arm.move(-LEFT, replan=True, wait=False))
+    assert not rig.arm.is_moving
+
+
+def test_an_arm_whose_goal_is_taken_waits_until_it_is_free(rig, clock):
+    motion = under_way(rig, clock)
+    rig.arm.scene = ball(AT_THE_GOAL)
+    clock.advance(2.0)
+    assert not rig.arm.is_moving
+    assert not motion.future.done()
+    rig.arm.scene = Scene()
+    finish(clock, motion)
+    np.testing.assert_allclose(rig.arm.state.q, -LEFT, atol=1e-3)
+
+
+def test_things_that_move_are_expected_where_they_go(rig, clock, planner):
+    under_way(rig, clock)
+    rig.arm.scene = ball((0.25, 0.0, 0.43))
+    clock.advance(0.05)
+    assert planner.asked == []
+    rig.arm.scene = ball((0.25, 0.0, 0.4))  # it comes down
+    clock.advance(TICK)
+    ((request, _),) = planner.asked
+    lowest = min(each.T_base_obstacle.p[2] for each in request.scene.obstacles)
+    assert lowest == pytest.approx(0.4 - 0.3 * 0.03 / 0.05, abs=0.05)
+
+
+def test_a_prescribed_way_is_refused(rig):
+    with pytest.raises(ConfigError, match="the way to this goal is prescribed"):
+        rig.arm.move(LineGoal(T_base_tool=rig.arm.T_base()), replan=True)
