@@ -135,6 +135,14 @@ async def test_obstacles_of_a_request_count_for_that_request_alone(arm, motion):
     assert await in_time(arm, motion.move("arm", at(230, 0, 150)))
 
 
+async def test_a_move_is_replanned_when_asked_for_and_alone(arm, motion):
+    extra = {"replan": True}
+    assert await in_time(arm, motion.move("arm", at(220, -50, 100), extra=extra))
+    straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
+    with pytest.raises(GRPCError, match="cannot be combined with world_state, constraints"):
+        await motion.move("arm", at(220, 50, 100), constraints=straight, extra=extra)
+
+
 async def test_a_line_is_kept_when_asked_for(arm, motion):
     await in_time(arm, motion.move("arm", at(220, -50, 100)))
     straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
