@@ -29,11 +29,6 @@ def parse(line):
         group, context = command, click.Context(command, parent=context, info_name=name)
 
 
-@pytest.mark.parametrize("line", [line for line in SHOWN if line.startswith("so101 ")])
-def test_a_command_that_is_shown_is_understood(line):
-    parse(line)
-
-
 @pytest.mark.parametrize("line", sorted(set(NAMED)))
 def test_a_command_that_is_named_exists(line):
     verb = shlex.split(line)[1]

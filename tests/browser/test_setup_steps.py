@@ -21,7 +21,6 @@ from harness.viam_machine import running_machine
 from so101_viewer import SetupApp, serve_setup
 from so101_viewer import serve as serve_preview
 
-from so101_motion.calib.motors.progress import SetupProgress
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.calib.record import store
 from so101_motion.common.modes import Mode
@@ -161,39 +160,6 @@ def test_a_motor_that_was_swapped_too_early_gives_its_id_back(
         hand.expect("connect only the motor of gripper")
         set_up(hand, kit, "gripper")
         assert (kit.ids["gripper"], kit.ids["wrist_roll"]) == (6, 5)
-
-
-def test_a_second_kit_begins_with_its_gripper(kit: FreshKit, tmp_path: Path) -> None:
-    progress = SetupProgress(tmp_path / "setup.json", kit.port)
-    for joint in SETUP_ORDER:
-        progress.add(joint)
-    with serve(kit, tmp_path) as app:
-        hand = hand_on(app)
-        hand.press("Motor Setup Only")
-        hand.press("Next")
-        hand.expect("Connect only the motor of gripper")
-        assert not hand.can("Next")
-
-
-def test_the_chain_says_that_the_supply_is_wrong(kit: FreshKit, tmp_path: Path) -> None:
-    for joint, servo_id in TARGETS.items():
-        kit.set_id(joint, servo_id)
-    kit.connect_only(*SETUP_ORDER)
-    with serve(kit, tmp_path) as app:
-        hand = hand_on(app)
-        hand.press("Calibration Only")
-        hand.expect("12.0 V for a 12 V arm")
-        hand.press("Next")
-        hand.until(lambda: hand.can("Next"), "going on")
-
-        kit.world.power(15.5)
-        hand.press("Verify again")
-        hand.expect("wrong voltage")
-        assert not hand.can("Next")
-
-        kit.world.power(12.0)
-        hand.press("Verify again")
-        hand.until(lambda: hand.can("Next"), "going on")
 
 
 def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:

@@ -99,19 +99,6 @@ def test_a_calibration_by_hand_is_saved_once_the_person_says_so(arm, tmp_path):
     assert torque == [1] * 6
 
 
-def test_a_servo_whose_cable_comes_out_before_it_is_held_is_named(arm, tmp_path):
-    asked = ("calibrate", "--port", arm.port, "--file", str(tmp_path / "mine.json"))
-    with Typist(*asked, "--joint", "elbow_flex") as person:
-        until_asked_to_save(person, arm)
-        arm.world.disconnect("wrist_flex")
-        person.presses("\n")
-        person.sees("wrist_flex does not answer")
-        person.sees("the other joints are held")
-        assert person.code() == 0
-    torque = [servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos]
-    assert torque == [1, 1, 1, 0, 1, 1]
-
-
 def test_ctrl_c_puts_everything_back_and_says_how_the_arm_is(arm, tmp_path):
     before = eeprom(arm)
     with Typist("calibrate", "--port", arm.port, "--file", str(tmp_path / "x.json")) as person:

@@ -201,27 +201,6 @@ def test_an_arm_with_a_loose_cable_is_not_fit_and_all_else_is_reported_too(arm, 
     assert not told["healthy"]
 
 
-def test_a_lossy_bus_is_a_warning_with_figures(arm):
-    arm.bus.faults.loss = 0.03
-
-    def verdicts(told):
-        return [check["verdict"] for check in told["checks"] if check["name"] == "bus"]
-
-    asked = ("doctor", "--port", arm.port, "--json")
-    _, told = looked(*asked, until=lambda _, told: verdicts(told) == ["warn"])
-    assert verdicts(told) == ["warn"]
-    assert told["bus"]["lost"] > 0
-
-
-def test_a_servo_that_has_changed_since_the_last_identification_is_a_warning(arm, file):
-    for friction in (0.5, 0.8):
-        figures = {"wrist_flex": ServoFigures(friction=friction)}
-        found = servo_file.ServoRecord(at="2026-03-05T10:00:00", volts=12.0, servos=figures)
-        servo_file.save(file, found)
-    result = run("doctor", "--port", arm.port, "--calibration", str(file))
-    assert "wrist_flex has 60% more friction than on 2026-03-05" in result.stdout
-
-
 def test_a_port_in_use_is_named_and_the_installation_is_checked_even_so(arm):
     port = SerialPort(arm.port)
     try:

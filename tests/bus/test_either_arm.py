@@ -8,7 +8,7 @@ import pytest
 from harness.emulated_rig import STEP_DEG, either_bench, near
 from harness.path_following import follow, random_plan
 
-from so101_motion.common.errors import ConfigError, Interrupted, OutsideLimits, PortUnavailable
+from so101_motion.common.errors import Interrupted, OutsideLimits, PortUnavailable
 from so101_motion.common.modes import Mode
 from so101_motion.control.executor import Channel
 
@@ -40,24 +40,6 @@ def test_nothing_moves_by_being_opened_and_closed(bench):
     assert bench.q_deg == pytest.approx(before, abs=0.5)
     assert rig.arm.state.mode is Mode.HOLDING
     assert rig.servos.is_connected
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "says"),
-    [
-        ({}, {"baudrate": 500_000}, "baudrate 1000000 and 500000"),
-        ({}, {"servo_ids": (2, 1, 3, 4, 5)}, "servo_ids"),
-        ({}, {"gripper_id": 5}, "servo_id 6 and 5|belongs to the arm"),
-        ({"gripper_id": None}, {"servo_ids": None, "gripper_id": 5}, "belongs to the arm"),
-    ],
-)
-def test_settings_that_contradict_are_refused_by_name(bench, first, second, says):
-    rig = bench.open(**first)
-    with pytest.raises(ConfigError, match=says):
-        bench.open(**second)
-
-    assert rig.users == 1
-    assert rig.arm.state.mode is Mode.HOLDING
 
 
 def test_a_port_that_is_not_there_is_named(bench):

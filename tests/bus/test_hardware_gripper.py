@@ -1,11 +1,9 @@
 import asyncio
-import json
 import math
 
 import pytest
 from grpclib import GRPCError, Status
 from harness.emulated_rig import ModelBench, gripper_client
-from viam.components.arm import KinematicsFileFormat
 
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
@@ -173,18 +171,6 @@ async def test_requests_that_cannot_be_done_say_why(client, request_, says):
 
     assert caught.value.status is Status.INVALID_ARGUMENT
     assert says in caught.value.message
-
-
-async def test_the_jaw_is_seen_where_it_is(bench, client):
-    await bench.in_time(client.grab())
-    closed = {g.label: g.center for g in await client.get_geometries()}
-    await bench.in_time(client.open())
-    opened = {g.label: g.center for g in await client.get_geometries()}
-
-    assert abs(opened["gripper_moving"].theta - closed["gripper_moving"].theta) > 30.0
-    kind, data, *_ = await client.get_kinematics()
-    assert kind == KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA
-    assert json.loads(data)["joints"] == []
 
 
 async def test_it_may_name_its_arm_instead_of_a_port(bench):

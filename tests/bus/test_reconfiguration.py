@@ -12,7 +12,6 @@ from viam.components.arm import JointPositions
 from so101_motion.calib.record import record, store
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.rig.hardware_rig import use_of
 from so101_motion.viam.models.calibration import So101Calibration
 from so101_motion.viam.models.hardware_arm import HardwareArm
 from so101_motion.viam.models.hardware_gripper import HardwareGripper
@@ -294,28 +293,6 @@ async def test_an_arm_that_has_left_is_held_while_the_sensor_changes(bench):
 # Two components that contradict each other
 
 
-async def test_a_contradiction_is_told_in_the_words_of_the_configuration(bench):
-    bench.new_arm(
-        at_end="hold", joint_zero_offsets_deg={"elbow_flex": 1.0}, servo_ids=[1, 2, 3, 4, 5]
-    )
-    with pytest.raises(GRPCError) as caught:
-        bench.new_arm(
-            "other",
-            at_end="release",
-            joint_zero_offsets_deg={"elbow_flex": 2.0},
-            servo_ids=[2, 1, 3, 4, 5],
-        )
-    for words in (
-        "at_end hold and release",
-        "joint_zero_offsets_deg elbow_flex 1 deg and elbow_flex 2 deg",
-        "servo_ids [1, 2, 3, 4, 5] and [2, 1, 3, 4, 5]",
-    ):
-        assert words in caught.value.message
-    bench.new_gripper()
-    with pytest.raises(GRPCError, match="servo_id 6 and 5"):
-        bench.new_gripper("second", servo_id=5)
-
-
 @pytest.mark.parametrize("arm_first", [True, False])
 async def test_the_arms_file_counts_and_the_log_names_both(bench, data, caplog, arm_first):
     builders = [
@@ -333,23 +310,3 @@ async def test_the_arms_file_counts_and_the_log_names_both(bench, data, caplog, 
     (warning,) = [text for text in caplog.messages if "b.json" in text]
     for words in ("a.json", "because the arm names it", "the same calibration_file"):
         assert words in warning
-
-
-async def test_without_an_arm_the_first_file_that_is_named_counts(bench, caplog):
-    gripper = bench.new_gripper(calibration_file="b.json")
-    with caplog.at_level(logging.WARNING):
-        new_sensor(bench, calibration_file="a.json")
-    await bench.pass_time(0.5)
-
-    assert lowest(gripper, "gripper") == 1900
-    assert "because it was named first" in caplog.text
-    await bench.in_time(gripper.close())
-    assert use_of(str(bench.port)).settings.calibration_file.name == "a.json"
-
-
-async def test_components_may_give_different_timeouts(bench):
-    arm = bench.new_arm(timeout="5s")
-    gripper = bench.new_gripper(timeout="2s")
-    assert gripper.rig.settings.timeout == 5.0
-    await bench.in_time(arm.close())
-    assert gripper.rig.settings.timeout == 2.0

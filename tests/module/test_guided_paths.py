@@ -89,17 +89,6 @@ async def test_the_time_limit_of_manual_mode_ends_the_recording_and_it_is_kept(
     assert told["points"] >= 2
 
 
-async def test_leaving_manual_mode_and_closing_keep_what_was_shown(arm, client, tmp_path):
-    await ask(client, "record_path", name="left")
-    await lead(arm, client, CORNERS[0])
-    await in_time(client, ask(client, "exit_manual_mode"))
-    assert (await ask(client, "end_path"))["ended_by"] == "manual mode ended"
-    await ask(client, "record_path", name="closed")
-    await lead(arm, client, CORNERS[1])
-    await arm.close()
-    assert json.loads((tmp_path / "paths" / "closed.json").read_text())["q_deg"]
-
-
 async def test_a_stop_a_cancelled_call_and_a_newer_move_end_a_replay(arm, client):
     await ask(client, "record_path", name="wave")
     await lead(arm, client, *CORNERS)
@@ -191,15 +180,3 @@ async def test_a_path_that_could_not_be_saved_is_saved_by_the_next_request(
     assert (tmp_path / "paths" / "wave.json").exists(), "before another one begins"
     await lead(arm, client, *CORNERS)
     assert (await ask(client, "end_path"))["name"] == "next"
-
-
-async def test_a_name_that_is_taken_while_a_path_is_shown_gets_a_number(arm, client, tmp_path):
-    await ask(client, "record_path", name="wave")
-    await lead(arm, client, *CORNERS)
-    taken = tmp_path / "paths" / "wave.json"
-    taken.parent.mkdir(exist_ok=True)
-    taken.write_text("that of another arm")
-    told = await ask(client, "end_path")
-    assert told["name"] == "wave 2"
-    assert told["file"] == str(tmp_path / "paths" / "wave 2.json")
-    assert taken.read_text() == "that of another arm"

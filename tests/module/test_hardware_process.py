@@ -23,9 +23,6 @@ from harness.fake_parent import (
 )
 from viam.components.arm import JointPositions
 
-from so101_motion.calib.procedure.eeprom import write_calibration
-from so101_motion.calib.record import store
-from so101_motion.calib.record.record import JointCalibration
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import PRESENT_POSITION, TORQUE_ENABLE, TORQUE_LIMIT
 from so101_motion.drivers.port.serial_port import SerialPort
@@ -192,41 +189,6 @@ async def test_an_arm_is_let_go_of_if_asked_for_at_the_end_of_the_process_but_no
         module.process.send_signal(signal.SIGTERM)
         assert await module.ended() == 0
     assert [torque for torque, _, _ in servos(emulated.port)] == [0] * 6
-
-
-@pytest.mark.parametrize("form", ["port", "arm"])
-async def test_an_arm_is_reconfigured_while_its_gripper_stays(emulated, tmp_path, form):
-    files = {name: tmp_path / f"{name}.json" for name in ("a", "b")}
-    for name, low in (("a", 1000), ("b", 950)):
-        store.save(files[name], {"shoulder_pan": JointCalibration(id=1, range_min=low)})
-    bus = Bus(SerialPort(emulated.port), reply_timeout=PATIENCE)
-    write_calibration(bus, store.read(files["a"]))  # opening an arm stores nothing
-    bus.close()
-    port = {"port": emulated.port}
-    async with running_module() as (module, _, _):
-        at = {**port, "calibration_file": str(files["a"])}
-        arm = await module.add(ARM, HARDWARE_ARM, at, "arm")
-        await until(lambda: works(arm.get_geometries))
-        own = port if form == "port" else {"arm": "arm"}
-        gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, own, "gripper")
-        await until(lambda: works(gripper.get_geometries))
-        await module.remove(ARM, "arm")
-        at = {**port, "calibration_file": str(files["b"]), "at_end": "release"}
-        arm = await module.add(ARM, HARDWARE_ARM, at, "arm")
-        await until(lambda: works(arm.get_geometries))
-        now = await arm.do_command({"command": "get_calibration"})
-        assert now["calibration_file"] == str(files["b"])
-        assert now["calibration"]["shoulder_pan"]["range_min"] == 950
-        await patiently(gripper.open)
-        await go(arm, await joints(arm))
-        await module.remove(ARM, "arm")
-        arm = await module.add(ARM, HARDWARE_ARM, port, "arm")
-        await until(lambda: works(arm.get_geometries))
-        now = await arm.do_command({"command": "get_calibration"})
-        assert now["calibration_file"] == ""
-        module.process.send_signal(signal.SIGTERM)
-        assert await module.ended() == 0
-    assert [torque for torque, _, _ in servos(emulated.port)] == [1] * 6, "at_end is hold again"
 
 
 GUIDE_AND_END = """

@@ -109,11 +109,6 @@ async def tool(arm):
     return np.array([pose.x, pose.y, pose.z])
 
 
-async def test_the_arm_is_brought_to_a_point_in_the_world(arm, motion):
-    assert await in_time(arm, motion.move("arm", at(220, 100, 120)))
-    np.testing.assert_allclose(await tool(arm), (220, 100, 120), atol=0.2)
-
-
 async def test_the_gripper_may_be_named_instead_of_the_arm(arm, motion):
     assert await in_time(arm, motion.move("gripper", at(240, 60, 100)))
     T = arm.resource.rig.arm.T_base()
@@ -133,6 +128,14 @@ async def test_obstacles_of_a_request_count_for_that_request_alone(arm, motion):
     with pytest.raises(GRPCError, match="wall"):
         await motion.move("arm", at(230, 0, 150), WALL)
     assert await in_time(arm, motion.move("arm", at(230, 0, 150)))
+
+
+async def test_a_move_is_replanned_when_asked_for_and_alone(arm, motion):
+    extra = {"replan": True}
+    assert await in_time(arm, motion.move("arm", at(220, -50, 100), extra=extra))
+    straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
+    with pytest.raises(GRPCError, match="cannot be combined with world_state, constraints"):
+        await motion.move("arm", at(220, 50, 100), constraints=straight, extra=extra)
 
 
 async def test_a_line_is_kept_when_asked_for(arm, motion):
@@ -161,14 +164,6 @@ async def test_a_line_ends_in_the_cloud_that_its_destination_has(arm, motion):
         await motion.move("arm", aside, constraints=straight)
     aside.goal_cloud.CopyFrom(GoalCloud(o_x=1, o_y=1, o_z=2, theta=180))
     assert await in_time(arm, motion.move("arm", aside, constraints=straight))
-
-
-async def test_a_line_that_cannot_be_is_refused_with_how_far_it_goes(arm, motion):
-    straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
-    await in_time(arm, motion.move("arm", at(100, -200, 100)))
-    with pytest.raises(GRPCError) as refused:
-        await motion.move("arm", at(-100, 200, 100), constraints=straight)
-    assert "mm" in refused.value.message
 
 
 async def test_turns_are_limited_when_asked_for(arm, motion):

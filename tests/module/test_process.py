@@ -170,14 +170,6 @@ async def test_where_a_component_is_is_asked_on_the_modules_socket(process):
     assert caught.value.status is Status.NOT_FOUND
 
 
-@shared
-async def test_a_refused_configuration_is_a_sentence(process):
-    with pytest.raises(GRPCError) as caught:
-        await process.validate(ARM, SIMULATED, {"sped_degs_per_sec": 60})
-    assert caught.value.status is Status.INVALID_ARGUMENT
-    assert caught.value.message.startswith('"sped_degs_per_sec" = 60')
-
-
 def test_what_only_the_planning_process_or_a_later_request_needs_is_not_imported_before_ready():
     later = (*LATER, "so101_motion.planning.planner", "so101_motion.planning.cell.together")
     program = (

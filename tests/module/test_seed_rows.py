@@ -91,49 +91,6 @@ async def opened(port, attributes):
 # Configuration
 
 
-@pytest.mark.parametrize(
-    ("attributes", "says"),
-    [
-        ({}, "port"),
-        ({"port": ""}, "port"),
-        ({"port": "/dev/x", "prot": 1}, 'did you mean "port"'),
-        ({"port": "/dev/x", "servo_ids": [1, 2, 3, 4]}, "servo_ids"),
-        ({"port": "/dev/x", "servo_ids": [1, 2, 3, 4, 4]}, "servo_ids"),
-        ({"port": "/dev/x", "timeout": "soon"}, "timeout"),
-        ({"port": "/dev/x", "speed_degs_per_sec": 2.9}, "3"),
-        ({"port": "/dev/x", "speed_degs_per_sec": 181.0}, "180"),
-        ({"port": "/dev/x", "acceleration_degs_per_sec_per_sec": 9.0}, "10"),
-        ({"port": "/dev/x", "acceleration_degs_per_sec_per_sec": 501.0}, "500"),
-        ({"port": "/dev/x", "baudrate": "fast"}, "baudrate"),
-    ],
-)
-async def test_an_arm_s_wrong_setting_is_refused_by_name(session, attributes, says):
-    with pytest.raises(GRPCError) as caught:
-        await session.module.validate(ARM, HARDWARE_ARM, attributes)
-    assert caught.value.status is Status.INVALID_ARGUMENT
-    assert says in caught.value.message
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        {},
-        {"timeout": "5s"},
-        {"timeout": "500ms"},
-        {"timeout": 2.0},
-        {"servo_ids": [1.0, 2.0, 3.0, 4.0, 5.0], "baudrate": 1000000.0},
-        {"speed_degs_per_sec": 180.0, "acceleration_degs_per_sec_per_sec": 10.0},
-        {"calibration_file": "mine.json", "visualize_ee_frame": True},
-        {"port": "/dev/serial/by-id/usb-1a86_USB_Single_Serial_58CD176705-if00"},
-        {"port": "/dev/tty.usbmodem58CD1767051"},
-        {"port": "COM3"},
-    ],
-)
-async def test_an_arm_s_settings_are_understood(session, more):
-    answer = await session.module.validate(ARM, HARDWARE_ARM, {"port": "/dev/x", **more})
-    assert list(answer.dependencies) == []
-
-
 async def test_dependencies_are_the_motion_service_and_the_gripper_s_arm(session):
     validate = session.module.validate
     answer = await validate(ARM, HARDWARE_ARM, {"port": "/dev/x", "motion": "planner"})

@@ -3,14 +3,13 @@
 import asyncio
 import math
 from contextlib import suppress
-from datetime import timedelta
 
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from harness.fake_parent import until
 from harness.in_process_module import advance, arm_client, duration_of, in_time, new_arm
-from viam.components.arm import Arm, JointPositions, MoveOptions, Pose
+from viam.components.arm import JointPositions, MoveOptions, Pose
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 ELSEWHERE = [30.0, -30.0, 30.0, 40.0, 20.0]
@@ -267,48 +266,6 @@ async def test_a_flag_that_is_neither_true_nor_false_is_refused(client, key):
 
     assert caught.value.status is Status.INVALID_ARGUMENT
     assert key in caught.value.message
-
-
-async def stream_of(*batches, first=0.0):
-    for batch in batches:
-        yield [
-            Arm.TrajectoryPoint(time=timedelta(seconds=t), positions=list(values))
-            for t, values in batch
-        ]
-
-
-def sweep(n, dt=0.05, step=1.0):
-    return [(dt * i, [step * i, *HOME[1:]]) for i in range(n)]
-
-
-async def test_a_streamed_trajectory_is_played_and_acknowledged_batch_by_batch(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    points = sweep(40)
-
-    async def play():
-        batches = stream_of(points[:15], points[15:30], points[30:])
-        return [update async for update in client.move_through_joint_positions_streamed(batches)]
-
-    updates = await in_time(client, play())
-
-    assert len(updates) == 3
-    assert (await positions(client))[0] == pytest.approx(39.0, abs=0.05)
-
-
-async def test_a_streamed_trajectory_out_of_the_limits_is_refused_and_the_arm_rests(client):
-    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-
-    async def play():
-        bad = [(2.0, [0.0, *HOME[1:]]), (6.0, [111.0, *HOME[1:]])]
-        async for _ in client.move_through_joint_positions_streamed(stream_of(sweep(20), bad)):
-            pass
-
-    with pytest.raises(GRPCError) as caught:
-        await in_time(client, play())
-
-    assert caught.value.status is Status.OUT_OF_RANGE
-    assert "shoulder_pan" in caught.value.message
-    await at_rest(client)
 
 
 async def test_an_arm_that_is_being_removed_begins_no_other_move():

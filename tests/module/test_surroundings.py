@@ -16,7 +16,6 @@ from harness.fake_parent import (
     SIMULATED,
     SIMULATED_GRIPPER,
     running_module,
-    until,
 )
 from viam.components.arm import JointPositions, MoveOptions
 from viam.components.generic.service import GenericRPCService
@@ -231,23 +230,3 @@ async def test_the_machine_is_planned_around(process):
     except_it = {"constraints": {"collisionSpecification": [{"allows": allows}]}}
     await bench.plan(250, 0, 60, **except_it)
     await bench.both_refuse(250, 0, 60, of="'crate'")
-
-
-async def test_ignored_components_may_be_touched_and_unreadable_ones_are_refused(process):
-    bench = await process.begin(ignore_components=["wall"])
-    wall = a_box(40, 40, 300, x=220.0, z=150.0)
-    bench.has(hanging("wall", geometry=wall))
-    await bench.go(220, 0, 150)
-    bench.has(hanging("fence", geometry=wall), hanging("broken"))
-    bench.manager.get_resource(Thing, Thing.get_resource_name("broken")).geometries = GRPCError(
-        Status.UNAVAILABLE, "unplugged"
-    )
-
-    async def is_named():
-        """A busy machine may not answer in time before it does."""
-        with pytest.raises(GRPCError) as refused:
-            await bench.go(200, 100, 150)
-        told = refused.value.message
-        return '"broken" does not' in told and '"ignore_components": ["broken"]' in told
-
-    await until(is_named)

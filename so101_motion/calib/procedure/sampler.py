@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from so101_motion.calib.procedure.stillness import Stillness
 from so101_motion.calib.procedure.travel import TravelArc, TravelRecorder
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.clock import Clock
@@ -19,6 +18,9 @@ from so101_motion.drivers.bus.registers import PRESENT_POSITION, TICKS_PER_TURN
 from so101_motion.drivers.feetech.presence import Presence
 
 _ROW = PRESENT_POSITION
+
+TREMBLE = 23
+"""How far a joint may move meanwhile [tick], 2 deg; a hand trembles. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,3 +100,30 @@ class Sampler:
         for joint, ticks in found.items():
             self._sweeps[joint].feed(now, ticks)
         return {joint: sweep.arc for joint, sweep in self._sweeps.items() if sweep.arc is not None}
+
+
+class Stillness:
+    """Measures how long joints have been held still, to take the homing pose hands-free.
+
+    The user needs both hands for the arm. So a key or button only announces the pose, and it is
+    taken once nothing has moved for a moment. ``feed`` it the joints' positions.
+    """
+
+    def __init__(self) -> None:
+        self._since = 0.0
+        self._anchor: dict[str, int] = {}
+
+    def feed(self, t: float, ticks: Mapping[str, int | None]) -> float:
+        """How long all joints have stayed within ``TREMBLE`` [s]; 0 if one does not answer.
+
+        Args:
+            t: Now [s].
+            ticks: Where they are [tick].
+        """
+        known = {joint: place for joint, place in ticks.items() if place is not None}
+        is_still = known.keys() == ticks.keys() == self._anchor.keys() and all(
+            abs(place - self._anchor[joint]) <= TREMBLE for joint, place in known.items()
+        )
+        if not is_still:
+            self._since, self._anchor = t, known
+        return t - self._since

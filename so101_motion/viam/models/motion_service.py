@@ -299,7 +299,9 @@ class So101Motion(ServiceForAnArm, MotionService):
         Raises:
             ConfigError: There is more to keep to than these.
         """
-        if wanted.world is not None or wanted.constraints is not None or self._sources:
+        # Over gRPC neither is ever None; what was not given is empty.
+        more = [each for each in (wanted.world, wanted.constraints) if each and each.ByteSize()]
+        if more or self._sources:
             raise ConfigError(
                 REPLAN,
                 True,

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from so101_motion.calib.procedure.stillness import TREMBLE, Stillness
+from so101_motion.calib.procedure.sampler import TREMBLE, Stillness
 from so101_motion.cli.operation_terminal import WIDTH, bar_of, drawn
 from so101_motion.cli.terminal import ENTER, Quit, Terminal
 from so101_motion.common.operation import Row, View

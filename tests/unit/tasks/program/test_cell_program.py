@@ -8,7 +8,6 @@ from harness.facing_arms import Facing, FacingArms
 
 from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
 from so101_motion.tasks.program import (
-    Loop,
     Program,
     Waypoint,
     Where,
@@ -66,31 +65,6 @@ def test_steps_move_the_arms_they_name_and_side_by_side_if_they_name_several(ben
     np.testing.assert_allclose(bench.arms["left"].state.q_ref, B, atol=1e-6)
     np.testing.assert_allclose(bench.arms["right"].state.q_ref, A, atol=1e-6)
     assert bench.cell.members["left"].gripper.aperture == pytest.approx(0.3, abs=0.02)
-
-
-def test_a_loop_repeats_its_steps_and_is_planned_twice(bench):
-    steps = ({"left": at(A)}, {"right": at(A)}, {"left": at(B, pause=0.1), "right": at(B)})
-    program = Program(steps=steps, loops=(Loop(first=1, last=2, times=3),))
-    rehearsal = rehearse(bench.cell, program)
-    assert [each.visit.indices[-1] for each in rehearsal.arrivals] == [0, 1, 2, 1, 2]
-    assert [each.times for each in rehearsal.arrivals] == [1, 1, 1, 2, 2]
-    lasts = [each.leg.at[-1] for each in rehearsal.arrivals]
-    assert rehearsal.duration == pytest.approx(
-        lasts[0] + sum(lasts[1:3]) + 2 * sum(lasts[3:]) + 3 * 0.1
-    )
-    run = start_program(bench.cell, rehearsal)
-    moved = bench.run(run)
-    run.future.result()
-    moving = {where: arms for where, arms in moved.items() if arms}
-    assert moving == {
-        (0, 0): {"left"},
-        (0, 0, 1): {"right"},
-        (0, 0, 2): {"left", "right"},
-        (0, 1, 1): {"right"},
-        (0, 1, 2): {"right"},  # the left one is there
-        (0, 2, 1): {"right"},
-        (0, 2, 2): {"right"},
-    }
 
 
 def test_a_step_in_which_the_arms_would_meet_is_refused_before_anything_moves(bench):

@@ -10,7 +10,6 @@ from so101_viewer.program.program_model import REST, STEP, ProgramModel
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
-from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.cell_rigs import open_cell
 from so101_motion.tasks.program import files
 
@@ -88,15 +87,6 @@ def test_stop_ends_it_for_all_arms(bench):
     bench.move(lambda: bench.says("Stopped. All arms hold where they are; the rest was not run."))
     assert not first.is_moving
     assert not second.is_moving
-
-
-def test_a_plan_is_dropped_when_an_arm_has_moved(bench):
-    bench.record(first=aside(55.0))
-    assert bench.planned()
-    bench.opened.rigs[SECOND].arm.move(JointGoal(q=aside(50.0)), wait=False)
-    bench.move(lambda: bench.says("arm 2: The arm has moved."))
-    assert not bench.model.can_run
-    assert bench.model.timeline is None
 
 
 def test_a_planned_program_is_played_by_ghosts_of_all_arms(bench):

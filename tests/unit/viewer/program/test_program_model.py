@@ -17,9 +17,8 @@ from so101_viewer.page.guiding import GUIDED_FOR
 from so101_viewer.page.screen_state import Tone
 from so101_viewer.program import program_texts as words
 from so101_viewer.program.program_model import ProgramModel
-from so101_viewer.program.rehearsal_time import SHOWN_PAUSE, RehearsalTime
+from so101_viewer.program.rehearsal_time import RehearsalTime
 
-from so101_motion.arm.gripper import JAW_LIMITS
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
@@ -211,43 +210,6 @@ def test_what_is_typed_or_dragged_in_one_go_is_undone_in_one_go(
     assert len(tab.model.program) == 3
 
 
-def test_a_part_of_a_program_is_rehearsed_and_run_from_the_chosen_waypoint(tab: Tab) -> None:
-    tab.record(A, B, A)
-    tab.model.choose(1)
-    tab.model.plan("from here")
-    tab.until(lambda: tab.model.can_run)
-    assert [each.name for each in tab.planned.rehearsal.program.waypoints] == ["B", "C"]
-    tab.model.start()
-    tab.until(lambda: "Going to waypoint 2 (B)." in tab.said)
-    tab.until(lambda: tab.model.run is None)
-    tab.model.choose(0)
-    tab.model.plan("this one")
-    tab.until(lambda: tab.model.can_run)
-    assert len(tab.planned.rehearsal.program) == 1
-
-
-def test_a_rehearsal_shows_jaw_and_pauses_to_the_end_of_a_round(tab: Tab) -> None:
-    tab.record(A, B)
-    tab.model.choose(0)
-    tab.edit.set_aperture(1.0)
-    tab.edit.set_pause(600.0)  # shown, but not for ten minutes
-    tab.model.set_rounds(2)
-    tab.plan()
-    timeline, opened = tab.planned, tab.rig.gripper.opened
-    to_a, to_b = (leg.at[-1] for leg in timeline.rehearsal.legs[:2])
-    at_a = (opened - tab.rig.gripper.q_jaw) / JAW_LIMITS.velocity[0] + SHOWN_PAUSE
-    back = timeline.rehearsal.arrivals[2].leg
-    assert back.plan is not None
-    assert timeline.duration == pytest.approx(to_a + at_a + to_b + back.plan.duration)
-    seen = [timeline.at(t) for t in (0.0, to_a, to_a + at_a, to_a + at_a + to_b, 1e9)]
-    assert [index for index, _ in seen] == [0, 0, 1, 0, 0]
-    for (_, stands), wanted in zip(seen, (np.zeros(5), A, A, B, A), strict=True):
-        np.testing.assert_allclose(stands[ARM].q, wanted, atol=1e-6)
-    assert [stands[ARM].q_jaw for _, stands in seen[2:]] == pytest.approx([opened] * 3)
-    tab.model.play(1.0)
-    tab.until(lambda: tab.model.t == timeline.duration)  # to the end, by itself
-
-
 def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: Tab) -> None:
     tab.record(A, B, A)
     tab.model.set_loop(0, 1, 3)
@@ -371,18 +333,6 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(tab: Tab, change: str) ->
     assert "ress Plan program" in tab.said
     assert not tab.model.can_run
     tab.until(lambda: not tab.rig.arm.is_moving and not tab.rig.gripper.is_moving)
-
-
-def test_stop_ends_an_endless_run(tab: Tab) -> None:
-    tab.record(A, B)
-    tab.model.set_rounds(None)
-    tab.plan()
-    tab.model.start()
-    tab.until(lambda: "Round 2." in tab.said)
-    stopping = tab.worker.submit(tab.rig.arm.stop)
-    tab.until(lambda: tab.model.run is None)
-    tab.until(stopping.done)
-    assert tab.said == "Stopped. The arm holds where it is; the rest was not run."
 
 
 def test_guiding_by_hand_ends_by_itself(tab: Tab) -> None:
