@@ -59,6 +59,7 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_stop
 	$(BIN)/python -m benchmarks.bench_teleop
 	$(BIN)/python -m benchmarks.bench_following
+	$(BIN)/python -m benchmarks.bench_cycle
 	$(BIN)/python -m benchmarks.bench_dataset
 	$(BIN)/python -m benchmarks.bench_jog
 	$(BIN)/python -m benchmarks.bench_page

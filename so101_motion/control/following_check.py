@@ -24,10 +24,12 @@ from __future__ import annotations
 
 import ctypes
 import math
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
+from so101_motion.common.errors import WorkerError
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.control.joint_group import Tolerances
@@ -150,6 +152,9 @@ class FollowingCheck:
         self._sees_contact = math.isfinite(
             min(tolerances.contact_distance, tolerances.pressed_stray)
         )
+        if self._sees_contact:
+            with suppress(WorkerError):  # raised where it is needed
+                native()  # loading it takes longer than a tick
         windows = [round(span / dt) for span in tolerances.contact_windows]
         stops, before = [round(span / dt) for span in STOPPED], round(FOLLOWED / dt)
         self._kept = 1 + max(self._lag + max(windows), before + max(stops))
