@@ -337,7 +337,7 @@ class FeetechArm:
 
     @property
     def health(self) -> tuple[JointHealth, ...]:
-        """The newest health figures of each servo, base to jaw; at most a tenth of a second old."""
+        """The health figures of each servo, base to jaw, at most 0.1 s older than the positions."""
         names = {servo_id: JOINTS[i] for servo_id, i in self._index.items()}
         silent = self._presence.silent if self.is_connected else names
         return self._health_readings.health(names, self._chain.connection.counters, silent)
