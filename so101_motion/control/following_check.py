@@ -25,6 +25,8 @@ from __future__ import annotations
 import ctypes
 import math
 from contextlib import suppress
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +95,12 @@ class _Watch(ctypes.Structure):
     ]
 
 
+@cache
+def _held_up() -> Any:
+    """The function of ``held_up.c``; it keeps the interpreter lock, which is slow to come back."""
+    return ctypes.PyDLL(None, handle=native().library._handle).so101_held_up
+
+
 class LatestRows:
     """The latest rows of a table, in one array: looking back at them copies nothing.
 
@@ -154,7 +162,7 @@ class FollowingCheck:
         )
         if self._sees_contact:
             with suppress(WorkerError):  # raised where it is needed
-                native()  # loading it takes longer than a tick
+                _held_up()  # loading it takes longer than a tick
         windows = [round(span / dt) for span in tolerances.contact_windows]
         stops, before = [round(span / dt) for span in STOPPED], round(FOLLOWED / dt)
         self._kept = 1 + max(self._lag + max(windows), before + max(stops))
@@ -251,7 +259,7 @@ class FollowingCheck:
         if len(self._wanted) < self._kept:
             return held
         self._given[:] = in_play
-        found = native().library.so101_held_up(
+        found = _held_up()(
             self._watch_at, self._wanted.end, self._seen.end, len(self._seen), self._given_at
         )
         if found:
