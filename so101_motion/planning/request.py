@@ -21,6 +21,9 @@ from so101_motion.planning.timing.trajectory import Trajectory
 ROUTE_EFFORT = 16
 """Default number of routes that are compared. Chosen: a third of the gain of hundreds, in 50 ms."""
 
+HURRIED_EFFORT = 3
+"""The same where there is little time, at most. Chosen: some milliseconds."""
+
 MOST_ROUTES = 10_000
 """Most routes that may be compared."""
 

@@ -55,7 +55,7 @@ from so101_motion.planning.paths.compiled_search import (
 from so101_motion.planning.paths.path import SPACING
 from so101_motion.planning.planner import CORNER, Planner
 from so101_motion.planning.planning_context import PlanningContext
-from so101_motion.planning.request import Plan, PlanRequest
+from so101_motion.planning.request import HURRIED_EFFORT, Plan, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import JointPath, blended_path
@@ -303,7 +303,9 @@ def _in_turn(
                     for i, other in enumerate(team)
                     if i != k
                 ]
-                asked = _until(ends, replace(me.request, others=tuple(others)))
+                few = min(me.request.route_effort, HURRIED_EFFORT)  # in each of many orders
+                known = replace(me.request, others=tuple(others), route_effort=few)
+                asked = _until(ends, known)
                 plans[k] = plan_among(planner.plan, asked, alone=alone[k], before=shortest)
                 if plans[k].duration >= shortest:
                     break

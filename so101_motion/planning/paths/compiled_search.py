@@ -68,6 +68,10 @@ class Deadline:
         self.budget = budget
         self._end = time.perf_counter() + budget
 
+    def earlier(self, share: float) -> Deadline:
+        """Another, after a share of the time that is left."""
+        return Deadline(share * (self._end - time.perf_counter()))
+
     def has_passed(self) -> bool:
         """Whether the time is up."""
         return time.perf_counter() > self._end

@@ -183,7 +183,7 @@ class PathFinder:
             return FreePath(waypoints=proven, goal=goal)
         how = routing()
         first = Route(points, goal, how, wide, self._space, random.next())
-        best, routes = quickest(
+        best, routes, out_of_time = quickest(
             first, q_start, goals, how, self._space, (look, wide), random, deadline
         )
         if best is not first:
@@ -196,7 +196,7 @@ class PathFinder:
             goal=best.goal,
             motion=best.motion(),
             routes=routes,
-            out_of_time=deadline.has_passed(),
+            out_of_time=out_of_time,
         )
 
     def _proven(self, points: list[Array], random: Seeds, deadline: Deadline) -> Array:

@@ -42,6 +42,9 @@ the last alone those around a shelf."""
 MOST_ROUNDS = 200
 """Rounds after which a search is given up. Chosen: half as many find fewer routes into a shelf."""
 
+SEARCHING = 0.8
+"""Share of the time after which no other routes are searched. Chosen: the rest is for more cuts."""
+
 DIRECT = 1.01
 """A motion that takes no longer than so many times the least time of its joints is not improved."""
 
@@ -133,8 +136,10 @@ def quickest(
     checks: tuple[BatchSampledCheck, BatchSampledCheck],
     random: Seeds,
     deadline: Deadline,
-) -> tuple[Route, int]:
-    """The quickest route, and how many were compared: one if the first is direct.
+) -> tuple[Route, int, bool]:
+    """The quickest route, how many were compared, and whether the time was up before all were.
+
+    If the first route is direct no others are searched.
 
     Args:
         first: The route that is known.
@@ -145,14 +150,14 @@ def quickest(
     look, wide = checks
     best, compared = [(first.cut(FIRST_CUTS, deadline), 0, first)], 1
     if best[0][0] <= DIRECT * routing.least(q_start, goals):
-        return first, compared
+        return first, compared, False
     ends = np.array([q_start, *goals])
     low, high, turns = ends.min(axis=0), ends.max(axis=0), deque(BEYOND)
-    for k in range(1, routing.effort):
-        if deadline.has_passed():
-            break
+    searched, enough = 1, deadline.earlier(SEARCHING)
+    while searched < routing.effort and not enough.has_passed():
         part = space.around(low, high, turns[0])
-        path = CompiledSearch(part, look, q_start, goals, random).run(deadline, MOST_ROUNDS)
+        path = CompiledSearch(part, look, q_start, goals, random).run(enough, MOST_ROUNDS)
+        searched += 1
         if path is None:
             if len(turns) > 1:
                 turns.popleft()
@@ -160,9 +165,9 @@ def quickest(
         turns.rotate(-1)
         points = compiled_shortened(path[0], wide, random, deadline)
         route = Route(points, path[1], routing, wide, space, random.next())
-        best = sorted([*best, (route.cut(FIRST_CUTS, deadline), k, route)])[:FINALISTS]
+        best = sorted([*best, (route.cut(FIRST_CUTS, deadline), searched, route)])[:FINALISTS]
         compared += 1
-    tries = MORE_CUTS * routing.effort
+    tries = MORE_CUTS * searched
     _, _, winner = min((route.cut(tries, deadline), k, route) for _, k, route in best)
     winner.cut(FINALISTS * tries, deadline)
-    return winner, compared
+    return winner, compared, searched < routing.effort or deadline.has_passed()
