@@ -132,7 +132,7 @@ def test_a_timed_path_leaves_its_path_by_no_more_than_the_deviation(request: Req
 
 @st.composite
 def motions_of_an_arm(draw) -> tuple[Trajectory, MotionLimits, float]:
-    """A motion under an arm's own caps, setpoints 10 ms apart; the jerk in between that is claimed."""
+    """A motion under an arm's own caps, and the share of jerk claimed between its setpoints."""
     speed = draw(st.floats(*map(to_rad, SPEED_RANGE_DEG)))
     acceleration = draw(st.floats(*map(to_rad, ACCELERATION_RANGE_DEG)))
     limits = JointCaps(speed=speed, acceleration=acceleration).limits
