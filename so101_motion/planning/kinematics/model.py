@@ -15,6 +15,7 @@ for another thread (it takes milliseconds). Its ``lowerVelocityLimit`` is positi
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -236,6 +237,7 @@ class RobotModel:
             found[k] = pin.computeGeneralizedGravity(self._arm, self._data, configuration)
         return found
 
+    @cached_property
     def holding_torque_rates(self) -> Array:
         """Bounds on how much each joint's torque changes with each angle, (5, 5), [N m/rad].
 

@@ -31,11 +31,12 @@ def roomy_corners(
     tells which of several configurations (n, 5) touch something, (n,).
     """
     tolerances = np.full(len(waypoints) - 2, tolerance)
-    tight = np.flatnonzero(rounded_corners(waypoints, tolerance).reach > 0.0)
+    tight = np.arange(len(tolerances))
     while len(tight):
         corners = rounded_corners(waypoints, np.maximum(tolerances, narrowest))
+        tight = tight[corners.reach[tight] > 0.0]  # the others are straight
         q = corners.at(np.linspace(0.0, 1.0, PER_CORNER))[tight]
-        blocked = touching(q.reshape(-1, q.shape[2])).reshape(len(tight), -1).any(axis=1)
+        blocked = touching(q.reshape(-1, q.shape[2])).reshape(-1, PER_CORNER).any(axis=1)
         tight = tight[blocked]
         tolerances[tight] *= SMALLER
         tolerances[tolerances < narrowest] = 0.0

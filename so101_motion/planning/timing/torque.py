@@ -199,7 +199,7 @@ class Load:
         self._bearable: list[float] = self._may_hold.tolist()
         there = np.abs(model.holding_torques(q_start[None]))[0]
         # Bounds on how much each angle changes the torque of each joint.
-        self._rates: list[list[float]] = model.holding_torque_rates().T.tolist()
+        self._rates: list[list[float]] = model.holding_torque_rates.T.tolist()
         self._know(q_start, there)
         self._holding = np.maximum(self._may_hold, there)
         too_much = np.where(there > self._may_hold, there, 0.0)

@@ -4,8 +4,9 @@ import pytest
 import so101_description
 from harness.coal_check import CoalJudge
 
+from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 
 # pan, lift, elbow, wrist flex, wrist roll, jaw [deg]; all of them seen to be free on the CAD.
@@ -88,6 +89,21 @@ def test_an_open_gripper_is_wider_than_a_closed_one(model, collision):
     ]
     assert only_closed
     assert any("jaw" in collision.first_contact(q, 1.7) for q in only_closed)
+
+
+def test_the_closest_pair_is_the_one_with_the_least_room_by_coal(model):
+    post = Obstacle(
+        name="post",
+        shape=Box(size=np.array([0.04, 0.04, 0.3])),
+        T_base_obstacle=SE3.from_translation((0.25, 0.1, 0.15)),
+    )
+    for scene in (Scene(), Scene(obstacles=(post,), margin=0.01)):
+        collision = CollisionModel(model, scene)
+        for q in random_configurations(model, 150):
+            closest = collision.clearance(q)
+            rooms = collision.distances(q) - collision.margins
+            assert closest.room == pytest.approx(rooms.min(), abs=1e-6)
+            assert (closest.first, closest.second) == collision.pairs[int(np.argmin(rooms))]
 
 
 def test_free_means_that_the_closest_pair_keeps_the_margin(model):

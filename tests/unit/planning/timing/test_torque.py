@@ -76,7 +76,7 @@ def test_holding_torques_change_no_faster_than_is_said() -> None:
     here = rng.uniform(MODEL.lower, MODEL.upper, (300, 5))
     there = here + rng.uniform(-0.3, 0.3, (300, 5)) * rng.integers(0, 2, (300, 5))
     change = np.abs(model.holding_torques(here) - model.holding_torques(there))
-    most = np.abs(here - there) @ model.holding_torque_rates()
+    most = np.abs(here - there) @ model.holding_torque_rates
     assert np.all(change <= most + 1e-9)
     assert (change[:, 1] / most[:, 1].clip(1e-9)).max() > 0.8, "a bound that says something"
 
