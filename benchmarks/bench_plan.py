@@ -3,15 +3,16 @@
 Eight sets of 100 problems (``plan_problems.py``). Two figures for each:
 
 - *search*: from two configurations to a path that is free, shortened and proven, without any
-timing; the
-  same for OMPL and roboplan (``plan_peers.py``) where they are installed, problem by problem in
-  turn, so that all see the same machine. What sets them up is not counted.
+  timing; the same for OMPL, roboplan and sscbirrt (``plan_peers.py``) where they are installed,
+  problem by problem in turn, so that all see the same machine. What sets them up is not counted.
+  "first path" is the median until there is one that may be shortened; "seconds of motion" is the
+  mean of all paths timed by us.
 - *motion*: from the request to a timed trajectory whose every sample has been verified; and how
   long its stages take.
 
 Every path and every trajectory is checked again, every 0.005 rad, with the arm as it is drawn
 (``drawn.py``): "touching" counts those that are not free. Peers check configurations 0.05 rad apart
-and, but for OMPL with our check, keep no margin.
+and, but for those with our check, keep no margin.
 
 Further the cost of single checks, and how often they are wrong about what is drawn; and that of
 many at once, anywhere and sixteen to an edge, among up to 1,000 boxes and a million points as well,
@@ -23,23 +24,24 @@ from __future__ import annotations
 import argparse
 import gc
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from benchmarks import _common
 from benchmarks.drawn import DrawnArm
-from benchmarks.plan_peers import ompl_search, roboplan_search
+from benchmarks.plan_peers import Attempt, ompl_search, roboplan_search, sscbirrt_search
 from benchmarks.plan_problems import CROWDED, SCENES, Problem, problems
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.paths.path import PathFinder
-from so101_motion.planning.planner import Plan, Planner, PlanRequest
+from so101_motion.planning.planner import CORNER, Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 
 POSTURES = 2000
@@ -55,9 +57,6 @@ BUDGET = 10.0
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
 CPU = "CPU of the thread"
 WALL = "wall"
-
-Attempt = Callable[[], Array | None]
-"""One search, set up and ready to go: waypoints, shape (m, 5), [rad], or None."""
 
 
 def check_rows(model: RobotModel, name: str) -> list[_common.Row]:
@@ -116,17 +115,22 @@ def batch_rows(model: RobotModel, name: str, scene: Scene) -> list[_common.Row]:
     return rows
 
 
-def search_rows(model: RobotModel, name: str, asked: list[Problem]) -> list[_common.Row]:
+def search_rows(
+    planner: Planner, model: RobotModel, name: str, asked: list[Problem]
+) -> list[_common.Row]:
     """Search and shortening alone, ours and those of the peers that are installed."""
     scene = SCENES[name]
     collision = CollisionModel(model, scene)
     prepare = {
         "ours": _our_search(model, collision),
-        "OMPL RRTConnect": ompl_search(model, scene),
+        "OMPL RRTConnect, our check": ompl_search(model, scene),
+        "OMPL AORRTC, our check": ompl_search(model, scene, "AORRTC"),
         "roboplan RRT-Connect": roboplan_search(model, scene),
+        "sscbirrt, our check": sscbirrt_search(model, scene),
     }
     able = {peer: each for peer, each in prepare.items() if each is not None}
     times: dict[str, list[float]] = {peer: [] for peer in able}
+    alone: dict[str, list[float]] = {peer: [] for peer in able}
     paths: dict[str, list[Array]] = {peer: [] for peer in able}
     gc.collect()
     gc.freeze()
@@ -134,10 +138,12 @@ def search_rows(model: RobotModel, name: str, asked: list[Problem]) -> list[_com
         for peer, each in able.items():
             attempt = each(seed, problem)
             begin = time.thread_time_ns()
-            path = attempt()
-            spent = (time.thread_time_ns() - begin) * 1e-9
+            spent, path = list[float](), None
+            for path in attempt():  # noqa: B007
+                spent.append((time.thread_time_ns() - begin) * 1e-9)
             if path is not None:
-                times[peer].append(spent)
+                alone[peer].append(spent[0])
+                times[peer].append(spent[-1])
                 paths[peer].append(path)
     gc.unfreeze()
     drawn = DrawnArm(scene)
@@ -153,9 +159,12 @@ def search_rows(model: RobotModel, name: str, asked: list[Problem]) -> list[_com
             "clock": CPU,
             "solved": f"{len(paths[peer])} of {len(asked)}",
             "touching": sum(drawn.touches_along(path, STEP) for path in paths[peer]),
+            "first path": f"{np.median(alone[peer]) * 1e3:.2f} ms",
             "length": float(np.mean([_length(path) for path in paths[peer]])),
+            "seconds of motion": _duration(planner, scene, paths[peer]),
         }
         for peer in able
+        if paths[peer]
     ]
 
 
@@ -163,15 +172,26 @@ def _our_search(model: RobotModel, collision: CollisionModel) -> Callable[[int, 
     def prepare(seed: int, problem: Problem) -> Attempt:
         finder = PathFinder(model, collision, seed=seed)
 
-        def attempt() -> Array | None:
+        def attempt() -> Iterator[Array | None]:
             try:
-                return finder.find(problem.start, [problem.goal], BUDGET).waypoints
+                yield finder.find(problem.start, [problem.goal], BUDGET).waypoints
             except PlanningError:
-                return None
+                yield None
 
         return attempt
 
     return prepare
+
+
+def _duration(planner: Planner, scene: Scene, paths: list[Array]) -> str:
+    """Mean duration of paths that are timed as ours [s]; those that fail the proof are left out."""
+    durations = []
+    for path in paths:
+        goal = PathGoal(waypoints=path[1:], tolerance=CORNER)
+        request = PlanRequest(q_start=path[0], goal=goal, limits=LIMITS, scene=scene)
+        with suppress(PlanningError):
+            durations.append(planner.plan(request).duration)
+    return f"{np.mean(durations):.2f}, {len(durations)} paths" if durations else "none proven"
 
 
 def motion_rows(planner: Planner, name: str, requests: list[PlanRequest]) -> list[_common.Row]:
@@ -216,7 +236,9 @@ def _summary(times: Any) -> dict[str, float]:
 
 def main() -> None:
     """Run everything and write the result."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only-search", nargs="+", default=[], help="sets; nothing is written")
+    options = parser.parse_args()
     _common.single_thread()
     model = RobotModel.load()
     planner = Planner(model)
@@ -225,6 +247,10 @@ def main() -> None:
     rows: list[_common.Row] = [
         {"what": "warm-up", **_summary([time.perf_counter() - begin]), "clock": WALL}
     ]
+    for name in options.only_search:
+        _common.print_table("bench_plan", search_rows(planner, model, name, problems(model, name)))
+    if options.only_search:
+        return
     for name, scene in SCENES.items():
         asked = problems(model, name)
         requests = [
@@ -237,7 +263,7 @@ def main() -> None:
             rows += check_rows(model, name)
         if name != "opposite":  # the scene is that of the table
             rows += batch_rows(model, name, scene)
-        rows += search_rows(model, name, asked)
+        rows += search_rows(planner, model, name, asked)
         rows += motion_rows(planner, f"{name}: motion to joint angles", requests)
         if name == "empty":
             points = [
@@ -252,7 +278,7 @@ def main() -> None:
             rows += motion_rows(planner, f"{name}: motion to a point", points)
     for what, crowded in CROWDED.items():
         rows += batch_rows(model, what, crowded())
-    _common.write("bench_plan", rows, peers=("ompl", "roboplan"))
+    _common.write("bench_plan", rows, peers=("ompl", "roboplan", "sscbirrt"))
 
 
 if __name__ == "__main__":
