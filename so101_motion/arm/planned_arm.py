@@ -187,12 +187,14 @@ class PlannedArm(CappedJoints):
     ) -> Future[Plan]:
         """Like ``plan``, but returns at once; cancelling the future ends the planning.
 
-        ``lead``: how the arm, which moves, would come to rest; see ``PlanRequest``.
+        ``lead``: how the arm, which moves, would come to rest; see ``PlanRequest``. One route is
+        looked for then.
         """
         request = self.request(
             goal, limits=limits, search=search, q_start=None if lead is None else lead.q[-1]
         )
-        request = request if lead is None else replace(request, lead=lead)
+        if lead is not None:  # which does not wait
+            request = replace(request, lead=lead, route_effort=1)
         planning = self._planner(request)
 
         def note(done: Future[Plan]) -> None:

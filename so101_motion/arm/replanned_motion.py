@@ -243,10 +243,11 @@ class ReplannedMotion:
         at, dt = k + self._lead, trajectory.dt
         if at >= len(trajectory) - 1:
             return  # it is at rest by then
-        for limits in (self.limits(), self.executor.stop_limits(Channel.ARM)):
-            lead = online.stop_on_path(trajectory, at * dt, limits, dt)
-            if self._is_free(lead):
-                break
+        now = trajectory.sample(at * dt)
+        lead = online.stop(now.q, now.qd, now.qdd, self.limits(), dt)
+        if not self._is_free(lead.since(len(lead) - 1)):  # the rest of it may be cut off
+            hard = self.executor.stop_limits(Channel.ARM)
+            lead = online.stop_on_path(trajectory, at * dt, hard, dt)
         self._planning = _Planning(self.plan(search, lead), seen, at, search)
         self._planning.plan.add_done_callback(lambda _made: motion.wake())
 
