@@ -45,6 +45,7 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_plan
 	$(BIN)/python -m benchmarks.bench_routes
 	$(BIN)/python -m benchmarks.bench_no_path
+	$(BIN)/python -m benchmarks.bench_replan
 	$(BIN)/python -m benchmarks.bench_many
 	$(BIN)/python -m benchmarks.bench_fair
 	$(BIN)/python -m benchmarks.bench_line

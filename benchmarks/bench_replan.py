@@ -24,9 +24,10 @@ import numpy as np
 
 from benchmarks import _common
 from so101_motion.arm import replanned_motion
-from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import So101Error
+from so101_motion.common.clock import ManualClock, MonotonicClock
+from so101_motion.common.errors import Interrupted, So101Error
 from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.realtime import reduce_jitter
 from so101_motion.common.state import JointState
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene, Sphere
@@ -281,13 +282,125 @@ def runs(count: int, slow: float) -> _common.Row:
     }
 
 
+class FirstOther:
+    """Notes when the first setpoint is not one of a motion's."""
+
+    def __init__(self) -> None:
+        self.old: Array | None = None
+        self.at: float | None = None
+
+    def note(self, state: JointState) -> None:
+        """Called in every tick."""
+        old = self.old
+        if old is not None and self.at is None and np.abs(old - state.q_ref).max(1).min() > 1e-7:
+            self.at = time.monotonic()
+
+
+def latency(count: int) -> list[_common.Row]:
+    """In real time: from a new scene that blocks the way, and from a new goal, to new setpoints."""
+    reduce_jitter()
+    course, checks = Course(RobotModel.load(), SEED), list[float]()
+    times: dict[str, list[float]] = {"scene": [], "goal": []}
+    motions: Any = replanned_motion.ReplannedMotion
+    check = motions._check
+
+    def timed(self: Any, *args: Any) -> Any:
+        begin, before = time.thread_time(), self._joining
+        found = check(self, *args)
+        if self._joining is before:  # else it has made a stop as well
+            checks.append(time.thread_time() - begin)
+        return found
+
+    motions._check = timed
+    with open_simulated(clock=MonotonicClock()) as rig:
+        arm, first = rig.arm, FirstOther()
+        rig.executor.listen(first.note)
+        arm.plan(course.goal())  # by then the planning process has begun
+        goals = (np.array([0.9, -0.3, 0.3, 0.3, 0.0]), np.array([-0.9, 0.0, 0.3, 0.0, 0.5]))
+        for number in range(count):
+            arm.scene = Scene()
+            arm.move(goals[number % 2])
+            motion = arm.move(goals[1 - number % 2], replan=True, wait=False)
+            while not arm.is_moving:
+                time.sleep(0.01)
+            time.sleep(float(course.rng.uniform(0.25, 0.45)))
+            playing = motion.playing
+            assert playing is not None
+            old, k = playing.played
+            first.at, first.old = None, old.q[k:]
+            what = ("scene", "goal")[number // 2 % 2]
+            begin = time.monotonic()
+            if what == "scene":
+                end = RobotModel.load().frame(old.q[(k + len(old)) // 2]).p
+                T = SE3.from_translation(end)
+                ball = Obstacle(name="ball", shape=Sphere(radius=0.02), T_base_obstacle=T)
+                arm.scene = Scene(obstacles=(ball,))
+            else:
+                motion = arm.move(np.array([0.0, -0.6, 0.6, 0.6, 0.0]), replan=True, wait=False)
+            while first.at is None:
+                time.sleep(0.005)
+            times[what].append(first.at - begin)
+            first.old = None
+            arm.stop()
+    rows: list[_common.Row] = [
+        {"case": f"new {what} to new setpoints", "n": len(each), **_common.summary(each)}
+        for what, each in times.items()
+    ]
+    return [*rows, {"case": "check of what is left", "n": len(checks), **_common.summary(checks)}]
+
+
+def switches(seconds: float, slow: float) -> _common.Row:
+    """A new goal every 300 ms, on the simulated clock."""
+    clock, model = ManualClock(), RobotModel.load()
+    planner, course, tape = SimulatedPlanner(model, clock, slow), Course(model, SEED), Tape()
+    with open_simulated(clock=clock) as rig:
+        rig.arm._planner = planner.plan
+        rig.executor.listen(planner.note)
+        rig.executor.listen(tape.note)
+        failed = 0
+        while clock.now() < seconds:
+            before = rig.arm.newest_motion
+            motion = rig.arm.move(course.goal(), replan=True, wait=False)
+            failed += before.future.done() and not isinstance(
+                before.future.exception(), Interrupted | None
+            )
+            clock.advance(SWITCH_EVERY)
+        while not motion.future.done():
+            clock.advance(TICK)
+        limits = rig.arm.effective_limits(None)
+    q = np.array(tape.q)
+    speed, acceleration, jerk = (
+        float((np.abs(np.diff(q, n, axis=0)) / TICK**n / cap).max())
+        for n, cap in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk))
+    )
+    return {
+        "case": "a new goal every 300 ms",
+        "n": round(seconds / SWITCH_EVERY),
+        "failed": failed,
+        "speed": speed,
+        "acceleration": acceleration,
+        "jerk": jerk,
+    }
+
+
 def main() -> None:
-    """Run all parts, or those named."""
+    """Run all parts and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--changes", type=int, default=400, help="in real time")
+    parser.add_argument("--seconds", type=float, default=3600.0, help="of switching goals")
     parser.add_argument("--slow", type=float, default=1.0)
     options = parser.parse_args()
-    print(runs(options.runs, options.slow))
+    _common.single_thread()
+    rows = list[_common.Row]()
+    if options.runs:
+        rows.append(runs(options.runs, options.slow))
+    if options.changes:
+        rows += latency(options.changes)
+    if options.seconds:
+        rows.append(switches(options.seconds, options.slow))
+    print(rows)
+    _common.update("bench_replan", rows)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from so101_motion.common.state import JointState
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal
-from so101_motion.planning.request import HURRIED_EFFORT, Plan, PlanRequest, Search
+from so101_motion.planning.request import Plan, PlanRequest, Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
 from so101_motion.planning.timing.trajectory import Trajectory
@@ -187,14 +187,14 @@ class PlannedArm(CappedJoints):
     ) -> Future[Plan]:
         """Like ``plan``, but returns at once; cancelling the future ends the planning.
 
-        ``lead``: how the arm, which moves, would come to rest; see ``PlanRequest``.
+        ``lead``: how the arm, which moves, would come to rest; see ``PlanRequest``. One route is
+        looked for then.
         """
         request = self.request(
             goal, limits=limits, search=search, q_start=None if lead is None else lead.q[-1]
         )
-        if lead is not None:  # it moves meanwhile
-            few = min(request.route_effort, HURRIED_EFFORT)
-            request = replace(request, lead=lead, route_effort=few)
+        if lead is not None:  # which does not wait
+            request = replace(request, lead=lead, route_effort=1)
         planning = self._planner(request)
 
         def note(done: Future[Plan]) -> None:

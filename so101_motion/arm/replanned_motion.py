@@ -38,11 +38,11 @@ from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 
-LEAD, LONGEST_LEAD = 4, 32
+LEAD, LONGEST_LEAD = 3, 24
 """Ticks from asking for a plan until its first setpoint; twice as many after one that was late.
-Chosen: a plan takes 5 to 20 ms, and a new scene is to be answered within 50 ms."""
+Chosen: a plan takes 5 to 15 ms, and a new scene is to be answered within 50 ms."""
 
-STOPS = ((3 * LEAD, False), (LEAD, False), (LEAD, True), (1, True))
+STOPS = ((4 * LEAD, False), (LEAD, False), (LEAD, True), (1, True))
 """In how many ticks a motion that is not free begins to stop, and whether as hard as the arm can
 instead of within its caps: the first that is free. Chosen: while it stops within its caps, a plan
 can still take over."""
@@ -239,14 +239,15 @@ class ReplannedMotion:
             motion.wake()
 
     def _ask(self, motion: Motion, seen: tuple[Trajectory, int], search: Search) -> None:
-        (trajectory, k), limits = seen, self.limits()
+        trajectory, k = seen
         at, dt = k + self._lead, trajectory.dt
         if at >= len(trajectory) - 1:
             return  # it is at rest by then
         now = trajectory.sample(at * dt)
-        lead = online.stop(now.q, now.qd, now.qdd, limits, dt)
-        if not self._is_free(lead):
-            lead = online.stop_on_path(trajectory, at * dt, limits, dt)
+        lead = online.stop(now.q, now.qd, now.qdd, self.limits(), dt)
+        if not self._is_free(lead.since(len(lead) - 1)):  # the rest of it may be cut off
+            hard = self.executor.stop_limits(Channel.ARM)
+            lead = online.stop_on_path(trajectory, at * dt, hard, dt)
         self._planning = _Planning(self.plan(search, lead), seen, at, search)
         self._planning.plan.add_done_callback(lambda _made: motion.wake())
 
