@@ -57,6 +57,9 @@ then the arm has answered to a new scene, and come to rest."""
 STILL = 0.5
 """Things that have not moved for so long rest [s]."""
 
+BRIEF = 0.3
+"""Longest search for another plan to the goal [s]; chosen: things have moved on by then."""
+
 _LOOK = 1.0  # how long to wait when nothing is expected [s]
 
 
@@ -140,7 +143,7 @@ class ReplannedMotion:
         patient_until = self.clock.now() + PATIENCE
         while True:
             try:
-                plan = motion.wait_for(self.plan(self._search(), None))
+                plan = motion.wait_for(self.plan(self._brief(self._search()), None))
                 self.check_path(plan.trajectory.q)
                 break
             except PlanningError:
@@ -174,6 +177,10 @@ class ReplannedMotion:
         if self._foreseen is not self._given:
             return self._since + STILL
         return self.clock.now() + _LOOK
+
+    def _brief(self, search: Search) -> Search:
+        brief = min(search.time_budget, BRIEF) if self._known else search.time_budget
+        return replace(search, time_budget=brief)
 
     def _search(self) -> Search:
         """The options of a search now, with what is around the arm and will be soon."""
@@ -248,7 +255,7 @@ class ReplannedMotion:
         if not self._is_free(lead.since(len(lead) - 1)):  # the rest of it may be cut off
             hard = self.executor.stop_limits(Channel.ARM)
             lead = online.stop_on_path(trajectory, at * dt, hard, dt)
-        self._planning = _Planning(self.plan(search, lead), seen, at, search)
+        self._planning = _Planning(self.plan(self._brief(search), lead), seen, at, search)
         self._planning.plan.add_done_callback(lambda _made: motion.wake())
 
     def _take(
