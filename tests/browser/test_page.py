@@ -13,9 +13,11 @@ from PIL import Image
 from so101_viewer import Preview
 from viser import _messages
 
+from so101_motion.common.geometry import SE3
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.files.saved_poses import SavedPoses
+from so101_motion.planning.collision.scene import Obstacle, Scene, Sphere
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.rig import Rig
 
@@ -106,6 +108,24 @@ def test_a_crafted_link_cannot_bring_another_servers_scripts_into_our_page(
         page.close()
     finally:
         evil.stop()
+
+
+def test_a_switch_has_the_arm_go_around_what_comes_into_its_way(guest: Guest, rig: Rig) -> None:
+    guest.type_target(100.0, 200.0, 200.0)
+    guest.until(lambda: guest.says("Reachable. Press Plan."))
+    guest.page.get_by_role("checkbox").filter(visible=True).last.click()
+    guest.plan()
+    guest.until(lambda: guest.button("Execute").is_enabled())
+    guest.press("Execute")
+    guest.until(lambda: rig.arm.newest_motion.plan is not None and rig.arm.is_moving)
+    ball = Obstacle(
+        name="ball",
+        shape=Sphere(radius=0.02),
+        T_base_obstacle=SE3.from_translation((0.0, 0.3, 0.3)),
+    )
+    rig.arm.scene = Scene(obstacles=(ball,))
+    guest.until(lambda: rig.arm.newest_motion.playing is not None)  # it is planned again
+    guest.until(lambda: guest.says("Arrived"))
 
 
 def test_two_buttons_plan_and_move_the_arm_to_the_target(guest: Guest, rig: Rig) -> None:
