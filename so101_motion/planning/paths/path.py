@@ -84,7 +84,7 @@ ROUNDS = (500, 1000, 2000, 4000)
 is examined whether there is a path at all. Chosen by bench_plan and bench_no_path."""
 
 LOOKS = (20_000, 60_000, 250_000, 600_000)
-"""How many configurations are checked for that in all, for each of four kinds of cells."""
+"""How many configurations are checked for that in all, from each end."""
 
 BRIEF = 0.1
 """The reason why a shorter search [s] failed is not examined: that takes tens of milliseconds, and
