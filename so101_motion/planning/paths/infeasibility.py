@@ -1,8 +1,8 @@
 """Show that no path exists, so that a search for one can end.
 
 What can be reached from an end is filled with cells (``native/flood.c``). If the cells end before
-they meet the other end, there is no path. They are cells of the first three joints, with any wrist, from
-either end. Cells of all joints said no of 3 of 400 solvable problems, and are not used.
+they meet the other end, there is no path. They are cells of the first three joints, with any wrist,
+from either end. Cells of all joints said no of 3 of 400 solvable problems, and are not used.
 
 Cells are checked at their middles only, so this is no strict proof. But the margins there are
 smaller than a path's, and smaller cells in other places must end as well.
