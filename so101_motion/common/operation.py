@@ -5,7 +5,7 @@ immutable value of plain data that says what a person should do now and which co
 and ``ask``, which carries out a command. It knows no surface. Four adapters, each written once,
 bring any operation to a person or a program: ``cli/operation_terminal.py``,
 ``viewer/page/operation_panel.py``, ``viam/requests/operation_commands.py`` and
-``common/remote_operation.py``.
+``common/remote_operation.py``. How to add a command: docs/architecture.md.
 """
 
 from __future__ import annotations
@@ -234,7 +234,10 @@ class LocalOperation(Operation):
         self.said: tuple[Said, ...] = ()
 
     def say(self, text: str, tone: Tone = "dim", **facts: Any) -> None:
-        """Say a sentence once, on every surface."""
+        """Say a sentence once, on every surface.
+
+        Say it after ``view.state`` has changed: a page shows it until that changes again.
+        """
         number = self.said[-1].number + 1 if self.said else 1
         new = Said(number=number, text=text, tone=tone, facts=facts)
         self.said = (*self.said, new)[-_MOST_SAID:]

@@ -233,17 +233,17 @@ class MotorOperation(LocalOperation):
             command="discover", title="Look again", arguments=named, due_in=due, is_look=True
         )
         skip = Offer(command="skip", title=f"Skip {motor.joint}", arguments=named, key="s")
-        owner = _owner(setup, motor)
-        if owner is None:
-            return (write, look, skip)
-        swapped = Offer(
-            command="swap",
-            title="No, this is already the next motor",
-            arguments={"motor_name": motor.joint, "owner": owner},
-            asks="Press again: both get new ids",
-            key="n",
-        )
-        return (write, look, skip, swapped)
+        offers = [write, look, skip]
+        if (owner := _owner(setup, motor)) is not None:
+            swap = Offer(
+                command="swap",
+                title="No, this is already the next motor",
+                arguments={"motor_name": motor.joint, "owner": owner},
+                asks="Press again: both get new ids",
+                key="n",
+            )
+            offers.append(swap)
+        return tuple(offers)
 
     # The commands
 

@@ -76,6 +76,7 @@ class OperationPanel(Part):
         self._worker = worker or Worker()
         self._own = self._worker if worker is None else None
         self._view: View | None = None
+        self._news = ""  # what was said last, until the state changes
         self._due = 0.0
         self._offers: dict[str, Offer] = {}
         self._buttons: dict[str, viser.GuiButtonHandle | AskingButton] = {}
@@ -94,7 +95,10 @@ class OperationPanel(Part):
         operation, t = self._operation(), time.monotonic()
         if operation is None or (t < self._due and not is_news):
             return is_news
-        before, self._view = self._view, operation.view
+        before, self._view = self._view, (now := operation.view)
+        if before is not None and (now.said, now.state) != (before.said, before.state):
+            new = next((s.text for s in reversed(now.said) if s not in before.said), "")
+            self._news = new and f"{time.strftime('%H:%M:%S')} {new}"  # it may not last as long
         for offer in self._view.offers:
             if offer.due_in is not None and offer.due_in <= 0.0 and offer.why_not is None:
                 self._give(offer)
@@ -126,7 +130,7 @@ class OperationPanel(Part):
 
     def _words(self, view: View) -> str:
         due = next((o for o in view.offers if o.due_in is not None and not o.is_look), None)
-        html = cards.note(view.note)
+        html = cards.note(view.note) + cards.note(self._news)
         if view.picture is not None:
             html += cards.note(view.picture.note)
             html += cards.note("The blue ghost shows the pose." if view.picture.ghost else "")
