@@ -47,7 +47,6 @@ _AXIS_NAMES = (f"X {1000.0 * _AXES:.0f} mm", "Y")  # the arm may hide a part of 
 _AXIS_COLORS = np.array([(224, 49, 49), (47, 158, 68)])
 """Of X and Y, about as the arrows of the target have them."""
 
-
 _FURTHEST = 3.0
 """Where the search along the ray ends [m]; chosen: the camera stands within two."""
 

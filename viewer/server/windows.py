@@ -27,7 +27,6 @@ _QUIET = 3.0
 _TAKE = "Take control"
 _HOW = "You can take control below the bar at the top."
 
-
 Handler = Callable[[Any, Any], Any]
 
 _GUI = (
