@@ -161,7 +161,7 @@ class MotionBuilder:
             motions.append([self.slowed_to_torque_limits(fast)])
             if motions != [[fast]]:  # along the polyline only the heavy part becomes slower
                 motions.append(next(along))
-        yield from sorted(motions, key=_duration)
+        yield from sorted(motions, key=lambda pieces: sum(each.duration for each in pieces))
         yield from along
 
     def _along(self, waypoints: Array, tolerance: float, *, spline: bool) -> Iterator[Pieces]:
@@ -305,10 +305,6 @@ def joined(pieces: Sequence[Trajectory]) -> Trajectory:
     )
     duration = sum(lengths) * first.dt + pieces[-1].duration
     return Trajectory(dt=first.dt, q=q, qd=qd, qdd=qdd, duration=duration)
-
-
-def _duration(pieces: Pieces) -> float:
-    return sum(piece.duration for piece in pieces)
 
 
 def _between_ends(trajectory: Trajectory, waypoints: Array) -> Trajectory:
