@@ -42,10 +42,10 @@ from so101_motion.arm.arm import SCENE
 from so101_motion.arm.cell import Cell
 from so101_motion.arm.cell_member import CellMember
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.open_ended_motions import GuidingWall
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3
 from so101_motion.control.following import Following
-from so101_motion.control.guiding_wall import GuidingWall
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.differential.guard import Guard

@@ -13,7 +13,6 @@ from so101_motion.arm.joint_caps import JointRange
 from so101_motion.common.units import to_rad
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import Following, FollowingSettings
-from so101_motion.control.guiding_wall import GuidingWall
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.collision.collision import CollisionModel
@@ -191,3 +190,25 @@ class OpenEndedMotions:
         model = self._model.narrowed(*now.range)
         load = now.load(model, self._executor.state.q_ref)
         return model, CollisionModel(model, now.scene), load
+
+
+class GuidingWall:
+    """Holds back the joints that a hand leads into contact. Only the I/O thread calls it.
+
+    The driver makes a wall of it that the hand feels (``drivers/feetech/hand_guiding.py``).
+
+    Args:
+        guard: Finds what is near.
+        neighbours: Other arms to keep off; None if there are none.
+
+    Attributes:
+        guard: As given. It can be replaced while a hand guides the arm.
+    """
+
+    def __init__(self, guard: Guard, neighbours: Neighbours | None) -> None:
+        self.guard, self._neighbours = guard, neighbours
+
+    def __call__(self, q: Array, q_guided: Array) -> Array:
+        """How far a hand leads the joints from ``q``, shape (5,), to ``q_guided``, (k, 5)."""
+        others = () if self._neighbours is None else self._neighbours.near_at(q)
+        return self.guard.guided_to(q, q_guided, others)

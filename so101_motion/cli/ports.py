@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import TYPE_CHECKING
 
 import click
 
 from so101_motion.cli.options import JSON, option, verb
 from so101_motion.cli.param_types import PORT
 from so101_motion.cli.shared import NO_DEVICE, busy_message, print_json, quietly
-
-if TYPE_CHECKING:
-    from so101_motion.setup.port_report import PortReport
-
 
 FURTHER_PORTS = option(
     "Search this one as well, such as /dev/ttyAMA0 (or SO101_PORT); repeatable.",
@@ -52,10 +47,7 @@ def ports(extra: tuple[str, ...] = FURTHER_PORTS, as_json: bool = JSON) -> None:
                 echo(f"{report.role}: {report.because}", indent="  ")
     for note in found.notes:
         echo(f"note: {note}", err=True)
-    if not any(_is_there(report) for report in found.reports):
+    if not any(
+        sys.platform == "win32" or os.path.exists(report.port.device) for report in found.reports
+    ):
         raise SystemExit(NO_DEVICE)
-
-
-def _is_there(report: PortReport) -> bool:
-    """Whether the system has this port."""
-    return sys.platform == "win32" or os.path.exists(report.port.device)

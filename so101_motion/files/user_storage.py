@@ -8,7 +8,9 @@ a file. People can read them: degrees, percent, seconds, with the unit in every 
 from __future__ import annotations
 
 import json
+import os
 import re
+import sys
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,7 +23,6 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files import atomic, json_file
 from so101_motion.files.json_file import Object
-from so101_motion.files.user_data_folder import user_data_folder
 
 LARGEST = 1_000_000
 """Largest file that is read [byte]. Chosen."""
@@ -232,3 +233,23 @@ def _is_number(value: object, largest: float) -> bool:
 
 def _kind(schema: str) -> str:
     return schema.split("/")[1].replace("-", " ")
+
+
+def user_data_folder() -> Path:
+    """The data folder of this user.
+
+    Raises:
+        OSError: This user has no home.
+    """
+    given = os.environ.get("XDG_DATA_HOME", "")
+    if os.path.isabs(given):
+        return Path(given)
+    if sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
+        return Path(os.environ["LOCALAPPDATA"])
+    try:
+        home = Path.home()
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
+    if sys.platform == "darwin":
+        return home / "Library" / "Application Support"
+    return home / ".local" / "share"

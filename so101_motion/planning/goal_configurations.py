@@ -5,19 +5,35 @@ They are computed one by one while a path to them is searched: most requests onl
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from so101_motion.common.errors import Overloaded
+import numpy as np
+
+from so101_motion.common.errors import Overloaded, Unreachable
 from so101_motion.common.geometry import Array
 from so101_motion.planning.cartesian.tool_motion import ToolMotion
+from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.goals import ApproachGoal, PoseGoal
-from so101_motion.planning.kinematics.ik import IkSolution
-from so101_motion.planning.paths.contact_recovery import freed
+from so101_motion.planning.kinematics.ik import IkSolution, IkSolver
 from so101_motion.planning.planning_context import PlanningContext
 
 APPROACHES = 12
 """Number of configurations above a pose from which the line to it is tried. Chosen: a few branches,
 each with a few pitches."""
+
+LARGEST_LACK = 0.015
+"""Configurations that lack more clearance than this are not tried [m]. Chosen: the motion of the
+gripper's edge by a step of pitch or roll between candidates."""
+
+APART = 0.3
+"""Improved candidates differ by this in some joint [rad], so that they reach different maxima."""
+
+CLIMBERS = 12
+STEPS = 25
+"""Number of candidates to improve, and of variations of each. Chosen: 50 ms at most."""
+
+_FIRST_STEP = 0.1
+_SMALLER = 0.8
 
 
 def free_configurations(context: PlanningContext, goal: PoseGoal, q_from: Array) -> Iterator[Array]:
@@ -46,7 +62,7 @@ def free_configurations(context: PlanningContext, goal: PoseGoal, q_from: Array)
         return
     if heavy is not None:
         raise heavy
-    for solution in freed(
+    for solution in _freed(
         context.ik, collision, goal, blocked, q_jaw=request.q_jaw, seed=request.seed
     ):
         context.branches.append(solution.branch)
@@ -99,3 +115,61 @@ def configurations_above(
             yield q
     if not kept and nearest is not None:
         context.lines.find(goal.line, nearest, context.moves.collision, context.request.q_jaw)
+
+
+def _freed(
+    ik: IkSolver,
+    collision: CollisionModel,
+    goal: PoseGoal,
+    solutions: Sequence[IkSolution],
+    *,
+    q_jaw: float,
+    seed: int,
+) -> Iterator[IkSolution]:
+    """Solutions free of contact near the given ones, which are in contact.
+
+    Candidates from inverse kinematics are spread over pitch and roll some degrees apart, and may
+    all miss a narrow free range. So the best ones are improved by hill climbing: their joint angles
+    are varied a little at random, solved for the goal again from there, and kept if they have more
+    clearance; steps without gain become smaller.
+    """
+    if goal.cloud is not None:  # its solutions already cover its tolerances
+        return
+    random = np.random.default_rng(seed)
+    rated = [(collision.clearance(each.q, q_jaw).room, each) for each in solutions]
+    rated.sort(key=lambda pair: -pair[0])
+    tried: list[Array] = []
+    for room, solution in rated:
+        if room < -LARGEST_LACK or len(tried) == CLIMBERS:
+            return
+        if any(np.abs(solution.q - q).max() < APART for q in tried):
+            continue
+        tried.append(solution.q)
+        found = _climbed(ik, collision, goal, solution, q_jaw, random)
+        if found is not None:
+            yield found
+
+
+def _climbed(
+    ik: IkSolver,
+    collision: CollisionModel,
+    goal: PoseGoal,
+    solution: IkSolution,
+    q_jaw: float,
+    random: np.random.Generator,
+) -> IkSolution | None:
+    best, step = collision.clearance(solution.q, q_jaw).room, _FIRST_STEP
+    for _ in range(STEPS):
+        q_seed: Array = solution.q + step * random.standard_normal(5)
+        try:
+            varied = ik.solve(goal, q_seed)
+        except Unreachable:
+            return None
+        room = collision.clearance(varied.q, q_jaw).room
+        if room > best:
+            best, solution = room, varied
+            if collision.is_free(solution.q, q_jaw):
+                return solution
+        else:
+            step *= _SMALLER
+    return None

@@ -9,7 +9,7 @@ exactly on the lines that were proven.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,10 +25,14 @@ from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.paths.start_recovery import is_harmless
 from so101_motion.planning.timing import verify
-from so101_motion.planning.timing.corner_blends import between_stops, roomy_corners
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
-from so101_motion.planning.timing.path_geometry import JointPath, blended_path, spline_path
+from so101_motion.planning.timing.path_geometry import (
+    JointPath,
+    blended_path,
+    rounded_corners,
+    spline_path,
+)
 from so101_motion.planning.timing.retime import retime
 from so101_motion.planning.timing.torque import Load, slowed
 from so101_motion.planning.timing.trajectory import Trajectory
@@ -74,6 +78,12 @@ SAME = 1e-6
 _TOOL_POINTS = 65
 _TOOL_SLACK = 1e-3
 """Relative excess of tool speed that is accepted, because it is limited at points only."""
+
+SMALLER = 0.35
+"""Factor by which a blocked corner is cut less. Chosen: three sizes between 0.1 and 0.01 rad."""
+
+PER_CORNER = 12
+"""Number of configurations of a rounded corner that are checked."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -151,7 +161,7 @@ class MotionBuilder:
             motions.append([self.slowed_to_torque_limits(fast)])
             if motions != [[fast]]:  # along the polyline only the heavy part becomes slower
                 motions.append(next(along))
-        yield from sorted(motions, key=_duration)
+        yield from sorted(motions, key=lambda pieces: sum(each.duration for each in pieces))
         yield from along
 
     def _along(self, waypoints: Array, tolerance: float, *, spline: bool) -> Iterator[Pieces]:
@@ -297,10 +307,6 @@ def joined(pieces: Sequence[Trajectory]) -> Trajectory:
     return Trajectory(dt=first.dt, q=q, qd=qd, qdd=qdd, duration=duration)
 
 
-def _duration(pieces: Pieces) -> float:
-    return sum(piece.duration for piece in pieces)
-
-
 def _between_ends(trajectory: Trajectory, waypoints: Array) -> Trajectory:
     """The same motion with exactly the first and the last waypoint at its ends.
 
@@ -334,3 +340,35 @@ def _deviation(path: JointPath, waypoints: Array) -> float:
     start, step = waypoints[:-1, None], np.diff(waypoints, axis=0)[:, None]
     along = np.clip(np.sum((q - start) * step, axis=2) / np.sum(step * step, axis=2), 0.0, 1.0)
     return float(np.abs(q - start - along[..., None] * step).max())
+
+
+def roomy_corners(
+    waypoints: Array, tolerance: float, narrowest: float, touching: Callable[[Array], Array]
+) -> Array:
+    """How far a joint may leave a polyline (m, 5) at its corners, (m - 2,) [rad]; 0 for a stop.
+
+    A corner with enough room is cut widely, so that the arm keeps its speed; one beside an obstacle
+    less, and if even that is blocked the arm stops there.
+
+    ``tolerance`` is the largest and ``narrowest`` the smallest that is tried [rad]; ``touching``
+    tells which of several configurations (n, 5) touch something, (n,).
+    """
+    tolerances = np.full(len(waypoints) - 2, tolerance)
+    tight = np.arange(len(tolerances))
+    while len(tight):
+        corners = rounded_corners(waypoints, np.maximum(tolerances, narrowest))
+        tight = tight[corners.reach[tight] > 0.0]  # the others are straight
+        q = corners.at(np.linspace(0.0, 1.0, PER_CORNER))[tight]
+        blocked = touching(q.reshape(-1, q.shape[2])).reshape(-1, PER_CORNER).any(axis=1)
+        tight = tight[blocked]
+        tolerances[tight] *= SMALLER
+        tolerances[tolerances < narrowest] = 0.0
+        tight = tight[tolerances[tight] > 0.0]
+    return tolerances
+
+
+def between_stops(waypoints: Array, tolerances: Array) -> Iterator[tuple[Array, Array]]:
+    """The parts (k, 5) of a polyline between stops, with the cuts of their corners, (k - 2,)."""
+    stops = [0, *(1 + np.flatnonzero(tolerances == 0.0)), len(waypoints) - 1]
+    for begin, end in pairwise(stops):
+        yield waypoints[begin : end + 1], tolerances[begin : end - 1]

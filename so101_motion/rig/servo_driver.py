@@ -25,8 +25,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from so101_motion.calib.record.identity import encoder_zeros
 from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.zero import encoder_zeros
 from so101_motion.common.clock import Clock
 from so101_motion.common.compliance import Compliance, Wall
 from so101_motion.common.encoder_zeros import EncoderZeros

@@ -9,7 +9,8 @@ from harness.emulated_rig import ModelBench, arm_client
 from viam.components.arm import JointPositions
 
 from so101_motion.calib.record import record, store
-from so101_motion.viam.conversion import served_joints
+from so101_motion.control.limit_recovery import FARTHEST_OUT
+from so101_motion.viam.models.hardware_arm import served_joints, served_limits, served_remarks
 
 ELBOW = 2
 Q_START = (0.0, 0.0, math.radians(90.7), math.radians(-60.0), 0.0, 0.0)
@@ -33,7 +34,7 @@ async def test_a_joint_outside_is_reported_at_its_limit_and_its_place_is_in_the_
     at_its_stop, caplog
 ):
     bench, client = at_its_stop
-    lower, upper = (np.degrees(each) for each in served_joints.served_limits())
+    lower, upper = (np.degrees(each) for each in served_limits())
     for _ in range(3):
         values = list((await client.get_joint_positions()).values)
         assert values[ELBOW] == pytest.approx(upper[ELBOW])
@@ -83,10 +84,10 @@ async def test_the_status_names_joints_outside_their_range_and_those_never_calib
 
 
 def test_a_joint_far_outside_is_reported_where_it_is():
-    _, upper = served_joints.served_limits()
-    beyond = upper + np.array([0.0, 0.0, served_joints.FARTHEST + 0.01, 0.0, 0.0])
-    assert served_joints.reported(beyond) == pytest.approx(beyond)
-    (remark,) = served_joints.remarks(beyond)
+    _, upper = served_limits()
+    beyond = upper + np.array([0.0, 0.0, FARTHEST_OUT + 0.01, 0.0, 0.0])
+    assert served_joints(beyond) == pytest.approx(beyond)
+    (remark,) = served_remarks(beyond)
     assert "elbow_flex" in remark
     assert "moves no arm" in remark
     assert "GetJointPositions" not in remark

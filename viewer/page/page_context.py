@@ -2,7 +2,7 @@
 
 viser calls handlers from threads of its own. The handlers made here only queue a command, and the
 page's one thread runs it, so parts need no locks. Only Stop bypasses the queue. Only the
-window in control reaches a handler; see ``control_filter.py``.
+window in control reaches a handler; see ``server/windows.py``.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ from ..page.part import Part
 from ..page.screen_state import Tone
 from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, Views, set_up_view
-from ..scene.click import hit
 from ..scene.reach_view import ReachView
+from ..scene.scene_view import hit
 from ..view_model import ViewModel
 from .plan_panel import SELECTS, PlanPanel
 from .poses import PoseList

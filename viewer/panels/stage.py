@@ -17,8 +17,7 @@ from ..page.screen_state import PathLine, Tone
 from ..page.target_editor import ANY
 from ..scene.camera_and_lights import Views
 from ..scene.reach_view import ReachView
-from ..scene.robot_view import MOVED_LINK, Line, RobotView, segments
-from ..scene.sweep_view import SweepView
+from ..scene.robot_view import MOVED_LINK, Line, RobotView, SweepView, segments
 from ..view_model import ViewModel
 
 _GHOST = (60, 130, 246)

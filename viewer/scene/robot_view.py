@@ -16,6 +16,8 @@ from so101_description import PARTS, Surface, load_visual
 
 from so101_motion.common.geometry import SE3, Array, rotation_angle
 from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.planning.collision.shape_files import coarse
+from so101_motion.planning.kinematics.model import RobotModel
 
 Color = tuple[int, int, int]
 
@@ -28,6 +30,15 @@ MOVED_LINK = {
     GRIPPER_JOINT: "moving_jaw_so101_v1_link",
 }
 """The link that each joint's motor moves; it is highlighted for the joint."""
+
+_OPACITY = 0.10
+
+CELL = 0.006
+"""Edge of the grid that the meshes are thinned with [m]; chosen: a tenth of the triangles are left,
+and at this opacity nobody sees the difference. Without a GPU all of them would treble the time of
+a picture."""
+
+LINKS = {link: part for link, part in PARTS.items() if link != "base_link"}
 
 
 class RobotView:
@@ -185,3 +196,64 @@ def _surfaces(part: str) -> tuple[Surface, ...]:
 def _bytes(color: tuple[float, float, float]) -> Color:
     red, green, blue = (int(x) for x in np.round(255.0 * np.array(color)))
     return red, green, blue
+
+
+class SweepView:
+    """Draws configurations of one arm along its path, nearly transparent and without the base.
+
+    Each link's mesh is sent once and drawn as often as there are configurations.
+    """
+
+    def __init__(self, scene: viser.SceneApi, root: str, *, color: Color) -> None:
+        self._scene, self._color = scene, color
+        self._root = scene.add_frame(root, show_axes=False)
+        self._name = root
+        self._links: dict[str, viser.BatchedMeshHandle] = {}
+        self._shown: Array | None = None
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide all of it."""
+        self._root.visible = visible
+
+    def show(self, configurations: Array | None, q_jaw: float, model: RobotModel) -> None:
+        """Draw the arm at these configurations, shape (k, 5), [rad]; None hides it.
+
+        Args:
+            configurations: What to draw; nothing is done when they are those drawn last.
+            q_jaw: Jaw angle [rad].
+            model: Where the links are.
+        """
+        if configurations is self._shown:
+            return
+        self._shown = configurations
+        if configurations is None:
+            for node in self._links.values():
+                node.visible = False
+            return
+        placed = [model.link_placements(q, q_jaw) for q in configurations]
+        for link in LINKS:
+            wxyzs = np.array([T_base[link].quaternion_wxyz() for T_base in placed])
+            positions = np.array([T_base[link].p for T_base in placed])
+            self._put(link, wxyzs, positions)
+
+    def _put(self, link: str, wxyzs: Array, positions: Array) -> None:
+        node = self._links.get(link)
+        if node is not None:
+            node.batched_wxyzs = wxyzs.astype(np.float32)
+            node.batched_positions = positions.astype(np.float32)
+            node.visible = True
+            return
+        surfaces = [surface.mesh for surface in load_visual(LINKS[link])]
+        vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in surfaces], CELL)
+        self._links[link] = self._scene.add_batched_meshes_simple(
+            f"{self._name}/{link}",
+            vertices,
+            faces,
+            wxyzs,
+            positions,
+            batched_colors=self._color,
+            opacity=_OPACITY,
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )

@@ -25,7 +25,6 @@ from so101_motion.planning.collision.scene import (
     Capsule,
     Mesh,
     Obstacle,
-    PointCloud,
     Scene,
     Shape,
     Sphere,
@@ -254,10 +253,6 @@ def _extent(shape: Shape) -> tuple[float, float]:
     elif isinstance(shape, Capsule):
         half = shape.length / 2.0
     else:
-        z = _points(shape)[:, 2]
+        z = (shape.vertices if isinstance(shape, Mesh) else shape.points)[:, 2]
         return float(z.min()), float(z.max())
     return -half, half
-
-
-def _points(shape: Mesh | PointCloud) -> Array:
-    return shape.vertices if isinstance(shape, Mesh) else shape.points

@@ -8,19 +8,33 @@ nothing. All methods but ``abort`` run on the page's thread.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
+from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
 
 import viser
 
+from so101_motion import __version__
 from so101_motion.calib.procedure.steps import State
+from so101_motion.common.modes import HELD
 from so101_motion.common.operation import Operation, View
+from so101_motion.drivers.bus.defaults import SERVO_IDS
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.setup import port_selection
 from so101_motion.setup.checkup import Check
-from so101_motion.setup.setup_steps import CHAIN, SetupStep
+from so101_motion.setup.connect import ConnectOperation
+from so101_motion.setup.move_test import MoveTest
+from so101_motion.setup.setup_steps import CHAIN, CONFIGURE, CONNECT, TEST, SetupStep
+from so101_motion.viam.suggested_config import configuration
 
+from ..page import cards, markup
 from ..page.operation_panel import OperationPanel
-from .setup_context import SetupContext
-from .setup_target import SetupTarget
+from . import setup_cards
+from .setup_context import ServesPreview, SetupContext
+from .setup_target import ArmSource, SetupTarget
 
 
 class StepPage:
@@ -167,3 +181,226 @@ class ChainPage(StepPage):
         """Why the chain is not ready."""
         target = self._setup.target
         return None if target is not None and target.is_under_way else super().can_go_on()
+
+
+class FinalTestPage(StepPage):
+    """The page of the final test; Stop, Back and Abort end it at any time, with the arm held."""
+
+    def __init__(self, setup: SetupContext) -> None:
+        super().__init__(setup, TEST, lambda target: target.test)
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets."""
+        text = "This arm cannot be moved from here. You may go on."
+        self._unmoved = gui.add_html(cards.instruction(TEST.title, text), visible=False)
+        super().build(gui)
+        self._save = gui.add_button("Save the report", icon=viser.Icon.DOWNLOAD, color="gray")
+        self._setup.context.on_asked(self._save, self._hand_over)
+
+    def leave(self) -> None:
+        """End a running test; the arm holds."""
+        if self._test is not None:
+            self._test.close()
+
+    def show(self) -> None:
+        """Show the test, and what there is to be saved."""
+        super().show()
+        test = self._test
+        self._unmoved.visible = test is None
+        self._save.visible = test is not None and test.report is not None and not test.is_running
+
+    def next_label(self) -> str:
+        """Next says what it does after a test that is missing or that has failed."""
+        report = None if self._test is None else self._test.report
+        if self._test is None or (report is not None and report.passed):
+            return "Next"
+        return "Skip the test" if report is None or report.ended_by else "Go on anyway"
+
+    def is_next_due(self) -> bool:
+        """Whether the test is passed and its question answered, or there can be none."""
+        return self._test is None or self._test.view.is_over
+
+    def can_go_on(self) -> str | None:
+        """A running test keeps from going on; a skipped or failed one does not."""
+        is_running = self._test is not None and self._test.is_running
+        return "the test is running" if is_running else None
+
+    def abort(self) -> str:
+        """End the test; the arm holds where it is."""
+        self.leave()
+        return super().abort()
+
+    def _as_it_was(self) -> str:
+        rig = None if self._setup.target is None else self._setup.target.rig
+        holds = rig is not None and rig.arm.state.mode in HELD
+        where = "the arm is held where it stands" if holds else "the arm is limp, so support it"
+        return f"what was saved stays, and {where}"
+
+    @property
+    def _test(self) -> MoveTest | None:
+        return None if self._setup.target is None else self._setup.target.test
+
+    def _hand_over(self, client: viser.ClientHandle) -> None:
+        report = None if self._test is None else self._test.report
+        if report is not None:
+            name = f"so101-move-test-{report.began_at[:19].replace(':', '')}.json"
+            content = report.file({"version": __version__})
+            client.send_file_download(name, content, save_immediately=True)
+
+
+class ConnectionPage(StepPage):
+    """The page of the connection step."""
+
+    def __init__(self, setup: SetupContext, source: ArmSource) -> None:
+        self._source, self._connect = source, ConnectOperation(source.look)
+        super().__init__(setup, CONNECT, left="nothing was changed")
+
+    @property
+    def operation(self) -> ConnectOperation:
+        """The choice of the port."""
+        return self._connect
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets."""
+        super().build(gui)
+        self._name = gui.add_text(
+            "Name of this arm",
+            self._setup.progress.arm,
+            hint="Such as leader or follower; its calibration gets a file of that name",
+            visible=False,
+        )
+        self._setup.context.on_entry(self._name, self._setup.progress.call)
+
+    def refresh(self) -> bool:
+        """Take in the last look."""
+        news = super().refresh()
+        self._setup.seen = self._connect.findings
+        return news
+
+    def show(self) -> None:
+        """Show the ports."""
+        super().show()
+        chosen = self._connect.chosen
+        self._name.visible = chosen is not None and chosen.report.calibration is None
+
+    def check(self) -> Check:
+        """Whether there is a usable port."""
+        return self._connect.check
+
+    def open(self) -> SetupTarget:
+        """Open the target on the chosen port; in a worker's thread."""
+        return self._source.open(self._connect.chosen, self._setup.progress.arm)
+
+
+def _serve(serve: ServesPreview, target: SetupTarget) -> tuple[str, Callable[[], None]]:
+    """Serve a preview of the arm on a page of its own; returns its link, and what ends it.
+
+    The port is shared, so its page stays when the target is closed.
+    """
+    file = Path(target.situation.calibration_file)
+    asked = ServoSettings(port=target.where, fallback_file=file)
+    with ExitStack() as stack:
+        rig = open_hardware(asked.with_arm(SERVO_IDS))
+        stack.callback(rig.close)
+        page = serve(rig, port=0, title=f"Arm on {target.where}")
+        stack.callback(page.close)
+        return page.url_for_once(), stack.pop_all().close
+
+
+class ConfigurePage(StepPage):
+    """The page of the configuration."""
+
+    def __init__(self, setup: SetupContext) -> None:
+        left = "what was saved stays, and the arm is left as it is"
+        super().__init__(setup, CONFIGURE, left=left)
+        self._text = self._url = ""
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets."""
+        self._about = gui.add_html("")
+        self._ways = gui.add_html("")
+        self._open = gui.add_button("Open the arm's page", icon=viser.Icon.ROBOT, visible=False)
+        self._snippet = gui.add_html("")
+        self._keep = gui.add_button(
+            "Save it as a file", icon=viser.Icon.DOWNLOAD, color="gray", visible=False
+        )
+        self._setup.context.on_press(self._open, self._preview)
+        self._setup.context.on_asked(self._keep, self._hand_over)
+
+    def enter(self) -> None:
+        """Make the configuration for the target."""
+        target, self._text = self._setup.target, ""
+        if target is not None and self._setup.saved is None:
+            self._setup.saved = target.situation.saved
+        if target is not None and not target.is_remote:
+            make = partial(snippet, target)
+            self._setup.do("writing the configuration", make, self._take)
+
+    def refresh(self) -> bool:
+        """Nothing is new but what the worker has done."""
+        return False
+
+    def show(self) -> None:
+        """Show the configuration, and the link to its page."""
+        target = self._setup.target
+        if target is None:
+            return
+        saved = self._setup.saved
+        tested = self._setup.tested
+        html = cards.instruction(CONFIGURE.title, "")
+        html += "" if tested is None else setup_cards.check_text(tested)
+        if target.is_remote:
+            html += cards.instruction(
+                "", f"The machine uses it already. Its calibration is in {saved}: set"
+                " calibration_file of its arm and gripper to that, if it is not."
+            )  # fmt: skip
+        self._about.content = html
+        about = "For a Viam machine: paste this into Configure, then JSON."
+        self._snippet.content = markup.to_copy(about, self._text) if self._text else ""
+        self._keep.visible = bool(self._text)
+        self._show_preview_link(target)
+
+    def _show_preview_link(self, target: SetupTarget) -> None:
+        if self._setup.preview is None:
+            self._ways.content = cards.instruction(
+                "Move it now", "Press Finish, then open the tab Move."
+            )
+            return
+        self._open.visible = not self._url and not target.is_remote
+        self._open.disabled = bool(self._setup.doing)
+        html = cards.instruction("Move it now", "")
+        if self._url:
+            html += setup_cards.link(self._url, "The preview of the arm, on a page of its own")
+        self._ways.content = html + cards.note(f"Later, from a terminal: {_command(target)}")
+
+    def _preview(self) -> None:
+        target, serve = self._setup.target, self._setup.preview
+        if target is not None and serve is not None and not self._url:
+            open_page = partial(_serve, serve, target)
+            self._setup.do("opening the arm's page", open_page, self._show_preview)
+
+    def _show_preview(self, served: tuple[str, Callable[[], None]]) -> None:
+        self._url, close = served
+        self._setup.opened.callback(close)
+
+    def _take(self, text: str) -> None:
+        self._text = text
+
+    def _hand_over(self, client: viser.ClientHandle) -> None:
+        client.send_file_download(
+            "so101-viam.json", self._text.encode() + b"\n", save_immediately=True
+        )
+
+
+def _command(target: SetupTarget) -> str:
+    if target.is_remote and target.rig is not None:
+        _, _, address = target.rig.connection.to.partition(" ")
+        return f"so101 view --machine {address}"
+    return f"so101 view --port {target.where}"
+
+
+def snippet(target: SetupTarget) -> str:
+    """The configuration of the arm on the target's port for viam-server, as JSON."""
+    seen = port_selection.look((target.where,))
+    reports = [candidate.report for candidate in seen.candidates]
+    return json.dumps(configuration(reports), indent=2)

@@ -33,10 +33,7 @@ from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
 from ..page.texts import capital
 from . import setup_cards
-from .configure import ConfigurePage
-from .connection import ConnectionPage
-from .final_test import FinalTestPage
-from .page import CalibrationPage, ChainPage, StepPage
+from .page import CalibrationPage, ChainPage, ConfigurePage, ConnectionPage, FinalTestPage, StepPage
 from .picture import Picture
 from .setup_context import ServesPreview, SetupContext
 from .setup_target import ArmSource, SetupTarget, known_arm

@@ -368,13 +368,9 @@ class WorldPart(Part):
         self._gizmo.visible, self._gizmo.disable_rotations = pose is not None, not turns
         if pose is not None and not self.world.dragging:
             pose = self._T_of(thing) @ pose
-            if not _same(pose, self._gizmo_at):
+            if not np.allclose(pose.matrix, self._gizmo_at.matrix, rtol=0.0, atol=_SAME):
                 self._gizmo_at = pose
                 self._gizmo.wxyz, self._gizmo.position = pose.quaternion_wxyz(), pose.p
-
-
-def _same(pose: SE3, other: SE3) -> bool:
-    return bool(np.allclose(pose.matrix, other.matrix, rtol=0.0, atol=_SAME))
 
 
 def _nothing(names: tuple[str, ...]) -> str:

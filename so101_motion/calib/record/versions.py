@@ -23,7 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from so101_motion.files import atomic
-from so101_motion.files.user_data_folder import user_data_folder
+from so101_motion.files.user_storage import user_data_folder
 
 KEPT = 20
 """How many versions of a file are kept; a version has about 1.5 kB. Chosen."""

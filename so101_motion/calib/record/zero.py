@@ -24,9 +24,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from so101_motion.calib.record.record import Calibration, JointCalibration
+from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
+from so101_motion.common.encoder_zeros import EncoderZero
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg, to_rad
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TICKS_PER_RAD
 
 STOPS = {
@@ -170,3 +172,26 @@ def _middle(entry: JointCalibration) -> float:
 
 def _direction(entry: JointCalibration) -> int:
     return -1 if entry.drive_mode else 1
+
+
+def encoder_zeros(calibration: Calibration, zeros: Mapping[str, Zero]) -> dict[str, EncoderZero]:
+    """The encoder position of each joint's zero; without an entry in ``zeros`` it is the middle.
+
+    A servo subtracts its homing offset from its encoder, and a calibration says which of the
+    resulting ticks is the zero. Only their sum matters: two calibrations with the same sums give
+    the same angles, however they were recorded. Limits alone change no angle.
+    """
+    found = {}
+    for joint in JOINTS:
+        if joint not in calibration:
+            continue
+        entry = calibration[joint]
+        if joint == GRIPPER_JOINT:
+            at_zero: float = entry.range_max if entry.drive_mode else entry.range_min
+        else:
+            at_zero = zero_ticks(entry, zeros.get(joint, MIDDLE))
+        found[joint] = EncoderZero(
+            direction=-1 if entry.drive_mode else 1,
+            ticks=round((at_zero + entry.homing_offset) % TICKS_PER_TURN, 1) % TICKS_PER_TURN,
+        )
+    return found

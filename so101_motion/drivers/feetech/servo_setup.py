@@ -224,7 +224,9 @@ def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
         return changed + bus.overlay(servo_id, wanted)
     # It would jump to a goal that it was too soft to reach, or fall, because a change of mode makes
     # it limp. So it gets a new goal, with which it pulls as hard as before.
-    load = agreed(lambda: bus.read(servo_id, reg.PRESENT_LOAD), _about)
+    load = agreed(
+        lambda: bus.read(servo_id, reg.PRESENT_LOAD), lambda a, b: abs(a - b) <= _NEAR_LOAD
+    )
     bus.write(servo_id, reg.TORQUE_ENABLE, 0)
     changed += bus.overlay(servo_id, wanted)
     read_position(bus, servo_id)  # perhaps still as before the change; see ``emulator/servo.py``
@@ -235,10 +237,6 @@ def _adapt(bus: Bus, joint: JointMap) -> tuple[str, ...]:
         _fill(bus, servo_id, CRAWL, anew=())
     engage(bus, servo_id, here - round(4 * load / p_gain))
     return changed
-
-
-def _about(one: int, other: int) -> bool:
-    return abs(one - other) <= _NEAR_LOAD
 
 
 def _settings(bus: Bus, servo_id: int) -> dict[str, int]:

@@ -14,11 +14,13 @@ then by the taker.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import islice
 
+import coal
 import numpy as np
 
 from so101_motion.common.errors import ConfigError, NoPath, PlanningError, So101Error
@@ -30,11 +32,11 @@ from so101_motion.planning.cell.team_requests import Handover, HandoverRequest, 
 from so101_motion.planning.cell.together import plan_together
 from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
+from so101_motion.planning.collision.bodies import hull_of
 from so101_motion.planning.collision.course import Course
-from so101_motion.planning.collision.hands import Hand
 from so101_motion.planning.collision.scene import Attached
 from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PoseGoal
-from so101_motion.planning.kinematics.jaw import JawGeometry
+from so101_motion.planning.kinematics.model import GRIPPER_LINK, JAW_LINK, RobotModel
 from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import Plan
 
@@ -350,3 +352,73 @@ def _exactly(T_base_tool: SE3) -> PoseGoal:
 
 def _line(T_base_tool: SE3) -> LineGoal:
     return LineGoal(T_base_tool=T_base_tool, metric=GoalMetric.FULL_POSE)
+
+
+class JawGeometry:
+    """Where the gripper holds an object, and the jaw angle for its thickness.
+
+    The frame ``jaw_tip`` is on the pad of the fixed jaw, which faces against that frame's x axis,
+    towards the moving jaw. A held object lies on the pad, so its middle is half its thickness away.
+
+    Args:
+        model: The arm.
+
+    Attributes:
+        closed: The smallest angle of the jaw [rad].
+        opened: The largest angle of the jaw [rad].
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        lower, upper = model.pin_model.lowerPositionLimit, model.pin_model.upperPositionLimit
+        self.closed, self.opened = float(lower[5]), float(upper[5])
+        zero = np.zeros(5)
+        T_base_tip = model.frame(zero, "jaw_tip")
+        self._T_tool_tip = model.frame(zero).inverse @ T_base_tip
+        p_tip_jaw = (
+            T_base_tip.inverse @ model.link_placements(zero, 0.0)["moving_jaw_so101_v1_link"]
+        ).p
+        self._length = math.hypot(p_tip_jaw[0], p_tip_jaw[2])
+        self._aside = math.atan2(-p_tip_jaw[0], -p_tip_jaw[2])
+
+    def T_tool_grip(self, thickness: float) -> SE3:
+        """The middle of a held object: z along the approach, x across the jaws."""
+        return self._T_tool_tip @ SE3.from_translation((-0.5 * thickness, 0.0, 0.0))
+
+    def angle_for(self, gap: float) -> float:
+        """The jaw angle [rad] for a gap [m] between the pads at ``jaw_tip``; at most ``opened``."""
+        sine = math.sin(self._aside) - gap / self._length
+        opened = self._aside - math.asin(max(sine, -1.0))
+        return min(self.closed + opened, self.opened)
+
+
+class Hand:
+    """The gripper and the jaw of an arm, in its tool frame, to keep off another arm's.
+
+    Args:
+        model: The arm.
+        q_jaw: Angle of the jaw [rad].
+    """
+
+    def __init__(self, model: RobotModel, q_jaw: float) -> None:
+        zero = np.zeros(5)
+        T_tool_base, links = model.frame(zero).inverse, model.link_placements(zero, q_jaw)
+        self.parts = [
+            (hull_of(each), T_tool_base @ links[each]) for each in (GRIPPER_LINK, JAW_LINK)
+        ]
+
+    def clearance(self, other: Hand, T_tool_other: SE3) -> float:
+        """The distance to another arm's hand with its tool at ``T_tool_other`` [m]."""
+        return min(
+            float(
+                coal.distance(
+                    *_placed(a), *_placed(b), coal.DistanceRequest(), coal.DistanceResult()
+                )
+            )
+            for a in self.parts
+            for b in ((shape, T_tool_other @ T) for shape, T in other.parts)
+        )
+
+
+def _placed(part: tuple[object, SE3]) -> tuple[object, object]:
+    shape, T = part
+    return shape, coal.Transform3s(np.array(T.R), np.array(T.p))

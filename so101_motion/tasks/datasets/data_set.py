@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.calib.record import store
-from so101_motion.calib.record.identity import encoder_zeros
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.calib.record.store import Stored
+from so101_motion.calib.record.zero import encoder_zeros
 from so101_motion.common.errors import ConfigError, quoted
 from so101_motion.common.geometry import Array
 from so101_motion.tasks.datasets.metadata import (

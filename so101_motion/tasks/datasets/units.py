@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
-from so101_motion.calib.record.identity import encoder_zeros
 from so101_motion.calib.record.lerobot import STRETCHED, TURNED
 from so101_motion.calib.record.record import JOINTS, WIDEST, JointCalibration
 from so101_motion.calib.record.store import Stored
@@ -34,6 +33,7 @@ from so101_motion.calib.record.zero import (
     SWEPT,
     Zero,
     by_stops,
+    encoder_zeros,
     expected_travel,
 )
 from so101_motion.common.encoder_zeros import EncoderZeros

@@ -16,13 +16,16 @@ from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
-from so101_motion.control.limit_recovery import remarks
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import range_deg, to_deg
+from so101_motion.control.limit_recovery import FARTHEST_OUT, remarks
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
 from so101_motion.setup.identify_operation import IdentifyOperation
 from so101_motion.viam.component_config import HardwareArmConfig
-from so101_motion.viam.conversion import convert, served_joints
+from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.conversion.kinematics import chain
 from so101_motion.viam.models.arm_resource import AT_START, ArmResource, scene_of
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
@@ -108,8 +111,8 @@ class HardwareArm(ArmResource):
         """Measured joint angles; one just outside the served limits is moved in."""
         await self.found()
         q = self._arm.state.q
-        self._log_new(served_joints.remarks(q))
-        return convert.to_joint_positions(served_joints.reported(q))
+        self._log_new(served_remarks(q))
+        return convert.to_joint_positions(served_joints(q))
 
     def _clear(self) -> Scene:
         """Make the arm ready to move, and return what is around it; for a thread."""
@@ -123,7 +126,7 @@ class HardwareArm(ArmResource):
 
     def _is_here(self, q: Array) -> bool:
         """Whether ``q`` is where the arm is, as measured or as reported to viam-server."""
-        reported = served_joints.reported(self._arm.state.q)
+        reported = served_joints(self._arm.state.q)
         return super()._is_here(q) or bool(np.max(np.abs(q - reported)) <= AT_START)
 
     def _log_new(self, remarks: list[str]) -> None:
@@ -171,7 +174,7 @@ class HardwareArm(ArmResource):
             *missing,
             *self.rig.servos.notes,
             *remarks(state.reading),
-            *([] if missing else served_joints.remarks(state.q)),
+            *([] if missing else served_remarks(state.q)),
         ]
         status["out_of_range"] = out_of_range(state.reading)
         status["uncalibrated"] = list(self.rig.uncalibrated)
@@ -188,3 +191,45 @@ class HardwareArm(ArmResource):
             except So101Error as error:
                 self.logger.warning("the arm could not be stopped properly: %s", error)
         await super().close()
+
+
+def served_limits() -> tuple[Array, Array]:
+    """The joint limits that viam-server knows, lower and upper, shapes (5,), [rad]."""
+    joints = [segment for segment in chain() if segment.joint is not None]
+    return np.array([each.lower for each in joints]), np.array([each.upper for each in joints])
+
+
+def served_joints(q: Array) -> Array:
+    """The angles to report to viam-server for an arm at ``q``, both shape (5,), [rad].
+
+    The served kinematics have the joint limits of the robot's description, and viam-server checks
+    every arm of a machine against them before it plans: with one joint a tick outside, its builtin
+    motion service moves no arm at all. Real joints do rest outside, because a joint's zero is known
+    to a few degrees only. So ``GetJointPositions`` moves the angle inside, by ``FARTHEST_OUT`` at
+    most (a joint farther out is most likely not calibrated), and the status has a note. The pose,
+    the geometries, the status and our own plans use the measured angles.
+    """
+    inside = np.clip(q, *served_limits())
+    return np.where(np.abs(q - inside) <= FARTHEST_OUT, inside, q)
+
+
+def served_remarks(q: Array) -> list[str]:
+    """A note for each joint that is outside the served limits."""
+    lower, upper = served_limits()
+    found = []
+    for i in np.flatnonzero((q < lower) | (q > upper)):
+        here, between = to_deg(float(q[i])), range_deg(float(lower[i]), float(upper[i]), 1)
+        said = to_deg(float(served_joints(q)[i]))
+        then = (
+            f"GetJointPositions says {said:.1f} deg, because viam-server's builtin motion service"
+            " moves no arm of the machine while one is outside; joint_positions_deg of the status"
+            " is what was measured. Move the joint inside, or calibrate the arm again"
+            if said != here
+            else "viam-server's builtin motion service moves no arm of the machine until it is"
+            " inside. Move it inside by hand, or calibrate the arm again"
+        )
+        found.append(
+            f"{ARM_JOINTS[i]} is at {here:.1f} deg, outside the limits that viam-server knows,"
+            f" {between} deg; {then}"
+        )
+    return found

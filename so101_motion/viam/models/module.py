@@ -22,6 +22,7 @@ from typing import Any
 
 from grpclib import GRPCError, Status
 from grpclib.metadata import Deadline
+from grpclib.server import Stream
 from viam.logging import getLogger
 from viam.module.module import Module
 from viam.proto.app.robot import ComponentConfig
@@ -31,14 +32,16 @@ from viam.proto.module import (
     ValidateConfigRequest,
     ValidateConfigResponse,
 )
+from viam.proto.robot import GetPoseRequest, GetPoseResponse
+from viam.robot.service import RobotService
 from viam.rpc.server import Server
 
 from so101_motion.arm.shared_worker import acquire_worker, release_worker
 from so101_motion.common.import_check import explain, sentence
 from so101_motion.common.realtime import import_quietly, reduce_jitter
 from so101_motion.files import user_storage
-from so101_motion.viam.conversion.frames import set_machine
-from so101_motion.viam.models.machine_pose import serve_get_pose
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.conversion.frames import GIVE_FRAME, asked, machine_here, set_machine
 from so101_motion.viam.models.registered import MODELS, RegisteredModel, register, registered
 from so101_motion.viam.requests.request_guard import guard
 
@@ -226,3 +229,39 @@ async def _end_with_parent(parent: int) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
     await asyncio.sleep(_PATIENCE)
     os._exit(1)  # no other process would end this one
+
+
+async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPoseResponse]) -> None:
+    request = await stream.recv_message()
+    assert request is not None
+    machine = machine_here()
+    if machine is None:
+        raise GRPCError(
+            Status.FAILED_PRECONDITION,
+            "the module is not connected to its machine, which knows where its components are;"
+            " try again when viam-server is up",
+        )
+    transforms = list(request.supplemental_transforms)
+    with grpc_statuses():
+        try:
+            pose = await asked(
+                lambda: machine.get_pose(
+                    request.component_name, request.destination_frame, transforms
+                )
+            )
+        except GRPCError as error:  # viam-server's have the status UNKNOWN
+            if "not in frame system" not in (error.message or ""):
+                raise
+            raise GRPCError(Status.NOT_FOUND, f"{error.message}; {GIVE_FRAME}") from error
+    await stream.send_message(GetPoseResponse(pose=pose))
+
+
+def serve_get_pose() -> None:
+    """Answer the machine's ``GetPose`` on all servers that are made from now on.
+
+    viam-server does not pass ``GetPose`` of a motion service on to the module. Its client sends the
+    machine's request of that name to the module's socket instead, and the SDK answers
+    UNIMPLEMENTED. Here it is passed on to the machine, which knows all frames. It does not name the
+    service, so all motion services of this module give the same answer.
+    """
+    setattr(RobotService, "GetPose", _get_pose)  # noqa: B010  # the SDK has no hook for it

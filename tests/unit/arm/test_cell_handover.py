@@ -8,11 +8,11 @@ from harness.facing_arms import T_LEFT_RIGHT, FacingArms
 
 from so101_motion.common.errors import ConfigError, Interrupted, MotionError
 from so101_motion.planning.cell.grasps import grasps_of
+from so101_motion.planning.cell.handover import JawGeometry
 from so101_motion.planning.collision.apart import GUARDED, clearance_over_time
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
-from so101_motion.planning.kinematics.jaw import JawGeometry
 from so101_motion.planning.kinematics.model import RobotModel
 
 pytestmark = pytest.mark.usefixtures("planning_process")

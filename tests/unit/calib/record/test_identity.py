@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from so101_motion.calib.record.identity import encoder_zeros
 from so101_motion.calib.record.record import JointCalibration
-from so101_motion.calib.record.zero import Zero
+from so101_motion.calib.record.zero import Zero, encoder_zeros
 from so101_motion.common.encoder_zeros import EncoderZero
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 

@@ -9,14 +9,13 @@ from harness.facing_arms import T_LEFT_RIGHT, Facing
 from so101_motion.common.errors import ConfigError, NoPath
 from so101_motion.common.geometry import SE3, rotation_angle, rotation_by
 from so101_motion.planning.cell.grasps import grasps_of
-from so101_motion.planning.cell.handover import plan_handover
+from so101_motion.planning.cell.handover import JawGeometry, plan_handover
 from so101_motion.planning.cell.team_requests import HandoverRequest, TeamMember
 from so101_motion.planning.collision.apart import clearance_over_time
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene, Sphere
 from so101_motion.planning.goals import JointGoal
-from so101_motion.planning.kinematics.jaw import JawGeometry
 from so101_motion.planning.planner import Planner
 from so101_motion.planning.request import PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from so101_motion.planning.timing.corner_blends import between_stops, roomy_corners
+from so101_motion.planning.motion_builder import between_stops, roomy_corners
 from so101_motion.planning.timing.path_geometry import blended_path
 
 POINTS = np.array(

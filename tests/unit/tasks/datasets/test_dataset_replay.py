@@ -9,10 +9,9 @@ import pytest
 from click.testing import CliRunner
 from harness.lerobot_data import NAMES, late, swing, write_data_set
 
-from so101_motion.calib.record.identity import encoder_zeros
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.store import Stored
-from so101_motion.calib.record.zero import Zero
+from so101_motion.calib.record.zero import Zero, encoder_zeros
 from so101_motion.cli.verbs import main
 from so101_motion.common.errors import ConfigError, Interrupted, PlanningError
 from so101_motion.common.state import ARM_JOINTS

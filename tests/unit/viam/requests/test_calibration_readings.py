@@ -11,9 +11,8 @@ from so101_motion.calib.procedure.view import CalibrationView, JointView
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.setup.calibration_operation import ranges
 from so101_motion.setup.calibrator import Situation
-from so101_motion.setup.readings import readings
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.models.calibration import COMMANDS
+from so101_motion.viam.models.calibration import COMMANDS, readings
 
 ELBOW = JointView(
     joint="elbow_flex",

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from so101_viewer.scene.click import hit
+from so101_viewer.scene.scene_view import hit
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import (

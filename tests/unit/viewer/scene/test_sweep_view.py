@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from so101_description import load_visual
-from so101_viewer.scene.sweep_view import CELL, LINKS, SweepView
+from so101_viewer.scene.robot_view import CELL, LINKS, SweepView
 
 from so101_motion.planning.collision.shape_files import coarse
 from so101_motion.planning.kinematics.model import RobotModel

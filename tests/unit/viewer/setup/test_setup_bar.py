@@ -8,8 +8,8 @@ from types import SimpleNamespace
 from typing import cast
 
 import pytest
-from so101_viewer.setup.setup_bar import reasons
 from so101_viewer.setup.setup_target import SetupTarget
+from so101_viewer.setup_app import reasons
 
 from so101_motion.calib.procedure.steps import State
 from so101_motion.common.modes import Mode
