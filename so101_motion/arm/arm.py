@@ -273,18 +273,16 @@ class Arm(PlannedArm):
         q_goal = self.model.within_limits(frozen_array(q_goal, (5,)))
         self._range.check(q_goal)
         make = self._maker(limits, guard=guard, stale_after=None, ends_there=True)
-        turn = partial(self._executor.turn, channel=Channel.ARM)
 
         def begin(motion: Motion) -> Future[None]:
             must_hold, following = self._must_hold(), make()
             following.aim(q_goal)
-
-            def start() -> Future[None]:
+            with motion.begin():
                 if must_hold:
                     self._executor.hold()  # before the turn, for requests are served in order
-                return turn(following)
-
-            return motion.begin(start, self._executor.interrupt)
+                running = self._executor.turn(following, channel=Channel.ARM)
+                motion.halt = partial(self._executor.interrupt, running)
+            return running
 
         if guard and not self._open_ended.has_guard(self._situation):
             return self._motions.start(begin)  # has a thread, which can make one
@@ -463,8 +461,10 @@ class Arm(PlannedArm):
             else member.entered(planned, partial(motion.pause, member.clock))
         ) as trajectory:
             motion.plan = plan
-            execute = partial(self._executor.execute, trajectory, channel=Channel.ARM)
-            motion.begin(execute, self._executor.interrupt).result()
+            with motion.begin():
+                running = self._executor.execute(trajectory, channel=Channel.ARM)
+                motion.halt = partial(self._executor.interrupt, running)
+            running.result()
 
     def _maker(
         self, limits: MotionLimits | None, *, guard: Guard | None, **how: Unpack[FollowingSettings]
@@ -493,7 +493,9 @@ class Arm(PlannedArm):
     def _leave_manual(self, motion: Motion) -> None:
         """Hold an arm that yields or is limp, unless the motion was ended meanwhile."""
         if self._must_hold():
-            motion.begin(self._executor.hold, lambda _holding, _by: None).result()
+            with motion.begin():
+                holding = self._executor.hold()
+            holding.result()
 
     def _look_around(self) -> None:
         self._motions.current.wake()

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from so101_motion.arm.motion_handle import Motion
@@ -117,7 +118,7 @@ class MotionQueue:
         cancels ``planning``, and interrupts what is returned.
         """
         motion = Motion()
-        motion.begin(lambda: planning, lambda running, _by: running.cancel())
+        motion.halt = lambda _by: planning.cancel()
         with self.lock:
             if is_older(self.stopped):
                 motion.interrupt(STOP)
@@ -149,7 +150,9 @@ class MotionQueue:
 
         def run(motion: Motion) -> Future[None]:
             source = prepare(motion)
-            motion.begin(lambda: play(source).future, halt)
+            with motion.begin():
+                play(source)
+                motion.halt = partial(halt, source.future)
             opened.set_result(source)
             return source.future
 

@@ -19,6 +19,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -160,7 +161,9 @@ class ReplannedMotion:
         playing: PlannedMotion,
         play: Callable[[PlannedMotion], PlannedMotion],
     ) -> None:
-        motion.begin(lambda: play(playing).future, self.executor.interrupt)
+        with motion.begin():
+            play(playing)
+            motion.halt = partial(self.executor.interrupt, playing.future)
         motion.playing = playing
         playing.future.add_done_callback(lambda _over: motion.wake())
 
