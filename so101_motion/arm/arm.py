@@ -43,6 +43,7 @@ from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import STALE_AFTER, Following, FollowingSettings
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
+from so101_motion.control.request_queue import running_future
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
 from so101_motion.planning.request import Plan, Search
@@ -477,12 +478,25 @@ class Arm(PlannedArm):
 
     def _open_source(self, make: Callable[[], S]) -> Opening[S]:
         """Begin the open-ended motion that ``make`` prepares, once the arm rests."""
+        opened: Future[S] = running_future()
 
-        def prepare(motion: Motion) -> S:
+        def run(motion: Motion) -> Future[None]:
             self._leave_manual(motion)
-            return make()
+            source = make()
+            with motion.begin():
+                self._executor.play(source)
+                motion.halt = partial(self._executor.interrupt, source.future)
+            opened.set_result(source)
+            return source.future
 
-        return self._motions.open_source(prepare, self._executor.play, self._executor.interrupt)
+        def end(over: Future[None]) -> None:
+            error = over.exception()
+            if error is not None and not opened.done():
+                opened.set_exception(error)
+
+        motion = self._motions.start(run)
+        motion.future.add_done_callback(end)
+        return Opening(motion, opened)
 
     def _come_to_rest(self) -> Future[None] | None:
         """Slow down for a newer motion; None if the arm rests."""

@@ -127,7 +127,8 @@ class ReplannedMotion:
 
     def _carry_out(self, motion: Motion) -> None:
         if motion.playing is not None and not motion.playing.future.done():
-            self._have(motion, motion.playing, lambda playing: playing)
+            with motion.begin():
+                self._have(motion, motion.playing)
         while True:
             playing = motion.playing
             if playing is not None and not playing.future.done():
@@ -153,18 +154,11 @@ class ReplannedMotion:
             motion.wait_until(self.clock, patient_until)
         self._known = self._reaches = True
         self._checked, self._joining, self._lead, motion.plan = None, None, LEAD, plan
-        self._have(motion, PlannedMotion(plan.trajectory), self.executor.play)
-
-    def _have(
-        self,
-        motion: Motion,
-        playing: PlannedMotion,
-        play: Callable[[PlannedMotion], PlannedMotion],
-    ) -> None:
         with motion.begin():
-            play(playing)
-            motion.halt = partial(self.executor.interrupt, playing.future)
-        motion.playing = playing
+            self._have(motion, self.executor.play(PlannedMotion(plan.trajectory)))
+
+    def _have(self, motion: Motion, playing: PlannedMotion) -> None:
+        motion.playing, motion.halt = playing, partial(self.executor.interrupt, playing.future)
         playing.future.add_done_callback(lambda _over: motion.wake())
 
     def _look(self, motion: Motion, playing: PlannedMotion) -> float:
