@@ -43,6 +43,7 @@ from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.following import STALE_AFTER, Following, FollowingSettings
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
+from so101_motion.control.request_queue import running_future
 from so101_motion.control.streamed_trajectory import Stream
 from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
 from so101_motion.planning.request import Plan, Search
@@ -273,18 +274,16 @@ class Arm(PlannedArm):
         q_goal = self.model.within_limits(frozen_array(q_goal, (5,)))
         self._range.check(q_goal)
         make = self._maker(limits, guard=guard, stale_after=None, ends_there=True)
-        turn = partial(self._executor.turn, channel=Channel.ARM)
 
         def begin(motion: Motion) -> Future[None]:
             must_hold, following = self._must_hold(), make()
             following.aim(q_goal)
-
-            def start() -> Future[None]:
+            with motion.begin():
                 if must_hold:
                     self._executor.hold()  # before the turn, for requests are served in order
-                return turn(following)
-
-            return motion.begin(start, self._executor.interrupt)
+                running = self._executor.turn(following, channel=Channel.ARM)
+                motion.halt = partial(self._executor.interrupt, running)
+            return running
 
         if guard and not self._open_ended.has_guard(self._situation):
             return self._motions.start(begin)  # has a thread, which can make one
@@ -463,8 +462,10 @@ class Arm(PlannedArm):
             else member.entered(planned, partial(motion.pause, member.clock))
         ) as trajectory:
             motion.plan = plan
-            execute = partial(self._executor.execute, trajectory, channel=Channel.ARM)
-            motion.begin(execute, self._executor.interrupt).result()
+            with motion.begin():
+                running = self._executor.execute(trajectory, channel=Channel.ARM)
+                motion.halt = partial(self._executor.interrupt, running)
+            running.result()
 
     def _maker(
         self, limits: MotionLimits | None, *, guard: Guard | None, **how: Unpack[FollowingSettings]
@@ -477,12 +478,25 @@ class Arm(PlannedArm):
 
     def _open_source(self, make: Callable[[], S]) -> Opening[S]:
         """Begin the open-ended motion that ``make`` prepares, once the arm rests."""
+        opened: Future[S] = running_future()
 
-        def prepare(motion: Motion) -> S:
+        def run(motion: Motion) -> Future[None]:
             self._leave_manual(motion)
-            return make()
+            source = make()
+            with motion.begin():
+                self._executor.play(source)
+                motion.halt = partial(self._executor.interrupt, source.future)
+            opened.set_result(source)
+            return source.future
 
-        return self._motions.open_source(prepare, self._executor.play, self._executor.interrupt)
+        def end(over: Future[None]) -> None:
+            error = over.exception()
+            if error is not None and not opened.done():
+                opened.set_exception(error)
+
+        motion = self._motions.start(run)
+        motion.future.add_done_callback(end)
+        return Opening(motion, opened)
 
     def _come_to_rest(self) -> Future[None] | None:
         """Slow down for a newer motion; None if the arm rests."""
@@ -493,7 +507,9 @@ class Arm(PlannedArm):
     def _leave_manual(self, motion: Motion) -> None:
         """Hold an arm that yields or is limp, unless the motion was ended meanwhile."""
         if self._must_hold():
-            motion.begin(self._executor.hold, lambda _holding, _by: None).result()
+            with motion.begin():
+                holding = self._executor.hold()
+            holding.result()
 
     def _look_around(self) -> None:
         self._motions.current.wake()

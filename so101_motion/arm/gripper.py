@@ -421,19 +421,13 @@ class Gripper:
             self._executor.turn(following, channel=Channel.JAW)
             return following
 
-        made: list[JawFollowing] = []
-
-        def start() -> Future[None]:
-            made.append(JawFollowing(self, begin, self._executor.interrupt))
-            return made[0].future
-
         motion = Motion()
         with self._lock:
             refuse_older(self._stopped)
             previous, self._latest = self._latest, motion
-        with _failing(motion):
-            motion.begin(start, lambda _, by: made[0].interrupt(by))
-        (jaw,) = made
+        with _failing(motion), motion.begin():
+            jaw = JawFollowing(self, begin, self._executor.interrupt)
+            motion.halt = jaw.interrupt
         jaw.future.add_done_callback(motion.take_outcome)
         if previous is not None:
             previous.interrupt(SUPERSEDED)
@@ -505,9 +499,10 @@ class Gripper:
     ) -> Future[None]:
         following = self._following(limits, stale_after=None, ends_there=True)
         following.aim([q_goal])
-        return motion.begin(
-            lambda: self._executor.turn(following, channel=Channel.JAW), self._executor.interrupt
-        )
+        with motion.begin():
+            running = self._executor.turn(following, channel=Channel.JAW)
+            motion.halt = partial(self._executor.interrupt, running)
+        return running
 
     def _following(
         self, limits: MotionLimits | None, **how: Unpack[FollowingSettings]

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from functools import partial
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from so101_motion.common.errors import Interrupted
@@ -34,6 +34,7 @@ class Motion:
             ``PlanningError``, ``Interrupted``, ``FollowingError``, ``WorkerError``.
         plan: The plan that is being executed, once it is known; None for motions without a plan.
         playing: What moves the arm, if a newer motion may go on from it without a stop.
+        halt: Ends its movement, and only that, for the reason given; None before it moves.
     """
 
     def __init__(self) -> None:
@@ -43,7 +44,7 @@ class Motion:
         self._lock = threading.Lock()
         self._interruption: Future[str] = Future()
         self._wake = threading.Event()  # set when it is interrupted
-        self._halt: Callable[[str], object] | None = None
+        self.halt: Callable[[str], object] | None = None
 
     def result(self, timeout: float | None = None) -> None:
         """Wait until the arm has arrived.
@@ -83,7 +84,7 @@ class Motion:
                 return None
             self._interruption.set_result(by)
             self._wake.set()
-            return self._halt
+            return self.halt
 
     def wait_for(self, awaited: Future[T]) -> T:
         """The result of ``awaited``, which is cancelled as soon as this motion is interrupted.
@@ -127,25 +128,16 @@ class Motion:
         clock.wait(until, self._wake)
         self.refuse_interrupted()
 
-    def begin(
-        self,
-        start: Callable[[], Future[None]],
-        halt: Callable[[Future[None], str], object],
-    ) -> Future[None]:
-        """Start moving unless interrupted meanwhile.
-
-        Args:
-            start: Starts the movement and returns its future.
-            halt: ``halt(running, by)`` ends what ``start`` returned, and only that.
+    @contextmanager
+    def begin(self) -> Iterator[None]:
+        """Start moving in this block, and set ``halt``; an interruption waits for its end.
 
         Raises:
-            Interrupted: The motion was interrupted before it could begin; nothing was started.
+            Interrupted: The motion was interrupted before; the block is not entered.
         """
         with self._lock:
             self.refuse_interrupted()
-            running = start()
-            self._halt = partial(halt, running)
-            return running
+            yield
 
     def take_outcome(self, done: Future[None]) -> None:
         """End with the outcome of ``done``; a callback for motions without a thread."""

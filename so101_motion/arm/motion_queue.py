@@ -21,7 +21,6 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.stop_order import STOP, forget_request, is_older, refuse_older
 from so101_motion.common.errors import SUPERSEDED, MotionError
 from so101_motion.control.motion_source import S
-from so101_motion.control.request_queue import running_future
 
 T = TypeVar("T")
 
@@ -117,7 +116,7 @@ class MotionQueue:
         cancels ``planning``, and interrupts what is returned.
         """
         motion = Motion()
-        motion.begin(lambda: planning, lambda running, _by: running.cancel())
+        motion.halt = lambda _by: planning.cancel()
         with self.lock:
             if is_older(self.stopped):
                 motion.interrupt(STOP)
@@ -131,36 +130,6 @@ class MotionQueue:
             self.stopped = max(self.stopped, number)
             self.current.give_up(by)  # the executor's stop ends what moves
             self._considered.interrupt(by)
-
-    def open_source(
-        self,
-        prepare: Callable[[Motion], S],
-        play: Callable[[S], S],
-        halt: Callable[[Future[None], str], object],
-    ) -> Opening[S]:
-        """Play a source, such as a jog, once the arm rests; returns at once.
-
-        Args:
-            prepare: Makes the source, on another thread.
-            play: Begins to play it.
-            halt: Ends the motion with the source's future, for the reason given.
-        """
-        opened: Future[S] = running_future()
-
-        def run(motion: Motion) -> Future[None]:
-            source = prepare(motion)
-            motion.begin(lambda: play(source).future, halt)
-            opened.set_result(source)
-            return source.future
-
-        def end(over: Future[None]) -> None:
-            error = over.exception()
-            if error is not None and not opened.done():
-                opened.set_exception(error)
-
-        motion = self.start(run)
-        motion.future.add_done_callback(end)
-        return Opening(motion, opened)
 
     def take_over(self, begin: Callable[[Motion], Future[None]]) -> Motion:
         """Begin a motion that takes over without a stop.

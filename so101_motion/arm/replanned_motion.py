@@ -19,6 +19,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -126,7 +127,8 @@ class ReplannedMotion:
 
     def _carry_out(self, motion: Motion) -> None:
         if motion.playing is not None and not motion.playing.future.done():
-            self._have(motion, motion.playing, lambda playing: playing)
+            with motion.begin():
+                self._have(motion, motion.playing)
         while True:
             playing = motion.playing
             if playing is not None and not playing.future.done():
@@ -152,16 +154,11 @@ class ReplannedMotion:
             motion.wait_until(self.clock, patient_until)
         self._known = self._reaches = True
         self._checked, self._joining, self._lead, motion.plan = None, None, LEAD, plan
-        self._have(motion, PlannedMotion(plan.trajectory), self.executor.play)
+        with motion.begin():
+            self._have(motion, self.executor.play(PlannedMotion(plan.trajectory)))
 
-    def _have(
-        self,
-        motion: Motion,
-        playing: PlannedMotion,
-        play: Callable[[PlannedMotion], PlannedMotion],
-    ) -> None:
-        motion.begin(lambda: play(playing).future, self.executor.interrupt)
-        motion.playing = playing
+    def _have(self, motion: Motion, playing: PlannedMotion) -> None:
+        motion.playing, motion.halt = playing, partial(self.executor.interrupt, playing.future)
         playing.future.add_done_callback(lambda _over: motion.wake())
 
     def _look(self, motion: Motion, playing: PlannedMotion) -> float:

@@ -265,7 +265,7 @@ class ChannelPlayer:
         first = source.start
         refuse_jump(self._channel.joints, first.q - self.reference.q, "deg")
         refuse_jump(self._channel.joints, first.qd - self.reference.qd, "deg/s")
-        self._take_up(_Motion(source=source, start=k), k - 1)
+        self._motion = self._ready(_Motion(source=source, start=k), k - 1)
 
     def turn(self, following: Following, k: int) -> None:
         """Let ``following`` take over from the present reference; supersedes what is under way.
@@ -281,7 +281,7 @@ class ChannelPlayer:
         self._recovery.refuse_far()
         following.take_over(self.reference, previous.source if previous else None, self.stop_limits)
         start = k if previous is None else self._k
-        self._take_up(_Motion(source=following, start=start), start)
+        self._motion = self._ready(_Motion(source=following, start=start), start)
         if previous is not None:
             self._conclude(previous.source.future, Interrupted(SUPERSEDED))
 
@@ -411,14 +411,16 @@ class ChannelPlayer:
             self._give_way(motion, lost, q, self._lost(np.where(lost, off, -np.inf), held_up))
         return bool(lost.any())
 
-    def _take_up(self, motion: _Motion, k: int) -> None:
+    def _ready(self, motion: _Motion, k: int) -> _Motion:
+        """``motion``, for which all is ready after tick ``k``."""
         if self._motion is None:
             self._following.begin(self.reference.q)
             if self.neighbours is not None:  # until it asks for more, it stands here
                 self.neighbours.commit(self.reference.q[None], self._dt)
         if self._recovery:
             motion.start, motion.waits_until = None, k + round(RECOVERY_TIME / self._dt)
-        self._motion, self._k = motion, k
+        self._k = k
+        return motion
 
     def _refuse_near(self, motion: _Motion, setpoint: Setpoint) -> None:
         """Refuse a setpoint from which the joints could not stop without coming near other arms.

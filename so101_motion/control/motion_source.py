@@ -106,9 +106,10 @@ class PlannedMotion:
         """The setpoint of tick ``k``."""
         if self._continuation is not None:
             self._continue(*self._continuation)
-        k -= self._passed
-        self._k_before, self._k, self.played = self._k, k, (self._trajectory, k)
-        self._now = self._trajectory.sample(k * self._trajectory.dt)
+        k, playing = k - self._passed, self._trajectory
+        self._k_before, self._k, self.played = self._k, k, (playing, k)
+        row = min(max(k, 0), len(playing) - 1)  # ticks may be missed at the end
+        self._now = Setpoint(q=playing.q[row], qd=playing.qd[row], qdd=playing.qdd[row])
         return self._now
 
     def splice(

@@ -12,7 +12,7 @@ from viam.components.arm import Pose
 from so101_motion.planning.goals import JointGoal
 from so101_motion.viam.models.calibration import So101Calibration
 
-MOST_FOR_A_MOVE = 30
+MOST_FOR_A_MOVE = 26
 MOST_FOR_A_STOP = 10
 MOST_FOR_A_CALIBRATION_STEP = 13  # from the operation on
 

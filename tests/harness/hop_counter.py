@@ -18,7 +18,7 @@ import so101_motion
 PACKAGE = str(Path(so101_motion.__file__).parent) + os.sep
 PLANNING = "(planning, in a process of its own)"
 
-KEPT_BY = ("ChannelPlayer._take_up", "ChannelPlayer._take_up", "Trajectory.sample")
+KEPT_BY = ("ChannelPlayer.begin", "ChannelPlayer.turn", "PlannedMotion.sample")
 """What a motion that begins is left to, and what makes its setpoints."""
 
 NOT_THE_MODULE = ("drivers/emulator/", "common/clock.py")

@@ -134,7 +134,8 @@ class MachineGripper(MotionRunner):
                 await _rest(gripper)
 
         motion = Motion()
-        running = motion.begin(lambda: self.begin(move), self.interrupt)
+        running = self.begin(move)
+        motion.halt = partial(self.interrupt, running)
         running.add_done_callback(motion.take_outcome)
         if wait:
             motion.result()
@@ -371,8 +372,10 @@ class MachineRig(Machine):
         """
 
         def run(motion: Motion) -> None:
-            send = partial(self._executor.request, command)
-            motion.begin(send, self._executor.interrupt).result()
+            with motion.begin():
+                running = self._executor.request(command)
+                motion.halt = partial(self._executor.interrupt, running)
+            running.result()
 
         return self.arm.start_series([run])
 

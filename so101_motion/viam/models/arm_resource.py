@@ -218,22 +218,21 @@ class ArmResource(Configured, Arm):
             if options.replan:
                 await self.replanned(goal, options.search, self.arrived)
             else:
-                await self.arrived(self._start_move(goal, options.search(self._arm.scene)))
+                planning = self._planning(goal, options.search(self._arm.scene))
+                await self.arrived(self._arm.start_planned(planning))
 
-    def _start_move(self, goal: Goal, search: Search) -> Motion:
-        """Plan around the surroundings as they are once the arm rests, and move."""
-        planning: Callable[[], Future[Plan]] = partial(self._arm.start_plan, goal, search=search)
-        if self.surroundings.is_asked():
-            loop = asyncio.get_running_loop()
+    def _planning(self, goal: Goal, search: Search) -> Callable[[], Future[Plan]]:
+        """Starts to plan around the surroundings as they are when it is called."""
+        if not self.surroundings.is_asked():
+            return partial(self._arm.start_plan, goal, search=search)
+        loop = asyncio.get_running_loop()
 
-            def plan(scene: Scene) -> Future[Plan]:
-                return self._arm.start_plan(goal, search=replace(search, scene=scene))
+        def plan(scene: Scene) -> Future[Plan]:
+            return self._arm.start_plan(goal, search=replace(search, scene=scene))
 
-            def planning() -> Future[Plan]:
-                scene = search.scene or self._arm.scene
-                return self.surroundings.start_planning(scene, plan, wait_here, loop)
-
-        return self._arm.start_planned(planning)
+        return lambda: self.surroundings.start_planning(
+            search.scene or self._arm.scene, plan, wait_here, loop
+        )
 
     async def replanned(
         self,
@@ -289,7 +288,8 @@ class ArmResource(Configured, Arm):
                 goal = JointGoal(q=q_goal)
                 await self.replanned(goal, lambda scene: Search(scene=scene), self.arrived)
             elif waits:
-                await self.arrived(self._start_move(JointGoal(q=q_goal), Search()))
+                planning = self._planning(JointGoal(q=q_goal), Search())
+                await self.arrived(self._arm.start_planned(planning))
             else:
                 await self.guarded_scene.known()
                 await_motion.log_failure_of(self._retarget(q_goal), self.logger)
@@ -497,7 +497,7 @@ class ArmResource(Configured, Arm):
 
     async def _leave_contact(self) -> dict[str, Any]:
         await self.ready()
-        motion = self._start_move(LeaveContactGoal(), Search())
+        motion = self._arm.start_planned(self._planning(LeaveContactGoal(), Search()))
         await self.arrived(motion)
         blind = motion.plan is not None and motion.plan.report.blind
         return {"success": True} | ({"note": _BLIND} if blind else {})

@@ -350,9 +350,9 @@ def test_a_motion_that_is_given_up_while_it_is_prepared_holds_no_limp_arm(arm, c
     in_time(clock, lambda: arm.set_torque(False))
     begin = Motion.begin
 
-    def given_up(motion, start, halt):
+    def given_up(motion):
         motion.interrupt("stop")
-        return begin(motion, start, halt)
+        return begin(motion)
 
     monkeypatch.setattr(Motion, "begin", given_up)
     with pytest.raises(Interrupted):

@@ -305,9 +305,9 @@ def stopped_at_once(monkeypatch):
     """A stop on another thread comes just before a motion of the jaw begins."""
 
     class Stopped(Motion):
-        def begin(self, start, halt):
+        def begin(self):
             self.interrupt("stop")
-            return super().begin(start, halt)
+            return super().begin()
 
     monkeypatch.setattr(gripper_module, "Motion", Stopped)
 

@@ -10,18 +10,19 @@ from so101_motion.common.errors import Interrupted
 
 
 def test_interrupting_halts_what_was_begun_and_nothing_else():
-    motion, running, halted = Motion(), Future(), []
-    motion.begin(lambda: running, lambda which, by: halted.append((which, by)))
+    motion, halted = Motion(), []
+    with motion.begin():
+        motion.halt = halted.append
     motion.interrupt("stop")
     motion.interrupt("stop")
-    assert halted == [(running, "stop")]
+    assert halted == ["stop"]
 
 
 def test_an_interrupted_motion_never_begins():
     motion = Motion()
     motion.interrupt("cancelled")
-    with pytest.raises(Interrupted, match="cancelled"):
-        motion.begin(lambda: pytest.fail("must not start"), lambda *_: None)
+    with pytest.raises(Interrupted, match="cancelled"), motion.begin():
+        pytest.fail("must not start")
 
 
 def test_waiting_for_a_plan_ends_with_the_interruption():
@@ -33,7 +34,7 @@ def test_waiting_for_a_plan_ends_with_the_interruption():
 
 def test_interrupting_a_motion_that_is_over_does_nothing():
     motion, halted = Motion(), []
-    motion.begin(Future, lambda *_: halted.append(1))
+    motion.halt = halted.append
     motion.future.set_result(None)
     motion.interrupt("stop")
     assert not halted

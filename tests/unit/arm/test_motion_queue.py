@@ -98,7 +98,8 @@ def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> Non
 
     def begin(motion: Motion) -> Future[None]:
         assert not first.future.done()
-        return motion.begin(lambda: running, lambda running, by: told.append(by))
+        motion.halt = told.append
+        return running
 
     take_over = motions.take_over(begin)
     with pytest.raises(Interrupted, match="a newer motion"):
@@ -144,9 +145,9 @@ def test_a_stop_ends_what_is_still_being_prepared(motions, told) -> None:
     def run(motion: Motion) -> Future[None]:
         preparing.set()
         go_on.wait(60.0)
-        running = motion.begin(Future, lambda running, by: None)
-        told.append("moves")
-        return running
+        with motion.begin():
+            told.append("moves")
+        return Future()
 
     motion = motions.start(run)
     assert preparing.wait(60.0)
@@ -232,7 +233,8 @@ def test_a_motion_in_preparation_yields_to_a_newer_one(told) -> None:
 
     def run(motion: Motion) -> Future[None]:
         gate.wait(60.0)
-        return motion.begin(Future, lambda running, by: None)
+        with motion.begin():
+            return Future()
 
     motion = motions.start(run)
     while not newer:

@@ -17,13 +17,12 @@ class Mover:
         self.motion = Motion()
         self.running = Future()
         self.halts = []
-        self.motion.begin(lambda: self.running, self.halt)
+        self.motion.halt = self.halt
         self.running.add_done_callback(self.motion.take_outcome)
 
-    def halt(self, running, by):
-        assert running is self.running
+    def halt(self, by):
         self.halts.append(by)
-        threading.Timer(0.05, lambda: running.set_exception(Interrupted(by))).start()
+        threading.Timer(0.05, lambda: self.running.set_exception(Interrupted(by))).start()
 
 
 async def test_arrival_returns_when_the_arm_is_there():
