@@ -103,4 +103,4 @@ def emulate(
         gravity=RobotModel.load().gravity_torque,
     )
     if interrupts.first():
-        raise KeyboardInterrupt("the virtual port is closed")
+        raise interrupts.ToldInterrupt("the virtual port is closed")

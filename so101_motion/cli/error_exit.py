@@ -148,7 +148,7 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
     except BaseException as error:
         if interrupts.first() or isinstance(error, KeyboardInterrupt):
             # Whatever else it is came of the signal: libraries catch it while they are imported.
-            told = str(error) if isinstance(error, So101Error | KeyboardInterrupt) else ""
+            told = str(error) if isinstance(error, So101Error | interrupts.ToldInterrupt) else ""
             _print_interrupted(told, as_json=as_json)
         _tell(error, as_json=as_json)
         raise

@@ -18,6 +18,7 @@ from so101_motion.cli.shared import (
 )
 from so101_motion.cli.sources import MACHINE, MachineSource, chosen_among
 from so101_motion.cli.view import PAGE, Page, keep_open
+from so101_motion.common import interrupts
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def setup(
                 else:
                     checked = _walk(motors, terminal, progress, joints, within)
             except KeyboardInterrupt:
-                raise KeyboardInterrupt("the next so101 setup continues here") from None
+                raise interrupts.ToldInterrupt("the next so101 setup continues here") from None
             except Quit:
                 terminal.say("stopped; the next so101 setup continues here", style="yellow")
                 raise SystemExit(STOPPED) from None
@@ -205,7 +206,7 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
             last_port = served.last_port or (port if machine is None else None)
             if last_port is not None:
                 tell_torque(last_port)
-            raise KeyboardInterrupt("the next so101 setup --web continues here") from None
+            raise interrupts.ToldInterrupt("the next so101 setup --web continues here") from None
 
 
 def _conclude(port: str, view: SetupView, checked: Verification | None, as_json: bool) -> None:

@@ -23,6 +23,7 @@ from so101_motion.cli.param_types import (
     read_scene,
 )
 from so101_motion.cli.shared import CHECK_FAILED, Verbs, aside, print_json
+from so101_motion.common import interrupts
 from so101_motion.common.attributes import (
     ACCELERATION_RANGE_DEG,
     HEAVIEST,
@@ -435,7 +436,7 @@ def _computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dic
             yield {"executor": executor, "ahead": ahead}
     except KeyboardInterrupt:
         kept = f"finished pieces are kept in {out}, give the same command to continue"
-        raise KeyboardInterrupt(kept) from None
+        raise interrupts.ToldInterrupt(kept) from None
 
 
 @contextmanager

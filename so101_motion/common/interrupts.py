@@ -34,6 +34,13 @@ _IMPORT = "<frozen importlib._bootstrap>"
 _NAMES = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "the end of the terminal (SIGHUP)"}
 
 
+class ToldInterrupt(KeyboardInterrupt):
+    """A signal has ended what went on; the message tells how it is left.
+
+    The message of a plain ``KeyboardInterrupt`` may be Python's own: a codec adds one.
+    """
+
+
 class _Interrupts:
     """The signals of this process."""
 

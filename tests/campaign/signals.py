@@ -136,7 +136,11 @@ def end(bench, verb, seed):
     if is_over or (process.returncode == 0 and not last.startswith("ended")):
         return [], "over before the signal"
     wrong = [] if process.returncode == 130 else [f"exit code {process.returncode}"]
-    if not last.startswith("ended by ") or any("ended" in line for line in others):
+    if (
+        not last.startswith("ended by ")
+        or "Interrupt" in last
+        or any("ended" in line for line in others)
+    ):
         wrong.append("not one sentence")
     if "Traceback" in said:
         wrong.append("a traceback")
