@@ -28,9 +28,9 @@ REPAIR = 'so101 setup --repair (on a machine the calibration sensor\'s "motor_se
 """What sets all settings as new for good."""
 
 _GAINS = {reg.P_GAIN: 32, reg.D_GAIN: 32, reg.I_GAIN: 0}  # as delivered (FT, WS)
-_LEAST_TORQUE, _ELSEWHERE = {2: 1.72, 3: 1.12}, 0.5
+_LEAST_TORQUE, _ELSEWHERE = {2: 1.64, 3: 1.12}, 0.5
 """With less torque than this a servo does not lift an arm that is stretched out [N m], by its id;
-emulated, both types: shoulder_lift failed with 1.69 and 1.62 and lifted with 1.86 and 1.72, the
+emulated, both types: shoulder_lift failed with 1.59 and 1.62 and lifted with 1.62 and 1.64, the
 elbow failed with 1.01 and 1.05 and lifted with 1.18 and 1.15."""
 
 _SOFTEST = 16  # P gain; LeRobot's, the softest any program uses on purpose
