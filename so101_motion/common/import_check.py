@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import platform
 import re
 import shutil
 import sys
@@ -20,7 +19,6 @@ NEEDED = (
     *("click", "coal", "google.protobuf", "grpclib", "h2", "mapbox_earcut", "msgspec"),
     *("numpy", "osqp", "pinocchio", "plyfile", "rich", "ruckig", "serial", "trimesh"),
     "viam.module.module",
-    *(("toppra",) if (sys.platform, platform.machine()) == ("linux", "x86_64") else ()),
 )
 """Packages that the module, the library and the command line import."""
 

@@ -4,11 +4,15 @@ import ast
 import os
 import subprocess
 import sys
+import tomllib
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 from grpclib import GRPCError, Status
 from harness.fake_parent import ARM, SIMULATED, running_module
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from so101_motion.common import import_check
 
@@ -38,6 +42,23 @@ def run(environment, *arguments):
 
 def test_everything_needed_can_be_imported_here():
     assert import_check.main(["dev", "viewer"]) == 0
+
+
+def test_what_is_needed_is_what_the_installation_brings():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    viewer = project["optional-dependencies"]["viewer"]
+    wanted = [*map(Requirement, [*project["dependencies"], *viewer])]
+    brought = set()
+    while wanted:
+        one = wanted.pop()
+        is_wanted = one.marker is None or one.marker.evaluate({"extra": ""})
+        if is_wanted and canonicalize_name(one.name) not in brought:
+            brought.add(canonicalize_name(one.name))
+            wanted += map(Requirement, metadata.requires(one.name) or ())
+    packages = {"pinocchio": ["pin"], **metadata.packages_distributions()}
+    for name in (*import_check.NEEDED, *import_check.NEEDED_BY_EXTRA["viewer"]):
+        top = name.partition(".")[0]
+        assert brought & {*map(canonicalize_name, packages.get(top, [top]))}, name
 
 
 @pytest.mark.parametrize(
