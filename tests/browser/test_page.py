@@ -123,9 +123,11 @@ def test_a_switch_has_the_arm_go_around_what_comes_into_its_way(guest: Guest, ri
         shape=Sphere(radius=0.02),
         T_base_obstacle=SE3.from_translation((0.0, 0.3, 0.3)),
     )
-    rig.arm.scene = Scene(obstacles=(ball,))
+    before, rig.arm.scene = rig.arm.scene, Scene(obstacles=(ball,))
     guest.until(lambda: rig.arm.newest_motion.playing is not None)  # it is planned again
     guest.until(lambda: guest.says("Arrived"))
+    rig.arm.scene = before
+    guest.page.get_by_role("checkbox").filter(visible=True).last.click()
 
 
 def test_two_buttons_plan_and_move_the_arm_to_the_target(guest: Guest, rig: Rig) -> None:

@@ -330,7 +330,9 @@ class Guest:
     def type_target(self, *target_mm: float) -> None:
         fields = self.fields("Target (mm)")
         for k, value in enumerate(target_mm):
-            fields.nth(k).fill(f"{value:g}")
+            fields.nth(k).click()
+            self.page.keyboard.press("Control+A")
+            self.page.keyboard.type(f"{value:g}")  # at once, the field may take "-120" for "-0"
             fields.nth(k).press("Enter")
             self.page.wait_for_timeout(80)  # the page sends one message per panel every 50 ms
         self.until(lambda: self.target_mm() == target_mm)
