@@ -56,7 +56,7 @@ FORESIGHT, _GHOSTS = 0.3, 3
 then the arm has answered to a new scene, and come to rest."""
 
 STILL = 0.5
-"""Things that have not moved for so long rest [s]."""
+"""Time without motion after which a thing is taken to rest [s]."""
 
 BRIEF = 0.3
 """Longest search for another plan to the goal [s]; chosen: things have moved on by then."""
@@ -162,7 +162,7 @@ class ReplannedMotion:
         playing.future.add_done_callback(lambda _over: motion.wake())
 
     def _look(self, motion: Motion, playing: PlannedMotion) -> float:
-        """Do what is to be done while it moves; returns when to look again at the latest [s]."""
+        """Check, plan or splice while the arm moves; returns when to look again [s]."""
         if self._joining is None or self._note_outcome():
             search, seen = self._search(), playing.played
             if self._checked is not search:
@@ -198,7 +198,7 @@ class ReplannedMotion:
     def _check(
         self, motion: Motion, playing: PlannedMotion, search: Search
     ) -> tuple[Trajectory, int]:
-        """Let the arm stop if its way is not free any more; returns what is played then."""
+        """Stop the arm if the rest of its motion is blocked; returns what is played then."""
         seen = trajectory, k = playing.played
         self._checked, self._collision = search, CollisionModel(self.model, search.scene)
         last = len(trajectory) - 1
@@ -228,7 +228,7 @@ class ReplannedMotion:
         seen: tuple[Trajectory, int],
         search: Search,
     ) -> None:
-        """Ask for a plan to the goal, or take the one that is there."""
+        """Ask for a plan to the goal, or splice in the one that is finished."""
         planning = self._planning
         if planning is None:
             if self._failed is not search:
@@ -258,7 +258,7 @@ class ReplannedMotion:
     def _take(
         self, motion: Motion, playing: PlannedMotion, planning: _Planning, search: Search
     ) -> None:
-        """Join a plan that is there to what is played, unless it is not free any more."""
+        """Splice a finished plan into what is played, if it is still free."""
         try:
             plan = planning.plan.result()
             self.check_path(plan.trajectory.q)
@@ -288,7 +288,7 @@ class ReplannedMotion:
         return whole, 0
 
     def _note_outcome(self) -> bool:
-        """Whether it is known if what was joined is played."""
+        """Whether the outcome of the last splice is known."""
         assert self._joining is not None
         taken, before = self._joining
         if not taken.done():

@@ -412,7 +412,7 @@ class ChannelPlayer:
         return bool(lost.any())
 
     def _ready(self, motion: _Motion, k: int) -> _Motion:
-        """``motion``, for which all is ready after tick ``k``."""
+        """Prepare what ``motion`` needs from tick ``k`` on; returns it."""
         if self._motion is None:
             self._following.begin(self.reference.q)
             if self.neighbours is not None:  # until it asks for more, it stands here

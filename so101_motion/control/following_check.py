@@ -81,7 +81,7 @@ MOST, MOST_SPANS = 8, 16  # joints, windows or stops; as in held_up.c
 
 
 class _Watch(ctypes.Structure):
-    """What ``held_up.c`` goes by: times in ticks, and how long the gears have been on one side."""
+    """The limits of ``held_up.c``: times in ticks, and how long the gears have been on one side."""
 
     _fields_ = [
         *((name, ctypes.c_int) for name in ("joints", "kept", "lag", "before", "one_side")),

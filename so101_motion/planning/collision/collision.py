@@ -49,7 +49,7 @@ BACK_OUT = (
 
 
 NEARBY = 0.03
-"""How far it is looked first for the closest pair [m]. Chosen: at most goals one is nearer."""
+"""Where the closest pair is looked for first [m]. Chosen: at most goals one is nearer."""
 
 
 class Clearance(NamedTuple):

@@ -32,7 +32,7 @@ from so101_motion.planning.native.library import native
 from so101_motion.planning.paths.compiled_search import Deadline, Space
 
 JOINTS = 3
-"""Of a cell; the others may stand anywhere."""
+"""Number of joints, from the base, that a cell has; the others may stand anywhere."""
 
 STEP, SMALLER, SHIFT = 0.014, 0.75, 0.37
 """Edge of a cell, as motion of the arm's furthest point [m], the share of it that smaller cells
