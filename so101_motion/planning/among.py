@@ -40,21 +40,18 @@ from so101_motion.planning.collision.scene import Attached, Scene, StandingArm
 from so101_motion.planning.request import Plan, PlanRequest
 from so101_motion.planning.timing.trajectory import Trajectory
 
-WAIT = 0.05
-"""Step by which a wait is made longer until the path is free [s]; chosen."""
+WAIT = 0.05  # step by which a wait is made longer until the path is free [s]; chosen
 
 SURELY = 0.7
 """Arms nearer than this share of ``ROOM`` fail every proof. Chosen: proofs leave seven eighths."""
 
-COARSE = 4
-"""Waits are tried first in steps so many times as long; chosen."""
+COARSE = 4  # waits are tried first in steps so many times as long; chosen
 
 TRIED = 0.025
 """Longest search for a path around moving arms [s]; chosen: waiting is the alternative, and
 searches that succeed take some milliseconds."""
 
-BRAKES = 0.1
-"""Time between the instants at which it is checked that all arms can brake [s]; chosen."""
+BRAKES = 0.1  # time between the instants at which it is checked that all arms can brake [s]; chosen
 
 LEAVING = 0.1
 """Time between the instants at which two arms that were too near are tried to be apart [s]."""

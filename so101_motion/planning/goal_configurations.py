@@ -29,8 +29,7 @@ APART = 0.3
 """Improved candidates differ by this in some joint [rad], so that they reach different maxima."""
 
 CLIMBERS = 12
-STEPS = 25
-"""Number of candidates to improve, and of variations of each. Chosen: 50 ms at most."""
+STEPS = 25  # number of candidates to improve, and of variations of each. Chosen: 50 ms at most
 
 _FIRST_STEP = 0.1
 _SMALLER = 0.8

@@ -279,8 +279,7 @@ class ApproachGoal:
         )
 
 
-ToolGoal = LineGoal | ToolPathGoal
-"""Goals that prescribe the path of the tool."""
+ToolGoal = LineGoal | ToolPathGoal  # goals that prescribe the path of the tool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -44,15 +44,13 @@ _ADVICE = {
     "path": "choose waypoints further away from it",
 }
 
-Pieces = list[Trajectory]
-"""A motion in parts, with the arm at rest between them."""
+Pieces = list[Trajectory]  # a motion in parts, with the arm at rest between them
 
 DEPARTURE_SPEED = 0.25
 """Speed of the fastest joint while leaving a start in contact or beyond a limit [rad/s]. Chosen:
 slow enough to watch; the path is seldom longer than 0.3 rad."""
 
-SMOOTHING_SHARE = 0.25
-"""Share of a corner tolerance for the smoothing of acceleration. Chosen."""
+SMOOTHING_SHARE = 0.25  # share of a corner tolerance for the smoothing of acceleration. Chosen
 
 SMOOTHING_MOST = 0.02
 """Largest deviation from the path by smoothing [rad]; the default of ``retime``."""
@@ -62,14 +60,9 @@ NARROWEST, WIDEST = 0.002, 0.5
 rounding (seen: at 0.001 rad by a tenth); above the second no corner gets any rounder [rad].
 Chosen."""
 
-_ROUNDER = 0.25
-"""Factor of the roundings in the second attempt."""
-
-LOOK = 0.02
-"""Travel between the samples of a quick check before a motion is timed [m]."""
-
-_PER_PIECE = 16
-"""Points of each piece of a rounded path in a quick check before it is timed."""
+_ROUNDER = 0.25  # factor of the roundings in the second attempt
+LOOK = 0.02  # travel between the samples of a quick check before a motion is timed [m]
+_PER_PIECE = 16  # points of each piece of a rounded path in a quick check before it is timed
 
 SAME = 1e-6
 """Configurations whose joints all agree to this count as equal [rad]. Chosen: a servo tick is
@@ -82,31 +75,20 @@ _TOOL_SLACK = 1e-3
 SMALLER = 0.35
 """Factor by which a blocked corner is cut less. Chosen: three sizes between 0.1 and 0.01 rad."""
 
-PER_CORNER = 12
-"""Number of configurations of a rounded corner that are checked."""
+PER_CORNER = 12  # number of configurations of a rounded corner that are checked
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotionBuilder:
-    """Makes motions for one request.
+    """Makes motions for one request."""
 
-    Attributes:
-        model: The arm.
-        collision: Checks for contact.
-        q_jaw: Jaw angle during the motion [rad].
-        limits: Caps of the motion.
-        dt: Time between samples [s].
-        tool: Kinematics of the tool point, whose speed has a cap.
-        load: Load of the servos; None not to check it.
-    """
-
-    model: RobotModel
-    collision: CollisionModel
-    q_jaw: float
-    limits: MotionLimits
-    dt: float
-    tool: ArmChain
-    load: Load | None = None
+    model: RobotModel  # the arm
+    collision: CollisionModel  # checks for contact
+    q_jaw: float  # jaw angle during the motion [rad]
+    limits: MotionLimits  # caps of the motion
+    dt: float  # time between samples [s]
+    tool: ArmChain  # kinematics of the tool point, whose speed has a cap
+    load: Load | None = None  # load of the servos; None not to check it
 
     def straight(self, q_from: Array, q_to: Array) -> Trajectory:
         """The motion along the straight joint line, from rest to rest; duration 0 if equal."""

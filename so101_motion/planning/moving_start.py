@@ -17,8 +17,7 @@ from so101_motion.planning.planning_context import PlanningContext
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.trajectory import Trajectory
 
-TRIED = 16
-"""Number of states that are tried as the end of the cut; chosen: each takes 50 us."""
+TRIED = 16  # number of states that are tried as the end of the cut; chosen: each takes 50 us
 
 
 def taken_up(context: PlanningContext, lead: Trajectory, motion: Trajectory) -> Trajectory:

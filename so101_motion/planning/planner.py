@@ -61,8 +61,7 @@ CORNER = 0.1
 """How far each joint may cut the corners of a path that was found here [rad]. Chosen: large enough
 to keep the speed up; a blocked corner is cut less."""
 
-_PICTURE_POINTS = 64
-"""Number of points of the tool's path in a plan, for pictures."""
+_PICTURE_POINTS = 64  # number of points of the tool's path in a plan, for pictures
 
 _Frame = tuple[str, tuple[float, ...], tuple[float, ...]]
 """A further frame's name, rotation and position, as a cache key."""

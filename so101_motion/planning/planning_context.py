@@ -20,39 +20,24 @@ from so101_motion.planning.request import PathDeviation, PlanRequest
 
 @dataclass(slots=True, kw_only=True)
 class PlanningContext:
-    """The request that is being planned.
+    """The request that is being planned."""
 
-    Attributes:
-        request: The request.
-        model: The arm with its own joint limits and frames.
-        ik: Inverse kinematics for it.
-        lines: Plans lines and arcs of its tool.
-        moves: Makes and checks motions.
-        finder: Finds collision-free paths.
-        stages_ms: Wall time of each stage so far [ms].
-        branches: IK branches of the configurations that were tried as goals.
-        branch: The branch of the configuration that was taken.
-        load: Largest share of a velocity, acceleration or jerk limit that is used.
-        effort: Largest share of a servo's torque that is used.
-        path_deviation: How far the tool is from a prescribed path, if there is one.
-        routes: How many routes were compared.
-        out_of_time: Whether the time budget ended that.
-    """
-
-    request: PlanRequest
-    model: RobotModel
-    ik: IkSolver
-    lines: CartesianPlanner
-    moves: MotionBuilder
-    finder: PathFinder
-    stages_ms: dict[str, float] = field(default_factory=dict)
+    request: PlanRequest  # the request
+    model: RobotModel  # the arm with its own joint limits and frames
+    ik: IkSolver  # inverse kinematics for it
+    lines: CartesianPlanner  # plans lines and arcs of its tool
+    moves: MotionBuilder  # makes and checks motions
+    finder: PathFinder  # finds collision-free paths
+    stages_ms: dict[str, float] = field(default_factory=dict)  # wall time of each stage so far [ms]
+    # IK branches of the configurations that were tried as goals
     branches: list[str] = field(default_factory=list)
-    branch: str | None = None
-    load: float = 0.0
-    effort: float = 0.0
+    branch: str | None = None  # the branch of the configuration that was taken
+    load: float = 0.0  # largest share of a velocity, acceleration or jerk limit that is used
+    effort: float = 0.0  # largest share of a servo's torque that is used
+    # how far the tool is from a prescribed path, if there is one
     path_deviation: PathDeviation | None = None
-    routes: int = 0
-    out_of_time: bool = False
+    routes: int = 0  # how many routes were compared
+    out_of_time: bool = False  # whether the time budget ended that
     _inner_ms: float = 0.0
 
     @contextmanager

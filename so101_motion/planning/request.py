@@ -21,11 +21,8 @@ from so101_motion.planning.timing.trajectory import Trajectory
 ROUTE_EFFORT = 16
 """Default number of routes that are compared. Chosen: a third of the gain of hundreds, in 50 ms."""
 
-HURRIED_EFFORT = 3
-"""The same where there is little time, at most. Chosen: some milliseconds."""
-
-MOST_ROUTES = 10_000
-"""Most routes that may be compared."""
+HURRIED_EFFORT = 3  # the same where there is little time, at most. Chosen: some milliseconds
+MOST_ROUTES = 10_000  # most routes that may be compared
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

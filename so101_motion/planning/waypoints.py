@@ -20,8 +20,7 @@ from so101_motion.planning.motion_builder import SAME, MotionBuilder
 _ONE = 2.0 * math.pi / 4096.0
 """Waypoints no farther apart than this are one [rad]: a tick of the servo's encoder."""
 
-_TURN = 1e-6
-"""A waypoint at which the direction changes less than this is on a line."""
+_TURN = 1e-6  # a waypoint at which the direction changes less than this is on a line
 
 
 def checked_path(model: RobotModel, moves: MotionBuilder, q_from: Array, waypoints: Array) -> Array:

@@ -43,8 +43,7 @@ LOOKS = (
 )
 """The resolutions of the searches, one after the other. Chosen: benchmarks/bench_line.py."""
 
-STILL = 1e-6
-"""A tool that turns by less than this does not turn [rad]. Chosen."""
+STILL = 1e-6  # a tool that turns by less than this does not turn [rad]. Chosen
 
 
 class CartesianPlanner:

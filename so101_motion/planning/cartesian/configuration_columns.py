@@ -43,8 +43,7 @@ ROOM = 0.05
 """Configurations closer than this to a joint limit or a straight arm cost more [rad]. Chosen: 3
 deg."""
 
-OF_LIMIT = 0.3
-"""Cost of a whole path at a joint limit, against 1 for a radian of pitch. Chosen."""
+OF_LIMIT = 0.3  # cost of a whole path at a joint limit, against 1 for a radian of pitch. Chosen
 
 OF_DEVIATION = 10.0
 """Cost of a whole path with the tool turned off by the tolerance. Chosen: deviations stay small."""
@@ -59,22 +58,17 @@ class Allowed(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Configurations for each point of a path, and what each costs.
+    """Configurations for each point of a path, and what each costs."""
 
-    Attributes:
-        q: Joint angles, shape (n, k, 5), [rad]; beyond the limits too.
-        price: Cost of a whole path of such configurations, shape (n, k); infinite where one is not
-            allowed.
-        excess: Largest distance of a joint beyond its limits, shape (n, k), [rad]; infinite where
-            the point is out of reach.
-        deviation: How far the tool is turned off, shape (n, k), [rad]; 0 where it does not count.
-        in_front: Whether the arm faces the point, shape (n, k), or reaches it over its back.
-    """
-
-    q: Array
+    q: Array  # joint angles, shape (n, k, 5), [rad]; beyond the limits too
+    # cost of a whole path of such configurations, shape (n, k); infinite where one is not allowed
     price: Array
+    # largest distance of a joint beyond its limits, shape (n, k), [rad]; infinite where the point
+    # is out of reach
     excess: Array
+    # how far the tool is turned off, shape (n, k), [rad]; 0 where it does not count
     deviation: Array
+    # whether the arm faces the point, shape (n, k), or reaches it over its back
     in_front: NDArray[np.bool_]
 
     def at(self, i: int) -> Columns:
@@ -97,37 +91,22 @@ class Columns(NamedTuple):
 
 
 class Resolution(NamedTuple):
-    """The resolution of a search.
+    """The resolution of a search."""
 
-    Attributes:
-        spacing: Distance between points [m].
-        pitch_step: Distance between pitches where the pitch is free [rad].
-        offsets: Number of pitches within a tolerance.
-        rolls: Number of rolls where the roll is free, or within a tolerance.
-    """
-
-    spacing: float
-    pitch_step: float
-    offsets: int
-    rolls: int
+    spacing: float  # distance between points [m]
+    pitch_step: float  # distance between pitches where the pitch is free [rad]
+    offsets: int  # number of pitches within a tolerance
+    rolls: int  # number of rolls where the roll is free, or within a tolerance
 
 
 class Criteria(NamedTuple):
-    """The conditions on configurations along a path.
+    """The conditions on configurations along a path."""
 
-    Attributes:
-        metric: Which parts of the pose count.
-        frame: Which frame of the gripper follows the path.
-        orientation_tolerance: Largest deviation of the orientation [rad].
-        roll: The roll to keep where it is free [rad].
-        pitch: A pitch that must be among those tried [rad].
-    """
-
-    metric: GoalMetric
-    frame: str
-    orientation_tolerance: float
-    roll: float
-    pitch: float
+    metric: GoalMetric  # which parts of the pose count
+    frame: str  # which frame of the gripper follows the path
+    orientation_tolerance: float  # largest deviation of the orientation [rad]
+    roll: float  # the roll to keep where it is free [rad]
+    pitch: float  # a pitch that must be among those tried [rad]
 
 
 class ConfigurationSource:

@@ -32,8 +32,7 @@ SMOOTHED = (30.0, 1.0, 0.0)
 """Weights of smoothness against nearness, one attempt after the other, where the pitch is free.
 Chosen: the first evens out changes shorter than ten configurations."""
 
-EXACT = (0.0, 1.0)
-"""The same where the goal prescribes the tool's orientation."""
+EXACT = (0.0, 1.0)  # the same where the goal prescribes the tool's orientation
 
 MOST_CONFIGURATIONS, FINEST = 400, 0.001
 """A curve that needs more configurations than this, and closer together [m], is given up: it passes
@@ -51,36 +50,27 @@ tolerance is kept everywhere."""
 LIMIT_SLACK = 0.5 * verify.POSITION_TOLERANCE
 """How far a curve may be outside the joint limits [rad]: half of what verification accepts."""
 
-_EXACT = 1e-8
-"""A tool this close to its path is on it [m]."""
+_EXACT = 1e-8  # a tool this close to its path is on it [m]
 
 _ROUNDS, _STEPS = 4, 4
 """How often Newton's method works out the Jacobian, and how many steps it takes with each. From
 close by one Jacobian and two steps do, but near singular configurations."""
 
-_DAMPING = 1e-10
-"""Keeps a step finite at a singular configuration [m^2/rad^2]; nothing elsewhere."""
+_DAMPING = 1e-10  # keeps a step finite at a singular configuration [m^2/rad^2]; nothing elsewhere
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FitFailure:
-    """Where and why no curve could be fitted.
+    """Where and why no curve could be fitted."""
 
-    Attributes:
-        s: How far along the path [m].
-        q: The configuration that failed, shape (5,), [rad].
-        turned: How far it turns the tool off [rad], if that is too far.
-        in_contact: Whether it is in contact. If neither, the path is near a singular configuration.
-    """
-
-    s: float
-    q: Array
-    turned: float = 0.0
+    s: float  # how far along the path [m]
+    q: Array  # the configuration that failed, shape (5,), [rad]
+    turned: float = 0.0  # how far it turns the tool off [rad], if that is too far
+    # whether it is in contact. If neither, the path is near a singular configuration
     in_contact: bool = False
 
 
-Accept = Callable[[JointPath], FitFailure | None]
-"""Checks a curve; returns None if it is accepted."""
+Accept = Callable[[JointPath], FitFailure | None]  # checks a curve; returns None if it is accepted
 
 
 class CurveFitter:

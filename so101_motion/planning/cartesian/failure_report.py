@@ -26,8 +26,7 @@ from so101_motion.planning.goals import PoseGoal, ToolPathGoal
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.ik_task import limit_name
 
-STEP = 0.0005
-"""Step in which the path is followed [m]. Chosen: messages are in whole millimetres."""
+STEP = 0.0005  # step in which the path is followed [m]. Chosen: messages are in whole millimetres
 
 NEAR = 0.15
 """Largest change of the joints but the pan in one step [rad]. Chosen: half a millimetre takes a
@@ -36,26 +35,20 @@ tenth of that, except near singular configurations."""
 PAN_NEAR = 0.6
 """The same for the pan [rad]: it turns so far in half a millimetre, one millimetre off its axis."""
 
-NEAR_END = 0.010
-"""If a point so soon after the end is out of reach, that is the reason [m]. Chosen."""
+NEAR_END = 0.010  # if a point so soon after the end is out of reach, that is the reason [m]. Chosen
 
 _ADVICE = "end it earlier, or start it from another configuration"
 _SINGULAR = "a singular configuration, past which the joints would have to turn over at once"
 
 
 class _End(NamedTuple):
-    """The end of the part of a path that can be followed.
+    """The end of the part of a path that can be followed."""
 
-    Attributes:
-        s: How far along the path it is [m].
-        q: Configurations there, shape (k, 5), k >= 1, [rad].
-        ahead: Configurations of the next point; None if they are not the reason.
-        fit_failure: Why no curve can be fitted any further, if that is the reason.
-    """
-
-    s: float
-    q: Array
+    s: float  # how far along the path it is [m]
+    q: Array  # configurations there, shape (k, 5), k >= 1, [rad]
+    # configurations of the next point; None if they are not the reason
     ahead: Columns | None = None
+    # why no curve can be fitted any further, if that is the reason
     fit_failure: FitFailure | None = None
 
 

@@ -41,8 +41,7 @@ SIDE_JUMP = 0.3
 """The same for a change from facing to reaching over the back, which is one motion only with the
 tool on the pan axis [rad]. Chosen."""
 
-OF_MOTION = 0.01
-"""Cost of joint motion, against 1 for the pitch. Chosen: the pitch stays if it can."""
+OF_MOTION = 0.01  # cost of joint motion, against 1 for the pitch. Chosen: the pitch stays if it can
 
 Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]

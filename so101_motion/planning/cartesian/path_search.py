@@ -31,14 +31,9 @@ from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.timing.path_geometry import JointPath
 
-FEWEST = 8
-"""Fewest parts into which a path between two rests is cut."""
-
-TURN_SPACING = 0.15
-"""Largest turn of the tool between two columns [rad]. Chosen: 9 degrees."""
-
-ATTEMPTS = 20
-"""How many sequences are tried. Chosen: none of 684 random lines needed more than 4."""
+FEWEST = 8  # fewest parts into which a path between two rests is cut
+TURN_SPACING = 0.15  # largest turn of the tool between two columns [rad]. Chosen: 9 degrees
+ATTEMPTS = 20  # how many sequences are tried. Chosen: none of 684 random lines needed more than 4
 
 FIT_FAILURES = 10
 """The search is given up after so many sequences through which no curve could be fitted."""
@@ -50,27 +45,18 @@ AT_ONCE = 16
 """Number of points whose configurations are computed between two checkpoints. Chosen: the finest
 search takes some milliseconds for them."""
 
-_LOOKS = 8
-"""Number of points of each piece of a curve at which the tool is compared with its path."""
+_LOOKS = 8  # number of points of each piece of a curve at which the tool is compared with its path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathTask:
-    """The path to follow, and the obstacles.
+    """The path to follow, and the obstacles."""
 
-    Attributes:
-        goal: The goal with its metric and tolerances.
-        tool_path: The path of the goal's frame.
-        q_start: Joint angles at the start, shape (5,), [rad].
-        collision: Checks for contact.
-        q_jaw: Jaw angle during the motion [rad].
-    """
-
-    goal: ToolGoal
-    tool_path: ToolPath
-    q_start: Array
-    collision: CollisionModel
-    q_jaw: float
+    goal: ToolGoal  # the goal with its metric and tolerances
+    tool_path: ToolPath  # the path of the goal's frame
+    q_start: Array  # joint angles at the start, shape (5,), [rad]
+    collision: CollisionModel  # checks for contact
+    q_jaw: float  # jaw angle during the motion [rad]
 
     def is_free(self, q: Array) -> bool:
         """Whether a configuration is free of contact."""
@@ -79,19 +65,12 @@ class PathTask:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tools:
-    """Kinematics that a search uses.
+    """Kinematics that a search uses."""
 
-    Attributes:
-        ik: The arm's solver.
-        structure: The arm's structure.
-        chain: Kinematics of the frame that follows the path.
-        tool_chain: Kinematics of the tool, whose orientation counts.
-    """
-
-    ik: IkSolver
-    structure: ArmStructure
-    chain: ArmChain
-    tool_chain: ArmChain
+    ik: IkSolver  # the arm's solver
+    structure: ArmStructure  # the arm's structure
+    chain: ArmChain  # kinematics of the frame that follows the path
+    tool_chain: ArmChain  # kinematics of the tool, whose orientation counts
 
 
 class PathSearch:

@@ -27,44 +27,30 @@ STRAIGHTEST = 1e-4
 """An arc is refused if its via point is nearer to the chord than this share of the chord. Chosen:
 its radius would be more than a thousand times its length."""
 
-_ROUNDS = 4
-"""Iterations for the length of a rounded corner; each gains two digits."""
+_ROUNDS = 4  # iterations for the length of a rounded corner; each gains two digits
 
 _ROUNDEST = 1.5
 """Shortest rounded corner, in ``reach``. Chosen: the corner of a path that turns back on itself has
 hardly any length, and would become too tight to move through."""
 
-_SAMPLES = 64
-"""Number of points at which the length of a rounded corner is measured."""
+_SAMPLES = 64  # number of points at which the length of a rounded corner is measured
 
 
 class PathPoint(NamedTuple):
-    """Points of a curve, each of shape (n, 3).
+    """Points of a curve, each of shape (n, 3)."""
 
-    Attributes:
-        p: Where they are [m].
-        direction: Unit vectors along the curve.
-        curvature: Change of direction per metre [1/m].
-    """
-
-    p: Array
-    direction: Array
-    curvature: Array
+    p: Array  # where they are [m]
+    direction: Array  # unit vectors along the curve
+    curvature: Array  # change of direction per metre [1/m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A straight segment; or a point, whose length is only nominal.
+    """A straight segment; or a point, whose length is only nominal."""
 
-    Attributes:
-        p_start: Start point, shape (3,), [m].
-        p_end: End point [m].
-        length: Length, or for a turn on the spot what it counts [m].
-    """
-
-    p_start: Array
-    p_end: Array
-    length: float
+    p_start: Array  # start point, shape (3,), [m]
+    p_end: Array  # end point [m]
+    length: float  # length, or for a turn on the spot what it counts [m]
 
     def at(self, s: Array) -> PathPoint:
         """Points after ``s`` (n,) metres."""
@@ -75,21 +61,13 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Arc:
-    """A part of a circle.
+    """A part of a circle."""
 
-    Attributes:
-        centre: Of the circle, shape (3,), [m].
-        first: Unit vector from there to the start.
-        second: Unit vector along the arc at the start.
-        radius: [m].
-        length: [m].
-    """
-
-    centre: Array
-    first: Array
-    second: Array
-    radius: float
-    length: float
+    centre: Array  # of the circle, shape (3,), [m]
+    first: Array  # unit vector from there to the start
+    second: Array  # unit vector along the arc at the start
+    radius: float  # [m]
+    length: float  # [m]
 
     def at(self, s: Array) -> PathPoint:
         """Points after ``s`` (n,) metres."""
@@ -103,18 +81,13 @@ SegmentCurve = Line | Arc
 
 
 class Rounding(NamedTuple):
-    """The curve around a corner.
+    """The curve around a corner."""
 
-    Attributes:
-        length: Its length [m]; the parameter is the distance travelled only on average.
-        reach: Distance from the corner at which it leaves and meets the segments [m].
-        coefficients: Of four polynomials in the share of ``length`` done, shape (6, 4): the place
-            [m], and the place on the segments on either side as a distance from the corner, from
-            ``-reach`` to ``reach`` [m].
-    """
-
-    length: float
-    reach: float
+    length: float  # its length [m]; the parameter is the distance travelled only on average
+    reach: float  # distance from the corner at which it leaves and meets the segments [m]
+    # of four polynomials in the share of ``length`` done, shape (6, 4): the place [m], and the
+    # place on the segments on either side as a distance from the corner, from ``-reach`` to
+    # ``reach`` [m]
     coefficients: Array
 
     def at(self, s: Array) -> Array:

@@ -14,25 +14,18 @@ from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import JointPath
 from so101_motion.planning.timing.trajectory import Trajectory
 
-SAME = 1e-6
-"""A motion smaller than this is none [rad]. Chosen: a servo tick is 1.5e-3."""
+SAME = 1e-6  # a motion smaller than this is none [rad]. Chosen: a servo tick is 1.5e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolMotion:
-    """Joint curves that follow a tool path, still without timing.
+    """Joint curves that follow a tool path, still without timing."""
 
-    Attributes:
-        q_start: Joint angles at the start, shape (5,), [rad].
-        curves: One after the other; the arm rests between them. Empty if the arm is there already.
-        off: Largest distance of the tool from its path [m].
-        turned: Largest deviation of its orientation, as far as that counts [rad].
-    """
-
-    q_start: Array
+    q_start: Array  # joint angles at the start, shape (5,), [rad]
+    # one after the other; the arm rests between them. Empty if the arm is there already
     curves: tuple[JointPath, ...]
-    off: float
-    turned: float
+    off: float  # largest distance of the tool from its path [m]
+    turned: float  # largest deviation of its orientation, as far as that counts [rad]
 
     @property
     def waypoints(self) -> Array:

@@ -42,23 +42,14 @@ LEVER = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Leg:
-    """A segment without the ends that are cut off for roundings.
+    """A segment without the ends that are cut off for roundings."""
 
-    Attributes:
-        number: Number of the segment, from 0.
-        curve: That of the whole segment.
-        R_start: Orientation at its start, shape (3, 3).
-        turn: Rotation from its start to its end, as a rotation vector [rad].
-        begin: Where on the segment the leg begins [m].
-        end: Where it ends [m].
-    """
-
-    number: int
-    curve: SegmentCurve
-    R_start: Array
-    turn: Array
-    begin: float
-    end: float
+    number: int  # number of the segment, from 0
+    curve: SegmentCurve  # that of the whole segment
+    R_start: Array  # orientation at its start, shape (3, 3)
+    turn: Array  # rotation from its start to its end, as a rotation vector [rad]
+    begin: float  # where on the segment the leg begins [m]
+    end: float  # where it ends [m]
 
     @property
     def length(self) -> float:
@@ -79,19 +70,12 @@ class _Leg:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Corner:
-    """A rounded corner between two segments.
+    """A rounded corner between two segments."""
 
-    Attributes:
-        number: Of the segment after it.
-        before: The leg before it.
-        after: The leg after it.
-        rounding: Its curve.
-    """
-
-    number: int
-    before: _Leg
-    after: _Leg
-    rounding: Rounding
+    number: int  # of the segment after it
+    before: _Leg  # the leg before it
+    after: _Leg  # the leg after it
+    rounding: Rounding  # its curve
 
     @property
     def length(self) -> float:
@@ -115,21 +99,13 @@ _SMOOTH_STEP = quintic(*(np.array([value]) for value in (0.0, 0.0, 0.0, 1.0, 0.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolPath:
-    """A path of the tool, from the start on.
+    """A path of the tool, from the start on."""
 
-    Attributes:
-        parts: Legs and roundings.
-        spin: Whether it is a turn on the spot.
-        begins: Where each part begins, shape (k,), [m].
-        length: How long the path is [m].
-        turn: How far the frame turns along it, all in all [rad].
-    """
-
-    parts: tuple[_Leg | _Corner, ...]
-    spin: bool = False
-    begins: Array = field(init=False)
-    length: float = field(init=False)
-    turn: float = field(init=False)
+    parts: tuple[_Leg | _Corner, ...]  # legs and roundings
+    spin: bool = False  # whether it is a turn on the spot
+    begins: Array = field(init=False)  # where each part begins, shape (k,), [m]
+    length: float = field(init=False)  # how long the path is [m]
+    turn: float = field(init=False)  # how far the frame turns along it, all in all [rad]
 
     def __post_init__(self) -> None:
         ends = np.cumsum([part.length for part in self.parts])

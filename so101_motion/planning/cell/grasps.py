@@ -17,11 +17,8 @@ from so101_motion.planning.collision.coal_shapes import held_shape
 from so101_motion.planning.collision.scene import Shape, ShapeFile
 from so101_motion.planning.collision.shape_files import read_shape
 
-THICKEST = 0.06
-"""Thickest object that is grasped [m]; chosen: the jaws open to 90 mm."""
-
-DEEP = 0.015
-"""Largest distance from the object's edge to the middle of the grip [m]; chosen."""
+THICKEST = 0.06  # thickest object that is grasped [m]; chosen: the jaws open to 90 mm
+DEEP = 0.015  # largest distance from the object's edge to the middle of the grip [m]; chosen
 
 FROM_END = 0.012
 """Distance from the object's end of a grasp near an end [m]; chosen: the jaws are 20 mm wide."""
@@ -29,16 +26,11 @@ FROM_END = 0.012
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grasp:
-    """A grasp of an object.
+    """A grasp of an object."""
 
-    Attributes:
-        T_object_grip: The middle of the grip in the object's frame: z along the approach, x across
-            the jaws.
-        thickness: The object's thickness there [m].
-    """
-
+    # the middle of the grip in the object's frame: z along the approach, x across the jaws
     T_object_grip: SE3
-    thickness: float
+    thickness: float  # the object's thickness there [m]
 
 
 def grasps_of(shape: Shape | ShapeFile) -> Iterator[Grasp]:

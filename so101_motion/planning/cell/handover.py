@@ -52,14 +52,9 @@ BESIDE = 0.002
 """Gap between the pad of the taker's fixed jaw and the object before it closes [m]; chosen, so that
 it does not push the object out of the other gripper."""
 
-MOST = 12
-"""How many meetings are planned for before planning fails; chosen."""
-
-AT_A_TIME = 5
-"""How many meetings are found before the best of them is planned for; chosen."""
-
-SEEDS = 6
-"""How often meetings are searched, among other random configurations each time; chosen."""
+MOST = 12  # how many meetings are planned for before planning fails; chosen
+AT_A_TIME = 5  # how many meetings are found before the best of them is planned for; chosen
+SEEDS = 6  # how often meetings are searched, among other random configurations each time; chosen
 
 
 def plan_handover(planner: Planner, request: HandoverRequest) -> Handover:

@@ -24,29 +24,19 @@ from so101_motion.planning.kinematics.model import RobotModel
 LEVER = 0.1
 """Weight of one radian against metres [m/rad]; chosen, about the distance from wrist to jaw."""
 
-GIVERS, TAKERS = 64, 400
-"""Number of configurations of giver and taker that are compared; chosen."""
-
-TRIED = 24
-"""Number of pairs that are brought together; chosen."""
+GIVERS, TAKERS = 64, 400  # number of configurations of giver and taker that are compared; chosen
+TRIED = 24  # number of pairs that are brought together; chosen
 
 _STEPS, _LONGEST, _DAMPING = 12, 0.4, 1e-5
-_MET = 1e-7
-"""Largest remaining error of a meeting [m]; chosen, far below what can be measured."""
+_MET = 1e-7  # largest remaining error of a meeting [m]; chosen, far below what can be measured
 
 
 class Meeting(NamedTuple):
-    """Configurations of giver and taker for one grasp.
+    """Configurations of giver and taker for one grasp."""
 
-    Attributes:
-        q_giver: Of the arm that holds the object, shape (5,), [rad].
-        q_taker: Of the arm that takes it, shape (5,), [rad].
-        which: Index of the grasp.
-    """
-
-    q_giver: Array
-    q_taker: Array
-    which: int
+    q_giver: Array  # of the arm that holds the object, shape (5,), [rad]
+    q_taker: Array  # of the arm that takes it, shape (5,), [rad]
+    which: int  # index of the grasp
 
 
 class Meetings:

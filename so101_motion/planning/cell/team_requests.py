@@ -28,17 +28,11 @@ class TeamTask(Generic[T]):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TeamMember:
-    """One of several arms that are planned together.
+    """One of several arms that are planned together."""
 
-    Attributes:
-        name: Its name in messages.
-        T_cell_base: Pose of its base in the cell.
-        request: Its start and goal; its ``others`` are ignored.
-    """
-
-    name: str
-    T_cell_base: SE3
-    request: PlanRequest
+    name: str  # its name in messages
+    T_cell_base: SE3  # pose of its base in the cell
+    request: PlanRequest  # its start and goal; its ``others`` are ignored
 
     @contextmanager
     def named(self) -> Iterator[None]:
@@ -64,42 +58,25 @@ class TeamMember:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TeamRequest(TeamTask[dict[str, Plan]]):
-    """Request for a common motion of several arms.
+    """Request for a common motion of several arms."""
 
-    Attributes:
-        team: The arms.
-    """
-
-    team: tuple[TeamMember, ...]
+    team: tuple[TeamMember, ...]  # the arms
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Handover:
-    """A plan to pass an object on.
+    """A plan to pass an object on."""
 
-    Attributes:
-        giver: The name of the arm that holds it.
-        taker: The name of the arm that takes it.
-        thing: The object in the giver's gripper.
-        taken: The object in the taker's gripper.
-        approach: The motion of each arm by its name, begun and ended together.
-        take: The straight motion of the taker to the object.
-        leave: The straight motion of the giver away from it.
-        q_jaw_open: Angle of the taker's open jaw before it takes the object [rad].
-        q_jaw_closed: Angle of the taker's jaw closed on the object [rad].
-        q_jaw_free: Angle of the giver's open jaw while it leaves [rad].
-    """
-
-    giver: str
-    taker: str
-    thing: Attached
-    taken: Attached
-    approach: Mapping[str, Plan]
-    take: Plan
-    leave: Plan
-    q_jaw_open: float
-    q_jaw_closed: float
-    q_jaw_free: float
+    giver: str  # the name of the arm that holds it
+    taker: str  # the name of the arm that takes it
+    thing: Attached  # the object in the giver's gripper
+    taken: Attached  # the object in the taker's gripper
+    approach: Mapping[str, Plan]  # the motion of each arm by its name, begun and ended together
+    take: Plan  # the straight motion of the taker to the object
+    leave: Plan  # the straight motion of the giver away from it
+    q_jaw_open: float  # angle of the taker's open jaw before it takes the object [rad]
+    q_jaw_closed: float  # angle of the taker's jaw closed on the object [rad]
+    q_jaw_free: float  # angle of the giver's open jaw while it leaves [rad]
 
     @property
     def duration(self) -> float:
@@ -110,18 +87,11 @@ class Handover:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HandoverRequest(TeamTask[Handover]):
-    """Request to pass an object from one arm to another.
+    """Request to pass an object from one arm to another."""
 
-    Attributes:
-        team: All arms of the cell from where they are; their goals are ignored.
-        giver: The name of the arm that holds the object.
-        taker: The name of the arm that shall take it.
-        thing: The object's name among those the giver holds.
-        grasps: How it may be taken; empty to use the box around it.
-    """
-
+    # all arms of the cell from where they are; their goals are ignored
     team: tuple[TeamMember, ...]
-    giver: str
-    taker: str
-    thing: str
-    grasps: tuple[Grasp, ...] = ()
+    giver: str  # the name of the arm that holds the object
+    taker: str  # the name of the arm that shall take it
+    thing: str  # the object's name among those the giver holds
+    grasps: tuple[Grasp, ...] = ()  # how it may be taken; empty to use the box around it

@@ -63,31 +63,21 @@ from so101_motion.planning.timing.retime import retime
 from so101_motion.planning.timing.torque import slowed
 from so101_motion.planning.timing.trajectory import Trajectory
 
-LOOKS = 64
-"""Number of places of a path at which distances are measured; chosen, a millisecond."""
-
-FAR = 0.3
-"""Bodies further apart than this limit no speed [m]; chosen."""
+LOOKS = 64  # number of places of a path at which distances are measured; chosen, a millisecond
+FAR = 0.3  # bodies further apart than this limit no speed [m]; chosen
 
 SHARE = 0.8
 """Share of the spare room that may be used; chosen: between two places there may be less."""
 
-SLOWEST = 0.02
-"""Lowest limit of a speed [m/s]; chosen."""
+SLOWEST = 0.02  # lowest limit of a speed [m/s]; chosen
 
 
 class PacedArm(NamedTuple):
-    """An arm on a common path.
+    """An arm on a common path."""
 
-    Attributes:
-        bodies: Its bodies, with those it holds.
-        T_cell_base: Pose of its base.
-        q_jaw: Its jaw angle [rad].
-    """
-
-    bodies: ArmBodies
-    T_cell_base: SE3
-    q_jaw: float
+    bodies: ArmBodies  # its bodies, with those it holds
+    T_cell_base: SE3  # pose of its base
+    q_jaw: float  # its jaw angle [rad]
 
 
 def pace_on(path: JointPath, arms: Sequence[PacedArm]) -> Callable[[Array, Array], Array] | None:
@@ -134,8 +124,7 @@ def pace_on(path: JointPath, arms: Sequence[PacedArm]) -> Callable[[Array, Array
 SLOWER = (1.0, 1.5, 2.2, 3.3, 5.0)
 """Factors by which a common motion is slowed: slow arms may be nearer to each other. Chosen."""
 
-SPARE = 0.005
-"""Extra room of a common path [m], because its corners are cut; chosen."""
+SPARE = 0.005  # extra room of a common path [m], because its corners are cut; chosen
 
 MOST_ORDERS = 6
 """Number of orders in which arms are planned one after the other; chosen, all orders of three."""
@@ -144,8 +133,7 @@ ALONE, IN_TURN, AS_ONE = 0.5, 0.75, 1.15
 """Shares of the time budget after which each method leaves it to the next; chosen. The last is all
 that a plan may take: an arm that finds nothing must leave time for the others."""
 
-LEAST = 0.01
-"""Shortest search of one arm [s]; chosen."""
+LEAST = 0.01  # shortest search of one arm [s]; chosen
 
 
 def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:

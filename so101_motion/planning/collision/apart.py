@@ -33,8 +33,7 @@ EARLY = 0.03
 """How much one arm may be ahead of the other [s]. Chosen: three periods of the control loop; both
 lag behind their commands, by nearly the same time."""
 
-GUARDED_EARLY = 0.01
-"""The same for arms that follow targets [s]: one period of the control loop."""
+GUARDED_EARLY = 0.01  # the same for arms that follow targets [s]: one period of the control loop
 
 PARTING = 5e-4
 """Arms that are too near already may come so much nearer [m], because parts that slide along each
@@ -47,19 +46,12 @@ _Found = tuple[float, float, int, int] | None
 
 
 class Meeting(NamedTuple):
-    """Where two arms would come too near to each other.
+    """Where two arms would come too near to each other."""
 
-    Attributes:
-        t: When [s].
-        distance: How near they are then [m]; 0 or less if they touch.
-        first: A link of the first arm by its human name, or what it holds.
-        second: The same of the second arm.
-    """
-
-    t: float
-    distance: float
-    first: str
-    second: str
+    t: float  # when [s]
+    distance: float  # how near they are then [m]; 0 or less if they touch
+    first: str  # a link of the first arm by its human name, or what it holds
+    second: str  # the same of the second arm
 
 
 def _groups(a: ArmBodies, b: ArmBodies) -> Sequence[tuple[ArmBodies, ArmBodies]]:

@@ -23,14 +23,9 @@ from so101_motion.planning.collision.continuous_check import Level, Touches
 from so101_motion.planning.collision.packed_bodies import packed
 from so101_motion.planning.native.library import native
 
-MOST_ARMS = 8
-"""Most arms of a team; as in ``native.h``."""
-
-FEW = 64
-"""Up to so many waypoints are passed in an array whose address is known."""
-
-NEAR_ROW, BOUND = 16, 7
-"""As in ``native.h``."""
+MOST_ARMS = 8  # most arms of a team; as in ``native.h``
+FEW = 64  # up to so many waypoints are passed in an array whose address is known
+NEAR_ROW, BOUND = 16, 7  # as in ``native.h``
 
 FREE, TOUCHING = 0, 1
 _GO_ON, _TIME_IS_UP, _END = 0, 1, 2

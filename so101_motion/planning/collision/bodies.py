@@ -137,31 +137,22 @@ _LOWERING = frozenset(LINKS[LINKS.index("upper arm") :])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bodies:
-    """All collision bodies and pairs.
+    """All collision bodies and pairs."""
 
-    Attributes:
-        bodies: The bodies.
-        indices: The pairs of them that are checked, integers, shape (len(pairs), 2).
-        pairs: Those pairs by name.
-        margins: Distance that each pair must keep, shape (len(pairs),), [m].
-        moved_by: How many of the arm's joints move the first and the second body of each pair,
-            integers, shape (len(pairs), 2).
-        swapped: Whether coal answers for a pair as if its second body had been named first.
-        levers: Bounds on the distance of moved points from each joint's axis.
-        standing: Shapes of the obstacles by their index among the bodies; of a cloud, the cubes
-            that are near.
-        insides: What the surfaces among them enclose, None if it is not known; coal measures no
-            depth in surfaces.
-    """
-
-    bodies: tuple[Body, ...]
-    indices: Any
-    pairs: tuple[tuple[str, str], ...]
-    margins: Array
+    bodies: tuple[Body, ...]  # the bodies
+    indices: Any  # the pairs of them that are checked, integers, shape (len(pairs), 2)
+    pairs: tuple[tuple[str, str], ...]  # those pairs by name
+    margins: Array  # distance that each pair must keep, shape (len(pairs),), [m]
+    # how many of the arm's joints move the first and the second body of each pair, integers, shape
+    # (len(pairs), 2)
     moved_by: Any
+    # whether coal answers for a pair as if its second body had been named first
     swapped: tuple[bool, ...]
-    levers: MotionBounds
+    levers: MotionBounds  # bounds on the distance of moved points from each joint's axis
+    # shapes of the obstacles by their index among the bodies; of a cloud, the cubes that are near
     standing: dict[int, Standing]
+    # what the surfaces among them enclose, None if it is not known; coal measures no depth in
+    # surfaces
     insides: dict[int, Inside | None]
 
     def __post_init__(self) -> None:
@@ -169,59 +160,36 @@ class Bodies:
 
 
 class Cubes(NamedTuple):
-    """The full cubes of a point cloud.
+    """The full cubes of a point cloud."""
 
-    Attributes:
-        middles: Their middles in the cloud's frame, shape (n, 3), [m].
-        edge: Length of their edges [m].
-    """
-
-    middles: Array
-    edge: float
+    middles: Array  # their middles in the cloud's frame, shape (n, 3), [m]
+    edge: float  # length of their edges [m]
 
 
 class Hull(NamedTuple):
-    """The convex hull of points, widened all around.
+    """The convex hull of points, widened all around."""
 
-    Attributes:
-        points: The points in its own frame, shape (n, 3), [m].
-        radius: How much it is widened [m].
-    """
-
-    points: Array
-    radius: float
+    points: Array  # the points in its own frame, shape (n, 3), [m]
+    radius: float  # how much it is widened [m]
 
 
-Standing = Box | Sphere | Capsule | Mesh | Cubes | Hull
-"""The form of an obstacle."""
+Standing = Box | Sphere | Capsule | Mesh | Cubes | Hull  # the form of an obstacle
 
 
 class Body(NamedTuple):
-    """A link, a held object, an obstacle or a part of it.
+    """A link, a held object, an obstacle or a part of it."""
 
-    Attributes:
-        name: Its name in messages.
-        joint: The joint that carries it, 0 for none.
-        placement: Its pose in that joint's frame, Pinocchio's.
-        shape: Its shape, coal's.
-    """
-
-    name: str
-    joint: int
-    placement: Any
-    shape: Any
+    name: str  # its name in messages
+    joint: int  # the joint that carries it, 0 for none
+    placement: Any  # its pose in that joint's frame, Pinocchio's
+    shape: Any  # its shape, coal's
 
 
 class _Mover(NamedTuple):
-    """A body that joints may move: a link or a held object.
+    """A body that joints may move: a link or a held object."""
 
-    Attributes:
-        body: The body.
-        points: Points whose hull contains it, in the joint's frame, shape (n, 3), [m].
-    """
-
-    body: Body
-    points: Array
+    body: Body  # the body
+    points: Array  # points whose hull contains it, in the joint's frame, shape (n, 3), [m]
 
 
 def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = never_abandoned) -> Bodies:
@@ -303,19 +271,12 @@ def _foot(model: Any, T: SE3) -> Array:
 
 
 class _Part(NamedTuple):
-    """A link of another arm at rest, or an object it holds, widened.
+    """A link of another arm at rest, or an object it holds, widened."""
 
-    Attributes:
-        name: Its name in messages about that arm.
-        joint: The joint that carries it, 0 for none.
-        shape: Its shape in the joint's frame, coal's.
-        form: The same as numbers.
-    """
-
-    name: str
-    joint: int
-    shape: Any
-    form: Hull
+    name: str  # its name in messages about that arm
+    joint: int  # the joint that carries it, 0 for none
+    shape: Any  # its shape in the joint's frame, coal's
+    form: Hull  # the same as numbers
 
 
 @lru_cache(maxsize=16)
@@ -481,17 +442,11 @@ class _Same:
 
 
 class _Carried(NamedTuple):
-    """An arm with the objects it holds, without its surroundings.
+    """An arm with the objects it holds, without its surroundings."""
 
-    Attributes:
-        movers: Its bodies.
-        levers: Bounds on the distance of moved points from each joint's axis.
-        spans: Largest distance of each body from the pan joint [m].
-    """
-
-    movers: Sequence[_Mover]
-    levers: MotionBounds
-    spans: Sequence[float]
+    movers: Sequence[_Mover]  # its bodies
+    levers: MotionBounds  # bounds on the distance of moved points from each joint's axis
+    spans: Sequence[float]  # largest distance of each body from the pan joint [m]
 
 
 @lru_cache(maxsize=16)

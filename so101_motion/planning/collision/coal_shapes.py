@@ -19,15 +19,9 @@ from so101_motion.planning.checkpoint import Checkpoint, never_abandoned
 from so101_motion.planning.collision.cubes import cube_middles, cube_numbers
 from so101_motion.planning.collision.scene import Box, Capsule, Mesh, PointCloud, Shape, Sphere
 
-_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
-"""Corners of a cube of edge 1."""
-
-_THICKNESS = 5e-4
-"""Flat held objects are made so thick [m], because a hull needs a volume. Chosen."""
-
-
-_THINNEST = 1e-6
-"""Plates and points are made so thick for coal [m]."""
+_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))  # corners of a cube of edge 1
+_THICKNESS = 5e-4  # flat held objects are made so thick [m], because a hull needs a volume. Chosen
+_THINNEST = 1e-6  # plates and points are made so thick for coal [m]
 
 
 def standing_shape(shape: Box | Sphere | Capsule | Mesh) -> Any:
@@ -60,8 +54,7 @@ def full_cubes(cloud: PointCloud, checkpoint: Checkpoint = never_abandoned) -> A
     return cube_middles(np.unique(np.concatenate(found)), cloud.resolution)
 
 
-_AT_ONCE = 16_384
-"""Number of points handled between two checkpoints. Chosen: 3 ms."""
+_AT_ONCE = 16_384  # number of points handled between two checkpoints. Chosen: 3 ms
 
 
 def held_shape(shape: Shape) -> tuple[Any, Array]:
@@ -83,8 +76,7 @@ def held_shape(shape: Shape) -> tuple[Any, Array]:
     return hull, (kept[:, None] + 2.0 * radius * _CORNERS).reshape(-1, 3)
 
 
-MOST_CORNERS = 512
-"""Most corners of a body that moves; as in ``native.h``."""
+MOST_CORNERS = 512  # most corners of a body that moves; as in ``native.h``
 
 
 @cache

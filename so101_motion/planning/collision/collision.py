@@ -48,8 +48,7 @@ BACK_OUT = (
 """What to do about an arm in a surface of which the inside is not known."""
 
 
-NEARBY = 0.03
-"""Where the closest pair is looked for first [m]. Chosen: at most goals one is nearer."""
+NEARBY = 0.03  # where the closest pair is looked for first [m]. Chosen: at most goals one is nearer
 
 
 class Clearance(NamedTuple):

@@ -30,24 +30,18 @@ WIDER = (0.012, 0.048)
 """Clearances beyond the margins that a proof asks for [m]. Chosen with the next: of nine sets, none
 was faster on the paths of four scenes, and equally fast ones had more clearances."""
 
-CUT = 4
-"""A part that is not clear is cut into so many parts."""
+CUT = 4  # a part that is not clear is cut into so many parts
 
 Touches = Callable[[Array], bool]
 """Whether any pair is too close at a configuration of all six joints, shape (6,), [rad]."""
 
 
 class Level(NamedTuple):
-    """A check of configurations.
+    """A check of configurations."""
 
-    Attributes:
-        clearance: Distance that all pairs keep if the check finds none too close [m].
-        touches: The check itself.
-        margins: Distances that it demands of pairs of links and of all other pairs [m].
-    """
-
-    clearance: float
-    touches: Touches
+    clearance: float  # distance that all pairs keep if the check finds none too close [m]
+    touches: Touches  # the check itself
+    # distances that it demands of pairs of links and of all other pairs [m]
     margins: tuple[float, float] = (0.0, 0.0)
 
 

@@ -38,17 +38,11 @@ class Samples(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course:
-    """Joint angles of an arm over time; at rest before the first sample and after the last.
+    """Joint angles of an arm over time; at rest before the first sample and after the last."""
 
-    Attributes:
-        t: Time of the first sample [s].
-        dt: Time between the samples [s]; the joints go straight from one to the next.
-        q: The five joints and the jaw at each, shape (n, 6), n >= 1, [rad].
-    """
-
-    t: float
-    dt: float
-    q: Array
+    t: float  # time of the first sample [s]
+    dt: float  # time between the samples [s]; the joints go straight from one to the next
+    q: Array  # the five joints and the jaw at each, shape (n, 6), n >= 1, [rad]
 
     def __post_init__(self) -> None:
         if self.q.flags.writeable:  # else it is taken as it is: one is made in every control cycle
@@ -107,8 +101,7 @@ HARDEST, AT_LEAST = 5.0, 0.1
 """A stop takes the second [s], plus the fastest joint's speed over the first [rad/s^2]. Chosen:
 stops along their path took 0.22 to 0.28 s from 1.2 rad/s, which this exceeds."""
 
-_PLACES = 10
-"""Number of samples of a stop."""
+_PLACES = 10  # number of samples of a stop
 
 
 def stop_time(q: Array, dt: float) -> float:
@@ -145,15 +138,11 @@ def stopping(course: Course, t: float) -> Course:
 
 
 class NearArms(NamedTuple):
-    """Pairs of bodies of two arms that are near each other, with the gradients of their distances.
+    """Near pairs of bodies of two arms, with the gradients of their distances."""
 
-    Attributes:
-        bounds: Bounds of a step that brings them no nearer than allowed, shape (n, 7); see
-            ``guard.py``.
-        words: A description of a pair by index, such as ``"the jaw close to left's wrist"``.
-    """
-
+    # bounds of a step that brings them no nearer than allowed, shape (n, 7); see ``guard.py``
     bounds: Array
+    # a description of a pair by index, such as ``"the jaw close to left's wrist"``
     words: Callable[[int], str]
 
 
@@ -193,16 +182,10 @@ class Neighbours(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OtherArm:
-    """Another arm that shares the space, as part of a planning request.
+    """Another arm that shares the space, as part of a planning request."""
 
-    Attributes:
-        name: Its name in messages.
-        T_base_other: Its base in the base frame of the planned arm.
-        course: Its course; time 0 is the earliest start of the planned motion.
-        attached: The objects it holds; those with a ``passed_to`` are passed to the planned arm.
-    """
-
-    name: str
-    T_base_other: SE3
-    course: Course
+    name: str  # its name in messages
+    T_base_other: SE3  # its base in the base frame of the planned arm
+    course: Course  # its course; time 0 is the earliest start of the planned motion
+    # the objects it holds; those with a ``passed_to`` are passed to the planned arm
     attached: tuple[Attached, ...] = ()

@@ -48,8 +48,7 @@ _BOUND, _ROW, _MOST = 7, 9, 24
 _PLACES = 64
 """Courses of up to so many samples need no new memory; chosen: a stop of a second has fewer."""
 
-_SAME = 1e-7
-"""Distances that differ by less are equal [m]; coal's rounding."""
+_SAME = 1e-7  # distances that differ by less are equal [m]; coal's rounding
 
 
 class _Course(ctypes.Structure):

@@ -17,8 +17,7 @@ import pinocchio as pin
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.bodies import Bodies
 
-_ENDLESS = 1e6
-"""Half the side of the box around a body without an end [m]."""
+_ENDLESS = 1e6  # half the side of the box around a body without an end [m]
 
 
 class Found(NamedTuple):

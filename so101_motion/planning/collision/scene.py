@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, frozen_array
 
-FLOOR = "floor"
-"""The name of the floor in messages."""
+FLOOR = "floor"  # the name of the floor in messages
 
 LINKS = tuple(part.replace("_", " ") for part in so101_description.PARTS.values())
 """Names of the links of the arm in messages, from the base outwards."""
@@ -46,15 +45,13 @@ MARGIN_TOLERANCE = 0.2
 """Share of its margin by which a pair may be closer during a motion. A path is proven at other
 configurations than its motion; between them it may come a little nearer. Chosen."""
 
-LARGEST = 100.0
-"""Largest size and distance [m]; a larger number was probably meant as millimetres."""
+LARGEST = 100.0  # largest size and distance [m]; a larger number was probably meant as millimetres
 
 SMALLEST_SEEN = 0.002
 LARGEST_SEEN = 10.0
 """What is smaller, or larger, than this in all directions is in another unit [m]; chosen."""
 
-FEW_POINTS = 10
-"""A cloud of fewer points may be a speck; chosen."""
+FEW_POINTS = 10  # a cloud of fewer points may be a speck; chosen
 
 CUBES = 32_000
 """Most cubes of a point cloud from its origin to any of its points: octrees are 16 levels deep."""

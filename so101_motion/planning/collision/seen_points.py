@@ -35,14 +35,9 @@ THIN = EDGE / 4.0
 OWN = EDGE * 3.0**0.5 + MARGIN + 1e-3
 """Points nearer to the arm than this belong to it [m], so that every cube keeps the margin."""
 
-LOW = 0.01
-"""Points no higher above the floor belong to it [m]; chosen: noise of a depth camera."""
-
-FEWEST = 3
-"""Fewer points in a cube and the 26 around it are noise; chosen: surfaces show dozens."""
-
-REACH = 0.7
-"""Reach of the arm from its base's origin, rounded up, without held objects [m]."""
+LOW = 0.01  # points no higher above the floor belong to it [m]; chosen: noise of a depth camera
+FEWEST = 3  # fewer points in a cube and the 26 around it are noise; chosen: surfaces show dozens
+REACH = 0.7  # reach of the arm from its base's origin, rounded up, without held objects [m]
 
 
 class _Hull(NamedTuple):

@@ -47,15 +47,13 @@ MOST_TRIANGLES = 300_000
 MOST_POINTS = 1_000_000
 """Most points of a cloud, or vertices of a mesh; chosen: a depth camera of 1280x720."""
 
-LARGEST_FILE = 32 << 20
-"""Largest file that is read [byte]: the largest message of viam-server."""
+LARGEST_FILE = 32 << 20  # largest file that is read [byte]: the largest message of viam-server
 
 SAME_POINT = 1e-6
 """Largest distance at which a centre counts as the middle of a cloud's points [m], and the same as
 a share of the largest coordinate: viam-server computes it from floats of 32 bits."""
 
-_HEAD = 65_536
-"""Longest head of a file [byte]. Chosen; heads have some hundred."""
+_HEAD = 65_536  # longest head of a file [byte]. Chosen; heads have some hundred
 
 
 def shape_file(
@@ -483,8 +481,7 @@ _PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
 }
 
-_WIDEST = 1_024
-"""Most bytes of one point of a cloud; chosen."""
+_WIDEST = 1_024  # most bytes of one point of a cloud; chosen
 
 
 def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], str, int]:

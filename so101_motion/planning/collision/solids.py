@@ -28,17 +28,13 @@ from so101_motion.planning.collision.coal_shapes import convex_hull
 from so101_motion.planning.collision.scene import Mesh
 from so101_motion.planning.collision.shape_files import welded
 
-FLAT = 2e-4
-"""A mesh no farther from its hull than this is the hull [m]; chosen: the error of scans."""
+FLAT = 2e-4  # a mesh no farther from its hull than this is the hull [m]; chosen: the error of scans
 
 SAME_AREA = 0.01
 """Share by which its area may differ from the hull's. Chosen: a missing side is far more."""
 
-FINEST = 0.004
-"""Smallest cell of a grid around a mesh [m]; chosen."""
-
-MOST_CELLS = 1_000_000
-"""Most cells of a grid. Chosen: searched in 20 ms."""
+FINEST = 0.004  # smallest cell of a grid around a mesh [m]; chosen
+MOST_CELLS = 1_000_000  # most cells of a grid. Chosen: searched in 20 ms
 
 RIB = 0.0125
 """A solid is filled so densely that no link finds room in it [m]; the thinnest is 15 mm."""
@@ -46,27 +42,19 @@ RIB = 0.0125
 SHALLOW = 1e-4
 """Depth of a body that is only in the outer half of a solid's outermost cells [m]; chosen."""
 
-TOUCHING = 1e-6
-"""A convex solid that is no farther away than this is touched [m]: coal's tolerance."""
+TOUCHING = 1e-6  # a convex solid that is no farther away than this is touched [m]: coal's tolerance
 
 SAMPLE = 0.008
 """Distance of the points of a body whose depth is looked up, besides its corners [m]; chosen."""
 
 
 class Depth(NamedTuple):
-    """How deep a body is in a solid, in the solid's frame.
+    """How deep a body is in a solid, in the solid's frame."""
 
-    Attributes:
-        depth: [m].
-        p_body: The body's deepest point, shape (3,), [m].
-        p_solid: The nearest point of the surface, shape (3,), [m].
-        normal: From the body into the solid, shape (3,).
-    """
-
-    depth: float
-    p_body: Array
-    p_solid: Array
-    normal: Array
+    depth: float  # [m]
+    p_body: Array  # the body's deepest point, shape (3,), [m]
+    p_solid: Array  # the nearest point of the surface, shape (3,), [m]
+    normal: Array  # from the body into the solid, shape (3,)
 
 
 def _spread(cells: Any, with_: Any) -> Any:
@@ -216,17 +204,11 @@ class Inside:
 
 
 class Part(NamedTuple):
-    """A part of a mesh: a convex solid, or a surface.
+    """A part of a mesh: a convex solid, or a surface."""
 
-    Attributes:
-        mesh: Its triangles; of a surface, with triangles in its inside that leave no link room.
-        hull: The points of its convex hull, shape (n, 3), [m]; None for a surface.
-        inside: Its inside; None for a hull, or if it is not known.
-    """
-
-    mesh: Mesh
-    hull: Array | None
-    inside: Inside | None
+    mesh: Mesh  # its triangles; of a surface, with triangles in its inside that leave no link room
+    hull: Array | None  # the points of its convex hull, shape (n, 3), [m]; None for a surface
+    inside: Inside | None  # its inside; None for a hull, or if it is not known
 
 
 def parts_of(mesh: Mesh, foot: Array) -> Iterator[Part]:

@@ -22,19 +22,12 @@ from so101_motion.planning.collision.collision import CollisionModel
 
 
 class TeamArm(NamedTuple):
-    """One of several arms that move together.
+    """One of several arms that move together."""
 
-    Attributes:
-        collision: Its scene, without the other arms.
-        q_jaw: Angle of its jaw [rad].
-        bodies: Its bodies for the check against the other arms.
-        T_cell_base: Pose of its base in the cell.
-    """
-
-    collision: CollisionModel
-    q_jaw: float
-    bodies: ArmBodies
-    T_cell_base: SE3
+    collision: CollisionModel  # its scene, without the other arms
+    q_jaw: float  # angle of its jaw [rad]
+    bodies: ArmBodies  # its bodies for the check against the other arms
+    T_cell_base: SE3  # pose of its base in the cell
 
 
 class TeamCheck:

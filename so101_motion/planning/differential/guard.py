@@ -39,11 +39,8 @@ from so101_motion.planning.collision.following_apart import GAP
 from so101_motion.planning.native.library import native
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 
-MOST = 8
-"""At most so many bounds are used, those with the least room; chosen, and the same in C."""
-
-_ROOM = 64
-"""Up to so many bounds need no new memory; chosen."""
+MOST = 8  # at most so many bounds are used, those with the least room; chosen, and the same in C
+_ROOM = 64  # up to so many bounds need no new memory; chosen
 
 
 class BoundedStep:
@@ -88,11 +85,8 @@ RANGE = 0.05
 """Distance beyond the margin below which bodies are approached more slowly [m]. Chosen: a tool at
 0.25 m/s brakes within it at 0.6 m/s^2; faster approaches are stopped by ``admits``."""
 
-BENT = 0.3
-"""Share of the smallest margin by which a path may bend between its samples; chosen."""
-
-FAST = 0.01
-"""Travel of a path to rest above which servos are inexact [m]; chosen."""
+BENT = 0.3  # share of the smallest margin by which a path may bend between its samples; chosen
+FAST = 0.01  # travel of a path to rest above which servos are inexact [m]; chosen
 
 INEXACT = 0.015
 """Extra margin of such a path [m]. Servos that are stopped from speed swing past the end of the

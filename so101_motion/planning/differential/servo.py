@@ -111,58 +111,36 @@ BENT = 0.5
 """Share of the smallest margin by which a path to rest may bend between its checked configurations.
 Chosen: the proof for the straight lines between them then holds for the path."""
 
-CLOSE = 0.02
-"""A joint is reported at its limit when it would come to rest so near it [rad]. Chosen."""
+CLOSE = 0.02  # a joint is reported at its limit when it would come to rest so near it [rad]. Chosen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Step:
-    """The next setpoint of the joints.
+    """The next setpoint of the joints."""
 
-    Attributes:
-        q: Positions, shape (5,), [rad].
-        qd: Velocities, shape (5,), [rad/s].
-        qdd: Accelerations, shape (5,), [rad/s^2].
-        share: Share of the task velocity that is granted, 0 to 1.
-    """
-
-    q: Array
-    qd: Array
-    qdd: Array
-    share: float
+    q: Array  # positions, shape (5,), [rad]
+    qd: Array  # velocities, shape (5,), [rad/s]
+    qdd: Array  # accelerations, shape (5,), [rad/s^2]
+    share: float  # share of the task velocity that is granted, 0 to 1
 
 
 class _Approached(NamedTuple):
-    """A pair of bodies or a torque limit that the arm may approach.
+    """A pair of bodies or a torque limit that the arm may approach."""
 
-    Attributes:
-        left: Distance that is left [m], or share of the torque limit.
-        gradient: Derivative of ``left`` by each joint, shape (5,).
-        what: The pair or joint, or a description of it.
-    """
-
-    left: float
-    gradient: Array
-    what: ClosePair | TorqueReserve | str
+    left: float  # distance that is left [m], or share of the torque limit
+    gradient: Array  # derivative of ``left`` by each joint, shape (5,)
+    what: ClosePair | TorqueReserve | str  # the pair or joint, or a description of it
 
 
 class _Room(NamedTuple):
-    """Bounds of the joint velocities in a step.
+    """Bounds of the joint velocities in a step."""
 
-    Attributes:
-        lower: Smallest velocities, shape (5,), [rad/s].
-        upper: Largest velocities, shape (5,), [rad/s].
-        G: Gradients of the room of each near pair [m/rad] and each loaded joint [1/rad], shape
-            (k, 5).
-        b: Smallest rate of change of each, shape (k,), [m/s], [1/s].
-        against: These pairs and joints.
-    """
-
-    lower: Array
-    upper: Array
+    lower: Array  # smallest velocities, shape (5,), [rad/s]
+    upper: Array  # largest velocities, shape (5,), [rad/s]
+    # gradients of the room of each near pair [m/rad] and each loaded joint [1/rad], shape (k, 5)
     G: Array
-    b: Array
-    against: Sequence[_Approached]
+    b: Array  # smallest rate of change of each, shape (k,), [m/s], [1/s]
+    against: Sequence[_Approached]  # these pairs and joints
 
     def has(self, qd: Array) -> bool:
         """Whether velocities keep all bounds."""

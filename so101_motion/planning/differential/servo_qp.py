@@ -33,11 +33,8 @@ straight into an obstacle stops, motion at a slant slides along it."""
 _WEIGHTS = np.array([25.0, 25.0, 25.0, 0.05, 0.05, 0.05])
 """Weights of deviations of the tool [s^2/m^2], [s^2/rad^2]: about one for a full speed of each."""
 
-_OWN_WEIGHT = 0.05 * np.eye(5)
-"""Weights of deviations of the joints [s^2/rad^2]."""
-
-_NO_BOUND = 1e30
-"""OSQP's infinity."""
+_OWN_WEIGHT = 0.05 * np.eye(5)  # weights of deviations of the joints [s^2/rad^2]
+_NO_BOUND = 1e30  # oSQP's infinity
 
 _ACCURACY = 1e-4
 _ITERATIONS = 150

@@ -11,17 +11,11 @@ from so101_motion.common.geometry import SE3, Array, frozen_array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Twist:
-    """A velocity of the tool.
+    """A velocity of the tool."""
 
-    Attributes:
-        linear: Velocity of its origin, shape (3,), [m/s].
-        angular: Its turning, shape (3,), [rad/s].
-        in_tool: Whether both are in the axes of the tool instead of those of the base.
-    """
-
-    linear: Array
-    angular: Array
-    in_tool: bool = False
+    linear: Array  # velocity of its origin, shape (3,), [m/s]
+    angular: Array  # its turning, shape (3,), [rad/s]
+    in_tool: bool = False  # whether both are in the axes of the tool instead of those of the base
 
     def __post_init__(self) -> None:
         for name in ("linear", "angular"):
@@ -44,8 +38,7 @@ class Twist:
         return (both.reshape(2, 3) @ R_base_tool.T).ravel() if self.in_tool else both
 
 
-STILL = Twist(linear=np.zeros(3), angular=np.zeros(3))
-"""The twist of a tool at rest."""
+STILL = Twist(linear=np.zeros(3), angular=np.zeros(3))  # the twist of a tool at rest
 
 Target = Twist | SE3 | Array
 """A velocity of the tool, a pose of it, or a point (3,) [m] for its origin, in the base frame."""

@@ -32,17 +32,13 @@ below 0.035; a tool that passes full stretch at 0.05 m/s needs at most 2.5 rad/s
 CLOSING = 0.1
 """Damping for a pose that is approached, as a share of its distance: it vanishes on arrival."""
 
-EASE = 0.2
-"""Damping of rotation by joint motions that leave the position alone [rad/rad]. Chosen."""
+EASE = 0.2  # damping of rotation by joint motions that leave the position alone [rad/rad]. Chosen
 
 LOST = 0.1
 """A singular configuration is reported when damping takes this share of the speed. Chosen."""
 
-PULL = 5.0
-"""Gain with which the frame is pulled back to its reference [1/s]. Chosen."""
-
-SLACK = (0.005, 0.1)
-"""Largest distance of the reference from the frame [m], [rad]. Chosen."""
+PULL = 5.0  # gain with which the frame is pulled back to its reference [1/s]. Chosen
+SLACK = (0.005, 0.1)  # largest distance of the reference from the frame [m], [rad]. Chosen
 
 BRAKING = 0.8
 """Share of the acceleration limits used to come to rest at a pose. Chosen: the rest is for the
@@ -55,22 +51,15 @@ are nearly linear."""
 SPARED = 0.15
 """Joints nearer than this to their limits move less on the way to a pose [rad]. Chosen."""
 
-SAME = 1e-9
-"""Joint angles closer than this count as equal [rad]."""
+SAME = 1e-9  # joint angles closer than this count as equal [rad]
 
 
 class TaskVelocity(NamedTuple):
-    """Joint velocities for a target.
+    """Joint velocities for a target."""
 
-    Attributes:
-        qd: Joint velocities, shape (5,), [rad/s]; zero to come to rest.
-        J: Jacobian of the moved frame, shape (6, 5).
-        is_damped: Whether damping near a singular configuration took much of the speed.
-    """
-
-    qd: Array
-    J: Array
-    is_damped: bool
+    qd: Array  # joint velocities, shape (5,), [rad/s]; zero to come to rest
+    J: Array  # jacobian of the moved frame, shape (6, 5)
+    is_damped: bool  # whether damping near a singular configuration took much of the speed
 
 
 class TaskControl:

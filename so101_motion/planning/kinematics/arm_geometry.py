@@ -30,14 +30,9 @@ from so101_motion.planning.kinematics.planar_3r import (
     ThreeBars,
 )
 
-_ON_AXIS = 1e-9
-"""A frame closer to the roll axis than this is on it [m]. Chosen: rounding is 1e-17."""
-
-Joints = tuple[float, float, float, float, float]
-"""Five joint angles [rad]."""
-
-Point = tuple[float, float, float]
-"""A point in the base frame [m]."""
+_ON_AXIS = 1e-9  # a frame closer to the roll axis than this is on it [m]. Chosen: rounding is 1e-17
+Joints = tuple[float, float, float, float, float]  # five joint angles [rad]
+Point = tuple[float, float, float]  # a point in the base frame [m]
 
 BRANCHES = {
     (side, elbow_up): f"{side}, elbow {'up' if elbow_up else 'down'}"
@@ -55,31 +50,19 @@ class Configuration(NamedTuple):
 
 
 class Side(NamedTuple):
-    """One of the two pan angles that bring a target into the arm's plane.
+    """One of the two pan angles that bring a target into the arm's plane."""
 
-    Attributes:
-        pan: The pan joint's angle [rad].
-        target: The target within the plane.
-        name: ``"front"`` or ``"back"``.
-    """
-
-    pan: float
-    target: Target
-    name: str
+    pan: float  # the pan joint's angle [rad]
+    target: Target  # the target within the plane
+    name: str  # ``"front"`` or ``"back"``
 
 
 class RolledFrame(NamedTuple):
-    """A frame of the gripper at one roll angle.
+    """A frame of the gripper at one roll angle."""
 
-    Attributes:
-        roll: The roll joint's angle [rad].
-        lateral: The frame's distance from the plane through the pan axis, to the left [m].
-        hand: The third bar of the plane, which ends at the frame.
-    """
-
-    roll: float
-    lateral: float
-    hand: Hand
+    roll: float  # the roll joint's angle [rad]
+    lateral: float  # the frame's distance from the plane through the pan axis, to the left [m]
+    hand: Hand  # the third bar of the plane, which ends at the frame
 
 
 class FrameOffset(NamedTuple):
@@ -119,34 +102,22 @@ class FrameOffset(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Measures:
-    """The dimensions of an arm with this structure.
+    """The dimensions of an arm with this structure."""
 
-    Attributes:
-        pan: The pan axis, x and y in the base frame [m].
-        pan_sign: +1 if a positive pan turns left, -1 if it turns right.
-        azimuth: Azimuth of the arm's plane when the pan is at zero [rad].
-        shoulder: The lift axis: forward of the pan axis, and up from the base [m].
-        bars: The three parallel joints.
-        offsets: The gripper's frames by name.
-        approach_elevation: Elevation of the tool's z axis when the pitch is zero [rad].
-        R_base_tool: The tool's rotation when all joints are at zero, shape (3, 3).
-        R_base_axes: Roll axis, lift axis and their cross product when all joints are at zero, as
-            columns, shape (3, 3).
-        lower: Smallest joint angles [rad].
-        upper: Largest joint angles [rad].
-    """
-
-    pan: tuple[float, float]
-    pan_sign: float
-    azimuth: float
+    pan: tuple[float, float]  # the pan axis, x and y in the base frame [m]
+    pan_sign: float  # +1 if a positive pan turns left, -1 if it turns right
+    azimuth: float  # azimuth of the arm's plane when the pan is at zero [rad]
+    # the lift axis: forward of the pan axis, and up from the base [m]
     shoulder: tuple[float, float]
-    bars: ThreeBars
-    offsets: dict[str, FrameOffset]
-    approach_elevation: float
-    R_base_tool: Array
+    bars: ThreeBars  # the three parallel joints
+    offsets: dict[str, FrameOffset]  # the gripper's frames by name
+    approach_elevation: float  # elevation of the tool's z axis when the pitch is zero [rad]
+    R_base_tool: Array  # the tool's rotation when all joints are at zero, shape (3, 3)
+    # roll axis, lift axis and their cross product when all joints are at zero, as columns, shape
+    # (3, 3)
     R_base_axes: Array
-    lower: Joints
-    upper: Joints
+    lower: Joints  # smallest joint angles [rad]
+    upper: Joints  # largest joint angles [rad]
 
 
 class ArmStructure:

@@ -18,53 +18,36 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.kinematics.arm_geometry import ArmStructure
 from so101_motion.planning.kinematics.planar_3r import TAU
 
-_ROUNDS = 6
-"""Iterations in which pan and roll are made to agree; each gains a digit or two."""
+_ROUNDS = 6  # iterations in which pan and roll are made to agree; each gains a digit or two
 
 _ROUNDING = 1e-9
 """How far beyond 1 the cosine of the elbow's bend may be at a pitch that straightens the arm."""
 
 
 class Hands(NamedTuple):
-    """A frame of the gripper at given rolls, shapes as the rolls'.
+    """A frame of the gripper at given rolls, shapes as the rolls'."""
 
-    Attributes:
-        lateral: Distance from the plane through the pan axis, to the left [m].
-        length: Wrist to the frame's origin, within the plane [m].
-        elevation: Elevation of that vector at pitch zero [rad].
-    """
-
-    lateral: Array
-    length: Array
-    elevation: Array
+    lateral: Array  # distance from the plane through the pan axis, to the left [m]
+    length: Array  # wrist to the frame's origin, within the plane [m]
+    elevation: Array  # elevation of that vector at pitch zero [rad]
 
 
 class Facing(NamedTuple):
-    """The arm's plane turned to points, from the front and from the back; shapes (n, 2, m).
+    """The arm's plane turned to points, from the front and from the back; shapes (n, 2, m)."""
 
-    Attributes:
-        pan: The pan joint's angle, within half a turn of zero [rad].
-        x: The point within the plane, forward of the shoulder [m].
-        z: The same, up from the shoulder, shape (n, 1, 1), [m].
-        beside: How much closer the point is to the pan axis than the frame can come [m]; mostly 0.
-    """
-
-    pan: Array
-    x: Array
-    z: Array
+    pan: Array  # the pan joint's angle, within half a turn of zero [rad]
+    x: Array  # the point within the plane, forward of the shoulder [m]
+    z: Array  # the same, up from the shoulder, shape (n, 1, 1), [m]
+    # how much closer the point is to the pan axis than the frame can come [m]; mostly 0
     beside: Array
 
 
 class ConfigurationGrid(NamedTuple):
-    """Configurations, allowed or not.
+    """Configurations, allowed or not."""
 
-    Attributes:
-        q: Joint angles, shape (n, 2, m, 2, 5), [rad].
-        excess: Largest distance of a joint beyond its limits, shape (n, 2, m, 2), [rad]; negative
-            inside, infinite where the point is out of reach with that pitch.
-    """
-
-    q: Array
+    q: Array  # joint angles, shape (n, 2, m, 2, 5), [rad]
+    # largest distance of a joint beyond its limits, shape (n, 2, m, 2), [rad]; negative inside,
+    # infinite where the point is out of reach with that pitch
     excess: Array
 
 

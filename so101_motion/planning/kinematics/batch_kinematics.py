@@ -33,17 +33,11 @@ JOINT_LINKS = (
 
 
 class _Axis(NamedTuple):
-    """One joint's axis, all joints at zero.
+    """One joint's axis, all joints at zero."""
 
-    Attributes:
-        origin: A point on it, shape (3,), [m].
-        cross: For a row vector v, ``v @ cross`` is the axis times v, shape (3, 3).
-        cross_twice: ``cross @ cross``.
-    """
-
-    origin: Array
-    cross: Array
-    cross_twice: Array
+    origin: Array  # a point on it, shape (3,), [m]
+    cross: Array  # for a row vector v, ``v @ cross`` is the axis times v, shape (3, 3)
+    cross_twice: Array  # ``cross @ cross``
 
 
 class ArmChain:

@@ -27,8 +27,7 @@ FIT_POSITION = 2e-5
 """Largest difference between formulas and model [m]. Chosen: angles rounded to six digits in a
 URDF cost 5 um, and polishing on the model removes those."""
 
-FIT_ANGLE = 1e-4
-"""Largest difference in the tool's rotation [rad]. Chosen, as above."""
+FIT_ANGLE = 1e-4  # largest difference in the tool's rotation [rad]. Chosen, as above
 
 _TRIALS = 16
 

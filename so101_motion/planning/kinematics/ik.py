@@ -56,8 +56,7 @@ _EXACT_ANGLE = 1e-6
 """A full pose with a smaller error is exact [rad]; the tolerance is for poses that five joints
 cannot reach exactly. Chosen."""
 
-_SAME = 1e-6
-"""Solutions closer than this count as one [rad]. Chosen."""
+_SAME = 1e-6  # solutions closer than this count as one [rad]. Chosen
 
 _JUST = 1e-3
 """How far polishing may move a solution and with it the order of candidates [rad]. Chosen."""

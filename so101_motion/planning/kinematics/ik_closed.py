@@ -31,8 +31,7 @@ from so101_motion.planning.kinematics.planar_3r import Bend, Target, ThreeBars
 from so101_motion.planning.kinematics.workspace import Workspace
 from so101_motion.planning.native.library import native
 
-_MOST = 32
-"""Most configurations for one goal: ``MOST`` in the C file."""
+_MOST = 32  # most configurations for one goal: ``MOST`` in the C file
 
 _METRICS = {
     GoalMetric.POSITION_AND_APPROACH: 1.0,
@@ -96,8 +95,7 @@ def _packed(structure: ArmStructure, frame: str) -> Any:
 ROLLS = 6
 """Number of parts into which the roll's range is cut if its present angle does not work. Chosen."""
 
-PITCH_STEP = 0.2
-"""Distance between alternative pitches [rad]. Chosen: 11 degrees."""
+PITCH_STEP = 0.2  # distance between alternative pitches [rad]. Chosen: 11 degrees
 
 
 class ClosedForms:
@@ -177,8 +175,7 @@ def _spread_bends(bars: ThreeBars, target: Target) -> Iterator[Bend]:
                 yield from (bend for bend in bends if bend.elbow_up == elbow_up)
 
 
-RolledSide = tuple[float, Side]
-"""A roll [rad] and one of the sides possible with it."""
+RolledSide = tuple[float, Side]  # a roll [rad] and one of the sides possible with it
 
 
 def sides_by_approach(

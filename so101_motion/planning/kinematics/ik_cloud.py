@@ -45,15 +45,13 @@ SLACK = 1e-3
 """How far a pose may be beyond its orientation tolerances, which may be zero [1], [rad]. Source:
 viam-server's planner allows as much."""
 
-POSITION_SLACK = 1e-4
-"""The same for the position [m]: the tolerance of all goals."""
+POSITION_SLACK = 1e-4  # the same for the position [m]: the tolerance of all goals
 
 STEP_OF_TILT, STEP_OF_TURN = 0.1, 0.26
 """Distance between pitches and between rolls at the goal's own point [rad]. Chosen: 6 and 15
 degrees."""
 
-FEWEST = 5
-"""Fewest pitches and rolls, if they have a tolerance."""
+FEWEST = 5  # fewest pitches and rolls, if they have a tolerance
 
 GRIDS = ((1, 2.0), (2, 3.0))
 """For the first grid and the second: points to either side along each axis with a tolerance, and
@@ -64,35 +62,21 @@ APART = 0.15
 
 
 class Cloud(NamedTuple):
-    """A goal's cloud, with the tool's rotation.
+    """A goal's cloud, with the tool's rotation."""
 
-    Attributes:
-        tolerance: The tolerances.
-        frame: The frame of the goal.
-        p_base: The goal's position, shape (3,), [m].
-        R_base_goal: The goal's rotation of that frame, shape (3, 3).
-        R_base_tool: The tool's rotation at the goal, shape (3, 3).
-    """
-
-    tolerance: PoseCloud
-    frame: str
-    p_base: Array
-    R_base_goal: Array
-    R_base_tool: Array
+    tolerance: PoseCloud  # the tolerances
+    frame: str  # the frame of the goal
+    p_base: Array  # the goal's position, shape (3,), [m]
+    R_base_goal: Array  # the goal's rotation of that frame, shape (3, 3)
+    R_base_tool: Array  # the tool's rotation at the goal, shape (3, 3)
 
 
 class Offset(NamedTuple):
-    """Deviations of poses from the goal of a cloud.
+    """Deviations of poses from the goal of a cloud."""
 
-    Attributes:
-        position: Along the goal's axes, shape (n, 3), [m].
-        axis: The reached z axis less the wanted one, shape (n, 3).
-        turn: About that axis, shape (n,), 0 to pi [rad].
-    """
-
-    position: Array
-    axis: Array
-    turn: Array
+    position: Array  # along the goal's axes, shape (n, 3), [m]
+    axis: Array  # the reached z axis less the wanted one, shape (n, 3)
+    turn: Array  # about that axis, shape (n,), 0 to pi [rad]
 
     def shares(self, tolerance: PoseCloud) -> Array:
         """Used share of each tolerance, slack included, shape (n, 7); up to 1 inside."""

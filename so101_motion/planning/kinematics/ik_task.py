@@ -18,17 +18,10 @@ from so101_motion.planning.goals import GoalMetric, PoseGoal
 from so101_motion.planning.kinematics.arm_geometry import Joints, to_joints
 from so101_motion.planning.kinematics.model import RobotModel
 
-FULL_STRETCH = "full stretch"
-"""What limits an arm that would have to be longer."""
-
-AT_LIMIT = 1e-6
-"""A joint this close to a limit is at it [rad]. Chosen."""
-
-_BINDING = 0.05
-"""A limit with less than this share of the strongest limit's effect is not named."""
-
-_FLAT = 1e-7
-"""A smaller gradient [m^2] counts as zero; see ``ik_numeric``."""
+FULL_STRETCH = "full stretch"  # what limits an arm that would have to be longer
+AT_LIMIT = 1e-6  # a joint this close to a limit is at it [rad]. Chosen
+_BINDING = 0.05  # a limit with less than this share of the strongest limit's effect is not named
+_FLAT = 1e-7  # a smaller gradient [m^2] counts as zero; see ``ik_numeric``
 
 _ALONG = 0.7
 """Cosine of the angle between the position error and the line from shoulder to gripper, above which
@@ -39,23 +32,16 @@ _ROTATION_SLACK = 1e-6
 
 
 class IkSolution(NamedTuple):
-    """Joint angles that reach a goal, as judged by the kinematic model.
+    """Joint angles that reach a goal, as judged by the kinematic model."""
 
-    Attributes:
-        q: Joint angles, shape (5,), inside the limits, read-only [rad].
-        error_position: Distance from the goal's point [m].
-        error_angle: Orientation error [rad]: for a goal with an approach the angle between wanted
-            and reached approach axis, for a full pose the angle of rotation between wanted and
-            reached pose; 0 where the orientation does not count.
-        branch: Name of the branch, e.g. ``"front, elbow up"``.
-        limit: The joint limit at which the solution is, e.g. ``"elbow_flex at its upper limit"``,
-            or None.
-    """
-
-    q: Array
-    error_position: float
+    q: Array  # joint angles, shape (5,), inside the limits, read-only [rad]
+    error_position: float  # distance from the goal's point [m]
+    # orientation error [rad]: for a goal with an approach the angle between wanted and reached
+    # approach axis, for a full pose the angle of rotation between wanted and reached pose; 0 where
+    # the orientation does not count
     error_angle: float
-    branch: str
+    branch: str  # name of the branch, e.g. ``"front, elbow up"``
+    # the joint limit at which the solution is, e.g. ``"elbow_flex at its upper limit"``, or None
     limit: str | None
 
 

@@ -40,46 +40,29 @@ REACH_SLACK = 1e-5
 """For a wrist this far beyond the straight arm [m] the straight arm is a solution. Chosen: a tenth
 of the tolerance of goals, and every solution is judged afterwards."""
 
-_TINY = 1e-12
-"""Lengths below this are this [m], so that no direction is undefined."""
-
-_NEARLY = 1e-6
-"""How far a cosine may exceed 1 by rounding. Chosen; later checks are stricter."""
+_TINY = 1e-12  # lengths below this are this [m], so that no direction is undefined
+_NEARLY = 1e-6  # how far a cosine may exceed 1 by rounding. Chosen; later checks are stricter
 
 INSIDE = 1e-6
 """How far inside an interval of pitches its ends are tried, as a share of the interval. Chosen."""
 
 
 class Bars(NamedTuple):
-    """Measures of the chain, without the hand.
+    """Measures of the chain, without the hand."""
 
-    Attributes:
-        upper_arm: Shoulder to elbow [m].
-        upper_arm_elevation: Its elevation when all joints are at zero [rad].
-        forearm: Elbow to wrist [m].
-        forearm_elevation: Its elevation when all joints are at zero [rad].
-        lower: Smallest angles of lift, elbow, wrist [rad].
-        upper: Largest angles of lift, elbow, wrist [rad].
-    """
-
-    upper_arm: float
-    upper_arm_elevation: float
-    forearm: float
-    forearm_elevation: float
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
+    upper_arm: float  # shoulder to elbow [m]
+    upper_arm_elevation: float  # its elevation when all joints are at zero [rad]
+    forearm: float  # elbow to wrist [m]
+    forearm_elevation: float  # its elevation when all joints are at zero [rad]
+    lower: tuple[float, float, float]  # smallest angles of lift, elbow, wrist [rad]
+    upper: tuple[float, float, float]  # largest angles of lift, elbow, wrist [rad]
 
 
 class Hand(NamedTuple):
-    """The third bar, from the wrist to the frame that shall reach the target.
+    """The third bar, from the wrist to the frame that shall reach the target."""
 
-    Attributes:
-        length: Wrist to the frame's origin, within the plane [m].
-        elevation: Elevation of that vector at pitch zero [rad].
-    """
-
-    length: float
-    elevation: float
+    length: float  # wrist to the frame's origin, within the plane [m]
+    elevation: float  # elevation of that vector at pitch zero [rad]
 
 
 class Target(NamedTuple):
@@ -90,20 +73,14 @@ class Target(NamedTuple):
     hand: Hand
 
 
-Angles = tuple[float, float, float]
-"""Lift, elbow and wrist [rad]."""
+Angles = tuple[float, float, float]  # lift, elbow and wrist [rad]
 
 
 class Bend(NamedTuple):
-    """A configuration of the three joints.
+    """A configuration of the three joints."""
 
-    Attributes:
-        angles: Lift, elbow and wrist [rad].
-        elbow_up: Whether the elbow is above the line from shoulder to wrist.
-    """
-
-    angles: Angles
-    elbow_up: bool
+    angles: Angles  # lift, elbow and wrist [rad]
+    elbow_up: bool  # whether the elbow is above the line from shoulder to wrist
 
 
 class ThreeBars:

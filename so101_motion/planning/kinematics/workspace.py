@@ -31,23 +31,14 @@ roll is often almost as near; with 8, one result in two was up to 35 um too far.
 
 
 class BoundaryArc(NamedTuple):
-    """The arc of the hand's end while one joint turns; its angle falls as the joint's grows.
+    """The arc of the hand's end while one joint turns; its angle falls as the joint's grows."""
 
-    Attributes:
-        joint: Which of lift, elbow and wrist turns, 0 to 2.
-        angles: Lift, elbow and wrist [rad]; that of the turning joint is zero.
-        x: Centre, forward of the shoulder [m].
-        z: Centre, up from the shoulder [m].
-        radius: Radius [m].
-        elevation: Elevation of the hand's end from the centre when the turning joint is at zero
-            [rad].
-    """
-
-    joint: int
-    angles: Angles
-    x: float
-    z: float
-    radius: float
+    joint: int  # which of lift, elbow and wrist turns, 0 to 2
+    angles: Angles  # lift, elbow and wrist [rad]; that of the turning joint is zero
+    x: float  # centre, forward of the shoulder [m]
+    z: float  # centre, up from the shoulder [m]
+    radius: float  # radius [m]
+    # elevation of the hand's end from the centre when the turning joint is at zero [rad]
     elevation: float
 
 

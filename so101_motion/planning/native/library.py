@@ -22,15 +22,10 @@ FOLDER = Path(__file__).resolve().parent
 
 
 class Native(NamedTuple):
-    """The loaded library.
+    """The loaded library."""
 
-    Attributes:
-        library: The library.
-        lanes: How many configurations it checks at once on this processor.
-    """
-
-    library: ctypes.CDLL
-    lanes: int
+    library: ctypes.CDLL  # the library
+    lanes: int  # how many configurations it checks at once on this processor
 
 
 def library_file(system: str = sys.platform, machine: str = "", folder: Path = FOLDER) -> Path:

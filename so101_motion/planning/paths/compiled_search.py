@@ -23,11 +23,8 @@ from so101_motion.planning.collision.batch_check import (
     pointer,
 )
 
-ROOM = 256
-"""Initial room for the waypoints of a path while it is shortened; grows if needed."""
-
-SEEDS = 64
-"""Number of seeds that are made at once; then they come again, each 1 higher."""
+ROOM = 256  # initial room for the waypoints of a path while it is shortened; grows if needed
+SEEDS = 64  # number of seeds that are made at once; then they come again, each 1 higher
 
 
 STEP, TRIES = 0.20, 16
@@ -36,17 +33,11 @@ STEP, TRIES = 0.20, 16
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Space:
-    """The space from which configurations are drawn.
+    """The space from which configurations are drawn."""
 
-    Attributes:
-        lower: Smallest joint angles, shape (5,), [rad].
-        upper: Largest joint angles, shape (5,), [rad].
-        weights: How far each joint moves the arm per angle, shape (5,), [m/rad].
-    """
-
-    lower: Array
-    upper: Array
-    weights: Array
+    lower: Array  # smallest joint angles, shape (5,), [rad]
+    upper: Array  # largest joint angles, shape (5,), [rad]
+    weights: Array  # how far each joint moves the arm per angle, shape (5,), [m/rad]
 
     def around(self, first: Array, second: Array, distance: float) -> Space:
         """The part within ``distance`` [rad] of two configurations (5,) in each joint."""
@@ -144,17 +135,11 @@ class CompiledSearch:
 
 
 class Tree(NamedTuple):
-    """Configurations that a search has reached.
+    """Configurations that a search has reached."""
 
-    Attributes:
-        points: The configurations, shape (count, n), [rad].
-        space: The space from which they were drawn.
-        random: Source of random numbers.
-    """
-
-    points: Array
-    space: Space
-    random: np.random.Generator
+    points: Array  # the configurations, shape (count, n), [rad]
+    space: Space  # the space from which they were drawn
+    random: np.random.Generator  # source of random numbers
 
     def spread(self) -> float:
         """The largest share of any joint's range that the tree covers."""

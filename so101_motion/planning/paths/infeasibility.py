@@ -31,8 +31,7 @@ from so101_motion.planning.collision.scene import MARGIN
 from so101_motion.planning.native.library import native
 from so101_motion.planning.paths.compiled_search import Deadline, Space
 
-JOINTS = 3
-"""Number of joints, from the base, that a cell has; the others may stand anywhere."""
+JOINTS = 3  # number of joints, from the base, that a cell has; the others may stand anywhere
 
 STEP, SMALLER, SHIFT = 0.014, 0.75, 0.37
 """Edge of a cell, as motion of the arm's furthest point [m], the share of it that smaller cells
@@ -46,22 +45,16 @@ default one."""
 LAST = 0.15, 0.30
 """Spacing of the angles of wrist and roll that are tried for cells of the first joints [rad]."""
 
-CONFIRMED = 1_000_000
-"""Most configurations that are checked for the smaller cells; 0.5 s."""
+CONFIRMED = 1_000_000  # most configurations that are checked for the smaller cells; 0.5 s
 
 _CLOSED = 1
 
 
 class Closed(NamedTuple):
-    """The space that can be reached from an end.
+    """The space that can be reached from an end."""
 
-    Attributes:
-        at_start: Whether that is the start.
-        rim: Configurations around it that are blocked, shape (n, 5), [rad].
-    """
-
-    at_start: bool
-    rim: Array
+    at_start: bool  # whether that is the start
+    rim: Array  # configurations around it that are blocked, shape (n, 5), [rad]
 
 
 class Infeasibility:

@@ -73,8 +73,7 @@ _REASONS = {
 }
 """What is wrong, in two parts between which the bodies are named, and what to do about it."""
 
-MOST_NAMED = 4
-"""Most bodies that a message names."""
+MOST_NAMED = 4  # most bodies that a message names
 
 PROBES, NAMED = 30, 50
 """Most rounds of further tries to find what blocked a search, and most contacts counted."""
@@ -93,22 +92,15 @@ a caller with so little time has an alternative. Chosen."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FreePath:
-    """A polyline in joint space, proven free of contact.
+    """A polyline in joint space, proven free of contact."""
 
-    Attributes:
-        waypoints: From start to goal, shape (m, 5), m >= 2, [rad].
-        goal: Which of the goals it leads to, as an index.
-        motion: A quicker motion of the same kind, over time [s]; it leaves these lines, is proven
-            nowhere, and its jerk has no bound.
-        routes: How many routes were compared.
-        out_of_time: Whether the time budget ended the comparison.
-    """
-
-    waypoints: Array
-    goal: int
+    waypoints: Array  # from start to goal, shape (m, 5), m >= 2, [rad]
+    goal: int  # which of the goals it leads to, as an index
+    # a quicker motion of the same kind, over time [s]; it leaves these lines, is proven nowhere,
+    # and its jerk has no bound
     motion: JointPath | None = None
-    routes: int = 0
-    out_of_time: bool = False
+    routes: int = 0  # how many routes were compared
+    out_of_time: bool = False  # whether the time budget ended the comparison
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "waypoints", frozen_array(self.waypoints, (-1, 5)))

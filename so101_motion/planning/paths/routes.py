@@ -50,19 +50,12 @@ DIRECT = 1.01
 
 
 class Routing(NamedTuple):
-    """How routes are compared.
+    """How routes are compared."""
 
-    Attributes:
-        effort: How many are searched, 1 or more.
-        velocity: Caps of the joints, shape (5,), [rad/s].
-        acceleration: The same, [rad/s^2].
-        window: Time over which the motion is averaged later [s].
-    """
-
-    effort: int
-    velocity: Array
-    acceleration: Array
-    window: float
+    effort: int  # how many are searched, 1 or more
+    velocity: Array  # caps of the joints, shape (5,), [rad/s]
+    acceleration: Array  # the same, [rad/s^2]
+    window: float  # time over which the motion is averaged later [s]
 
     @classmethod
     def within(cls, limits: MotionLimits, effort: int) -> Routing:

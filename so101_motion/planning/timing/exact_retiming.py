@@ -37,25 +37,17 @@ POINTS = 128
 """Fewest points of a path at which the speed is computed. Chosen: twice as many make motions along
 lines shorter by a thousandth."""
 
-PER_PIECE = 4
-"""Fewest of these points on a piece of the path."""
+PER_PIECE = 4  # fewest of these points on a piece of the path
 
 FOR_BENDS = 0.8, 0.6
 """Shares of the acceleration and of the jerk limits that a bend of the path may use at constant
 speed. Chosen: of eight pairs the one with the shortest motions along 146 random lines, 12 % longer
 at the median than motions that may leave the path."""
 
-MARGIN = 0.998
-"""Share of the limits that is used, so that samples at another phase keep them too."""
-
-ROUNDS = 4
-"""How often the speed is lowered where a limit is exceeded."""
-
-CORRECTIONS = 4
-"""How often the whole motion is slowed until its own samples keep the limits."""
-
-_STEPS = 256
-"""Number of times at which a motion is measured."""
+MARGIN = 0.998  # share of the limits that is used, so that samples at another phase keep them too
+ROUNDS = 4  # how often the speed is lowered where a limit is exceeded
+CORRECTIONS = 4  # how often the whole motion is slowed until its own samples keep the limits
+_STEPS = 256  # number of times at which a motion is measured
 
 
 def time_exactly(
@@ -103,21 +95,13 @@ def time_exactly(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Grid:
-    """Places along a path, and how the joints move there.
+    """Places along a path, and how the joints move there."""
 
-    Attributes:
-        s: The places, shape (m,), evenly spaced.
-        q: Joint angles, shape (m, n), [rad].
-        q_s: Their first derivative by s, same shape.
-        q_ss: The second, the larger of those on either side where it jumps.
-        q_sss: The third, likewise.
-    """
-
-    s: Array
-    q: Array
-    q_s: Array
-    q_ss: Array
-    q_sss: Array
+    s: Array  # the places, shape (m,), evenly spaced
+    q: Array  # joint angles, shape (m, n), [rad]
+    q_s: Array  # their first derivative by s, same shape
+    q_ss: Array  # the second, the larger of those on either side where it jumps
+    q_sss: Array  # the third, likewise
 
     @classmethod
     def on(cls, path: JointPath) -> _Grid:
@@ -149,8 +133,7 @@ class _Grid:
         return np.asarray(np.minimum(largest, self.s[-1] / _SHORTEST_TIME**2))
 
 
-_SHORTEST_TIME = 1e-3
-"""No motion is shorter than this [s]; it bounds speeds that no joint bounds."""
+_SHORTEST_TIME = 1e-3  # no motion is shorter than this [s]; it bounds speeds that no joint bounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -159,20 +142,13 @@ class _Motion:
 
     Between ``t[k]`` and ``t[k + 1]`` the acceleration is constant; the motion rests before and
     after.
-
-    Attributes:
-        t: Times, shape (m,), [s]; from 0.
-        s: Places, shape (m,).
-        v: Speeds, shape (m,); zero first and last.
-        integral: The integral of the place over time, shape (m,).
-        width: Of the average [s].
     """
 
-    t: Array
-    s: Array
-    v: Array
-    integral: Array
-    width: float
+    t: Array  # times, shape (m,), [s]; from 0
+    s: Array  # places, shape (m,)
+    v: Array  # speeds, shape (m,); zero first and last
+    integral: Array  # the integral of the place over time, shape (m,)
+    width: float  # of the average [s]
 
     @classmethod
     def along(cls, s: Array, cap: Array, at_rest: Array, at_cap: Array, width: float) -> _Motion:

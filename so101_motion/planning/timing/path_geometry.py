@@ -25,30 +25,20 @@ SAME_POINT = 1e-9
 
 
 class PathPoints(NamedTuple):
-    """Points of a path and their derivatives by ``s``.
+    """Points of a path and their derivatives by ``s``."""
 
-    Attributes:
-        q: Joint angles, shape (..., n), [rad].
-        q_s: First derivative by ``s``, same shape, [1].
-        q_ss: Second derivative by ``s``, same shape, [1/rad].
-    """
-
-    q: Array
-    q_s: Array
-    q_ss: Array
+    q: Array  # joint angles, shape (..., n), [rad]
+    q_s: Array  # first derivative by ``s``, same shape, [1]
+    q_ss: Array  # second derivative by ``s``, same shape, [1/rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointPath:
-    """A curve in joint space made of cubic pieces.
+    """A curve in joint space made of cubic pieces."""
 
-    Attributes:
-        knots: Ends of the pieces, shape (K + 1,), rising from 0, [rad].
-        coefficients: Shape (K, 4, n): with ``u = s - knots[k]`` the curve is
-            ``q = c[k, 0] + c[k, 1] u + c[k, 2] u^2 + c[k, 3] u^3``.
-    """
-
-    knots: Array
+    knots: Array  # ends of the pieces, shape (K + 1,), rising from 0, [rad]
+    # shape (K, 4, n): with ``u = s - knots[k]`` the curve is ``q = c[k, 0] + c[k, 1] u + c[k, 2]
+    # u^2 + c[k, 3] u^3``
     coefficients: Array
 
     def __post_init__(self) -> None:
@@ -152,20 +142,14 @@ def blended_path(waypoints: ArrayLike, tolerance: ArrayLike) -> JointPath:
 
 
 class Corners(NamedTuple):
-    """The corners of a polyline, rounded as in :func:`blended_path`.
+    """The corners of a polyline, rounded as in :func:`blended_path`."""
 
-    Attributes:
-        reach: How far from its waypoint each parabola begins and ends, shape (m,), [rad]; 0 where
-            the line is straight.
-        begin: Where it begins, shape (m, n), [rad].
-        direction: The unit direction there, same shape.
-        turn: The change of direction, same shape.
-    """
-
+    # how far from its waypoint each parabola begins and ends, shape (m,), [rad]; 0 where the line
+    # is straight
     reach: Array
-    begin: Array
-    direction: Array
-    turn: Array
+    begin: Array  # where it begins, shape (m, n), [rad]
+    direction: Array  # the unit direction there, same shape
+    turn: Array  # the change of direction, same shape
 
     def at(self, share: Array) -> Array:
         """Configurations at shares (k,) of each corner, 0 to 1, shape (m, k, n), [rad]."""

@@ -20,8 +20,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import found_motion, numbers, searched
 from so101_motion.planning.timing.trajectory import Setpoint
 
-SOFTNESS = 0.035
-"""Time constant with which a joint approaches its target [s]; chosen by trial."""
+SOFTNESS = 0.035  # time constant with which a joint approaches its target [s]; chosen by trial
 
 FORESIGHT = 0.05
 """Time over which future accelerations are averaged for the caller [s]: a servo reacts that late to

@@ -33,24 +33,17 @@ from so101_motion.planning.timing.trajectory import Trajectory
 
 
 class LimitRows(NamedTuple):
-    """Limits on the motion along a path, ``|a u + b x + c| <= 1``; each shape (N, m).
+    """Limits on the motion along a path, ``|a u + b x + c| <= 1``; each shape (N, m)."""
 
-    Attributes:
-        a: Factors of the acceleration along the path, u [s^2/rad].
-        b: Factors of the squared speed along it, x [s^2/rad^2].
-        c: The part of the limit used at rest; less than 1 in magnitude.
-    """
-
-    a: Array
-    b: Array
-    c: Array
+    a: Array  # factors of the acceleration along the path, u [s^2/rad]
+    b: Array  # factors of the squared speed along it, x [s^2/rad^2]
+    c: Array  # the part of the limit used at rest; less than 1 in magnitude
 
 
 FurtherLimits = Callable[[PathPoints], LimitRows]
 """Limits at given points of a path, besides those of velocity and acceleration."""
 
-DEVIATION = 0.02
-"""How far smoothing may move a joint off the path by default [rad]. Chosen."""
+DEVIATION = 0.02  # how far smoothing may move a joint off the path by default [rad]. Chosen
 
 _SAMPLES, _TOOL_SPEEDS, _ROWS, _CHECKPOINT = range(4)
 _NO_SPEED, _NO_MEMORY = 2, 3

@@ -17,29 +17,18 @@ from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint
 
-_JOINTS = 8
-"""With more joints than this ruckig does it; as in rest.c."""
-
-_ROOM = 64
-"""Up to so many samples need no new memory; chosen: a stop of a second has fewer."""
+_JOINTS = 8  # with more joints than this ruckig does it; as in rest.c
+_ROOM = 64  # up to so many samples need no new memory; chosen: a stop of a second has fewer
 
 
 class PathToRest(NamedTuple):
-    """The path of a stop, coarsely sampled.
+    """The path of a stop, coarsely sampled."""
 
-    Attributes:
-        after: The state one period later.
-        path: Joint angles from now to rest, shape (m, n), m >= 2, [rad].
-        least: The smallest of each joint's [rad].
-        largest: The largest of each joint's [rad].
-        step: Time between the samples [s].
-    """
-
-    after: Setpoint
-    path: Array
-    least: list[float]
-    largest: list[float]
-    step: float
+    after: Setpoint  # the state one period later
+    path: Array  # joint angles from now to rest, shape (m, n), m >= 2, [rad]
+    least: list[float]  # the smallest of each joint's [rad]
+    largest: list[float]  # the largest of each joint's [rad]
+    step: float  # time between the samples [s]
 
 
 class StopPaths:

@@ -32,8 +32,7 @@ SHAPES = ((0.3, 0.3), (0.15, 0.15), (0.8, 0.15))
 they give with the shortest possible; two more shapes gained 2 %."""
 POINTS = 24
 """Number of points at which a ramp is tried; the one that is taken is then measured in full."""
-COARSE, FINE = 8, 4
-"""Number of durations tried over the whole range, then between the last two."""
+COARSE, FINE = 8, 4  # number of durations tried over the whole range, then between the last two
 SHORTEST, LONGEST = 0.5, 6.0
 """The range of durations, relative to full braking. Chosen: from a motion that brakes already to
 one near all its limits."""
@@ -52,19 +51,12 @@ more precisely."""
 
 
 class Ramp(NamedTuple):
-    """A falling rate of time over ``x = t / D`` from 0 to 1.
+    """A falling rate of time over ``x = t / D`` from 0 to 1."""
 
-    Attributes:
-        advance: How far the motion's own time has advanced, as a share of D.
-        rate: The rate of time, from 1 to 0.
-        slope: Its derivative by x.
-        bend: Its second derivative.
-    """
-
-    advance: Array
-    rate: Array
-    slope: Array
-    bend: Array
+    advance: Array  # how far the motion's own time has advanced, as a share of D
+    rate: Array  # the rate of time, from 1 to 0
+    slope: Array  # its derivative by x
+    bend: Array  # its second derivative
 
 
 def ramp(shape: tuple[float, float], x: Array) -> Ramp:

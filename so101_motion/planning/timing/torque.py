@@ -40,8 +40,7 @@ STALL = dict(zip(SERVO_VOLTAGES, (1.91, 2.94), strict=True))
 """Stall torque of the two STS3215 the arm is sold with, by their rated voltage [V], [N m]: 19.5
 and 30 kg cm (Feetech's data sheets of the C001 and the C018)."""
 
-STRONGEST = max(STALL)
-"""Rated voltage of the stronger of the two [V]."""
+STRONGEST = max(STALL)  # rated voltage of the stronger of the two [V]
 
 HOLDING = 0.6
 """Share of the stall torque that a servo may hold. Chosen. The makers rate a third (6.5 and 10 kg
@@ -65,8 +64,7 @@ NEARLY = 0.85
 """Share of its holding limit from which a joint counts as near it. Chosen: an arm that follows a
 target reaches the limit some degrees later."""
 
-_STEP = 1e-4
-"""Step of the differences for gradients [rad]."""
+_STEP = 1e-4  # step of the differences for gradients [rad]
 
 _TOLERANCE = 1e-3
 """How far a limit may be exceeded, relative. Chosen: far below the error of the masses."""
@@ -74,15 +72,10 @@ _TOLERANCE = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Payload:
-    """The mass that the gripper carries.
+    """The mass that the gripper carries."""
 
-    Attributes:
-        mass: Its mass [kg].
-        com: Its centre of mass in the tool frame, x, y, z [m].
-    """
-
-    mass: float
-    com: tuple[float, float, float]
+    mass: float  # its mass [kg]
+    com: tuple[float, float, float]  # its centre of mass in the tool frame, x, y, z [m]
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.mass <= HEAVIEST:
@@ -132,16 +125,11 @@ def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strength:
-    """The torque limits of the servos.
+    """The torque limits of the servos."""
 
-    Attributes:
-        holding: Torque limit of a nominal servo standing still [N m].
-        moving: Torque limit of a nominal servo in motion [N m].
-        shares: Share of these limits for each joint's own servo, at most 1.
-    """
-
-    holding: float
-    moving: float
+    holding: float  # torque limit of a nominal servo standing still [N m]
+    moving: float  # torque limit of a nominal servo in motion [N m]
+    # share of these limits for each joint's own servo, at most 1
     shares: tuple[float, ...] = (1.0,) * len(ARM_JOINTS)
 
     @classmethod
@@ -163,17 +151,11 @@ class Strength:
 
 
 class TorqueReserve(NamedTuple):
-    """A joint that is near its torque limit, or beyond it.
+    """A joint that is near its torque limit, or beyond it."""
 
-    Attributes:
-        joint: Its name.
-        left: Share of its holding limit that is left; negative if it is overloaded.
-        gradient: Derivative of that by each joint, shape (5,), [1/rad].
-    """
-
-    joint: str
-    left: float
-    gradient: Array
+    joint: str  # its name
+    left: float  # share of its holding limit that is left; negative if it is overloaded
+    gradient: Array  # derivative of that by each joint, shape (5,), [1/rad]
 
 
 class Load:

@@ -28,27 +28,18 @@ TOLERANCE = 1e-3
 """How far a limit may be exceeded, relative. Chosen: more than the effect of sampling at another
 phase, and far below what a servo can follow."""
 
-POSITION_TOLERANCE = 1e-6
-"""The same for positions [rad]. Chosen: a servo tick is 1.5e-3."""
+POSITION_TOLERANCE = 1e-6  # the same for positions [rad]. Chosen: a servo tick is 1.5e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LimitReport:
-    """Share of each limit that a motion uses, joint by joint; 1 is all of it.
+    """Share of each limit that a motion uses, joint by joint; 1 is all of it."""
 
-    Attributes:
-        velocity: Largest speed over its limit, shape (n,).
-        acceleration: Largest acceleration over its limit, shape (n,).
-        jerk: Largest jerk over its limit, shape (n,).
-        outside: Furthest excursion beyond the position limits, shape (n,), [rad]; 0 inside.
-        effort: Largest torque of any joint over its servo's limit; 0 if not checked.
-    """
-
-    velocity: Array
-    acceleration: Array
-    jerk: Array
-    outside: Array
-    effort: float = 0.0
+    velocity: Array  # largest speed over its limit, shape (n,)
+    acceleration: Array  # largest acceleration over its limit, shape (n,)
+    jerk: Array  # largest jerk over its limit, shape (n,)
+    outside: Array  # furthest excursion beyond the position limits, shape (n,), [rad]; 0 inside
+    effort: float = 0.0  # largest torque of any joint over its servo's limit; 0 if not checked
 
     def __post_init__(self) -> None:
         for name in ("velocity", "acceleration", "jerk", "outside"):
