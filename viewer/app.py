@@ -251,7 +251,6 @@ def serve_source(
 
 
 def _servos(context: PageContext, rig: HardwareRig, panel: viser.PanelHandle) -> OperationPanel:
-    """The Servos tab: identify this arm's servos, and weigh what it carries."""
     operation = IdentifyOperation(rig)
     servos = OperationPanel(context, lambda: operation)
     with panel.add_tab("Servos", viser.Icon.RULER_MEASURE):

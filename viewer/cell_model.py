@@ -45,7 +45,6 @@ class Between(NamedTuple):
 
     @property
     def least(self) -> Meeting:
-        """The instant at which they are closest."""
         return min(self.closest, key=lambda each: each.distance)
 
 
@@ -65,7 +64,6 @@ class CommonPlan:
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
         return max(each.duration for each in self.plans.values())
 
 
@@ -103,7 +101,6 @@ class CellModel:
     # Commands
 
     def plan(self) -> None:
-        """Plan one motion that brings every arm to its target; the arms stay where they are."""
         if self.can_plan:
             goals = {name: arm.target.goal for name, arm in self.arms.items()}
             self._count += 1
@@ -118,7 +115,6 @@ class CellModel:
             self._sentence = texts.PLANNING
 
     def execute(self) -> None:
-        """Move all arms along the plan that is shown."""
         if self.plan_view is not None and self.can_execute:
             self._motions = self._cell.move(self.plan_view.plans, wait=False)
             for name, motion in self._motions.items():
@@ -133,7 +129,6 @@ class CellModel:
             self._place_ghosts()
 
     def play(self, rate: float) -> None:
-        """Play the plan with the ghosts at ``rate`` times real time, or pause."""
         if self.plan_is_current:
             self._playback.play(rate)
 
@@ -148,16 +143,13 @@ class CellModel:
             arm.set_acceleration(acceleration)
 
     def show_sweep(self, shown: bool) -> None:
-        """Show configurations along the path beside the ghosts, or hide them."""
         for arm in self.arms.values():
             arm.show_sweep(shown)
 
     def report(self, error: BaseException) -> None:
-        """Show that a command failed."""
         self._sentence = texts.ended(error)
 
     def tell(self, sentence: Sentence) -> None:
-        """Show what another part has done."""
         self._sentence = sentence
 
     # Updates
@@ -179,7 +171,6 @@ class CellModel:
 
     @property
     def sentence(self) -> Sentence:
-        """The sentence of an arm with a problem, or else the common one."""
         for name, each in self.arms.items():
             has_problem = each.target.problem is not None and not self._motions
             if has_problem or texts.blocked(each.state) is not None:
@@ -188,12 +179,10 @@ class CellModel:
 
     @property
     def plan_is_current(self) -> bool:
-        """Whether the newest plan can still be looked at and executed."""
         return all(arm.plan_is_current for arm in self.arms.values())
 
     @property
     def can_plan(self) -> bool:
-        """Whether all arms can be planned for, and one of them is not at its target."""
         return (
             self._planning is None
             and not self._motions
@@ -206,7 +195,6 @@ class CellModel:
 
     @property
     def can_execute(self) -> bool:
-        """Whether the plan is still true and the arms may move."""
         return not self._motions and all(each.can_execute for each in self.arms.values())
 
     @property
@@ -216,7 +204,6 @@ class CellModel:
 
     @property
     def progress(self) -> float:
-        """Share of the motion that is done, 0 to 1."""
         return max(each.progress for each in self.arms.values())
 
     @property
@@ -227,7 +214,6 @@ class CellModel:
 
     @property
     def sweeps(self) -> bool:
-        """Whether configurations along the path are shown when there is a plan."""
         return all(each.sweeps for each in self.arms.values())
 
     # Helpers
@@ -268,7 +254,6 @@ class CellModel:
         return True
 
     def _notice_dropped_parts(self) -> bool:
-        """Drop the plan of all arms when one of them has dropped its part."""
         current = [arm.plan_is_current for arm in self.arms.values()]
         if self._motions or not any(current) or all(current):
             return False

@@ -106,7 +106,6 @@ class ViewModel(TargetEditor):
         self._follow_caps()
 
     def plan(self) -> None:
-        """Plan to the target; the arm stays where it is."""
         if self.can_plan:
             goal = self._target.goal
             self._planning = self._submit(lambda: self.arm.plan(goal))
@@ -119,7 +118,6 @@ class ViewModel(TargetEditor):
             self._backs_out, self._sentence = True, texts.PLANNING
 
     def show(self, plan: Plan) -> None:
-        """Show a plan that was made elsewhere."""
         self._target = self._at_joints(plan.q_goal, self._target.frame)
         self.history.add((self._target, self._kind))
         self.take_plan(plan)
@@ -151,17 +149,14 @@ class ViewModel(TargetEditor):
             self._sentence = sentence
 
     def preview(self, t: float) -> None:
-        """Show the ghost ``t`` seconds into the plan."""
         if self.plan_is_current:
             self._playback.seek(t)
 
     def play(self, rate: float) -> None:
-        """Play the plan with the ghost at ``rate`` times real time, or pause."""
         if self.plan_is_current:
             self._playback.play(rate)
 
     def show_sweep(self, shown: bool) -> None:
-        """Show configurations along the path beside the ghost, or hide them."""
         self.sweeps = shown
 
     def set_replan(self, replans: bool) -> None:
@@ -178,7 +173,6 @@ class ViewModel(TargetEditor):
             self.follow(self.arm.move(self.plan_view.plan, wait=False))
 
     def follow(self, motion: Motion) -> None:
-        """Show how the arm moves along the plan that is shown."""
         if self.plan_view is not None:
             self._motion = motion
             self.tracker.began = None
@@ -197,11 +191,9 @@ class ViewModel(TargetEditor):
             self.gripper.set_force(force)
 
     def report(self, error: BaseException) -> None:
-        """Show that a command failed."""
         self._sentence = texts.ended(error)
 
     def tell(self, sentence: Sentence) -> None:
-        """Show what another part has done."""
         self._sentence = sentence
 
     @property
@@ -253,12 +245,10 @@ class ViewModel(TargetEditor):
 
     @property
     def arms(self) -> dict[str, ViewModel]:
-        """This one, as that of a single arm."""
         return {"": self}
 
     @property
     def sentence(self) -> Sentence:
-        """What to know or to do now."""
         sentence = self._sentence
         if self._target.problem is not None and self._motion is None:
             sentence = Sentence(self._target.problem, Tone.BAD)
@@ -298,12 +288,10 @@ class ViewModel(TargetEditor):
 
     @property
     def force(self) -> float | None:
-        """How hard a grip presses, as a share of what the servo can keep up; None if unknown."""
         return self.gripper.force if isinstance(self.gripper, Gripper) else None
 
     @property
     def can_plan(self) -> bool:
-        """Whether there is a target to plan to, and the arm may move."""
         return (
             self._may_plan()
             and self._target.problem is None
@@ -312,7 +300,6 @@ class ViewModel(TargetEditor):
 
     @property
     def can_back_out(self) -> bool:
-        """Whether the arm is in contact where it stands and may leave it."""
         if not self._may_plan():
             return False
         place = np.append(self.state.q_ref, self.state.q_jaw_ref)
@@ -323,7 +310,6 @@ class ViewModel(TargetEditor):
 
     @property
     def can_execute(self) -> bool:
-        """Whether the plan is still true and the arm may move."""
         return (
             self.plan_is_current
             and self._motion is None
@@ -379,7 +365,6 @@ class ViewModel(TargetEditor):
         return True
 
     def _track(self, name: str) -> bool:
-        """Measure the motion under way; keep the result with its plan."""
         tracker, plan = self.tracker, self.plan_view
         ended = tracker.take(self.state, name)
         is_own = ended and plan is not None and tracker.newest_name == plan.name

@@ -36,7 +36,6 @@ class AskingButton:
 
     @property
     def order(self) -> float:
-        """Where it stands among its neighbours."""
         return self._button.order
 
     @order.setter
@@ -44,7 +43,6 @@ class AskingButton:
         self._button.order = order
 
     def refresh(self) -> bool:
-        """Return whether its question has just expired."""
         if self._until and time.monotonic() > self._until:
             self._until = 0.0
             return True

@@ -62,7 +62,6 @@ class Bar:
         self._alerts[source] = tuple(sentences)
 
     def text(self) -> str:
-        """The content as the front end takes it."""
         said = [each for sentences in self._alerts.values() for each in sentences]
         said.sort(key=lambda each: each.tone is not Tone.BAD)  # a phone shows the first ones
         alerts = [{"tone": each.tone.value, "text": each.text} for each in said]

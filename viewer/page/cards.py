@@ -25,7 +25,6 @@ COLOURS: dict[Tone, str] = {"good": GOOD, "busy": AMBER, "warm": WARM, "bad": BA
 
 
 def instruction(title: str, text: str) -> str:
-    """The instruction of this step."""
     return (
         f'<div style="{PAD};padding-top:.5em"><div style="font-weight:700">{escape(title)}</div>'
         f'<div style="font-size:.9em;line-height:1.4">{escape(text)}</div></div>'
@@ -33,23 +32,19 @@ def instruction(title: str, text: str) -> str:
 
 
 def good(text: str) -> str:
-    """What has come out well, and what to do now."""
     return marked("✓", GOOD, text, "")
 
 
 def going_on(text: str) -> str:
-    """What is being done now."""
     return marked("…", DIM, text, "")
 
 
 def failed(text: str) -> str:
-    """An error and what to do about it."""
     sentence, _, fix = text.rpartition("; ")
     return marked("✗", BAD, *((sentence, fix) if sentence else (fix, "")))
 
 
 def note(text: str) -> str:
-    """Small print."""
     return (
         f'<div style="{PAD};font-size:.8em;line-height:1.35;color:{DIM}">{escape(text)}</div>'
         if text
@@ -58,7 +53,6 @@ def note(text: str) -> str:
 
 
 def marked(mark: str, colour: str, sentence: str, fix: str) -> str:
-    """A mark, a sentence, and what to do about it."""
     todo = (
         f'<div style="margin-top:.15em"><b>Do this:</b> {escape(capital(fix))}</div>' if fix else ""
     )
@@ -70,7 +64,6 @@ def marked(mark: str, colour: str, sentence: str, fix: str) -> str:
 
 
 def rows(columns: Sequence[str], items: Iterable[Row]) -> str:
-    """The rows of an operation: a bar or cells each, and below what is to be done."""
     head = "".join(
         f'<th style="{_CELL};font-weight:400;color:{DIM}">{escape(c)}</th>' for c in columns
     )

@@ -23,7 +23,6 @@ class Commands:
         self._posted = threading.Event()
 
     def post(self, command: Command) -> None:
-        """Put ``command`` at the end; returns at once."""
         self._waiting.append(command)
         self._posted.set()
 
@@ -33,7 +32,6 @@ class Commands:
         self._posted.clear()
 
     def run(self) -> bool:
-        """Run all waiting commands in order; return whether there were any."""
         acted = False
         with self._running:
             while self._waiting:

@@ -77,12 +77,10 @@ class EventLog:
             self.count += 1
 
     def newest(self, most: int = KEPT) -> list[Event]:
-        """The last ``most`` events, the newest first."""
         with self._lock:
             return list(self._events)[: -most - 1 : -1]
 
     def text(self) -> str:
-        """All events as lines, the oldest first."""
         return "".join(f"{event}\n" for event in reversed(self.newest()))
 
 
@@ -97,7 +95,6 @@ class ArmEvents(Part):
         self._began = 0.0
 
     def refresh(self) -> bool:
-        """Log what changed since the last call; there is nothing to show."""
         before, self._state = self._state, self._rig.arm.state
         self._look_at_connection()
         plan = _newest(self._rig)

@@ -35,7 +35,6 @@ class FrontTab:
     _targets: tuple[object, ...] = field(default=(), repr=False)
 
     def turn_to(self, name: str) -> None:
-        """Note which tab is in front now."""
         self.name = name
 
     def note(
@@ -60,12 +59,10 @@ class FrontTab:
 
     @property
     def is_program(self) -> bool:
-        """Whether the Program tab is in front."""
         return self.name == PROGRAM
 
     @property
     def drawn(self) -> Drawn:
-        """What the scene shows of the Move tab."""
         if not self.is_program:
             return Drawn.PLAN
         return Drawn.NOTHING if self.rehearses else Drawn.TARGET

@@ -34,7 +34,6 @@ class Guiding:
 
     @property
     def can_start(self) -> bool:
-        """Whether the arm may be guided now."""
         return self._switching is None and self._arm.state.mode in (Mode.HOLDING, Mode.LIMP)
 
     @property
@@ -43,7 +42,6 @@ class Guiding:
         return None if self._until is None else self._until - self._clock.now()
 
     def start(self) -> None:
-        """Start hand guiding, if that is allowed now."""
         if self.can_start:
             self._until = self._clock.now() + GUIDED_FOR
             self._switching = self._submit(lambda: self._arm.set_manual(True))

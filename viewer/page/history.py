@@ -37,12 +37,10 @@ class History(Generic[T]):
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is an earlier value."""
         return self._at > 0
 
     @property
     def can_redo(self) -> bool:
-        """Whether there is a later value."""
         return self._at < len(self._values) - 1
 
     def add(self, value: T, kind: Hashable = None) -> None:
@@ -62,16 +60,13 @@ class History(Generic[T]):
         self._at = len(self._values) - 1
 
     def amend(self, value: T) -> None:
-        """Put a value in the place of the present one."""
         self._values[self._at] = value
 
     def undo(self) -> None:
-        """Restore the value before, if there is one."""
         if self.can_undo:
             self._go(-1, "Undone.")
 
     def redo(self) -> None:
-        """Restore the value after, if there is one."""
         if self.can_redo:
             self._go(1, "Redone.")
 

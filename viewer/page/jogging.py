@@ -158,17 +158,14 @@ class Jogging:
 
     @property
     def is_ready(self) -> bool:
-        """Whether a held control moves the arm now."""
         return self._motion is not None
 
     @property
     def held_by(self) -> tuple[str, ...]:
-        """What keeps the arm from moving as asked."""
         motion = self._motion
         return () if motion is None else tuple(motion.held_by)
 
     def start(self, mode: str) -> None:
-        """Switch it on, or to another mode."""
         self.close()
         self.mode, self.outcome = mode, None
         self._ends = threading.Event()
@@ -266,7 +263,6 @@ class Jogging:
 
 
 def _capped(limits: MotionLimits, speed: str) -> MotionLimits:
-    """``limits`` with no joint faster than a step of the speed."""
     return replace(limits, velocity=np.minimum(limits.velocity, SPEEDS[speed].turning))
 
 

@@ -86,13 +86,11 @@ def facts(rows: Iterable[tuple[str, ...]], *, lines: int = 0) -> str:
 
 
 def small(text: str) -> str:
-    """Small print."""
     look = "padding:0 .9em .5em;font-size:.78em;color:var(--so101-dim)"
     return f'<div style="{look}">{escape(text)}</div>'
 
 
 def caption(text: str, is_old: bool) -> str:
-    """The caption of a plot; an old one is grey, with its plot."""
     old = ' class="so101-old"' if is_old else ""
     return f'<div{old} style="padding:.2em .9em 0;font-size:.82em">{escape(text)}</div>'
 
@@ -140,7 +138,6 @@ def to_copy(about: str, text: str) -> str:
 
 
 def events(items: Iterable[Event]) -> str:
-    """The events, the newest first."""
     rows = "".join(
         f'<span style="color:var(--so101-dim)">{event.at:%H:%M:%S}</span>'
         f'<span style="color:{TONES[event.tone]};overflow-wrap:anywhere">'

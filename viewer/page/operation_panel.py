@@ -42,7 +42,6 @@ class _Field:
         self.value = value
 
     def show(self, wanted: Input, proposed: str, order: int) -> None:
-        """Show it among the buttons."""
         choices = wanted.choices or (_NONE,)
         if isinstance(self.widget, viser.GuiDropdownHandle) and self.widget.options != choices:
             self.widget.options, self._proposed = choices, ""
@@ -89,7 +88,6 @@ class OperationPanel(Part):
         self._foot = gui.add_html("")
 
     def refresh(self) -> bool:
-        """Look at the operation, and give what is due; return whether anything is new."""
         is_news = self._own is not None and self._own.collect()
         is_news |= any(b.refresh() for b in self._buttons.values() if isinstance(b, AskingButton))
         operation, t = self._operation(), time.monotonic()
@@ -107,7 +105,6 @@ class OperationPanel(Part):
         return is_news or before != self._view
 
     def show(self) -> None:
-        """Show the view."""
         view = self._view
         if view is None:
             return

@@ -54,11 +54,9 @@ class PageContext:
 
     @property
     def gui(self) -> viser.GuiApi:
-        """The interface that makes widgets."""
         return self.server.gui
 
     def in_background(self, call: Callable[[], T]) -> Future[T]:
-        """Run a slow ``call`` on a worker thread."""
         return self.workers.submit(call)
 
     def _on(self, command_for: Callable[[Any], Command | None]) -> Callable[[Any], Any]:
@@ -90,7 +88,6 @@ class PageContext:
         button.on_click(self._on(lambda _event: command))
 
     def button(self, label: str, command: Command, **look: Any) -> viser.GuiButtonHandle:
-        """Add a button that runs ``command``; ``look`` as for viser's ``add_button``."""
         button = self.gui.add_button(label, **look)
         self.on_press(button, command)
         return button
@@ -98,13 +95,11 @@ class PageContext:
     def buttons(
         self, label: str, does: Mapping[str, Command], hint: str | None = None
     ) -> viser.GuiButtonGroupHandle:
-        """Add a row of buttons; ``does`` has the command of each by its name."""
         group = self.gui.add_button_group(label, tuple(does), hint=hint)
         self.on_choice(group, lambda name: does[name]())
         return group
 
     def on_choice(self, group: Any, command: Callable[[str], None]) -> None:
-        """Run ``command`` with the name on the button of ``group`` that is pressed."""
         group.on_click(self._on(lambda event: partial(command, event.target.value)))
 
     def on_entry(self, widget: Any, command: Callable[[Any], None]) -> None:
@@ -120,7 +115,6 @@ class PageContext:
         handle: viser.TransformControlsHandle,
         command: Callable[[viser.TransformControlsHandle], None],
     ) -> None:
-        """Run ``command`` with ``handle`` while it is dragged."""
         handle.on_update(self._on(lambda _event: partial(command, handle)))
 
     def on_release(
@@ -128,7 +122,6 @@ class PageContext:
         handle: viser.TransformControlsHandle,
         command: Callable[[viser.TransformControlsHandle], None],
     ) -> None:
-        """Run ``command`` with ``handle`` when a drag ends."""
         handle.on_update(
             self._on(lambda event: partial(command, handle) if event.phase == "end" else None)
         )
@@ -153,7 +146,6 @@ class PageContext:
     def on_file(
         self, button: viser.GuiUploadButtonHandle, command: Callable[[viser.UploadedFile], None]
     ) -> None:
-        """Run ``command`` with a file that is uploaded by ``button``."""
         button.on_upload(self._on(lambda event: partial(command, event.target.value)))
 
     def on_asked(self, button: Any, answer: Callable[[viser.ClientHandle], None]) -> None:

@@ -17,7 +17,6 @@ class Playback:
 
     @property
     def rate(self) -> float | None:
-        """Its playing rate; None while it is paused."""
         return self._rate
 
     def load(self, duration: float) -> None:
@@ -26,7 +25,6 @@ class Playback:
         self._rate = None
 
     def seek(self, t: float) -> None:
-        """Pause at ``t`` [s]."""
         self.t = min(max(t, 0.0), self._duration)
         self._rate = None
 

@@ -59,12 +59,10 @@ class SavedFiles:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is a change to undo."""
         return self._done > 0
 
     @property
     def can_redo(self) -> bool:
-        """Whether one was undone."""
         return self._done < len(self._changes)
 
     def look_again(self, now: float) -> None:
@@ -98,7 +96,6 @@ class SavedFiles:
             self._tell(UNDONE)
 
     def redo(self) -> None:
-        """Redo what was undone last; raises as ``undo`` does."""
         if self.can_redo:
             change = self._changes[self._done]
             self._put(change.file, change.before, change.after)

@@ -70,5 +70,4 @@ class PlanView:
 
     @property
     def duration(self) -> float:
-        """How long the plan takes [s]."""
         return self.plan.duration

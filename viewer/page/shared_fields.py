@@ -71,7 +71,6 @@ class UndoButtons:
         self._told = context.gui.add_html("", visible=False)
 
     def show(self, *, can: bool = True) -> None:
-        """Let each be pressed if there is something for it, and nothing else is under way."""
         why_not = {}
         if not (can and self._edited.can_undo):
             why_not["undo"] = "There is nothing to undo."
@@ -103,5 +102,4 @@ def tenth(value: float) -> float:
 
 
 def tenths(values: Iterable[float]) -> tuple[float, ...]:
-    """Each of ``values`` to one decimal."""
     return tuple(tenth(value) for value in values)

@@ -106,7 +106,6 @@ class TargetEditor(ABC):
         self._take(near)
 
     def set_target_here(self) -> None:
-        """Set the target to where the arm is."""
         self.set_target_joints(self.state.q_ref)
 
     def set_target_frame(self, frame: str) -> None:
@@ -153,12 +152,10 @@ class TargetEditor(ABC):
 
     @property
     def kind(self) -> str:
-        """How much of the gripper's direction is chosen, one of ``DIRECTIONS``."""
         return self._kind
 
     @property
     def direction(self) -> Direction:
-        """Where the gripper points at the target, or shall point."""
         wanted, there = self._target.direction, self._solver.direction(self._target.q)
         if wanted is None:
             return there
@@ -171,7 +168,6 @@ class TargetEditor(ABC):
 
     @property
     def target(self) -> Target:
-        """The target."""
         return self._target
 
     # Helpers
@@ -182,7 +178,6 @@ class TargetEditor(ABC):
         return near if near.problem is None else None
 
     def _beside(self) -> Target | None:
-        """The nearest target around this one that can be had; it keeps the direction."""
         target = self._target
         points = (target.p_base + away * way for away in AROUND for way in _WAYS)
         found = (self._at_point(p, target.frame, target.direction) for p in points)

@@ -115,7 +115,6 @@ class TargetSolver:
         return self._collisions.clearance(q, q_jaw)
 
     def direction(self, q: Array) -> Direction:
-        """Where the gripper points for joint angles (5,)."""
         up = self._model.frame(q, "tool").R[2, 2]
         return Direction(tilt=float(np.arcsin(np.clip(up, -1.0, 1.0))), roll=float(q[4]))
 
@@ -221,7 +220,6 @@ class TargetSolver:
         return self.at_joints(q, FRAMES[0], q_jaw=q_jaw)
 
     def is_in_contact(self, q: Array, q_jaw: float) -> bool:
-        """Whether the arm touches itself or something at joint angles (5,) and jaw angle [rad]."""
         return self._collisions.first_contact(q, q_jaw) is not None
 
     def _problem(self, q: Array, q_jaw: float) -> str | None:

@@ -88,7 +88,6 @@ def fault(state: JointState) -> str:
 
 
 def blocked(state: JointState) -> Sentence | None:
-    """Why the arm cannot be moved at all, or None when it can."""
     reasons = {
         Mode.LIMP: "The arm is limp. Press Hold before you move it.",
         Mode.GUIDING: "Guide by hand is on. Press Hold before you plan a motion.",
@@ -100,22 +99,18 @@ def blocked(state: JointState) -> Sentence | None:
 
 
 def named(arm: str, sentence: Sentence) -> Sentence:
-    """The sentence with the arm's name in front; unchanged if the name is empty."""
     return replace(sentence, text=f"{arm}: {sentence.text}") if arm else sentence
 
 
 def saved(name: str) -> Sentence:
-    """Something was saved under a name."""
     return Sentence(f"Saved as {name}.", Tone.GOOD)
 
 
 def renamed(name: str, new: str) -> Sentence:
-    """Something was renamed."""
     return Sentence(f"{name} is now called {new}.", Tone.GOOD)
 
 
 def deleted(name: str) -> Sentence:
-    """Something was deleted."""
     return Sentence(f"Deleted {name}.")
 
 
@@ -127,7 +122,6 @@ def arrived(distance: float) -> Sentence:
 
 
 def ended(error: BaseException) -> Sentence:
-    """Why a plan or a motion failed."""
     if isinstance(error, Interrupted):
         by = "Stopped" if error.by == "stop" else f"Ended early by {error.by}"
         return Sentence(f"{by}. The arm holds where it is.")
@@ -154,7 +148,6 @@ NO_FACTS = tuple(
 
 
 def plan_facts(view: PlanView) -> tuple[tuple[str, str], ...]:
-    """The figures of a plan as pairs of name and value."""
     plan = view.plan
     trajectory = plan.trajectory
     return (
@@ -168,12 +161,10 @@ def plan_facts(view: PlanView) -> tuple[tuple[str, str], ...]:
 
 
 def which(name: str, *, is_current: bool) -> str:
-    """The name of a plan, and whether it can still be executed."""
     return name if is_current else f"{name}, no longer current"
 
 
 def plotted(view: PlanView, *, is_current: bool) -> str:
-    """The plots of a plan in words, for screen readers as well."""
     trajectory = view.plan.trajectory
     return (
         f"{which(view.name, is_current=is_current)}, {trajectory.duration:.2f} s;"
@@ -182,19 +173,16 @@ def plotted(view: PlanView, *, is_current: bool) -> str:
 
 
 def common_plotted(name: str, duration: float, *, is_current: bool) -> str:
-    """The plots of a plan of several arms in words."""
     which_plan = which(name, is_current=is_current)
     return f"{which_plan}, {duration:.2f} s; clearance between the arms over time."
 
 
 def between(first: str, second: str, least: Meeting) -> tuple[str, str]:
-    """How near two arms come to each other: their names; distance, bodies and time."""
     bodies = f"{least.first} to {least.second}"
     return f"{first} to {second}", f"{to_mm(least.distance):.0f} mm, {bodies}, at {least.t:.1f} s"
 
 
 def caps(limits: MotionLimits) -> str:
-    """The largest speed and acceleration that a plan may use."""
     speed, push = float(np.max(limits.velocity)), float(np.max(limits.acceleration))
     return f"{to_deg(speed):.0f} °/s, {to_deg(push):.0f} °/s²"
 
@@ -209,12 +197,10 @@ def aperture(q_jaw: float) -> float:
 
 
 def opening(q_jaw: float) -> str:
-    """The same in words."""
     return f"{100.0 * aperture(q_jaw):.0f} % open"
 
 
 def grip(state: JointState, *, holds: bool) -> str:
-    """What the gripper does."""
     q_jaw = state.q_jaw
     if GRIPPER_JOINT in state.reading.silent:
         return "Its servo does not answer."
@@ -229,14 +215,12 @@ def tip_distance(q_jaw: float) -> float:
 
 
 def clearance(view: PlanView) -> str:
-    """The closest approach on the path: how near, which bodies, and when."""
     closest, end = view.closest, view.plan.trajectory.duration
     when = "at the goal" if view.t_closest >= end else f"at {view.t_closest:.1f} s"
     return f"{to_mm(closest.distance):.0f} mm, {closest.first} to {closest.second}, {when}"
 
 
 def followed(tracking: Tracking) -> str:
-    """How well a motion was followed, in one line."""
     worst, rms = to_deg(tracking.worst), to_deg(tracking.rms)
     i = int(np.argmax(worst))
     late = "" if tracking.lag is None else f", {1000.0 * tracking.lag:.0f} ms behind the plan"

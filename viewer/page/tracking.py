@@ -45,7 +45,6 @@ class Tracking:
 
     @property
     def run(self) -> Run:
-        """The motion as a ``Run``, for files."""
         return Run(t=self.t, q_ref=self.q - self.error, q=self.q)
 
     @property
@@ -96,7 +95,6 @@ class MotionTracker:
 
 
 def _tracking(states: list[JointState]) -> Tracking:
-    """The recorded motion."""
     t = np.array([state.t for state in states])
     q = np.array([state.q for state in states])
     error = q - np.array([state.q_ref for state in states])

@@ -65,11 +65,9 @@ class Worker:
 
     @property
     def is_looking(self) -> bool:
-        """Whether it is looking, see ``watch``."""
         return self._look is not None
 
     def collect(self) -> bool:
-        """Take in results; return whether there were any."""
         if self._look is not None and self._look.done():
             looked, self._look = self._look, None
             error = looked.exception()
@@ -92,5 +90,4 @@ class Worker:
         return True
 
     def end(self) -> None:
-        """Wait for what runs."""
         self._workers.shutdown(wait=True)

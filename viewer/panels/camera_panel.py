@@ -61,7 +61,6 @@ class Picture:
 
     @property
     def as_url(self) -> str:
-        """For the ``src`` of an image."""
         return f"data:{self.kind};base64,{base64.b64encode(self.data).decode()}"
 
 
@@ -117,7 +116,6 @@ class CameraFeed:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop fetching."""
         self._closing.set()
         self._thread.join(2.0 * PATIENCE)
 
@@ -132,7 +130,6 @@ class CameraFeed:
             self._closing.wait(pause)
 
     def _fetch(self) -> None:
-        """One picture, or those of a stream until it ends."""
         if self._ask is not None:
             self._take(self._ask(self._camera))
             return
@@ -161,7 +158,6 @@ class CameraFeed:
 
 
 def _words(error: Exception) -> str:
-    """Why no picture comes."""
     if isinstance(error, HTTPError):
         return f"the camera answers {error.code} {error.reason}; check its address"
     cause = error.reason if isinstance(error, URLError) else error
@@ -229,7 +225,6 @@ class CameraPart(Part):
         panel.float(x=-_ASIDE, y=-_ABOVE, width=width, height=height)
 
     def refresh(self) -> bool:
-        """Return whether there is a new picture, or none for a while."""
         before, self._shown = self._shown, (self.feed.picture, self._is_old(), self.feed.problem)
         return self._shown != before
 
@@ -238,11 +233,9 @@ class CameraPart(Part):
         return picture is None or time.monotonic() - picture.t > OLD
 
     def show(self) -> None:
-        """Show it."""
         picture, is_old = self.feed.picture, self._is_old()
         says = "" if not is_old else self.feed.problem or "the camera sends no picture"
         self._html.content = markup.picture(None if picture is None else picture.as_url, says)
 
     def close(self) -> None:
-        """End the fetching."""
         self.feed.close()

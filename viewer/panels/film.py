@@ -66,7 +66,6 @@ class MovedArm:
 
     @property
     def duration(self) -> float:
-        """How long it moves [s]."""
         return float((self.view.plan.trajectory if self.run is None else self.run).t[-1])
 
     def at(self, t: Array) -> tuple[Array, Array]:
@@ -98,7 +97,6 @@ class Film:
         return np.append(np.arange(0.0, end, 1.0 / FRAMES), end)
 
     def facts(self) -> tuple[tuple[str, str], ...]:
-        """Figures, as names and values."""
         first = next(iter(self.arms.values()))
         return (
             ("Motion", f"{first.view.name}, {first.view.made_at:%Y-%m-%d %H:%M}"),
@@ -125,7 +123,6 @@ class Film:
 
 
 def _figures(name: str, view: PlanView) -> list[tuple[str, str]]:
-    """The figures of a plan; of each of several arms the most important ones."""
     if name:
         figures = dict(texts.plan_facts(view))
         return [(name, f"{figures['Duration']}, clearance {figures['Clearance']}")]
@@ -168,7 +165,6 @@ def recording(film: Film) -> bytes:
 
 
 def _played(server: viser.ViserServer, film: Film, model: RobotModel) -> str:
-    """The player with the motion in it, as viser makes it."""
     stage, around = server.scene, SceneView(server.scene)
     drawn = {
         name: _DrawnArm(stage, each, f"/arms/{k}")

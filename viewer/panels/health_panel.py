@@ -148,7 +148,6 @@ def _from_status(reported: Mapping[str, Any]) -> list[JointHealth]:
 
 
 def figures(found: Health) -> str:
-    """The figures of the servos and of their bus."""
     if found.silence is not None:
         servos = f'<div style="opacity:.8">{escape(found.silence)}</div>'
     else:
@@ -283,7 +282,6 @@ def state_alarms(
 
 
 def _about_range(state: JointState) -> str:
-    """How far joints are outside their limits, and what brings them back."""
     reading, here = state.reading, state.reading.angles
     off = {joint: abs(here[joint] - at) for joint, at in reading.out_of_range.items()}
     where = ", ".join(
@@ -391,7 +389,6 @@ class HealthPart(Part):
             self._figures = context.gui.add_html("")
 
     def refresh(self) -> bool:
-        """Read the figures now and then; return whether anything changed."""
         now = time.monotonic()
         if now < self._due:
             return False
@@ -423,7 +420,6 @@ class HealthPart(Part):
             self._mark(marks)
 
     def _tell(self, alarms: tuple[Alarm, ...]) -> None:
-        """Have the bar say them, and log those whose cause is new."""
         before, self._told = {alarm.cause for alarm in self._told}, alarms
         said = [texts.named(self._name, alarm.sentence) for alarm in alarms]
         for alarm, sentence in zip(alarms, said, strict=True):
@@ -432,7 +428,6 @@ class HealthPart(Part):
         self._bar.alert(f"alarms {self._name}", said)
 
     def show(self) -> None:
-        """Update the widgets; viser sends only what differs."""
         if self._health is not None:
             self._figures.content = figures(self._health)
 
@@ -453,11 +448,9 @@ class EventsPart(Part):
         context.on_asked(save, self._hand_over)
 
     def refresh(self) -> bool:
-        """Return whether there is a new event."""
         return self._count != self._log.count
 
     def show(self) -> None:
-        """Update the widgets; viser sends only what differs."""
         if self._count != self._log.count:
             self._count = self._log.count
             self._events.content = markup.events(self._log.newest(_LINES))

@@ -29,7 +29,6 @@ from ..page.texts import capital
 
 
 def waiting(bar: Bar, title: str, error: Exception | None = None) -> None:
-    """Say in the bar that the first arm has not been found yet."""
     bar.state, bar.title = "No arm yet", title
     if error is None:
         said = Sentence("Looking for the arm …", Tone.WARM)
@@ -111,7 +110,6 @@ class HoldButtons(Part):
         return BarButton(label=label, button=self._context.button(label, command, visible=False))
 
     def refresh(self) -> bool:
-        """Check whether the arms are connected and ready, and fill the bar."""
         modes: dict[str, Mode | None] = {}
         states: dict[str, str] = {}
         alerts: dict[Sentence, list[str]] = {}  # of which arms each is true

@@ -94,7 +94,6 @@ class JogPart(Part):
             self.jogging.start(mode)
 
     def refresh(self) -> bool:
-        """Return whether anything is new."""
         jogging, state = self.jogging, self._arm.state
         if jogging.mode is not None and state.mode in (Mode.MOVING, Mode.HOLDING):
             self._context.bar.state = "Jogging"
@@ -106,7 +105,6 @@ class JogPart(Part):
         return before != self._shown
 
     def show(self) -> None:
-        """Update the widgets."""
         jogging = self.jogging
         is_on = jogging.mode is not None
         self._sentence.content = markup.sentence(self._words())
@@ -134,7 +132,6 @@ class JogPart(Part):
         return _ARROWS if jogging.mode == ARROWS else _ON
 
     def close(self) -> None:
-        """End the jogging."""
         self.jogging.close()
 
 

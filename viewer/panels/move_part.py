@@ -168,30 +168,24 @@ class MovePart(Part):
             self._first.set_target_above(met)
 
     def set_visible(self, visible: bool) -> None:
-        """Show or hide the arms and their targets."""
         for stage in self._stages.values():
             stage.set_visible(visible)
 
     def set_handles(self, shown: bool) -> None:
-        """Show the targets' arrows, or hide each until its target changes."""
         for stage in self._stages.values():
             stage.set_handles(shown)
 
     def fade(self, name: str, faded: bool) -> None:
-        """Show an arm in grey, or in its own colours."""
         self._stages[name].fade(faded)
 
     def mark(self, name: str, joints: Mapping[str, Tone]) -> None:
-        """Colour the links that these joints of an arm move, each in the tone of its alarm."""
         self._stages[name].mark(joints)
 
     def refresh(self) -> bool:
-        """Take in the states of the arms, the plan being made and the running motions."""
         is_other = self._context.front.drawn is not self._drawn
         return self.model.refresh() or is_other
 
     def show(self) -> None:
-        """Draw the arms; update their figures now and then."""
         self._pictures += 1
         self._drawn = self._context.front.drawn
         for stage in self._stages.values():

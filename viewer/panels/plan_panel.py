@@ -131,7 +131,6 @@ class PlanPanel:
         self._progress = context.gui.add_progress_bar(0.0, color="green")
 
     def _add_plan(self) -> None:
-        """The ghost on the plan's timeline, figures, and limits for the next plan."""
         context, gui, model = self._context, self._context.gui, self._model
         self._preview = gui.add_slider("Preview (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
         self._preview_time = SharedField(
@@ -163,7 +162,6 @@ class PlanPanel:
         )
 
     def show(self) -> None:
-        """Show the model; viser sends only what differs."""
         model = self._model
         self._sentence.content = markup.sentence(model.sentence)
         for target in self._targets.values():
@@ -205,7 +203,6 @@ class PlanPanel:
 
 
 def plan_facts(plan: CommonPlan | None) -> tuple[tuple[str, str], ...]:
-    """The figures of a plan for all arms: duration, who waits for whom, clearances."""
     if plan is None:
         return (("Duration", "–"),)
     pairs = (texts.between(each.first, each.second, each.least) for each in plan.clearances)
@@ -224,7 +221,6 @@ class TargetControls:
         self._range: tuple[Array, Array] | None = None
 
     def add_target(self) -> None:
-        """The target point, and named poses."""
         gui = self._context.gui
         target = gui.add_vector3("Target (mm)", (0.0, 0.0, 0.0), step=1.0)
         target.precision = 1
@@ -243,7 +239,6 @@ class TargetControls:
         self._context.buttons("Pose", {**poses, "here": self._page.set_target_here})
 
     def add_choices(self) -> None:
-        """The frame of the target, the gripper's direction, single joints, and undo."""
         gui = self._context.gui
         self._history = UndoButtons(self._context, "Target", self._page.history)
         self._frame = SharedField(
@@ -309,7 +304,6 @@ class TargetControls:
         self._grip = gui.add_html("")
 
     def show(self) -> None:
-        """Show the target and the jaw; viser sends only what differs."""
         page, state = self._page, self._page.state
         is_off = state.mode in _OFF
         self._opening.disabled = is_off

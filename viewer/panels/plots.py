@@ -72,7 +72,6 @@ class PlanPlots:
             self._add_tracking()
 
     def _add(self, arm: str, title: str, label: str, *lines: str) -> viser.GuiUplotHandle:
-        """Add a tab with a plot of the joints of ``arm``."""
         with self._panel.add_tab(title):
             self._captions[arm].append(self._gui.add_html(markup.small(_NO_PLAN)))
             self._plots.append(_add_joints_plot(self._gui, label, lines))
@@ -98,11 +97,9 @@ class PlanPlots:
 
     @property
     def uuids(self) -> list[str]:
-        """The ids of the plots over the time of a plan."""
         return [uuid_of(plot) or "" for plot in self._plots]
 
     def show(self, model: ViewModel | CellModel) -> None:
-        """Draw what is new, and say whether the plan is old."""
         for name, arm in model.arms.items():
             view = arm.plan_view
             if view is not None:
@@ -147,7 +144,6 @@ class PlanPlots:
             self._clearance.data = (t, *gaps, _least(len(t)))
 
     def _show_tracking(self, tracking: Tracking, name: str) -> None:
-        """Plot the tracking error of the motion ``name``, and show it in figures."""
         keep, most = _kept(len(tracking.t)), np.radians(_LEAST_ERROR_DEG)
         self._error.data = _columns(tracking.t[keep], tracking.error[keep], most, -most)
         said = f"{name}: {texts.followed(tracking)}"
@@ -160,7 +156,6 @@ def _least(count: int) -> Array:
 
 
 def _kept(count: int) -> NDArray[np.intp]:
-    """Which of ``count`` samples are drawn."""
     return np.unique(np.linspace(0, count - 1, _MOST_POINTS).astype(np.intp))
 
 

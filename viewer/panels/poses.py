@@ -40,36 +40,29 @@ class PoseList:
             page.report(error)
 
     def choose(self, name: str) -> None:
-        """Select the pose ``name``."""
         if any(pose.name == name for pose in self.poses):
             self.chosen = self.name = name
 
     def call(self, name: str) -> None:
-        """Set the name for the next pose, or for a renamed one."""
         self.name = name
 
     def save_arm(self) -> None:
-        """Save the arm's present angles."""
         self._save(self._page.q_arm)
 
     def save_target(self) -> None:
-        """Save the ghost's angles."""
         self._save(self._page.target.q)
 
     def use(self) -> None:
-        """Make the selected pose the target."""
         chosen = self._chosen()
         self._page.set_target_joints(self._book.find(chosen).q)
 
     def rename(self) -> None:
-        """Rename the selected pose to the typed name."""
         chosen = self._chosen()
         with self.saved_files.changing(chosen):
             self._book.rename(chosen, self.name)
         self._changed(self.name.strip(), texts.renamed(chosen, self.name.strip()))
 
     def delete(self) -> None:
-        """Delete the selected pose."""
         chosen = self._chosen()
         with self.saved_files.changing(chosen):
             self._book.delete(chosen)
@@ -122,7 +115,6 @@ class PoseFolder:
         self._name = SharedField(self._text, poses.call, context, shown=str)
 
     def show(self) -> None:
-        """Update the widgets."""
         names = tuple(pose.name for pose in self._poses.poses)
         if self._list.options != (names or (_NONE,)):
             self._list.options = names or (_NONE,)

@@ -103,7 +103,6 @@ class SharePart(Part):
         context.leave_open(self._what, self._kind, self._arm, self._download)
 
     def refresh(self) -> bool:
-        """Note what can be shared, and send the files that are ready."""
         before, self._seen = (
             self._seen,
             (
@@ -124,7 +123,6 @@ class SharePart(Part):
         return is_news or bool(done) or is_current is not self._is_current
 
     def show(self) -> None:
-        """Update the widgets."""
         self._download.disabled = not self._moved(PLAN)
         self._what.disabled = not self._moved(RUN)
         self._arm.visible = len(self._pages) > 1 and self._kind.value != FILM

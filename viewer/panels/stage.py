@@ -83,7 +83,6 @@ class Stage:
         self._is_dragged = False  # a browser has the handles where its hand is
 
     def set_visible(self, visible: bool) -> None:
-        """Show or hide all of it; takes effect at once."""
         self._visible = visible
         self._live.set_visible(visible)
         self._ghost.set_visible(visible)
@@ -92,7 +91,6 @@ class Stage:
         self._line.set_visible(visible)
 
     def set_clickable(self, wanted: bool) -> None:
-        """Listen to clicks in the picture, or not."""
         if wanted:
             self._scene.on_click()(self._clicked)
         else:
@@ -135,7 +133,6 @@ class Stage:
         self._paint()
 
     def mark(self, joints: Mapping[str, Tone]) -> None:
-        """Colour the links that these joints move, by the tone of their alarm."""
         self._marks = dict(joints)
         self._paint()
 
@@ -148,7 +145,6 @@ class Stage:
             self._live.paint(_ALARM if tone is Tone.BAD else _WARNING, {MOVED_LINK[joint]})
 
     def show(self) -> None:
-        """Draw the arm and its target; sends only what differs."""
         page, state = self._page, self._page.state
         T_live = self._model.link_placements(state.q, state.q_jaw)
         self._live.move(T_live)

@@ -57,7 +57,6 @@ class ArmInStep:
         self._change = partial(model.change, name)
 
     def rename(self, name: str) -> None:
-        """Rename the waypoint."""
         self._change(name=name)
 
     def set_speed(self, share: float) -> None:
@@ -82,7 +81,6 @@ class ArmInStep:
             self._model.tell(words.JAW_STOPS)
 
     def set_passes(self, passes: bool) -> None:
-        """Pass the waypoint without a stop, pause and jaw; or stop there."""
         before = self._model.waypoint(self._name)
         if not passes:
             self._change(passes=False)
@@ -94,15 +92,12 @@ class ArmInStep:
             self._model.tell(words.passing(before, stops=stops))
 
     def take_place(self) -> None:
-        """Let it go to where it stands now, beside the other arms."""
         self._model.take(self._name, self._model.pages[self._name].q_arm)
 
     def take_target(self) -> None:
-        """Let it go to its target, beside the other arms."""
         self._model.take(self._name, self._model.pages[self._name].target.q)
 
     def leave_out(self) -> None:
-        """Let it stand still."""
         self._model.leave_out(self._name)
 
     @property
@@ -180,7 +175,6 @@ class ProgramModel:
         self._record({name: self.pages[name].q_arm for name in names or self.pages})
 
     def record_targets(self, names: Sequence[str] | None = None) -> None:
-        """Add a step in which these arms, or all, go to their targets at the same time."""
         self._record({name: self.pages[name].target.q for name in names or self.pages})
 
     def choose(self, index: int) -> None:
@@ -211,7 +205,6 @@ class ProgramModel:
             self.change(name, q=q)
 
     def leave_out(self, name: str) -> None:
-        """Let an arm stand still in the selected step."""
         index = self._chosen_index()
         rest = {key: each for key, each in self._step.items() if key != name}
         if not rest:
@@ -224,17 +217,14 @@ class ProgramModel:
         self.reorder(index, index + by)
 
     def reorder(self, index: int, to: int) -> None:
-        """Put a step at another place, and select it."""
         if min(index, to) >= 0 and max(index, to) < len(self.program):
             self._edit(self.program.moved(index, to))
             self.chosen = to
 
     def remove(self) -> None:
-        """Remove the selected step."""
         self._edit(self.program.without(self._chosen_index()))
 
     def duplicate(self) -> None:
-        """Add the selected step once more behind itself."""
         index, letter = self._chosen_index(), self._next_letter()
         again = {name: replace(each, name=letter) for name, each in self._step.items()}
         self._edit(self.program.with_step(again).moved(len(self.program), index + 1))
@@ -258,7 +248,6 @@ class ProgramModel:
     # Files
 
     def call(self, name: str) -> None:
-        """Set the name for saving."""
         self.name = name
 
     def save(self) -> None:
@@ -271,7 +260,6 @@ class ProgramModel:
         self._sentence = words.saved(file)
 
     def load(self, name: str) -> None:
-        """Load the program ``name``; nothing moves."""
         program = files.read(self._file_of(name), self._zeros())
         self._edit(program)
         self.name, self.chosen = name, 0 if program.steps else None
@@ -284,7 +272,6 @@ class ProgramModel:
         self._sentence = words.deleted(name)
 
     def clear(self) -> None:
-        """Start a new program."""
         self._edit(Program())
         self.name, self.chosen = "", None
         self._sentence = self.texts.welcome
@@ -321,32 +308,26 @@ class ProgramModel:
             self._sentence = self.texts.planning
 
     def start(self) -> None:
-        """Run the program as it was planned."""
         if self.timeline is not None and self.can_run:
             self.run = start_program(self._arms, self.timeline.rehearsal)
 
     def preview(self, t: float) -> None:
-        """Show the ghosts ``t`` seconds into the rehearsal."""
         self._playback.seek(t)
 
     def play(self, rate: float) -> None:
-        """Play the rehearsal with the ghosts at ``rate`` times real time, or pause."""
         if self.timeline is not None:
             self._playback.play(rate)
 
     def report(self, error: BaseException) -> None:
-        """Show that a command failed."""
         self._sentence = self.texts.ended(error)
 
     def tell(self, sentence: Sentence) -> None:
-        """Show what has been done."""
         self._sentence = sentence
 
     # What is shown
 
     @property
     def sentence(self) -> Sentence:
-        """What to know or to do now."""
         if self.run is not None:
             return words.running(self.run)
         guided = self.guided
@@ -357,7 +338,6 @@ class ProgramModel:
 
     @property
     def guided(self) -> list[str]:
-        """The names of the arms that yield to a hand."""
         return [name for name, each in self._guiding.items() if each.is_on]
 
     @property
@@ -377,12 +357,10 @@ class ProgramModel:
 
     @property
     def can_plan(self) -> bool:
-        """Whether Plan may be pressed."""
         return bool(self.program.steps) and self._planning is None and self._are_ready
 
     @property
     def can_run(self) -> bool:
-        """Whether Run may be pressed."""
         is_planned = self.timeline is not None and self._are_ready
         return is_planned and same_things(self._things(), self._made_for)
 
@@ -392,7 +370,6 @@ class ProgramModel:
         return self.run is None and all(holding)
 
     def refresh(self) -> bool:
-        """Take in changes since the last call; return whether there is anything new to show."""
         self._watch_hands()
         self._collect_plan()
         self._watch_plan()

@@ -155,14 +155,12 @@ class ProgramPart(Part):
     # The page
 
     def refresh(self) -> bool:
-        """Take in the state of the arms, the plan being made and the running program."""
         model = self.model
         is_news, targets = model.refresh(), tuple(each.target for each in self._pages.values())
         runs = model.run is not None
         return is_news | self._context.front.note(model.timeline, model.t, targets, runs=runs)
 
     def show(self) -> None:
-        """Update tab and scene; viser sends only what differs."""
         model, program = self.model, self.model.program
         timeline, run, around = model.timeline, model.run, program.loops_around
         self._show_scene()
@@ -229,7 +227,6 @@ class RowList:
     def show(
         self, rows: Iterable[tuple[str, str, int]], *, chosen: int | None, active: int | None
     ) -> None:
-        """Show the steps; see ``markup.steps``."""
         press, move = uuid_of(self._picked), uuid_of(self._dragged)
         self._rows.content = markup.steps(
             rows, chosen=chosen, active=active, press=press, move=move
@@ -396,7 +393,6 @@ class RoundsFields:
         )
 
     def show(self, rounds: int | None) -> None:
-        """Show a number of rounds; None for endless."""
         self._rounds.offer(rounds)
         self._endless.show(rounds is None)
 
@@ -420,7 +416,6 @@ class FileFields:
         self._shelf = model.saved_files
 
     def show(self, name: str) -> None:
-        """Show the name for saving, and what is saved."""
         self._called.show(name)
         saved = self._shelf.names
         if self._saved.options != (saved or (_NONE,)):

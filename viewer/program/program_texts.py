@@ -48,33 +48,27 @@ class Words:
 
     @property
     def planning(self) -> Sentence:
-        """The program is being planned."""
         return Sentence(f"Planning all {self.step}s …")
 
     @property
     def planned(self) -> Sentence:
-        """All of it is planned."""
         text = f"Planned, no collisions. Press Run program to move the {self.arms}."
         return Sentence(text, Tone.GOOD)
 
     def recorded(self, number: int) -> Sentence:
-        """A step was added."""
         text = f"Recorded {self.step} {number}. Record more, or press Plan program."
         return Sentence(text)
 
     def loaded(self, name: str, count: int) -> Sentence:
-        """A program was loaded."""
         steps = f"{count} {self.step}{'' if count == 1 else 's'}"
         return Sentence(f"Loaded {name}, {steps}. Press Plan program.")
 
     def ended(self, error: BaseException) -> Sentence:
-        """Why a plan or a run failed."""
         if isinstance(error, Interrupted) and (error.by == "stop" or self.arms == "arms"):
             return Sentence(f"Stopped. {self.hold}; the rest was not run.")
         return texts.ended(error)
 
     def facts(self, timeline: RehearsalTime | None) -> tuple[tuple[str, str], ...]:
-        """The figures of a planned program as pairs of name and value."""
         if timeline is None:
             return (("One round", "–"), (self._steps, "–"))
         rehearsal, program = timeline.rehearsal, timeline.rehearsal.program
@@ -119,7 +113,6 @@ def passing(before: Waypoint, *, stops: bool) -> Sentence:
 
 
 def saved(file: Path) -> Sentence:
-    """The program was saved."""
     return Sentence(f"Saved as {file.stem}: {file}", Tone.GOOD)
 
 
@@ -135,7 +128,6 @@ def guided(names: Sequence[str], left: float | None) -> Sentence:
 
 
 def running(run: ProgramRun) -> Sentence:
-    """The progress of a run."""
     where, program = run.where, run.program
     index = min(where.index, len(program) - 1)
     doing = "Doing"
@@ -150,7 +142,6 @@ def running(run: ProgramRun) -> Sentence:
 
 
 def done(run: ProgramRun) -> Sentence:
-    """A run has ended as planned."""
     rounds = run.program.rounds
     times = "" if rounds == 1 else f" {rounds} times"
     return Sentence(f"Done{times}. Press Plan program to run it again.", Tone.GOOD)
@@ -183,7 +174,6 @@ def _short(program: Program, index: int) -> str:
 
 
 def title(program: Program, index: int) -> str:
-    """What a row of the list is called."""
     step = program.steps[index]
     return step[ARM].name if step.keys() == {ARM} else ", ".join(step)
 
@@ -208,7 +198,6 @@ def line(program: Program, index: int, clearance: float | None = None) -> str:
 
 
 def _repeats(loop: Loop) -> str:
-    """What a loop does, said at its last step."""
     if loop.first == loop.last:
         return f"runs {loop.times}×"
     return f"{loop.called} run {loop.times}×"

@@ -59,12 +59,10 @@ class ProgramView:
     def show(
         self, program: Program, rehearsal: Rehearsal | None, ghost: Stand | None, arm: JointState
     ) -> None:
-        """Draw program, plan and ghost; sends only what differs."""
         self._show_ghost(ghost, arm)
         self._draw(program, rehearsal)
 
     def hide(self) -> None:
-        """Draw nothing."""
         self._ghost.show(())
         self._draw(_EMPTY, None)
 

@@ -48,7 +48,6 @@ class _Span:
         return self.leg.indices[bisect_right(self.leg.at[:-1], t - self.begins)]
 
     def at(self, t: float) -> dict[str, Stand]:
-        """Where the arms stand at a time [s]."""
         found = {}
         for name, (q, q_jaw) in self.leg.stands.items():
             plan = self.leg.plans.get(name)
@@ -153,7 +152,6 @@ class RehearsalTime:
 
 
 def _between(arms: Cell, times: Array, stands: list[dict[str, Stand]]) -> tuple[Between, ...]:
-    """The clearance of every two arms at some instants."""
     members, found = arms.members, []
     rows = {name: _rows([each[name] for each in stands]) for name in stands[0]}
     for a, b in combinations(rows, 2):

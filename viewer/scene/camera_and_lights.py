@@ -52,7 +52,6 @@ class Sight:
 
     @classmethod
     def of_arms(cls, bases: Sequence[SE3]) -> Sight:
-        """Show all arms, whose bases stand there."""
         middles = np.array([T @ MIDDLE for T in bases])
         ends = np.array([T.p for T in bases])
         spread = float(np.linalg.norm(np.ptp(np.concatenate([middles, ends]), axis=0)))

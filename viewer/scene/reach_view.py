@@ -117,7 +117,6 @@ class ReachView:
             )  # fmt: skip
 
     def hide(self) -> None:
-        """Remove the shade."""
         if self._node is not None:
             self._node.remove()
         self._node = self._shown = None

@@ -79,7 +79,6 @@ class RobotView:
         self._draw()
 
     def show(self, links: Container[str]) -> None:
-        """Show these links and hide the others."""
         self._shown = frozenset(link for link in PARTS if link in links)
         for link, frame in self._frames.items():
             frame.visible = link in self._shown
@@ -96,7 +95,6 @@ class RobotView:
         self._draw()
 
     def paint(self, color: Color, links: Container[str] = PARTS) -> None:
-        """Give all its parts one colour, or those of these links."""
         for link in PARTS:
             if link in links:
                 self._painted[link] = color
@@ -104,7 +102,6 @@ class RobotView:
                     mesh.color = color
 
     def repaint(self) -> None:
-        """Give all its parts their original colours."""
         self._painted.clear()
         for link, meshes in self._meshes.items():
             for mesh, (own, _) in zip(meshes, self._looks(link), strict=True):
@@ -131,7 +128,6 @@ class RobotView:
             ]
 
     def _looks(self, link: str) -> list[tuple[Color, Surface]]:
-        """Each surface of a link and its own colour."""
         surfaces = _surfaces(PARTS[link])
         return [(self._color or _bytes(surface.color), surface) for surface in surfaces]
 
@@ -160,7 +156,6 @@ class Line:
         self._visible = True
 
     def set_visible(self, visible: bool) -> None:
-        """Show or hide it."""
         self._visible = visible
         if self._node is not None:
             self._node.visible = visible
@@ -212,7 +207,6 @@ class SweepView:
         self._shown: Array | None = None
 
     def set_visible(self, visible: bool) -> None:
-        """Show or hide all of it."""
         self._root.visible = visible
 
     def show(self, configurations: Array | None, q_jaw: float, model: RobotModel) -> None:

@@ -57,7 +57,6 @@ _ASIDE = tuple(math.radians(a) for a in (-35, 35, -60, 60, -85, 85, -110, 110, -
 
 
 def things(scene: Scene) -> tuple[Thing, ...]:
-    """All editable things of a scene, in its order."""
     return (*scene.obstacles, *scene.attached)
 
 
@@ -80,12 +79,10 @@ def holder_of(thing: Thing | None) -> str:
 
 
 def held_by(thing: Attached, holder: str) -> HeldBy:
-    """A thing that is held, with the arm that holds it."""
     return HeldBy(**_every(thing), holder=holder)
 
 
 def without_holder(thing: Attached) -> Attached:
-    """A thing that is held, as the arm that holds it has it."""
     return Attached(**_every(thing))
 
 
@@ -154,14 +151,12 @@ def added(
 
 
 def free_name(scene: Scene, wanted: str) -> str:
-    """``wanted`` with the first number that makes it unique."""
     taken = {FLOOR, *LINKS, *(each.name for each in things(scene))}
     stem = without_blanks(wanted)[: LONGEST_NAME - 4] or "thing"
     return next(name for k in count(1) if (name := f"{stem} {k}") not in taken)
 
 
 def without_blanks(name: str) -> str:
-    """A name without line breaks and repeated spaces."""
     return " ".join(name.split())
 
 
@@ -175,7 +170,6 @@ def renamed(scene: Scene, name: str, new: str) -> Scene:
 
 
 def without(scene: Scene, name: str) -> Scene:
-    """``scene`` without one thing."""
     thing_named(scene, name)
     return _called(scene, lambda each: None if each == name else each)
 

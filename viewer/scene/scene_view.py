@@ -194,7 +194,6 @@ def surface(shape: Box | Sphere | Capsule | Mesh) -> tuple[np.ndarray, np.ndarra
 
 
 def _floor(stage: viser.SceneApi, path: str) -> viser.GridHandle:
-    """The floor, and on it which way X and Y go."""
     floor = stage.add_grid(
         path,
         width=FLOOR_SIZE,

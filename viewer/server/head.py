@@ -23,13 +23,11 @@ _SCRIPTS = (
 
 
 def script(name: str) -> str:
-    """One of our scripts."""
     return (_FRONT / name).read_text("utf-8")
 
 
 @lru_cache(maxsize=1)
 def front() -> bytes:
-    """The beginning of a page: our style and scripts."""
     style = (_FRONT / "front.css").read_text("utf-8")
     scripts = "".join(map(script, _SCRIPTS))
     return f"<head><style>{style}</style><script>{scripts}</script>".encode()

@@ -89,11 +89,9 @@ class Host:
         self._thread = threading.Thread(target=self._run, name="so101-viewer", daemon=True)
 
     def start(self) -> None:
-        """Start the page's thread."""
         self._thread.start()
 
     def page_context(self) -> PageContext:
-        """A context for parts that need no arm."""
         if self._tabs is None:  # not made earlier: an empty group of tabs is ugly
             self._tabs = self.gui.add_tab_group()
             self.page_context().on_entry(self._front_name, self._turn_to)
@@ -110,7 +108,6 @@ class Host:
         )
 
     def arm_context(self, rig: RigLike) -> ArmContext:
-        """A context for parts that work on ``rig``."""
         shared = self.page_context()
         return ArmContext(
             rig=rig, **{each.name: getattr(shared, each.name) for each in fields(shared)}
@@ -127,7 +124,6 @@ class Host:
         self._show(parts)
 
     def post(self, command: Callable[[], None]) -> None:
-        """Run ``command`` on the page's thread."""
         self._commands.post(command)
 
     def drop_commands(self) -> None:

@@ -32,7 +32,6 @@ KeyOf = Callable[[int], str]
 
 
 def new_key(_port: int = 0) -> str:
-    """A new random key of 32 bytes."""
     return secrets.token_urlsafe(32)
 
 

@@ -76,7 +76,6 @@ class Windows:
         server._websock_server.on_client_connect(_count)
 
     def leave_open(self, *widgets: Any) -> None:
-        """Let every window press ``widgets``."""
         self._filter.leave_open(*widgets)
 
     def leave_open_as_stop(self, *widgets: Any) -> None:
@@ -85,7 +84,6 @@ class Windows:
         self._stops.update(widget._impl.uuid for widget in widgets)
 
     def all(self) -> tuple[_Window, ...]:
-        """All open windows with their widgets, the oldest first."""
         with self._lock:
             return tuple(self._by_client.values())
 
@@ -126,7 +124,6 @@ class Windows:
         self._show()
 
     def _show(self) -> None:
-        """Tell every window who has control."""
         for window in self.all():
             controls = self._holder in (None, window.number)
             press = {"label": _TAKE, "press": uuid_of(window.take), "value": True}
@@ -225,7 +222,6 @@ class ControlFilter:
             handlers[kind] = [self._behind(handler) for handler in handlers[kind]]
 
     def leave_open(self, *widgets: Any) -> None:
-        """Let every window press ``widgets``: buttons, and the commands of keys."""
         self._open.update(widget._impl.uuid for widget in widgets)
 
     def _behind(self, handler: Handler) -> Handler:
@@ -257,7 +253,6 @@ class ControlFilter:
         return uuid not in self._open and any(uuid in handles for handles in known)
 
     def _put_right(self, client_id: int, message: Any) -> None:
-        """Reset the widgets of a refused window."""
         client = self._server.get_clients().get(client_id)
         if client is None:
             return

@@ -87,7 +87,6 @@ class TeachPart(Part):
         return local
 
     def _teaching(self) -> Operation | None:
-        """The operation, once it is known."""
         opening = self._opening
         if opening is None or not opening.done():
             return None
@@ -102,13 +101,11 @@ class TeachPart(Part):
         return opening is not None and opening.done() and opening.exception() is not None
 
     def refresh(self) -> bool:
-        """Take in what has happened; return whether anything is new."""
         was_impossible, self._was_impossible = self._was_impossible, self._is_impossible
         is_news = self._panel.refresh() | self._leads.refresh()
         return is_news or was_impossible != self._was_impossible
 
     def show(self) -> None:
-        """Update the widgets."""
         if self._opening is not None:
             self._cannot.visible = self._is_impossible
             self._cannot.content = markup.sentence(CANNOT)
@@ -116,7 +113,6 @@ class TeachPart(Part):
         self._leads.show()
 
     def _draw(self, view: View) -> None:
-        """Draw the tool's path."""
         line = () if view.picture is None else view.picture.line
         if line == self._drawn:
             return
@@ -124,7 +120,6 @@ class TeachPart(Part):
         self._line.show(segments(np.array(line)) if len(line) > 1 else None, _COLOR)
 
     def close(self) -> None:
-        """End the following and what is being recorded."""
         self._leads.close()
         self._panel.close()
 

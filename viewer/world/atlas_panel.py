@@ -90,11 +90,9 @@ class AtlasPart(Part):
             self._cubes.visible = visible
 
     def refresh(self) -> bool:
-        """Whether other cubes are to be shown."""
         return self._is_new
 
     def show(self) -> None:
-        """Send the cubes if others are to be shown."""
         if not self._is_new:
             return
         self._is_new = False

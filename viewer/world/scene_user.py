@@ -29,19 +29,15 @@ class OneArm:
 
     @property
     def scene(self) -> Scene:
-        """The arm's scene."""
         return self._arm.scene
 
     def tools(self) -> dict[str, SE3]:
-        """Where its gripper is now in the frame of the scene."""
         return {"": self._arm.T_base()}
 
     def use(self, scene: Scene) -> None:
-        """Plan with ``scene`` from now on."""
         self._arm.scene = scene
 
     def write(self, scene: Scene, file: Path) -> None:
-        """Write a scene file."""
         write_scene(scene, file)
 
 
@@ -64,7 +60,6 @@ class ArmsOfCell:
 
     @property
     def scene(self) -> Scene:
-        """What is around all arms, and what they hold."""
         held = {name: arm.scene.attached for name, arm in self.arms.items()}
         if any(each is not self._held.get(name) for name, each in held.items()):
             things = {
@@ -96,7 +91,6 @@ class ArmsOfCell:
         self._held = {name: arm.scene.attached for name, arm in self.arms.items()}
 
     def write(self, scene: Scene, file: Path) -> None:
-        """Write a cell file with these arms."""
         write_cell(self._file_with(scene), file)
 
     def _file_with(self, scene: Scene) -> CellFile:

@@ -89,12 +89,10 @@ class WorldModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all things."""
         return tuple(each.name for each in scene_edits.things(self.scene))
 
     @property
     def thing(self) -> Thing | None:
-        """The selected thing."""
         if self.selected is None:
             return None
         return scene_edits.thing_named(self.scene, self.selected)
@@ -111,7 +109,6 @@ class WorldModel:
     # Editing
 
     def select(self, name: str | None) -> None:
-        """Select a thing; None for nothing."""
         self.selected = name if name in self.names else None
         self.dragging = False
 
@@ -120,13 +117,11 @@ class WorldModel:
         self._add(scene_edits.NEW_SHAPES[kind], kind, held_at=held_at)
 
     def remove(self) -> None:
-        """Remove the selected thing."""
         name = self._name()
         self._change(scene_edits.without(self.scene, name), f"Removed {name}.")
         self.selected = None
 
     def rename(self, new: str) -> None:
-        """Rename the selected thing; ``ConfigError`` if the name cannot be used."""
         new = scene_edits.without_blanks(new)
         if new != self._name():
             self._change(scene_edits.renamed(self.scene, self._name(), new), "Renamed.", "name")
@@ -160,11 +155,9 @@ class WorldModel:
         self.dragging = True
 
     def drop(self) -> None:
-        """End the drag."""
         self.dragging = False
 
     def set_keep_out(self, keep_out: bool) -> None:
-        """Set whether the selected obstacle is a keep-out zone."""
         thing = scene_edits.thing_named(self.scene, self._name())
         if isinstance(thing, Obstacle) and keep_out != thing.keep_out:
             text = "The arm keeps out of this zone." if keep_out else "This is an obstacle again."
@@ -188,14 +181,12 @@ class WorldModel:
         self._change(changed, f"{holder or 'The gripper'} holds {name}; it moves along.")
 
     def let_go(self, T_base_tool: SE3) -> None:
-        """Detach the selected thing from the gripper, where it is now."""
         name = self._name()
         self._change(scene_edits.let_go(self.scene, name, T_base_tool), f"{name} stays here.")
 
     # Files
 
     def save(self) -> None:
-        """Write the scene to ``file``; ``ConfigError`` if that fails."""
         try:
             self.file.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -285,7 +276,6 @@ class WorldModel:
         self._put(scene_edits.moved(thing, pose), "Moved.")
 
     def _put(self, changed: Thing, text: str) -> None:
-        """Replace the selected thing by ``changed``."""
         self._change(scene_edits.with_thing(self.scene, changed), text, (changed.name, text))
 
     def _return_to(self, scene: Scene, text: str) -> None:
@@ -332,7 +322,6 @@ class OverlapCheck:
 
 
 def in_each_other(pair: tuple[str, str]) -> Sentence:
-    """The sentence about two bodies that overlap."""
     first, second = pair
     return Sentence(
         f"{capital(f'{first} is inside {second}')} Nothing moves now; the next"

@@ -253,7 +253,6 @@ class WorldPart(Part):
     # The page
 
     def refresh(self) -> bool:
-        """Pass on edits, and take in changes of arms and scene."""
         adopted = self._user.scene is not self._known
         if adopted:
             self._known = self._user.scene
@@ -294,7 +293,6 @@ class WorldPart(Part):
         return self._tools[holder_of(thing)] if isinstance(thing, Attached) else SE3.identity()
 
     def _overlap(self) -> Sentence | None:
-        """The sentence about the first arm that overlaps something."""
         for name, arm in self._user.arms.items():
             pair = self._contacts[name].overlap(arm.scene, arm.state.q, arm.state.q_jaw)
             if pair is not None:
@@ -311,7 +309,6 @@ class WorldPart(Part):
         return bool(np.max(np.abs(q - self._checked[1])) > _TURNED)
 
     def show(self) -> None:
-        """Draw the scene and update the tab; viser sends only what differs."""
         world = self.world
         self._view.show(world.scene, self._tools, chosen=world.selected)
         sentence = world.sentence
@@ -340,7 +337,6 @@ class WorldPart(Part):
         self._selected.show(self.world.selected or nothing)
 
     def _show_thing(self, thing: Thing | None) -> None:
-        """Show the selected thing, by the widgets that fit it."""
         shape, is_held = None if thing is None else thing.shape, isinstance(thing, Attached)
         pose = None if thing is None else pose_of(thing)
         turns = pose is not None and not isinstance(shape, Sphere)
