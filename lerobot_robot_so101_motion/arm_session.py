@@ -72,34 +72,21 @@ Waiter = Callable[["Future[None]", float], None]
 
 
 class Taken(NamedTuple):
-    """A target within the arm's limits, as the arm follows it.
+    """A target within the arm's limits, as the arm follows it."""
 
-    Attributes:
-        q: Joint angles, shape (5,), [rad].
-        aperture: Opening of the jaw, 0 to 1.
-    """
-
-    q: Array
-    aperture: float
+    q: Array  # joint angles, shape (5,), [rad]
+    aperture: float  # opening of the jaw, 0 to 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """The caps and the guard of an arm that follows.
+    """The caps and the guard of an arm that follows."""
 
-    Attributes:
-        speed: Cap on the speed of each joint [rad/s].
-        acceleration: Cap on the acceleration of each joint [rad/s^2].
-        approach_speed: Cap on the speed to a first target that is far [rad/s].
-        stale_after: The arm slows to rest after this long without a target [s].
-        guarded: Whether it keeps clear of itself and of its scene.
-    """
-
-    speed: float = to_rad(180.0)
-    acceleration: float = to_rad(500.0)
-    approach_speed: float = to_rad(30.0)
-    stale_after: float = 0.25
-    guarded: bool = True
+    speed: float = to_rad(180.0)  # cap on the speed of each joint [rad/s]
+    acceleration: float = to_rad(500.0)  # cap on the acceleration of each joint [rad/s^2]
+    approach_speed: float = to_rad(30.0)  # cap on the speed to a first target that is far [rad/s]
+    stale_after: float = 0.25  # the arm slows to rest after this long without a target [s]
+    guarded: bool = True  # whether it keeps clear of itself and of its scene
 
     @property
     def full(self) -> MotionLimits:

@@ -139,32 +139,19 @@ _MOSTLY_OUTSIDE = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CheckReport:
-    """The result of a check.
-
-    Attributes:
-        data_set: The data set.
-        units: The units that its numbers were taken to have.
-        why_units: The reason for them, as text.
-        certainty: How certain they are, as in ``units.Verdict``.
-        fits: How well each of the possible units fits.
-        notes: Notes for the user, to be read first.
-        lengths: How many frames each episode has, by its number, in order.
-        moments: The worst moments, the worst first.
-        counts: How many moments of each kind there were, kept or not.
-        frames_of: How many frames those had in total, by kind.
-        differences: How far the states are from the actions; None if they cannot be compared.
-    """
+    """The result of a check."""
 
     data_set: DataSet
-    units: Units
-    why_units: str
-    certainty: str
-    fits: tuple[Fit, ...]
-    notes: tuple[str, ...]
-    lengths: Mapping[int, int]
-    moments: tuple[Moment, ...]
-    counts: Mapping[str, int]
-    frames_of: Mapping[str, int]
+    units: Units  # the units that its numbers were taken to have
+    why_units: str  # the reason for them, as text
+    certainty: str  # how certain they are, as in ``units.Verdict``
+    fits: tuple[Fit, ...]  # how well each of the possible units fits
+    notes: tuple[str, ...]  # notes for the user, to be read first
+    lengths: Mapping[int, int]  # how many frames each episode has, by its number, in order
+    moments: tuple[Moment, ...]  # the worst moments, the worst first
+    counts: Mapping[str, int]  # how many moments of each kind there were, kept or not
+    frames_of: Mapping[str, int]  # how many frames those had in total, by kind
+    # how far the states are from the actions; None if they cannot be compared
     differences: Differences | None
 
     @property

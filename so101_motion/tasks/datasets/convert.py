@@ -109,19 +109,13 @@ _BEYOND = to_rad(0.5)  # a joint farther outside its new travel than this counts
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conversion:
-    """The result of a conversion.
-
-    Attributes:
-        path: The new data set.
-        episodes: How many episodes it has.
-        frames: How many frames it has.
-        beyond: In how many frames each arm joint is beyond the travel of the new calibration, in
-            action or state. They are kept; LeRobot would clip them.
-    """
+    """The result of a conversion."""
 
     path: Path
-    episodes: int
-    frames: int
+    episodes: int  # how many episodes it has
+    frames: int  # how many frames it has
+    # in how many frames each arm joint is beyond the travel of the new calibration, in action or
+    # state. They are kept; LeRobot would clip them.
     beyond: Mapping[str, int]
 
 

@@ -57,24 +57,16 @@ _NAME = re.compile(r"(left_|right_)?(?:main_|arm_)?(.*?)(?:\.pos)?$", re.DOTALL)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Episode:
-    """The joints of one episode.
-
-    Attributes:
-        index: Its number.
-        t: When each frame was taken, shape (n,), [s].
-        frame: The frames' own numbers, shape (n,).
-        action: Where the joints were sent, in the data set's units, shape (n, 6). Numbers that are
-            missing or impossible are NaN.
-        state: Where they were, likewise; None if it was not recorded.
-        expected: How many frames the metadata says it has; None if it does not say.
-    """
+    """The joints of one episode."""
 
     index: int
-    t: Array
-    frame: Array
+    t: Array  # when each frame was taken, shape (n,), [s]
+    frame: Array  # the frames' own numbers, shape (n,)
+    # where the joints were sent, in the data set's units, shape (n, 6). Numbers that are missing or
+    # impossible are NaN.
     action: Array
-    state: Array | None
-    expected: int | None
+    state: Array | None  # where they were, likewise; None if it was not recorded
+    expected: int | None  # how many frames the metadata says it has; None if it does not say
 
     def __len__(self) -> int:
         return len(self.t)
@@ -82,17 +74,11 @@ class Episode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataSet:
-    """A LeRobot data set of an SO-101, open for reading.
-
-    Attributes:
-        metadata: Its metadata.
-        side: The arm of two that is read, ``"left"`` or ``"right"``; empty for the only one.
-        columns: The index of each of ``JOINTS`` in a row, by column; None for a jaw that is not
-            recorded.
-    """
+    """A LeRobot data set of an SO-101, open for reading."""
 
     metadata: Metadata
-    side: str
+    side: str  # the arm of two that is read, ``"left"`` or ``"right"``; empty for the only one
+    # the index of each of ``JOINTS`` in a row, by column; None for a jaw that is not recorded
     columns: dict[str, tuple[int | None, ...]]
 
     @property

@@ -37,67 +37,45 @@ _STILL = to_rad(1e-4)  # less is no change; a servo's count is 0.09 deg
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thresholds:
-    """Beyond which values something is reported.
+    """Beyond which values something is reported."""
 
-    Attributes:
-        speed: Speed of a joint [rad/s]; teleoperation's own cap.
-        jump: Speed of a single step that counts as a jump [rad/s]. Chosen: a servo without load
-            turns at some 300 deg/s with 12 V.
-        jump_step: Smallest such step [rad]; a smaller one may be noise of the encoder.
-        beyond: How far a joint may be beyond its travel [rad]; play and rounding. Chosen.
-        tracking: How far a joint may be from where it was sent, without the lag [rad]. Chosen:
-            droop and friction cause up to 5 deg with a stock follower.
-        tracking_time: How long it must be that far off [s]. Chosen.
-        frozen_time: How long a joint must stand while its action moves on [s]. Chosen.
-        frozen_travel: How far the action moves meanwhile [rad]. Chosen: more than a joint droops.
-        gap: How many periods may pass from frame to frame. Chosen.
-    """
-
-    speed: float = to_rad(180.0)
+    speed: float = to_rad(180.0)  # speed of a joint [rad/s]; teleoperation's own cap
+    # speed of a single step that counts as a jump [rad/s]. Chosen: a servo without load turns at
+    # some 300 deg/s with 12 V.
     jump: float = to_rad(400.0)
+    # smallest such step [rad]; a smaller one may be noise of the encoder
     jump_step: float = to_rad(5.0)
+    # how far a joint may be beyond its travel [rad]; play and rounding. Chosen.
     beyond: float = to_rad(2.0)
+    # how far a joint may be from where it was sent, without the lag [rad]. Chosen: droop and
+    # friction cause up to 5 deg with a stock follower.
     tracking: float = to_rad(10.0)
-    tracking_time: float = 0.2
-    frozen_time: float = 1.0
+    tracking_time: float = 0.2  # how long it must be that far off [s]. Chosen.
+    frozen_time: float = 1.0  # how long a joint must stand while its action moves on [s]. Chosen.
+    # how far the action moves meanwhile [rad]. Chosen: more than a joint droops.
     frozen_travel: float = to_rad(8.0)
-    gap: float = 1.5
+    gap: float = 1.5  # how many periods may pass from frame to frame. Chosen.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tracking:
-    """How far the state of an episode is from the action, without the lag.
+    """How far the state of an episode is from the action, without the lag."""
 
-    Attributes:
-        lag: How many frames the state is behind.
-        frames: How many frames were compared.
-        squares: The sum of squared differences by arm joint, shape (5,), [rad^2].
-        sums: The sum of differences, state minus action, shape (5,), [rad].
-        worst: The largest difference, shape (5,), [rad].
-    """
-
-    lag: int
-    frames: int
-    squares: Array
-    sums: Array
-    worst: Array
+    lag: int  # how many frames the state is behind
+    frames: int  # how many frames were compared
+    squares: Array  # the sum of squared differences by arm joint, shape (5,), [rad^2]
+    sums: Array  # the sum of differences, state minus action, shape (5,), [rad]
+    worst: Array  # the largest difference, shape (5,), [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Differences:
-    """How far states are from actions, without the lag of each episode.
+    """How far states are from actions, without the lag of each episode."""
 
-    Attributes:
-        lag_s: The median lag [s].
-        rms_deg: Root mean square, by arm joint [deg].
-        mean_deg: Mean of state minus action, which is droop, by arm joint [deg].
-        worst_deg: The largest, by arm joint [deg].
-    """
-
-    lag_s: float
-    rms_deg: Mapping[str, float]
-    mean_deg: Mapping[str, float]
-    worst_deg: Mapping[str, float]
+    lag_s: float  # the median lag [s]
+    rms_deg: Mapping[str, float]  # root mean square, by arm joint [deg]
+    mean_deg: Mapping[str, float]  # mean of state minus action, which is droop, by arm joint [deg]
+    worst_deg: Mapping[str, float]  # the largest, by arm joint [deg]
 
     @classmethod
     def of(cls, tracked: Sequence[Tracking], fps: float) -> Differences:

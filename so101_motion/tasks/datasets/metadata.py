@@ -58,40 +58,25 @@ VERSIONS = ("v2.0", "v2.1", "v3.0")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feature:
-    """A column of the data.
+    """A column of the data."""
 
-    Attributes:
-        dtype: LeRobot's name of the type: ``float32``, ``int64``, ``video``, ``image`` and others.
-        names: Names of its entries; empty if they have none.
-    """
-
+    # LeRobot's name of the type: ``float32``, ``int64``, ``video``, ``image`` and others
     dtype: str
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # names of its entries; empty if they have none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metadata:
-    """The metadata of a data set.
-
-    Attributes:
-        root: Its folder.
-        version: Such as ``"v2.1"``.
-        fps: Frames a second.
-        features: The columns by name.
-        robot: The robot type; empty if there is none.
-        episodes: How many episodes there should be; None if it does not say.
-        frames: How many frames; likewise.
-        info: All of ``info.json``.
-    """
+    """The metadata of a data set."""
 
     root: Path
-    version: str
-    fps: float
-    features: Mapping[str, Feature]
-    robot: str
-    episodes: int | None
-    frames: int | None
-    info: Mapping[str, Any]
+    version: str  # such as ``"v2.1"``
+    fps: float  # frames a second
+    features: Mapping[str, Feature]  # the columns by name
+    robot: str  # the robot type; empty if there is none
+    episodes: int | None  # how many episodes there should be; None if it does not say
+    frames: int | None  # how many frames; likewise
+    info: Mapping[str, Any]  # all of ``info.json``
 
     @property
     def is_v3(self) -> bool:

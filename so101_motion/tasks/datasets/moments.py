@@ -38,35 +38,20 @@ MOST_OF_EPISODE = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """Something wrong, from one frame to another.
+    """Something wrong, from one frame to another."""
 
-    Attributes:
-        kind: One of ``KINDS``.
-        episode: The episode's number.
-        frame: The worst frame, counted from 0 in the episode.
-        t: When that is, from the beginning of the episode [s].
-        first: The first frame.
-        last: The last.
-        of: ``"action"`` or ``"state"``, or empty for both.
-        what: The joint, or what is in contact; empty for the whole frame.
-        value: How bad it is there, in ``unit``.
-        limit: The largest value that is allowed.
-        unit: Such as ``"deg"``.
-        sentence: All of it in one sentence.
-    """
-
-    kind: str
+    kind: str  # one of ``KINDS``
     episode: int
-    frame: int
-    t: float
+    frame: int  # the worst frame, counted from 0 in the episode
+    t: float  # when that is, from the beginning of the episode [s]
     first: int
     last: int
-    of: str
-    what: str
-    value: float
-    limit: float
-    unit: str
-    sentence: str
+    of: str  # ``"action"`` or ``"state"``, or empty for both
+    what: str  # the joint, or what is in contact; empty for the whole frame
+    value: float  # how bad it is there, in ``unit``
+    limit: float  # the largest value that is allowed
+    unit: str  # such as ``"deg"``
+    sentence: str  # all of it in one sentence
 
     @property
     def severity(self) -> float:

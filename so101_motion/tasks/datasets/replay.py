@@ -49,26 +49,17 @@ _BEYOND = to_rad(0.5)  # a joint farther outside the range than this counts as b
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EpisodeReplay:
-    """A replay that is ready to begin.
+    """A replay that is ready to begin."""
 
-    Attributes:
-        t: When each frame is due, from 0 on, shape (n,), [s].
-        q: Where the arm joints are sent, within the arm's range, shape (n, 5), [rad].
-        aperture: How far the jaw is open, 0 to 1, shape (n,); None to leave it alone.
-        approach: The plan from where the arm is to the first frame.
-        fps: Frames a second by the time stamps.
-        beyond: In how many frames each joint was recorded beyond this arm's range, so that it stays
-            at its limit; only joints that were.
-        doubts: Why the numbers are hardly in the units that were given, as text.
-    """
-
-    t: Array
-    q: Array
-    aperture: Array | None
-    approach: Plan
-    fps: float
+    t: Array  # when each frame is due, from 0 on, shape (n,), [s]
+    q: Array  # where the arm joints are sent, within the arm's range, shape (n, 5), [rad]
+    aperture: Array | None  # how far the jaw is open, 0 to 1, shape (n,); None to leave it alone
+    approach: Plan  # the plan from where the arm is to the first frame
+    fps: float  # frames a second by the time stamps
+    # in how many frames each joint was recorded beyond this arm's range, so that it stays at its
+    # limit; only joints that were
     beyond: Mapping[str, int]
-    doubts: tuple[str, ...]
+    doubts: tuple[str, ...]  # why the numbers are hardly in the units that were given, as text
 
     @property
     def duration(self) -> float:
@@ -78,17 +69,11 @@ class EpisodeReplay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayOutcome:
-    """How a replay went.
+    """How a replay went."""
 
-    Attributes:
-        differences: How far the arm was from the recording.
-        held_s: How long obstacles held it back [s].
-        held_by: The obstacles, the most frequent first.
-    """
-
-    differences: Differences
-    held_s: float
-    held_by: tuple[str, ...]
+    differences: Differences  # how far the arm was from the recording
+    held_s: float  # how long obstacles held it back [s]
+    held_by: tuple[str, ...]  # the obstacles, the most frequent first
 
 
 def calibration_of(rig: Rig) -> Stored | None:

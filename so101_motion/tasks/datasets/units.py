@@ -210,17 +210,11 @@ def _zero(joint: str, entry: JointCalibration | None, stored: Stored | None) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """How well numbers fit the units of a kind.
-
-    Attributes:
-        kind: The kind.
-        outside: The share of frames in which some arm joint is beyond its stops, 0 to 1.
-        worst_deg: How far the furthest is beyond them [deg].
-    """
+    """How well numbers fit the units of a kind."""
 
     kind: str
-    outside: float
-    worst_deg: float
+    outside: float  # the share of frames in which some arm joint is beyond its stops, 0 to 1
+    worst_deg: float  # how far the furthest is beyond them [deg]
 
 
 _BEYOND = math.radians(5.0)
@@ -248,17 +242,11 @@ _FEWEST, _MOST = 8, 300  # different positions of a joint that tell its counts
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """The units of a data set.
+    """The units of a data set."""
 
-    Attributes:
-        kind: One of ``KINDS``.
-        certainty: ``"certain"``, ``"likely"``, or ``"unknown"`` where the evidence is not enough.
-        why: The evidence as text.
-    """
-
-    kind: str
-    certainty: str
-    why: str
+    kind: str  # one of ``KINDS``
+    certainty: str  # ``"certain"``, ``"likely"``, or ``"unknown"`` where the evidence is not enough
+    why: str  # the evidence as text
 
 
 _TO_PER_CENT = ": scale it to 0 to 100 before it is replayed or converted"

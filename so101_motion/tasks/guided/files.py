@@ -47,18 +47,12 @@ _DELETED = "deleted"  # the folder beside the paths for those
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SavedPath:
-    """A path in a folder.
+    """A path in a folder."""
 
-    Attributes:
-        name: Its name: the file's name without its ending.
-        path: The path.
-        recorded_at: When it was recorded, as in the file.
-        zeros: The zeros of the arm that it was recorded with; None if not known.
-    """
-
-    name: str
+    name: str  # its name: the file's name without its ending
     path: GuidedPath
-    recorded_at: str
+    recorded_at: str  # when it was recorded, as in the file
+    # the zeros of the arm that it was recorded with; None if not known
     zeros: EncoderZeros | None = None
 
 

@@ -55,16 +55,12 @@ _STILL = 1e-3  # smaller changes of the aperture are ignored
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReplayLeg:
-    """A part of the path that is played as one motion.
+    """A part of the path that is played as one motion."""
 
-    Attributes:
-        begin: Aperture to which the jaw moves before, while the arm stands; None to leave it.
-        plan: The motion of the arm; None if only the jaw moves.
-        aperture: The jaw's aperture at each sample of the plan, shape (n,); None to leave it.
-    """
-
+    # aperture to which the jaw moves before, while the arm stands; None to leave it
     begin: float | None
-    plan: Plan | None
+    plan: Plan | None  # the motion of the arm; None if only the jaw moves
+    # the jaw's aperture at each sample of the plan, shape (n,); None to leave it
     aperture: Array | None = None
 
 
@@ -159,30 +155,19 @@ def _within_range(arm: Arm, path: GuidedPath, tolerance: float) -> GuidedPath:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Cut:
-    """The corners between two cuts.
+    """The corners between two cuts."""
 
-    Attributes:
-        corners: At least one; their times are those of the recording.
-        begin: Aperture to which the jaw moves before; None to leave it.
-        t: When in the recording they begin and end [s].
-    """
-
-    corners: GuidedPath
-    begin: float | None
-    t: tuple[float, float]
+    corners: GuidedPath  # at least one; their times are those of the recording
+    begin: float | None  # aperture to which the jaw moves before; None to leave it
+    t: tuple[float, float]  # when in the recording they begin and end [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Pace:
-    """The speed limits of arm and jaw.
+    """The speed limits of arm and jaw."""
 
-    Attributes:
-        joints: Shape (5,), [rad/s].
-        jaw: Shares of its travel [1/s].
-    """
-
-    joints: Array
-    jaw: float
+    joints: Array  # shape (5,), [rad/s]
+    jaw: float  # shares of its travel [1/s]
 
     @classmethod
     def of(cls, gripper: Gripper, limits: MotionLimits) -> _Pace:

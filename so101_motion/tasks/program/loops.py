@@ -27,18 +27,13 @@ DEEPEST = 2
 class Loop:
     """Waypoints that are repeated several times in a row.
 
-    Attributes:
-        first: Index of the first of them.
-        last: Index of the last of them.
-        times: How often, at least 2.
-
     Raises:
         ConfigError: A value is not valid.
     """
 
-    first: int
-    last: int
-    times: int
+    first: int  # index of the first of them
+    last: int  # index of the last of them
+    times: int  # how often, at least 2
 
     def __post_init__(self) -> None:
         if not 0 <= self.first <= self.last:
@@ -74,19 +69,13 @@ class Loop:
 
 
 class Visit(NamedTuple):
-    """One arrival at a stop while a program runs.
+    """One arrival at a stop while a program runs."""
 
-    Attributes:
-        round: The round, counted from 0.
-        laps: The repetition of each loop that the stop is in, from 0, the outer loop first.
-        origin: Index of the stop before; None for where the arm is at the beginning.
-        indices: The steps after it: those that are passed, then the one stopped at.
-    """
-
-    round: int
+    round: int  # the round, counted from 0
+    # the repetition of each loop that the stop is in, from 0, the outer loop first
     laps: tuple[int, ...]
-    origin: int | None
-    indices: range
+    origin: int | None  # index of the stop before; None for where the arm is at the beginning
+    indices: range  # the steps after it: those that are passed, then the one stopped at
 
 
 def checked_count(

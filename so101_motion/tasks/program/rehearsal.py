@@ -40,19 +40,13 @@ were never slower than with stops; their tool was 5 mm off a waypoint at the med
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Leg:
-    """The planned motion to one stop.
+    """The planned motion to one stop."""
 
-    Attributes:
-        indices: Its steps: those that are passed, and last the one that is stopped at.
-        plans: The motion of each arm, by its name; none if all are there already.
-        at: When each of the steps is passed or reached, from the beginning of the motion [s].
-        stands: Where each arm is before it, by its name.
-    """
-
-    indices: range
-    plans: Mapping[str, Plan]
+    indices: range  # its steps: those that are passed, and last the one that is stopped at
+    plans: Mapping[str, Plan]  # the motion of each arm, by its name; none if all are there already
+    # when each of the steps is passed or reached, from the beginning of the motion [s]
     at: tuple[float, ...]
-    stands: Mapping[str, Stand]
+    stands: Mapping[str, Stand]  # where each arm is before it, by its name
 
     @property
     def plan(self) -> Plan | None:
@@ -61,17 +55,11 @@ class Leg:
 
 
 class Arrival(NamedTuple):
-    """An arrival at a stop.
-
-    Attributes:
-        visit: The arrival.
-        leg: The motion to it.
-        times: How often it comes in a round: several times if a loop repeats it.
-    """
+    """An arrival at a stop."""
 
     visit: Visit
     leg: Leg
-    times: int
+    times: int  # how often it comes in a round: several times if a loop repeats it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -34,25 +34,15 @@ _FIGURES = ("limits", "branches", "ways", "clearance", "torque_left", "manipulab
 
 
 class Reach(NamedTuple):
-    """How well the arm reaches a point of the grid.
+    """How well the arm reaches a point of the grid."""
 
-    Attributes:
-        limits: The branches within the joint limits there, as bits of ``BRANCH_BITS``.
-        branches: Those of them with a configuration that is free of contact.
-        ways: How many of the sampled configurations are free of contact.
-        clearance: Smallest distance between bodies in the best of them [m].
-        torque_left: Share of the servos' holding torque that it leaves; negative: too heavy.
-        manipulability: Volume of the tool's velocity ellipsoid in it [m^3/rad^3].
-        q: Its joint angles [rad].
-    """
-
-    limits: int
-    branches: int
-    ways: int
-    clearance: float
-    torque_left: float
-    manipulability: float
-    q: tuple[float, ...]
+    limits: int  # the branches within the joint limits there, as bits of ``BRANCH_BITS``
+    branches: int  # those of them with a configuration that is free of contact
+    ways: int  # how many of the sampled configurations are free of contact
+    clearance: float  # smallest distance between bodies in the best of them [m]
+    torque_left: float  # share of the servos' holding torque that it leaves; negative: too heavy
+    manipulability: float  # volume of the tool's velocity ellipsoid in it [m^3/rad^3]
+    q: tuple[float, ...]  # its joint angles [rad]
 
     @property
     def reachable(self) -> bool:

@@ -14,21 +14,13 @@ from so101_motion.tasks.sweeps.atlas import Atlas, Reach
 
 
 class Figure(NamedTuple):
-    """A figure of a point that can be shown as its colour.
+    """A figure of a point that can be shown as its colour."""
 
-    Attributes:
-        name: Its field in ``Reach``.
-        unit: The unit for display.
-        scale: Factor from SI to that unit.
-        low: The value of the first colour, in SI.
-        high: The value of the last colour.
-    """
-
-    name: str
-    unit: str
-    scale: float
-    low: float
-    high: float
+    name: str  # its field in ``Reach``
+    unit: str  # the unit for display
+    scale: float  # factor from SI to that unit
+    low: float  # the value of the first colour, in SI
+    high: float  # the value of the last colour
 
 
 FIGURES = {
@@ -49,35 +41,21 @@ _COLOURS = np.array(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """A choice of points to show.
+    """A choice of points to show."""
 
-    Attributes:
-        figure: One of ``FIGURES``.
-        at_least: Points with less of it are left out, in SI.
-        axis: The normal of a slice, one of ``AXES``; None for all points.
-        at: Where the slice is [m].
-    """
-
-    figure: str = "Torque left"
-    at_least: float = 0.0
-    axis: str | None = None
-    at: float = 0.0
+    figure: str = "Torque left"  # one of ``FIGURES``
+    at_least: float = 0.0  # points with less of it are left out, in SI
+    axis: str | None = None  # the normal of a slice, one of ``AXES``; None for all points
+    at: float = 0.0  # where the slice is [m]
 
 
 class Voxels(NamedTuple):
-    """Points with their colours.
+    """Points with their colours."""
 
-    Attributes:
-        rows: Their rows in the atlas, shape (n,).
-        p: Their positions, shape (n, 3), [m].
-        colours: Their colours, shape (n, 3), 0 to 255.
-        total: How many were chosen, with those that are hidden inside.
-    """
-
-    rows: NDArray[np.int64]
-    p: Array
-    colours: NDArray[np.uint8]
-    total: int
+    rows: NDArray[np.int64]  # their rows in the atlas, shape (n,)
+    p: Array  # their positions, shape (n, 3), [m]
+    colours: NDArray[np.uint8]  # their colours, shape (n, 3), 0 to 255
+    total: int  # how many were chosen, with those that are hidden inside
 
 
 def shades(figure: str, values: Array) -> NDArray[np.uint8]:

@@ -56,40 +56,24 @@ _KEPT = "; finished shards are kept: run the same sweep into the same folder to 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Progress:
-    """The progress of a sweep.
+    """The progress of a sweep."""
 
-    Attributes:
-        done: Finished shards.
-        failed: Shards that failed.
-        shards: All shards.
-        rate: Items a second since this run began; 0 before the first.
-        left: How long the rest takes at that rate [s]; None before the first.
-    """
-
-    done: int
-    failed: int
+    done: int  # finished shards
+    failed: int  # shards that failed
     shards: int
-    rate: float
-    left: float | None
+    rate: float  # items a second since this run began; 0 before the first
+    left: float | None  # how long the rest takes at that rate [s]; None before the first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepResult:
-    """The result of a run.
+    """The result of a run."""
 
-    Attributes:
-        folder: The folder of its shards.
-        shards: How many shards the sweep has.
-        computed: How many this run has computed; the others were there.
-        failed: Why shards are missing, by number.
-        sha256: The SHA-256 of the result.
-    """
-
-    folder: Path
-    shards: int
-    computed: int
-    failed: dict[int, str]
-    sha256: str
+    folder: Path  # the folder of its shards
+    shards: int  # how many shards the sweep has
+    computed: int  # how many this run has computed; the others were there
+    failed: dict[int, str]  # why shards are missing, by number
+    sha256: str  # the SHA-256 of the result
 
 
 def run_sweep(

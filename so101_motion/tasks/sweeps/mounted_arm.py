@@ -215,17 +215,11 @@ _Leg = tuple[int, int, int]
 
 
 class Choice(NamedTuple):
-    """The configurations at the poses of a task from one base, one array a pose.
+    """The configurations at the poses of a task from one base, one array a pose."""
 
-    Attributes:
-        q: Shapes (n_k, 5), [rad].
-        level: Clearance of each, in steps, shapes (n_k,), [m].
-        left: Share of the holding torque that each leaves, shapes (n_k,).
-    """
-
-    q: list[Array]
-    level: list[Array]
-    left: list[Array]
+    q: list[Array]  # shapes (n_k, 5), [rad]
+    level: list[Array]  # clearance of each, in steps, shapes (n_k,), [m]
+    left: list[Array]  # share of the holding torque that each leaves, shapes (n_k,)
 
     def bounds(self) -> tuple[float, float]:
         """The largest clearance [m] and share of torque that any cycle can keep."""
@@ -244,16 +238,11 @@ class Choice(NamedTuple):
 
 
 class Cycle(NamedTuple):
-    """A planned cycle through all poses.
+    """A planned cycle through all poses."""
 
-    Attributes:
-        time: Its duration, pauses included [s].
-        q: The joint angles at each pose, shape (n, 5), [rad].
-        motions: The plans in order, each with the jaw's angle [rad]; None where the arm stays.
-    """
-
-    time: float
-    q: Array
+    time: float  # its duration, pauses included [s]
+    q: Array  # the joint angles at each pose, shape (n, 5), [rad]
+    # the plans in order, each with the jaw's angle [rad]; None where the arm stays
     motions: list[tuple[Plan | None, float]]
 
 

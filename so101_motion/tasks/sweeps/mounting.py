@@ -42,19 +42,13 @@ LatticeIndex = tuple[int, int, int, int]
 
 @dataclass(frozen=True, kw_only=True)
 class FixedArm:
-    """Another SO-101 of the cell that is an obstacle, as plain data.
+    """Another SO-101 of the cell that is an obstacle, as plain data."""
 
-    Attributes:
-        name: Its name in messages.
-        position: Position of its base in the cell, x, y, z [m].
-        rpy: Orientation of its base [rad].
-        q: Its five joints and its jaw [rad], in one or several configurations. Plans keep clear of
-            it in each of them, but not between them.
-    """
-
-    name: str
-    position: tuple[float, float, float]
-    rpy: tuple[float, float, float]
+    name: str  # its name in messages
+    position: tuple[float, float, float]  # position of its base in the cell, x, y, z [m]
+    rpy: tuple[float, float, float]  # orientation of its base [rad]
+    # its five joints and its jaw [rad], in one or several configurations. Plans keep clear of it in
+    # each of them, but not between them.
     q: tuple[tuple[float, ...], ...]
 
     @property

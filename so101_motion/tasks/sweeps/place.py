@@ -104,45 +104,28 @@ class PlaceSweep:
 
 
 class Screened(NamedTuple):
-    """The result of screening a base: bounds that no plan can beat.
+    """The result of screening a base: bounds that no plan can beat."""
 
-    Attributes:
-        lattice_index: The base's place on the lattice.
-        time: Lower bound on the cycle time [s]; infinite if a pose cannot be reached.
-        clearance: Upper bound on the clearance beyond the margins [m].
-        torque_left: Upper bound on the share of the servos' holding torque that is left.
-        missed: The first pose that cannot be reached; -1 for none, -2 if the base is inside an
-            obstacle.
-    """
-
-    lattice_index: LatticeIndex
-    time: float
-    clearance: float
-    torque_left: float
+    lattice_index: LatticeIndex  # the base's place on the lattice
+    time: float  # lower bound on the cycle time [s]; infinite if a pose cannot be reached
+    clearance: float  # upper bound on the clearance beyond the margins [m]
+    torque_left: float  # upper bound on the share of the servos' holding torque that is left
+    # the first pose that cannot be reached; -1 for none, -2 if the base is inside an obstacle
     missed: int
 
 
 class Placed(NamedTuple):
-    """The result of planning a base.
+    """The result of planning a base."""
 
-    Attributes:
-        lattice_index: The base's place on the lattice.
-        time: Cycle time with pauses, without the jaw's own time [s]; infinite without a plan.
-        clearance: Smallest clearance beyond the margins, measured every tenth of a second [m].
-        torque_left: Smallest share of the servos' holding torque that is left.
-        robust: Share of eight bases, 5 mm and 2 degrees off, from which every pose can still be
-            reached, 0 to 1; NaN if that was not checked.
-        why: The name of the error if there is no plan; empty if there is one.
-        q: The joint angles at each pose, shape (n, 5), [rad].
-    """
-
-    lattice_index: LatticeIndex
-    time: float
-    clearance: float
-    torque_left: float
+    lattice_index: LatticeIndex  # the base's place on the lattice
+    time: float  # cycle time with pauses, without the jaw's own time [s]; infinite without a plan
+    clearance: float  # smallest clearance beyond the margins, measured every tenth of a second [m]
+    torque_left: float  # smallest share of the servos' holding torque that is left
+    # share of eight bases, 5 mm and 2 degrees off, from which every pose can still be reached, 0 to
+    # 1; NaN if that was not checked
     robust: float
-    why: str
-    q: Array
+    why: str  # the name of the error if there is no plan; empty if there is one
+    q: Array  # the joint angles at each pose, shape (n, 5), [rad]
 
     @classmethod
     def nowhere(cls, index: LatticeIndex, why: str, poses: int) -> Placed:

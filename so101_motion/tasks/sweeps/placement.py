@@ -56,50 +56,30 @@ _Key = tuple[float, ...]
 
 
 class Base(NamedTuple):
-    """A base that was found.
+    """A base that was found."""
 
-    Attributes:
-        lattice_index: Its place on the lattice.
-        x: Its position in the cell [m].
-        y: Its position in the cell [m].
-        z: Its position in the cell [m].
-        turn: Its turn about its own z axis [rad].
-        time: Time of one cycle [s].
-        clearance: Smallest clearance beyond the margins on the whole path [m].
-        torque_left: Smallest share of the servos' holding torque that is left.
-        robust: Share of eight bases, 5 mm and 2 degrees off, from which all can still be reached.
-        q: The joint angles at each pose, shape (n, 5), [rad].
-    """
-
-    lattice_index: LatticeIndex
-    x: float
-    y: float
-    z: float
-    turn: float
-    time: float
-    clearance: float
-    torque_left: float
+    lattice_index: LatticeIndex  # its place on the lattice
+    x: float  # its position in the cell [m]
+    y: float  # its position in the cell [m]
+    z: float  # its position in the cell [m]
+    turn: float  # its turn about its own z axis [rad]
+    time: float  # time of one cycle [s]
+    clearance: float  # smallest clearance beyond the margins on the whole path [m]
+    torque_left: float  # smallest share of the servos' holding torque that is left
+    # share of eight bases, 5 mm and 2 degrees off, from which all can still be reached
     robust: float
-    q: Array
+    q: Array  # the joint angles at each pose, shape (n, 5), [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Placement:
-    """The result of a search.
+    """The result of a search."""
 
-    Attributes:
-        best: The best bases, the best first, at most ten.
-        screened: The result of every base of the first round.
-        planned: How many bases were planned.
-        failed: Why shards failed, by folder and number; then bases may be missing.
-        sha256: The SHA-256 of all steps.
-    """
-
-    best: tuple[Base, ...]
-    screened: tuple[Screened, ...]
-    planned: int
-    failed: dict[str, str]
-    sha256: str
+    best: tuple[Base, ...]  # the best bases, the best first, at most ten
+    screened: tuple[Screened, ...]  # the result of every base of the first round
+    planned: int  # how many bases were planned
+    failed: dict[str, str]  # why shards failed, by folder and number; then bases may be missing
+    sha256: str  # the SHA-256 of all steps
 
 
 def find_bases(

@@ -68,27 +68,17 @@ _KNOWN = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TaskPose:
-    """A pose of the tool in the cell.
+    """A pose of the tool in the cell."""
 
-    Attributes:
-        name: Its name in messages.
-        p: Position of the task's frame, shape (3,), [m].
-        R: Orientation of the tool, shape (3, 3); None if only the point counts.
-        approach_tolerance: How far its z axis may be off [rad].
-        roll_tolerance: How far it may be turned about that axis [rad]; None if that is free.
-        aperture: As in a program's waypoint.
-        pause: As in a program's waypoint [s].
-        passes: As in a program's waypoint.
-    """
-
-    name: str
-    p: Array
-    R: Array | None = None
-    approach_tolerance: float = APPROACH_TOLERANCE
+    name: str  # its name in messages
+    p: Array  # position of the task's frame, shape (3,), [m]
+    R: Array | None = None  # orientation of the tool, shape (3, 3); None if only the point counts
+    approach_tolerance: float = APPROACH_TOLERANCE  # how far its z axis may be off [rad]
+    # how far it may be turned about that axis [rad]; None if that is free
     roll_tolerance: float | None = None
-    aperture: float | None = None
-    pause: float = 0.0
-    passes: bool = False
+    aperture: float | None = None  # as in a program's waypoint
+    pause: float = 0.0  # as in a program's waypoint [s]
+    passes: bool = False  # as in a program's waypoint
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", frozen_array(self.p, (3,)))
@@ -107,17 +97,12 @@ class TaskPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlacementTask:
-    """Poses in the order in which they are visited.
+    """Poses in the order in which they are visited."""
 
-    Attributes:
-        poses: At least two.
-        rounds: As in a program. Unless it is 1, the path back to the first pose counts as well.
-        frame: The frame that is brought to the points: ``"tool"`` or ``"jaw_tip"``.
-    """
-
-    poses: tuple[TaskPose, ...]
+    poses: tuple[TaskPose, ...]  # at least two
+    # as in a program. Unless it is 1, the path back to the first pose counts as well.
     rounds: int | None = None
-    frame: str = "tool"
+    frame: str = "tool"  # the frame that is brought to the points: ``"tool"`` or ``"jaw_tip"``
 
     def __post_init__(self) -> None:
         if len(self.poses) < 2:

@@ -272,21 +272,14 @@ _OF_PROBLEM = tuple(name for name in _Motion._fields if name not in _OF_FRAMES)
 
 
 class Episode(NamedTuple):
-    """A motion of the data set.
-
-    Attributes:
-        problem: Its number.
-        action: Setpoints under the names ``NAMES``, shape (m, 6), [deg], the gripper [%].
-        velocity: Shape (m, 5), [deg/s].
-        timestamp: Shape (m,), [s].
-        room: Beyond the margins, how far all setpoints stay away from contact at least [m].
-    """
+    """A motion of the data set."""
 
     problem: int
+    # setpoints under the names ``NAMES``, shape (m, 6), [deg], the gripper [%]
     action: NDArray[np.float32]
-    velocity: NDArray[np.float32]
-    timestamp: NDArray[np.float32]
-    room: float
+    velocity: NDArray[np.float32]  # shape (m, 5), [deg/s]
+    timestamp: NDArray[np.float32]  # shape (m,), [s]
+    room: float  # beyond the margins, how far all setpoints stay away from contact at least [m]
 
 
 def episodes(folder: Path | str) -> Iterator[Episode]:

@@ -64,17 +64,11 @@ BRANCH_BITS = {("front", True): 1, ("front", False): 2, ("back", True): 4, ("bac
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Points in a box, whole multiples of the spacing, x counting fastest.
+    """Points in a box, whole multiples of the spacing, x counting fastest."""
 
-    Attributes:
-        spacing: Distance between neighbours [m].
-        first: The smallest multiples, x, y, z.
-        counts: How many along x, y, z.
-    """
-
-    spacing: float
-    first: tuple[int, int, int]
-    counts: tuple[int, int, int]
+    spacing: float  # distance between neighbours [m]
+    first: tuple[int, int, int]  # the smallest multiples, x, y, z
+    counts: tuple[int, int, int]  # how many along x, y, z
 
     @property
     def size(self) -> int:
@@ -176,17 +170,11 @@ def scene_text(scene: Scene) -> str:
 
 
 class _Ways(NamedTuple):
-    """Configurations at points, within the joint limits.
+    """Configurations at points, within the joint limits."""
 
-    Attributes:
-        q: Joint angles, shape (n, 5), [rad].
-        point: Number of the point of each, shape (n,); ascending.
-        bit: The bit of its branch, shape (n,).
-    """
-
-    q: Array
-    point: NDArray[np.int64]
-    bit: NDArray[np.uint8]
+    q: Array  # joint angles, shape (n, 5), [rad]
+    point: NDArray[np.int64]  # number of the point of each, shape (n,); ascending
+    bit: NDArray[np.uint8]  # the bit of its branch, shape (n,)
 
 
 class _Fan:

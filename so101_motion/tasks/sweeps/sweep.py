@@ -25,15 +25,10 @@ Columns = Mapping[str, NDArray[Any]]
 
 
 class Packed(NamedTuple):
-    """A packed shard; workers make it, and one process writes it.
+    """A packed shard; workers make it, and one process writes it."""
 
-    Attributes:
-        data: The bytes of its file.
-        digest: The digest of its arrays.
-    """
-
-    data: bytes
-    digest: str
+    data: bytes  # the bytes of its file
+    digest: str  # the digest of its arrays
 
 
 _LONGEST = 500
@@ -67,15 +62,10 @@ class Sweep(Protocol):
 
 
 class Outcome(NamedTuple):
-    """The result of one shard.
+    """The result of one shard."""
 
-    Attributes:
-        shard: The content of its file; None if it failed.
-        why: Why it failed.
-    """
-
-    shard: Packed | None
-    why: str = ""
+    shard: Packed | None  # the content of its file; None if it failed
+    why: str = ""  # why it failed
 
 
 def compute(sweep: Sweep, shard: int) -> Outcome:

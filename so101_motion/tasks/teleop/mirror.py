@@ -18,14 +18,10 @@ class Mirror:
     """Angle of the follower = factor x angle of the leader + offset, joint by joint.
 
     The jaw needs none: it opens by the same share of its own travel.
-
-    Attributes:
-        factors: Shape (5,).
-        offsets: Shape (5,), [rad].
     """
 
-    factors: Array = field(default_factory=lambda: np.ones(5))
-    offsets: Array = field(default_factory=lambda: np.zeros(5))
+    factors: Array = field(default_factory=lambda: np.ones(5))  # shape (5,)
+    offsets: Array = field(default_factory=lambda: np.zeros(5))  # shape (5,), [rad]
 
     def __post_init__(self) -> None:
         for name in ("factors", "offsets"):

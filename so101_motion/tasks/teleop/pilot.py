@@ -45,33 +45,23 @@ makes the follower swing around a hand that trembles."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """The follower's speeds.
+    """The follower's speeds."""
 
-    Attributes:
-        full: Caps of the arm while it mirrors.
-        approach: Caps of the arm while it comes to the leader.
-    """
-
+    # caps of the arm while it mirrors
     full: MotionLimits = field(
         default_factory=lambda: MotionLimits.uniform(
             velocity=to_rad(180.0), acceleration=to_rad(450.0), jerk=FULL_JERK
         )
     )
-    approach: MotionLimits = APPROACH
+    approach: MotionLimits = APPROACH  # caps of the arm while it comes to the leader
 
 
 class Target(NamedTuple):
-    """A target of the follower.
+    """A target of the follower."""
 
-    Attributes:
-        q: Joint angles, shape (5,), [rad].
-        qd: Their velocities, shape (5,), [rad/s].
-        qdd: Their accelerations, shape (5,), [rad/s^2].
-    """
-
-    q: Array
-    qd: Array
-    qdd: Array
+    q: Array  # joint angles, shape (5,), [rad]
+    qd: Array  # their velocities, shape (5,), [rad/s]
+    qdd: Array  # their accelerations, shape (5,), [rad/s^2]
 
 
 class Pilot:

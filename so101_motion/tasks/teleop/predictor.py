@@ -55,25 +55,15 @@ USUAL = 0.1
 
 
 class Track(NamedTuple):
-    """The estimated state of the leader.
+    """The estimated state of the leader."""
 
-    Attributes:
-        t: Time of the last measurement [s].
-        x: Joint angles [rad] and aperture at that time, shape (6,).
-        xd: Their velocities, shape (6,).
-        xdd: Their accelerations, shape (6,).
-        rest: Where each rests, shape (6,); NaN for one that moves.
-        t_heard: When all joints of the arm had answered last [s].
-        jumps: How often its angles have jumped.
-    """
-
-    t: float
-    x: Array
-    xd: Array
-    xdd: Array
-    rest: Array
-    t_heard: float
-    jumps: int
+    t: float  # time of the last measurement [s]
+    x: Array  # joint angles [rad] and aperture at that time, shape (6,)
+    xd: Array  # their velocities, shape (6,)
+    xdd: Array  # their accelerations, shape (6,)
+    rest: Array  # where each rests, shape (6,); NaN for one that moves
+    t_heard: float  # when all joints of the arm had answered last [s]
+    jumps: int  # how often its angles have jumped
 
 
 class Predictor:

@@ -54,21 +54,13 @@ _BACKLOG = 6000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordedSample:
-    """One row of a recording.
+    """One row of a recording."""
 
-    Attributes:
-        t: Time on the session's clock [s].
-        leader: The leader's state.
-        action: The target it gives the follower: joint angles [rad] and aperture, shape (6,).
-        follower: The follower's state.
-        state: Its phase, as in ``Status.phase``; only while it mirrors is the target an action.
-    """
-
-    t: float
+    t: float  # time on the session's clock [s]
     leader: SideState
-    action: Array
+    action: Array  # the target it gives the follower: joint angles [rad] and aperture, shape (6,)
     follower: SideState
-    state: str
+    state: str  # its phase, as in ``Status.phase``; only while it mirrors is the target an action
 
 
 class Recorder:

@@ -46,33 +46,21 @@ chosen."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """The state of a session.
+    """The state of a session."""
 
-    Attributes:
-        phase: The phase of the follower.
-        reason: Why it waits, or why the session ended; empty otherwise.
-        cycles: Periods since the start.
-        consecutive_errors: Periods in a row, up to now, in which one side did not answer.
-        last_error: The last error, however long ago; empty if there was none.
-        gap: The joint that is farthest from where the leader wants it, and by how much [rad].
-        beyond: Joints that the leader wants beyond the follower's range.
-        held_by: What is in the follower's way, such as ``"the jaw close to the floor"``.
-        is_gripping: Whether its jaw has closed on something.
-        leader_is_limp: Whether the leader can be moved by hand.
-        recorded: Rows written to the record; None without one.
-    """
-
-    phase: Phase
-    reason: str
-    cycles: int
-    consecutive_errors: int
-    last_error: str
+    phase: Phase  # the phase of the follower
+    reason: str  # why it waits, or why the session ended; empty otherwise
+    cycles: int  # periods since the start
+    consecutive_errors: int  # periods in a row, up to now, in which one side did not answer
+    last_error: str  # the last error, however long ago; empty if there was none
+    # the joint that is farthest from where the leader wants it, and by how much [rad]
     gap: tuple[str, float]
-    beyond: tuple[str, ...]
+    beyond: tuple[str, ...]  # joints that the leader wants beyond the follower's range
+    # what is in the follower's way, such as ``"the jaw close to the floor"``
     held_by: tuple[str, ...]
-    is_gripping: bool
-    leader_is_limp: bool
-    recorded: int | None
+    is_gripping: bool  # whether its jaw has closed on something
+    leader_is_limp: bool  # whether the leader can be moved by hand
+    recorded: int | None  # rows written to the record; None without one
 
     @property
     def is_held(self) -> bool:
