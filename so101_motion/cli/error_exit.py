@@ -63,17 +63,11 @@ _ADVICE = re.compile(rf"(?:; |\. |, so )(?=(?:{_VERBS}) )", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorText:
-    """The parts of an error message.
+    """The parts of an error message."""
 
-    Attributes:
-        what: What went wrong.
-        why: The reason; empty if ``what`` includes it.
-        advice: What to try; empty without any.
-    """
-
-    what: str
-    why: str = ""
-    advice: str = ""
+    what: str  # what went wrong
+    why: str = ""  # the reason; empty if ``what`` includes it
+    advice: str = ""  # what to try; empty without any
 
 
 def parted(error: So101Error) -> ErrorText:

@@ -24,14 +24,11 @@ import click
 
 
 class _Declared(NamedTuple):
-    """One option, or several that make one value.
+    """One option, or several that make one value."""
 
-    Attributes:
-        parameters: Makes click's parameters for the function's parameter of a name.
-        value: Takes the value of that parameter from those that click has read.
-    """
-
+    # makes click's parameters for the function's parameter of a name
     parameters: Callable[[str], list[click.Parameter]]
+    # takes the value of that parameter from those that click has read
     value: Callable[[str, Mapping[str, Any]], Any]
 
 

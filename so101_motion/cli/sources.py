@@ -35,14 +35,10 @@ R = TypeVar("R", bound="RigLike")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _SourceWithCaps:
-    """A source with caps of its own.
+    """A source with caps of its own."""
 
-    Attributes:
-        speed: Joint speed cap [rad/s]; None for the arm's or its machine's.
-        acceleration: Joint acceleration cap [rad/s^2]; None for the arm's or its machine's.
-    """
-
-    speed: float | None = None
+    speed: float | None = None  # joint speed cap [rad/s]; None for the arm's or its machine's
+    # joint acceleration cap [rad/s^2]; None for the arm's or its machine's
     acceleration: float | None = None
 
     @property
@@ -70,19 +66,14 @@ class _SourceWithCaps:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source(_SourceWithCaps):
-    """An arm of this computer: simulated or on a port.
+    """An arm of this computer: simulated or on a port."""
 
-    Attributes:
-        port: Serial port of a real or emulated arm; None for the simulated one.
-        calibration_file: Its calibration; None to search for the one that fits its servos.
-        q_start: First joint angles of the simulated arm, shape (5,), [rad]; None for zeros.
-        say: Prints a note about the calibration.
-    """
-
-    port: str | None
+    port: str | None  # serial port of a real or emulated arm; None for the simulated one
+    # its calibration; None to search for the one that fits its servos
     calibration_file: Path | None = None
+    # first joint angles of the simulated arm, shape (5,), [rad]; None for zeros
     q_start: Array | None = None
-    say: Callable[[str], None] = aside
+    say: Callable[[str], None] = aside  # prints a note about the calibration
 
     @property
     def what(self) -> str:
@@ -190,21 +181,13 @@ def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MachineSource(_SourceWithCaps):
-    """The arm of a running Viam machine.
+    """The arm of a running Viam machine."""
 
-    Attributes:
-        address: The machine's address.
-        api_key_id: The id of an API key; None for a plain, direct connection.
-        api_key: The key.
-        arm: Which of its arms; None for the only one.
-        gripper: Which of its grippers; None for the only one.
-    """
-
-    address: str
-    api_key_id: str | None = None
-    api_key: str | None = field(default=None, repr=False)
-    arm: str | None = None
-    gripper: str | None = None
+    address: str  # the machine's address
+    api_key_id: str | None = None  # the id of an API key; None for a plain, direct connection
+    api_key: str | None = field(default=None, repr=False)  # the key
+    arm: str | None = None  # which of its arms; None for the only one
+    gripper: str | None = None  # which of its grippers; None for the only one
 
     @property
     def what(self) -> str:
@@ -251,17 +234,11 @@ def with_caps(source: S, speed_deg: float | None, acceleration_deg: float | None
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellSource:
-    """Several arms that share a space.
+    """Several arms that share a space."""
 
-    Attributes:
-        file: The content of a cell file.
-        title: A heading.
-        path: Where it was read; None for arms that no file names.
-    """
-
-    file: CellFile
-    title: str
-    path: Path | None = None
+    file: CellFile  # the content of a cell file
+    title: str  # a heading
+    path: Path | None = None  # where it was read; None for arms that no file names
 
     @property
     def what(self) -> str:

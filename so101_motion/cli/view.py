@@ -28,21 +28,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
-    """The address and options of the page.
+    """The address and options of the page."""
 
-    Attributes:
-        host: Address to listen on.
-        port: Port to listen on; None for 8080 or the next free one after it.
-        allow_remote: Whether other computers may open the page.
-        browser: Whether to open the page in a browser.
-        new_link: Whether the links of earlier starts become invalid.
-    """
-
-    host: str
-    port: int | None
-    allow_remote: bool
-    browser: bool
-    new_link: bool
+    host: str  # address to listen on
+    port: int | None  # port to listen on; None for 8080 or the next free one after it
+    allow_remote: bool  # whether other computers may open the page
+    browser: bool  # whether to open the page in a browser
+    new_link: bool  # whether the links of earlier starts become invalid
 
     def server(self, what: str) -> dict[str, Any]:
         """The arguments of ``start_guarded`` for the page of ``what``."""

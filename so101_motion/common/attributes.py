@@ -37,43 +37,27 @@ _TO_SI: Mapping[str, Callable[[float], float]] = {
 
 @dataclass(frozen=True, slots=True)
 class Attribute:
-    """One attribute of a model: how to parse it, and how to document it.
+    """One attribute of a model: how to parse it, and how to document it."""
 
-    Attributes:
-        name: As users write it.
-        use: What it is used for, in a sentence.
-        kind: ``"number"``, ``"whole"``, ``"numbers"``, ``"flag"``, ``"text"``, ``"names"``,
-            ``"choice"`` or ``"objects"``; ``"own"`` is read by code of its own.
-        unit: Of a number as users write it.
-        range: The smallest and the largest number.
-        default: The value used when it is not given, in ``unit``.
-        zero_is_none: Whether 0 counts as not given, as in the published module.
-        takes_nearest: Whether a positive number outside the range becomes the nearest in it.
-        count: Most entries of a list of numbers; 0 for any.
-        options: What a choice may be, the default first.
-        form: Its form in words, where unit, range and options do not describe it.
-        otherwise: What happens without it in words, where ``default`` does not describe it.
-        ours: Whether only this module has it, not the published one.
-        idle: Why it has no effect; empty if it has one.
-        link: Where the documentation says more.
-    """
-
-    name: str
-    use: str
+    name: str  # as users write it
+    use: str  # what it is used for, in a sentence
     _: KW_ONLY
+    # ``"number"``, ``"whole"``, ``"numbers"``, ``"flag"``, ``"text"``, ``"names"``, ``"choice"`` or
+    # ``"objects"``; ``"own"`` is read by code of its own
     kind: str = "number"
-    unit: str = ""
-    range: tuple[float, float] = (-math.inf, math.inf)
-    default: float | bool | None = None
-    zero_is_none: bool = False
+    unit: str = ""  # of a number as users write it
+    range: tuple[float, float] = (-math.inf, math.inf)  # the smallest and the largest number
+    default: float | bool | None = None  # the value used when it is not given, in ``unit``
+    zero_is_none: bool = False  # whether 0 counts as not given, as in the published module
+    # whether a positive number outside the range becomes the nearest in it
     takes_nearest: bool = False
-    count: int = 0
-    options: tuple[str, ...] = ()
-    form: str = ""
-    otherwise: str = ""
-    ours: bool = False
-    idle: str = ""
-    link: str = ""
+    count: int = 0  # most entries of a list of numbers; 0 for any
+    options: tuple[str, ...] = ()  # what a choice may be, the default first
+    form: str = ""  # its form in words, where unit, range and options do not describe it
+    otherwise: str = ""  # what happens without it in words, where ``default`` does not describe it
+    ours: bool = False  # whether only this module has it, not the published one
+    idle: str = ""  # why it has no effect; empty if it has one
+    link: str = ""  # where the documentation says more
 
     @property
     def without(self) -> str:
@@ -262,13 +246,10 @@ def _is_list(value: object, of: type = object) -> bool:
 
 
 class Config:
-    """The base of settings that are read from attributes: dataclasses whose fields say from which.
-
-    Attributes:
-        CHECKED: Attributes that are only checked, and have no field.
-    """
+    """Base of settings that are read from attributes: dataclasses whose fields say from which."""
 
     __slots__ = ()
+    # attributes that are only checked, and have no field
     CHECKED: ClassVar[tuple[Attribute, ...]] = ()
 
     @classmethod
@@ -462,14 +443,10 @@ def _range(lower: float, upper: float, unit: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadConfig:
-    """The load that an arm always carries, and the rated voltage of its servos.
+    """The load that an arm always carries, and the rated voltage of its servos."""
 
-    Attributes:
-        mass: Mass of the load in the gripper [kg].
-        com: Its centre of mass in the tool frame, x, y, z [m]; None for the jaw's tip.
-        servo_voltage: The servos' rated voltage, one of ``SERVO_VOLTAGES`` [V].
-    """
-
-    mass: float = 0.0
+    mass: float = 0.0  # mass of the load in the gripper [kg]
+    # its centre of mass in the tool frame, x, y, z [m]; None for the jaw's tip
     com: tuple[float, float, float] | None = None
+    # the servos' rated voltage, one of ``SERVO_VOLTAGES`` [V]
     servo_voltage: float = SERVO_VOLTAGES[0]

@@ -36,15 +36,11 @@ _TURN = 4096  # [tick]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncoderZero:
-    """Where the zero of a joint is on its servo's encoder.
+    """Where the zero of a joint is on its servo's encoder."""
 
-    Attributes:
-        direction: 1 if the encoder counts up with the angle, else -1.
-        ticks: The encoder's position at angle zero, of the jaw where it is closed, 0 to below
-            4096 [tick]; to a tenth.
-    """
-
-    direction: int
+    direction: int  # 1 if the encoder counts up with the angle, else -1
+    # the encoder's position at angle zero, of the jaw where it is closed, 0 to below 4096 [tick];
+    # to a tenth
     ticks: float
 
 

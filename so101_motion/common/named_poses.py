@@ -13,16 +13,11 @@ from so101_motion.common.units import to_rad
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NamedPose:
-    """Joint angles with a name.
+    """Joint angles with a name."""
 
-    Attributes:
-        name: What people call it.
-        q: Joint angles, shape (5,), [rad].
-        zeros: The zeros of the arm that it was saved with; None if not known.
-    """
-
-    name: str
-    q: Array
+    name: str  # what people call it
+    q: Array  # joint angles, shape (5,), [rad]
+    # the zeros of the arm that it was saved with; None if not known
     zeros: EncoderZeros | None = None
 
     def __post_init__(self) -> None:

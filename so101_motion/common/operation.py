@@ -27,85 +27,55 @@ _MOST_SAID = 20  # sentences that a view keeps; a surface that looks once a seco
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A line of a view: a joint, a motor, a step.
+    """A line of a view: a joint, a motor, a step."""
 
-    Attributes:
-        label: What it is about.
-        cells: What is known of it, under ``View.columns`` if there are any.
-        text: What is wrong with it, or to do; empty when nothing is.
-        mark: One character in front, such as ``"✓"``.
-        bar: Begin and end of a bar, 0 to 1; None for no bar.
-        at: Where a marker stands on the bar, 0 to 1; None for no marker.
-    """
-
-    label: str
-    cells: tuple[str, ...] = ()
-    text: str = ""
+    label: str  # what it is about
+    cells: tuple[str, ...] = ()  # what is known of it, under ``View.columns`` if there are any
+    text: str = ""  # what is wrong with it, or to do; empty when nothing is
     tone: Tone = "dim"
-    mark: str = ""
-    bar: tuple[float, float] | None = None
-    at: float | None = None
+    mark: str = ""  # one character in front, such as ``"✓"``
+    bar: tuple[float, float] | None = None  # begin and end of a bar, 0 to 1; None for no bar
+    at: float | None = None  # where a marker stands on the bar, 0 to 1; None for no marker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Input:
-    """A value that a person gives with a command; its argument is what is shown at first.
-
-    Attributes:
-        choices: What may be chosen; empty to let it be typed.
-    """
+    """A value that a person gives with a command; its argument is what is shown at first."""
 
     label: str
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()  # what may be chosen; empty to let it be typed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offer:
-    """A command that a person may give now: a button on a page, a key in a terminal.
+    """A command that a person may give now: a button on a page, a key in a terminal."""
 
-    Attributes:
-        command: Its name, for ``ask``.
-        title: What it does, such as ``"Write id 6 to this motor"``.
-        arguments: Its arguments.
-        inputs: Those that a person may change; surfaces without fields give them as they are.
-        why_not: Why it cannot be given now; None if it can.
-        key: The key for it in a terminal; the first offer has Enter.
-        asks: A question to be answered first; empty for none.
-        due_in: After how long the surface gives it by itself [s]; None to wait for a person.
-        is_look: Whether it only looks at something, so that it may be repeated and its errors need
-            not be raised.
-        cancels: Whether it undoes everything.
-    """
-
-    command: str
-    title: str
-    arguments: Mapping[str, Any] = field(default_factory=dict)
+    command: str  # its name, for ``ask``
+    title: str  # what it does, such as ``"Write id 6 to this motor"``
+    arguments: Mapping[str, Any] = field(default_factory=dict)  # its arguments
+    # those that a person may change; surfaces without fields give them as they are
     inputs: Mapping[str, Input] = field(default_factory=dict)
-    why_not: str | None = None
-    key: str = ""
-    asks: str = ""
+    why_not: str | None = None  # why it cannot be given now; None if it can
+    key: str = ""  # the key for it in a terminal; the first offer has Enter
+    asks: str = ""  # a question to be answered first; empty for none
+    # after how long the surface gives it by itself [s]; None to wait for a person
     due_in: float | None = None
+    # whether it only looks at something, so that it may be repeated and its errors need not be
+    # raised
     is_look: bool = False
-    cancels: bool = False
+    cancels: bool = False  # whether it undoes everything
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """What a page may draw with the operation.
+    """What a page may draw with the operation."""
 
-    Attributes:
-        q: Joint angles of the arm, then of the jaw [rad].
-        ghost: The same of a transparent arm to be matched; empty for none.
-        lit: The joints whose links are highlighted.
-        note: How exact it is; empty when it is exact.
-        line: Places of the tool in the base frame [m]; empty for no line.
-    """
-
-    q: tuple[float, ...] = ()
-    ghost: tuple[float, ...] = ()
-    lit: tuple[str, ...] = ()
+    q: tuple[float, ...] = ()  # joint angles of the arm, then of the jaw [rad]
+    ghost: tuple[float, ...] = ()  # the same of a transparent arm to be matched; empty for none
+    lit: tuple[str, ...] = ()  # the joints whose links are highlighted
     lit_tone: Tone = "busy"
-    note: str = ""
+    note: str = ""  # how exact it is; empty when it is exact
+    # places of the tool in the base frame [m]; empty for no line
     line: tuple[tuple[float, ...], ...] = ()
 
 
@@ -121,37 +91,23 @@ class Said:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """An operation at one instant: plain values, ready for JSON.
+    """An operation at one instant: plain values, ready for JSON."""
 
-    Attributes:
-        state: The state, by the operation's own names.
-        text: What a person should do now.
-        columns: The headings of the rows' cells.
-        trouble: What is wrong; empty when nothing is.
-        fix: What to do about it.
-        note: Small print.
-        doing: What is under way; empty when nothing is.
-        offers: The commands that are offered, the usual one first.
-        said: The last sentences that were said once.
-        is_over: Whether the operation has reached its end.
-        is_connected: Whether what it works on can be reached.
-        facts: Whatever else a program may want to know.
-    """
-
-    state: str
+    state: str  # the state, by the operation's own names
     title: str = ""
-    text: str = ""
-    columns: tuple[str, ...] = ()
+    text: str = ""  # what a person should do now
+    columns: tuple[str, ...] = ()  # the headings of the rows' cells
     rows: tuple[Row, ...] = ()
-    trouble: str = ""
-    fix: str = ""
-    note: str = ""
-    doing: str = ""
-    offers: tuple[Offer, ...] = ()
-    said: tuple[Said, ...] = ()
+    trouble: str = ""  # what is wrong; empty when nothing is
+    fix: str = ""  # what to do about it
+    note: str = ""  # small print
+    doing: str = ""  # what is under way; empty when nothing is
+    offers: tuple[Offer, ...] = ()  # the commands that are offered, the usual one first
+    said: tuple[Said, ...] = ()  # the last sentences that were said once
     picture: Picture | None = None
-    is_over: bool = False
-    is_connected: bool = True
+    is_over: bool = False  # whether the operation has reached its end
+    is_connected: bool = True  # whether what it works on can be reached
+    # whatever else a program may want to know
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     def offer(self, command: str) -> Offer | None:
@@ -199,16 +155,11 @@ class Moving(Protocol):
 
 
 class Started(NamedTuple):
-    """What a command returns that has started a motion; it ends with it.
+    """What a command returns that has started a motion; it ends with it."""
 
-    Attributes:
-        future: Completes when the motion is over.
-        interrupt: Ends the motion early; called with why.
-        answer: Returns the command's answer, once the motion has arrived.
-    """
-
-    future: Future[Any]
-    interrupt: Callable[[str], object]
+    future: Future[Any]  # completes when the motion is over
+    interrupt: Callable[[str], object]  # ends the motion early; called with why
+    # returns the command's answer, once the motion has arrived
     answer: Callable[[], Mapping[str, Any]]
 
 

@@ -45,34 +45,21 @@ UPRIGHT = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CellArm:
-    """One arm of a cell.
+    """One arm of a cell."""
 
-    Attributes:
-        name: Its name in messages.
-        T_cell_base: Pose of its base in the cell.
-        port: Its serial port; empty for one that is only simulated.
-        calibration_id: Its id in LeRobot; empty to use the calibration stored in the servos.
-        attached: The objects it holds.
-    """
-
-    name: str
-    T_cell_base: SE3
-    port: str = ""
-    calibration_id: str = ""
-    attached: tuple[Attached, ...] = ()
+    name: str  # its name in messages
+    T_cell_base: SE3  # pose of its base in the cell
+    port: str = ""  # its serial port; empty for one that is only simulated
+    calibration_id: str = ""  # its id in LeRobot; empty to use the calibration stored in the servos
+    attached: tuple[Attached, ...] = ()  # the objects it holds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CellFile:
-    """The content of a cell file.
+    """The content of a cell file."""
 
-    Attributes:
-        arms: The arms, at least one.
-        scene: The obstacles around them, in the cell's frame.
-    """
-
-    arms: tuple[CellArm, ...]
-    scene: Scene
+    arms: tuple[CellArm, ...]  # the arms, at least one
+    scene: Scene  # the obstacles around them, in the cell's frame
 
     def scene_of(self, arm: CellArm) -> Scene:
         """The scene in the base frame of an arm, with the objects it holds.

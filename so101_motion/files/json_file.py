@@ -19,13 +19,9 @@ LARGEST = 65_536
 
 
 class Object(dict[str, object]):
-    """A JSON object that remembers which of its names were given more than once.
+    """A JSON object that remembers which of its names were given more than once."""
 
-    Attributes:
-        repeated: Those names.
-    """
-
-    repeated: tuple[str, ...] = ()
+    repeated: tuple[str, ...] = ()  # those names
 
     @classmethod
     def of_pairs(cls, pairs: list[tuple[str, object]]) -> Object:

@@ -49,17 +49,11 @@ STRING = "string data\n"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Run:
-    """A motion as it was carried out.
+    """A motion as it was carried out."""
 
-    Attributes:
-        t: Times since it began, shape (m,), [s].
-        q_ref: Commanded joint angles, shape (m, 5), [rad].
-        q: Measured joint angles, shape (m, 5), [rad].
-    """
-
-    t: Array
-    q_ref: Array
-    q: Array
+    t: Array  # times since it began, shape (m,), [s]
+    q_ref: Array  # commanded joint angles, shape (m, 5), [rad]
+    q: Array  # measured joint angles, shape (m, 5), [rad]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", frozen_array(self.t, (-1,)))
