@@ -1,36 +1,53 @@
-"""Find and set up the servos along the cable, and do so again after a loss.
+"""The servos along the cable: find them, set them up, switch their torque, send their goals.
 
-``Chain`` has the connection, which may go away and come back (``connection.py``), and knows which
-servos answer (``presence.py``) and what their RAM must hold. Servos that answer again after a loss
-are set up anew (``servo_setup.py``), and the driver's ``on_set_up`` learns how each was found.
+The connection may go away and come back (``connection.py``). Servos that answer again after a loss
+are set up anew (``servo_setup.py``). No other file sends goals while the arm is in use: those of a
+motion or of a resting arm, in one packet; those of an arm that a hand leads, each with the share of
+drive that its servo may use; and the first goal of a servo, written and read back before torque
+comes on.
+
+A joint is switched on only at a position that two readings agree on. A joint outside its limits,
+where no goal can keep it, is left as it is (``out_of_range.py``).
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import BusError, CorruptReply, NoReply, PortUnavailable, ServoFault
+from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus, Port
 from so101_motion.drivers.bus.registers import Register
 from so101_motion.drivers.bus.reply_counters import ReplyCounters
-from so101_motion.drivers.bus.ticks import JointMap
+from so101_motion.drivers.bus.ticks import JointMap, Ticks
+from so101_motion.drivers.command_record import CommandListener, SentCommand
 from so101_motion.drivers.feetech.connection import Connection
-from so101_motion.drivers.feetech.presence import Presence, missing_servos
-from so101_motion.drivers.feetech.servo_setup import ServoCondition, prepare
+from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
+from so101_motion.drivers.feetech.joint_estimate import JointEstimate
+from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
+from so101_motion.drivers.feetech.presence import (
+    Presence,
+    missing_servos,
+    unconfirmed_position,
+)
+from so101_motion.drivers.feetech.servo_setup import ServoCondition, engage, prepare
+
+_FRESH = 0.1
+"""Oldest position at which a joint is held [s]. Chosen: two reads of a resting arm."""
 
 
 class Chain:
-    """The servos on one port. Only its attributes may be read from other threads.
+    """The servos on one port, for the I/O thread. Other threads may read its attributes.
 
     Args:
         open_port: Opens the serial port.
         clock: The clock of the rig.
         maps: The servo of each joint, by index.
+        compensation: Computes the goals; its ``held`` remembers those that were sent.
         names: Names of the joints, by index.
         ram: What RAM registers must hold in every servo.
-        on_set_up: Called with a joint and how its servo was found, after it was set up.
         reply_timeout: See ``Bus``.
         counters: See ``Bus``.
 
@@ -39,7 +56,11 @@ class Chain:
         ram: What RAM registers must hold, by servo.
         presence: Which servos answer.
         connection: The port, present or not.
+        at: Estimates the joints' positions.
+        out_of_range: The joints outside their limits.
         is_set_up: Whether the port is open and the servos have been found.
+        on_command: Called with every command as it is sent; None for nobody.
+        t_sent: When goals were sent last [s].
     """
 
     def __init__(
@@ -47,10 +68,10 @@ class Chain:
         open_port: Callable[[], Port],
         clock: Clock,
         maps: Mapping[int, JointMap],
+        compensation: GoalCompensation,
         *,
         names: Sequence[str],
         ram: Mapping[Register, int],
-        on_set_up: Callable[[int, ServoCondition], None],
         reply_timeout: float,
         counters: ReplyCounters | None,
     ) -> None:
@@ -61,8 +82,11 @@ class Chain:
         self.connection = Connection(
             open_port, clock, names=labels, reply_timeout=reply_timeout, counters=counters
         )
+        self.at, self.out_of_range = JointEstimate(maps), OutOfRangeJoints(maps, self.ram)
         self.is_set_up = False
-        self._maps, self._on_set_up = maps, on_set_up
+        self.on_command: CommandListener | None = None
+        self.t_sent = clock.now()
+        self._maps, self._compensation, self._clock = maps, compensation, clock
 
     @contextlib.contextmanager
     def watching(self) -> Iterator[None]:
@@ -86,6 +110,8 @@ class Chain:
             raise PortUnavailable("the arm's port", reason)
         return self.connection.bus()
 
+    # Setting up
+
     def set_up(self) -> bool:
         """Find the servos and set them up; those that are driven go on as they are.
 
@@ -93,9 +119,8 @@ class Chain:
             Whether all of them are driven.
 
         Raises:
-            PortUnavailable: There is no port at present.
             NoReply: A servo that answered until now is silent, or all are.
-            BusError: One cannot be set up.
+            BusError: There is no port at present, or a servo cannot be set up.
         """
         bus, ids = self.connection.bus(), tuple(self.index)
         found = bus.answering(ids)
@@ -113,9 +138,6 @@ class Chain:
         Returns:
             The servos that are limp, and the errors of servos that refused. One that does not
             answer after all counts as silent and is set up when it answers again.
-
-        Raises:
-            PortUnavailable: There is no port any more.
         """
         limp: list[int] = []
         refusals: list[ServoFault] = []
@@ -130,21 +152,13 @@ class Chain:
         return limp, refusals
 
     def put(self, servo_id: int, register: Register, value: int) -> None:
-        """Write a RAM register, and write it again after each restart of its servo.
-
-        Raises:
-            BusError: The servo did not take it.
-        """
+        """Write a RAM register, and write it again after each restart of its servo."""
         self.ram[servo_id][register] = value
         if servo_id not in self.presence.silent:
             self.bus().write(servo_id, register, value)
 
     def put_all(self, register: Register, values: Mapping[int, int]) -> None:
-        """Write a register of many servos; all that answer are tried before anything is raised.
-
-        Raises:
-            BusError: One did not take it.
-        """
+        """Write a register of many servos; all that answer are tried before anything is raised."""
         failures: list[BusError] = []
         for servo_id in self.index.keys() - self.presence.silent:
             try:
@@ -158,6 +172,130 @@ class Chain:
 
     def _set_up_servo(self, bus: Bus, servo_id: int) -> ServoCondition:
         i = self.index[servo_id]
-        condition = prepare(bus, self._maps[i], self.ram[servo_id])
-        self._on_set_up(i, condition)
-        return condition
+        servo = prepare(bus, self._maps[i], self.ram[servo_id])
+        self.ram[servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
+        self.at.found(i, servo.present_ticks, self._clock.now())
+        self._compensation.found(i, servo)
+        self.out_of_range.found(i, crawls=servo.crawls)
+        return servo
+
+    # Torque
+
+    def switch_on(self) -> None:
+        """Drive all joints to the goals that have been set; a silent jaw is left out.
+
+        Raises:
+            BusError: A servo of the arm is silent, or one did not obey.
+            RuntimeError: No goals have been set.
+        """
+        if not self._compensation.is_set:
+            raise RuntimeError("write a goal before torque is switched on")
+        self.require_arm()
+        self.refuse_unsure(self._maps)
+        bus = self.bus()
+        for servo_id, goal in self._goals().items():
+            i = self.index[servo_id]
+            held = self._compensation.held[i]
+            here = self.at.ticks(i) if held is None else held
+            if self.out_of_range.may_be_driven(bus, i, here):
+                self._engage(bus, servo_id, goal)
+
+    def switch_off(self) -> None:
+        """Let go of all joints; raises ``BusError`` once all servos have been tried."""
+        self._compensation.is_set = False
+        self._compensation.held = [None] * 6
+        try:
+            self.put_all(reg.TORQUE_ENABLE, dict.fromkeys(self.index, 0))
+        finally:
+            self.out_of_range.let_go(self.bus())
+
+    def catch(self, i: int) -> None:
+        """Drive joint ``i``, which is limp, where it is."""
+        bus = self.bus()
+        if self.out_of_range.may_be_driven(bus, i, self.at.ticks(i)):
+            joint = self._maps[i]
+            self._engage(bus, joint.servo_id, joint.to_goal(self.at.q[i]))
+
+    def limit_again(self) -> None:
+        """Restore the torque limits of all servos."""
+        limits = {servo_id: own[reg.TORQUE_LIMIT] for servo_id, own in self.ram.items()}
+        self.put_all(reg.TORQUE_LIMIT, limits)
+
+    def require_arm(self) -> None:
+        """Raise ``NoReply`` unless all servos of the arm answer."""
+        silent = self.presence.silent
+        if lost := sorted(i for i in silent if self.index[i] < 5):
+            raise missing_servos(self.bus(), lost, set(self.index) - silent)
+
+    def refuse_unsure(self, joints: Collection[int]) -> None:
+        """Raise ``NoReply`` if two recent readings of a joint that answers do not agree."""
+        for i in self.at.unconfirmed(self._clock.now() - _FRESH):
+            servo_id = self._maps[i].servo_id
+            if i in joints and servo_id not in self.presence.silent:
+                raise unconfirmed_position(self.bus(), servo_id)
+
+    # Goals
+
+    def send(self) -> None:
+        """Send the goals, except to silent servos and to joints outside their limits."""
+        self.t_sent = self._clock.now()
+        encode, left, goals = reg.GOAL_POSITION.encode, self.out_of_range.left, self._goals()
+        if left:
+            goals = {i: goal for i, goal in goals.items() if self.index[i] not in left}
+        if goals:
+            data = {i: encode(goal) for i, goal in goals.items()}
+            self.bus().sync_write(reg.GOAL_POSITION.address, data)
+            self._sent(goals)
+
+    def lead(
+        self, q_goal: Sequence[float], shares: Sequence[float], but: Collection[int] = ()
+    ) -> None:
+        """Send the arm joints to ``q_goal`` [rad] with these shares of their drive, and the jaw.
+
+        Args:
+            q_goal: Angles of the arm joints.
+            shares: The share of full drive that each may use, 0 to 1.
+            but: Joints that get no goal, besides those outside their limits.
+        """
+        now, data, sent = self._clock.now(), {}, {}
+        silent, left = self.presence.silent, self.out_of_range.left
+        for servo_id, goal in self._compensation.yielded(q_goal, now, silent).items():
+            i, ram = self.index[servo_id], self.ram[servo_id]
+            if i in left or i in but:
+                continue
+            limit = ram[reg.TORQUE_LIMIT]
+            if i < len(q_goal):
+                limit = min(round(1000.0 * shares[i]), limit)
+            sent[servo_id] = goal
+            speed = reg.GOAL_VELOCITY.encode(ram[reg.GOAL_VELOCITY])
+            inert = reg.GOAL_TIME.encode(0)  # lies between the others
+            data[servo_id] = (
+                reg.GOAL_POSITION.encode(goal) + inert + speed + reg.TORQUE_LIMIT.encode(limit)
+            )
+        if data:
+            self.bus().sync_write(reg.GOAL_POSITION.address, data)
+            self._sent(sent, is_guided=True)
+
+    def _goals(self) -> dict[int, Ticks]:
+        return self._compensation.goals(self._clock.now(), self.presence.silent)
+
+    def _engage(self, bus: Bus, servo_id: int, goal: Ticks) -> None:
+        engage(bus, servo_id, goal)
+        self._sent({servo_id: goal}, is_seed=True)
+
+    def _sent(
+        self, goals: Mapping[int, Ticks], *, is_guided: bool = False, is_seed: bool = False
+    ) -> None:
+        for servo_id, goal in goals.items():
+            self._compensation.held[self.index[servo_id]] = goal
+        if self.on_command is not None:
+            self.on_command(
+                SentCommand(
+                    t=self._clock.now(),
+                    q_cmd=tuple(self._compensation.q[:5]),
+                    q_jaw_cmd=self._compensation.q[5],
+                    goals=dict(goals),
+                    is_guided=is_guided,
+                    is_seed=is_seed,
+                )
+            )

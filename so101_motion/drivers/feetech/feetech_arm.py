@@ -43,17 +43,12 @@ from so101_motion.drivers.bus.ticks import JointMap, to_acceleration_units, to_s
 from so101_motion.drivers.command_record import CommandListener
 from so101_motion.drivers.feetech.chain import Chain
 from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
-from so101_motion.drivers.feetech.goal_writer import GoalWriter
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_guiding import HandGuiding
 from so101_motion.drivers.feetech.hand_pull import HandPull, Pull
 from so101_motion.drivers.feetech.health import HealthReadings, JointHealth
-from so101_motion.drivers.feetech.joint_estimate import JointEstimate
-from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
 from so101_motion.drivers.feetech.presence import missing_servos, restarted_servos
 from so101_motion.drivers.feetech.servo_model import ServoModel
-from so101_motion.drivers.feetech.servo_setup import ServoCondition
-from so101_motion.drivers.feetech.torque_switch import ServoParts, TorqueSwitch
 from so101_motion.drivers.goal_limiter import GoalLimiter
 from so101_motion.drivers.servo_types import ServoFigures
 
@@ -108,32 +103,25 @@ class FeetechArm:
     ) -> None:
         self._clock = clock
         self._maps = {JOINTS.index(joint): maps[joint] for joint in JOINTS if joint in maps}
+        self._absent = frozenset(JOINTS) - maps.keys()
         caps = to_acceleration_units(acceleration), to_speed_ticks(speed)
         ram = dict(zip((reg.ACCELERATION, reg.GOAL_VELOCITY), caps, strict=True))
-        self._chain = Chain(
-            open_port, clock, self._maps, names=JOINTS, ram=ram, on_set_up=self._take_over,
-            reply_timeout=reply_timeout, counters=counters,
-        )  # fmt: skip
-        self._index, self._presence = self._chain.index, self._chain.presence
-        self._absent = frozenset(JOINTS) - maps.keys()
-        if len(self._index) != len(maps):
-            raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
-        self._torque = False
-        self._at = JointEstimate(self._maps)
         limiter = GoalLimiter(JOINTS, speed=speed, acceleration=acceleration)
         known = {JOINTS.index(joint): each for joint, each in (figures or {}).items()}
         self._compensation = GoalCompensation(
             self._maps, gravity, limiter, per_kg, known, compensates=compensates)  # fmt: skip
         self.models: Sequence[ServoModel] = self._compensation.trim.models
-        self._out_of_range = OutOfRangeJoints(self._maps, self._chain.ram)
-        self._goals = GoalWriter(self._compensation, clock, self._index, self._chain.ram)
-        parts = ServoParts(
-            chain=self._chain, compensation=self._compensation, at=self._at,
-            out_of_range=self._out_of_range, goals=self._goals, clock=clock,
+        self._chain = Chain(
+            open_port, clock, self._maps, self._compensation, names=JOINTS, ram=ram,
+            reply_timeout=reply_timeout, counters=counters,
         )  # fmt: skip
-        self._switch = TorqueSwitch(parts, self._maps)
+        self._index, self._presence = self._chain.index, self._chain.presence
+        self._at, self._out_of_range = self._chain.at, self._chain.out_of_range
+        if len(self._index) != len(maps):
+            raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
+        self._torque = False
         self._guide: HandGuiding | None = None
-        self._pull = HandPull(parts, self._switch)
+        self._pull = HandPull(self._chain, self._compensation, clock)
         self._health_readings = HealthReadings(clock.now())
         try:
             self._reach()
@@ -152,14 +140,14 @@ class FeetechArm:
             ServoFault: A servo has restarted by itself (raised once).
         """
         with self._chain.watching():
-            bus = self._reach()
-            self._measure(bus)
+            self._measure(self._reach())
             if self._guide is not None:
-                self._yield(bus, self._guide)
+                goals = self._guide.step(self._at.q, self._at.qd, self._clock.now())
+                self._chain.lead(*goals)
             elif self._pull.is_on:
-                self._pull.step(bus)
-            elif self._is_held and self._clock.now() - self._goals.t >= _REWRITE:
-                self._goals.send(bus, self._presence.silent, self._out_of_range.left)
+                self._pull.step()
+            elif self._is_held and self._clock.now() - self._chain.t_sent >= _REWRITE:
+                self._chain.send()
         q, qd = self._at.q, self._at.qd
         # The estimate of a servo that did not answer is no surer than its last answer.
         silent = self._presence.silent
@@ -187,6 +175,8 @@ class FeetechArm:
     ) -> None:
         """Send the joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
+        While the arm is guided only the jaw is commanded.
+
         Args:
             q_cmd: Angles of the arm joints now.
             q_jaw_cmd: Angle of the jaw.
@@ -194,8 +184,6 @@ class FeetechArm:
             qdd_cmd: Accelerations there, shape (5,), [rad/s^2]; None if not known.
             follows_target: Whether the motion follows a target and is not planned, so that a joint
                 may turn round at any moment.
-
-        While the arm is guided only the jaw is commanded.
 
         Raises:
             PortUnavailable: There is no port at present.
@@ -214,22 +202,22 @@ class FeetechArm:
             q = [*q_cmd.tolist(), q_jaw_cmd]
             if self._is_held:
                 if qd_cmd is None:  # a new goal without a velocity: hold the joint where it is
-                    self._switch.refuse_unsure(
-                        bus, [i for i in self._maps if q[i] != self._compensation.q[i]]
+                    self._chain.refuse_unsure(
+                        [i for i in self._maps if q[i] != self._compensation.q[i]]
                     )
                 qd = None if qd_cmd is None else qd_cmd.tolist()
                 qdd = None if qdd_cmd is None else qdd_cmd.tolist()
                 self._compensation.point(q, qd, now, here, free, qdd, follows_target=follows_target)
             else:
-                self._pull.end(bus)
-                self._switch.refuse_unsure(bus, self._maps)
+                self._pull.end()
+                self._chain.refuse_unsure(self._maps)
                 self._compensation.begin(q, self._at.q, now, free)
             if self._torque:
                 if self._out_of_range:
                     goals = self._compensation.goals(now, self._presence.silent)
                     for i in self._out_of_range.lead(bus, self._compensation.q, goals):
                         self._compensation.held[i] = self._at.ticks(i)
-                self._goals.send(bus, self._presence.silent, self._out_of_range.left)
+                self._chain.send()
 
     def set_torque(self, on: bool) -> None:
         """Switch torque on at the last written goal, or switch it off.
@@ -244,17 +232,17 @@ class FeetechArm:
             bus = self._chain.bus()
             if on:
                 self._end_guiding(bus)
-                self._pull.end(bus)
-                self._switch.on(bus)
+                self._pull.end()
+                self._chain.switch_on()
                 self._torque = True
                 return
             guide, self._guide, self._torque = self._guide, None, False
             try:
-                self._pull.end(bus)
+                self._pull.end()
             finally:
-                self._switch.off(bus)
+                self._chain.switch_off()
                 if guide is not None:
-                    self._switch.limit_again()
+                    self._chain.limit_again()
 
     def guide(self, compliance: Compliance | None, wall: Wall | None = None) -> None:
         """Let the joints of the arm yield to a hand; the jaw holds on.
@@ -276,7 +264,7 @@ class FeetechArm:
             elif not self._is_held:
                 raise RuntimeError("hold the joints before they are guided")
             else:
-                self._switch.refuse_unsure(bus, self._maps)
+                self._chain.refuse_unsure(self._maps)
                 trim, now = self._compensation.trim, self._clock.now()
                 self._guide = HandGuiding(compliance, trim, self._at.q, now, wall)
 
@@ -292,13 +280,14 @@ class FeetechArm:
         with self._chain.watching():
             if self._torque:
                 raise RuntimeError("joints that are held are not pulled; let go of them first")
-            self._pull.ask(self._chain.bus(), pull)
+            self._chain.bus()
+            self._pull.ask(pull)
 
     def close(self) -> None:
         """End a pull and close the port; the servos stay as they are."""
         if self._chain.is_set_up:
             with suppress(BusError):
-                self._pull.end(self._chain.bus())
+                self._pull.end()
         self._chain.connection.close()
 
     # What else can be asked of this arm, on the I/O thread
@@ -327,11 +316,11 @@ class FeetechArm:
     @property
     def on_command(self) -> CommandListener | None:
         """Called on the I/O thread with every command as it is sent; None for nobody."""
-        return self._goals.on_command
+        return self._chain.on_command
 
     @on_command.setter
     def on_command(self, listener: CommandListener | None) -> None:
-        self._goals.on_command = listener
+        self._chain.on_command = listener
 
     # What any thread may ask
 
@@ -369,25 +358,18 @@ class FeetechArm:
             self._compensation.is_set, self._guide = False, None
             self._torque = self._chain.set_up() and not self._pull.is_on
             self._at.forget()
-            self._pull.end(self._chain.bus())
+            self._pull.end()
         return self._chain.bus()
-
-    def _take_over(self, i: int, servo: ServoCondition) -> None:
-        """Take over joint ``i``'s servo in the condition in which it was found and set up."""
-        self._chain.ram[self._maps[i].servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
-        self._at.found(i, servo.present_ticks, self._clock.now())
-        self._compensation.found(i, servo)
-        self._out_of_range.found(i, crawls=servo.crawls)
 
     def _take_back(self, bus: Bus, servo_ids: Sequence[int]) -> None:
         """Set up servos that answer again and make restarted ones hold; errors are raised last."""
         limp, refusals = self._chain.set_up_again(servo_ids)
-        self._pull.end(bus)
+        self._pull.end()
         restarted = limp if self._torque else []
         for servo_id in restarted:
             self._compensation.is_set = False
             try:
-                self._switch.catch(bus, self._index[servo_id])
+                self._chain.catch(self._index[servo_id])
             except ServoFault as error:
                 refusals.append(error)
         if refusals:
@@ -429,13 +411,6 @@ class FeetechArm:
         q = self._compensation.q
         return q if self._guide is None else [*_NO_GOALS[:5], q[5]]
 
-    # Commanding
-
-    def _yield(self, bus: Bus, guide: HandGuiding) -> None:
-        """Send guided joints goals and torque limits, and the jaw its own."""
-        q_goal, shares = guide.step(self._at.q, self._at.qd, self._clock.now())
-        self._goals.lead(bus, q_goal, shares, self._presence.silent, self._out_of_range.left)
-
     def _end_guiding(self, bus: Bus) -> None:
         """End guiding: hold the joints where they are, then restore their torque limits."""
         guide, self._guide = self._guide, None
@@ -445,5 +420,5 @@ class FeetechArm:
         self._compensation.begin(here, here, self._clock.now(), ())
         for i, ticks in self._out_of_range.stop(bus, self._at, self._presence.silent).items():
             self._compensation.held[i] = ticks
-        self._goals.send(bus, self._presence.silent, self._out_of_range.left)
-        self._switch.limit_again()
+        self._chain.send()
+        self._chain.limit_again()
