@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from so101_motion.calib.procedure.steps import Command
 from so101_motion.calib.record import lerobot
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.common.errors import CalibrationError, MotorSetupError, So101Error
@@ -52,9 +51,7 @@ def calibrate(port: str, file: Path, *, name: str, open_rig: Opener) -> None:
     calibrator = _calibrator(port, file, open_rig)
     try:
         _go_through(calibrator, name)
-        stored = calibrator.step(Command.SAVE).stored
-        assert stored is not None  # or it would have raised
-        lerobot.export(stored.calibration, file)
+        lerobot.export(calibrator.save().calibration, file)
     except So101Error as error:
         raise RuntimeError(f"{name} was not calibrated: {error}") from error
     finally:
@@ -90,15 +87,15 @@ def _calibrator(port: str, file: Path, open_rig: Opener) -> Calibrator:
 
 
 def _go_through(calibrator: Calibrator, name: str) -> None:
-    calibrator.step(Command.START)
+    calibrator.start()
     input(MIDDLE.format(name=name))
-    calibrator.step(Command.SET_HOMING)
-    calibrator.step(Command.START_RECORDING)
+    calibrator.set_homing()
+    calibrator.start_recording()
     print(TRAVEL)
     while True:
         input()
         try:
-            calibrator.step(Command.STOP_RECORDING)
+            calibrator.stop_recording()
         except CalibrationError as error:
             print(f"{error}. Press ENTER again then...")
         else:

@@ -87,7 +87,8 @@ class BusLease:
             trouble, self._trouble = self._trouble, None
             if trouble is not None:
                 raise trouble
-            return self._servos.lent.on_bus(job)
+            with self._servos.lent.bus() as bus:
+                return job(bus)
 
         done: Future[T] = self._executor.requests.ask(run)
         return self._result(done)
@@ -173,7 +174,8 @@ class BusLease:
 
     def _look(self, control: JointController, job: Callable[[Bus], None]) -> None:
         try:
-            self._servos.lent.on_bus(job)
+            with self._servos.lent.bus() as bus:
+                job(bus)
         except PortUnavailable:
             pass  # the port is opened again when it is back
         except Exception as error:  # the borrower's own; its next call raises it

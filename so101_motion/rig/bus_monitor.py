@@ -6,9 +6,9 @@ component asks for a servo. It sets nothing up, and servos may be missing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
-from typing import TypeVar
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import BusError, PortUnavailable
@@ -18,8 +18,6 @@ from so101_motion.drivers.bus.registers import Register
 from so101_motion.drivers.bus.ticks import Ticks
 from so101_motion.drivers.feetech.connection import Connection
 from so101_motion.drivers.port.serial_port import PortOpener
-
-T = TypeVar("T")
 
 _PERIOD = 0.05  # [s] between two looks; fresh enough for a picture, near no load on the wire
 
@@ -57,16 +55,16 @@ class BusMonitor:
         """Whether the port is open."""
         return self._connection.is_open
 
-    def on_bus(self, job: Callable[[Bus], T]) -> T:
-        """Run ``job`` with the bus; a port that went away is opened again for the next one.
+    @contextmanager
+    def bus(self) -> Iterator[Bus]:
+        """The bus; a port that goes away in this block is opened again for the next one.
 
         Raises:
             PortUnavailable: There is no port at present.
-            Exception: What ``job`` raised.
         """
         bus = self._connection.bus()
         try:
-            return job(bus)
+            yield bus
         except PortUnavailable as error:
             self._connection.lost(error)
             raise
@@ -85,7 +83,8 @@ class BusMonitor:
             return
         self._due = now + _PERIOD
         try:
-            self.positions = self.on_bus(self._positions)
+            with self.bus() as bus:
+                self.positions = self._positions(bus)
         except PortUnavailable:
             self.positions = {}
 
@@ -95,7 +94,8 @@ class BusMonitor:
         Raises:
             BusError: A servo did not take it; the others have been tried.
         """
-        self.on_bus(self._let_go)
+        with self.bus() as bus:
+            self._let_go(bus)
 
     def close(self) -> None:
         """Close the port; the servos stay as they are."""

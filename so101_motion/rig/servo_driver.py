@@ -471,7 +471,8 @@ class ServoDriver:
 
     def _take_note(self, monitor: BusMonitor) -> None:
         now = self.settings
-        self._take(now, monitor.on_bus(lambda bus: find_joints(bus, now, now.required())))
+        with monitor.bus() as bus:
+            self._take(now, find_joints(bus, now, now.required()))
 
     def _driver(self) -> FeetechArm:
         if self._monitor is not None:

@@ -8,14 +8,13 @@ the answers of the published commands.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from functools import partial
 from typing import Any
 
 import msgspec
 
 from so101_motion.calib.procedure import summary
 from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, PoseEstimate, estimate_pose
-from so101_motion.calib.procedure.steps import Command, State
+from so101_motion.calib.procedure.steps import State
 from so101_motion.calib.procedure.travel_assessment import ROLL, Verdict
 from so101_motion.calib.procedure.view import JointView
 from so101_motion.calib.record import zero_report
@@ -104,13 +103,12 @@ class CalibrationOperation(LocalOperation):
         self._is_undone = False
         self._waits: tuple[float, float] | None = None  # since when for the pose, and how long
         self._ticks: Mapping[str, int | None] | None = None  # from where a joint must be moved
-        step = partial(partial, self._step)
         self.commands = {
             "start": self._start,
             "take_pose": self._take_pose,
             "take_pose_when_still": self._take_pose_when_still,
             "set_homing": self._set_homing,
-            "start_range_recording": step(Command.START_RECORDING),
+            "start_range_recording": self._start_recording,
             "stop_range_recording": self._stop_recording,
             "save_calibration": self._save,
             "restart": self._restart,
@@ -286,20 +284,16 @@ class CalibrationOperation(LocalOperation):
 
     # The commands
 
-    def _step(self, command: Command, accept: Collection[str] = ()) -> dict[str, Any]:
-        self.calibrator.step(command, accept=accept)
-        return self._next()
-
     def _start(self) -> dict[str, Any]:
         now = self.calibrator.situation
         if now.view.state is State.IDLE:
             self._before = summary.in_force(now.joints)
-        answer = self._step(Command.START)
+        self.calibrator.start()
         self.ended, self._saved, self._is_undone, self._waits = None, (), False, None
         if (note := self.calibrator.situation.view.note) is not None:
             self.say(note, "warm")
         self.say("the joints are limp", step="limp")
-        return answer
+        return self._next()
 
     def _take_pose(self) -> None:
         self._waits, self._ticks = (self._in(State.STARTED).view.t, STILL), None
@@ -317,17 +311,20 @@ class CalibrationOperation(LocalOperation):
 
     def _set_homing(self) -> dict[str, Any]:
         self._waits = None
-        self.calibrator.step(Command.SET_HOMING)
+        self.calibrator.set_homing()
         self.say("the homing pose is taken", "good", step="homed")
         joints = self.calibrator.situation.view.joints
         offsets = {str(joint.servo_id): joint.homing_offset for joint in joints.values()}
         return {**self._next(), "homing_offsets": offsets}
 
+    def _start_recording(self) -> dict[str, Any]:
+        self.calibrator.start_recording()
+        return self._next()
+
     def _stop_recording(self, accept: tuple[str, ...] = ()) -> dict[str, Any]:
-        answer = self._step(Command.STOP_RECORDING, accept=(*accept, *self._accept))
-        view = self.calibrator.situation.view
+        view = self.calibrator.stop_recording((*accept, *self._accept))
         return {
-            **answer,
+            **self._next(),
             "recording_duration": round(view.recording_time, 3),
             "samples_collected": view.samples,
             "ranges": ranges(view.joints),
@@ -336,32 +333,35 @@ class CalibrationOperation(LocalOperation):
     def _save(self) -> dict[str, Any]:
         lines = summary.lines(self.calibrator.situation.joints, self._before)
         try:
-            done = self.calibrator.step(Command.SAVE)
+            stored = self.calibrator.save()
         except So101Error as error:
             self.last_save_error = str(error)
             raise
+        done = self.calibrator.ended
         self.last_save_error, self.ended, self._saved = "", done, lines
-        assert done.stored is not None
-        saved = f"The calibration is saved in {done.stored.path} and stored in the servos."
-        message = " ".join((saved, *(f"{note}." for note in done.stored.notes)))
+        saved = f"The calibration is saved in {stored.path} and stored in the servos."
+        message = " ".join((saved, *(f"{note}." for note in stored.notes)))
         return {
             **self._over(done, message),
-            "calibration_file": str(done.stored.path),
+            "calibration_file": str(stored.path),
             "joints_calibrated": len(self.calibrator.situation.joints),
         }
 
     def _restart(self) -> dict[str, Any]:
-        self.calibrator.step(Command.ABORT)
+        self.calibrator.abort()
         return self._start()
 
     def _abort(self) -> dict[str, Any]:
-        done = self.calibrator.step(Command.ABORT)
+        self.calibrator.abort()
+        done = self.calibrator.ended
         self.say(f"cancelled: {done.put_back}", "warm")
         return self._over(done, "The calibration was aborted; everything is as it was before.")
 
     def _reset(self) -> dict[str, Any]:
-        done = self.calibrator.step(Command.RESET)
-        return self._over(done, "Ready to start anew; everything is as it was before.")
+        self.calibrator.reset()
+        return self._over(
+            self.calibrator.ended, "Ready to start anew; everything is as it was before."
+        )
 
     def _restore(self, number: int | None = None) -> dict[str, Any]:
         done = self.calibrator.restore(number)

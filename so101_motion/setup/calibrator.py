@@ -1,10 +1,9 @@
 """Calibrate and set up motors on a serial port that an arm may be using at the same time.
 
-``calib`` has the calibration procedure and the motor setup; ``rig`` has the port. This file
-connects them. The bus is borrowed when a calibration starts, and for each request of the motor
-setup. It is given back when the calibration is saved, aborted or reset, and the result is in force
-at once: after a save the new calibration, with the joints held where they are; after an abort the
-former one, with the joints held if they were before.
+The bus is borrowed when a calibration starts, and for each request of the motor setup. It is given
+back when the calibration is saved, aborted or reset, and the result is in force at once: after a
+save the new calibration, with the joints held where they are; after an abort the former one, with
+the joints held if they were before.
 
 Commands may come from any thread, are carried out one at a time, and may take long. ``situation``
 never waits.
@@ -12,7 +11,6 @@ never waits.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,8 +19,7 @@ from pathlib import Path
 
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.motors.setup_view import SetupView, Verification
-from so101_motion.calib.procedure import jobs
-from so101_motion.calib.procedure.eeprom import write_calibration
+from so101_motion.calib.procedure import eeprom
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.steps import Command, State
 from so101_motion.calib.procedure.view import CalibrationView, JointView
@@ -50,7 +47,7 @@ PUT_BACK = "the motors have their previous settings again"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepResult:
-    """The result of a calibration step.
+    """How the end of a calibration has left the arm.
 
     Attributes:
         stored: The content of the file now; None if nothing was saved.
@@ -114,12 +111,17 @@ class Situation:
         return f"nothing is under way, so nothing was changed; {about_torque(self.holds)}"
 
 
-class Calibrator:
+class Calibrator(Session):
     """Calibrates the arm on a port, and sets up its servos.
+
+    Its commands raise ``MotionError`` as well, if something moves or the bus is lent already.
 
     Args:
         rig: A share of the port, closed by ``close``. Its settings' ``calibration_file``, else
             their ``fallback_file``, is where a calibration is saved.
+
+    Attributes:
+        ended: How the last ``save``, ``abort`` or ``reset`` has left the arm.
 
     Raises:
         ConfigError: There is no such joint, or none at all.
@@ -127,8 +129,8 @@ class Calibrator:
 
     def __init__(self, rig: HardwareRig, joints: Collection[str] = JOINTS) -> None:
         self._rig = rig
-        self._lock = threading.RLock()  # one command at a time, those of the motor setup included
-        self._session = Session(self._file(), joints)
+        super().__init__(self._file(), joints)
+        self.ended = StepResult()
         self._loan: BusLease | None = None
         self.motors = MotorOperation(self._borrow)
         self.chain = ChainOperation(self.motors, is_busy=lambda: self.is_under_way)
@@ -162,18 +164,17 @@ class Calibrator:
     @property
     def situation(self) -> Situation:
         """The present state; never waits."""
-        session, servos = self._session, self._rig.servos
-        view, is_active = session.view, session.is_active
+        servos, view, is_active = self._rig.servos, self.view, self.is_active
         joints = view.joints  # none yet while a start is on its way
         if not is_active or not joints:
-            joints = {joint: self._at_rest(joint) for joint in session.joints}
+            joints = {joint: self._at_rest(joint) for joint in self.joints}
         notes = servos.notes if view.note is None else (view.note, *servos.notes)
         return Situation(
             view=view,
             setup=self.motors.state,
             joints=joints,
             angles=self._angles(joints, is_active and view.state is not State.STARTED),
-            calibration_file=str(session.calibration_file if is_active else self._file()),
+            calibration_file=str(self.calibration_file if is_active else self._file()),
             is_connected=servos.has_port,
             holds=servos.holds,
             notes=notes,
@@ -183,29 +184,37 @@ class Calibrator:
     @property
     def is_under_way(self) -> bool:
         """Whether a calibration is under way."""
-        return self._session.view.state is not State.IDLE
+        return self.view.state is not State.IDLE
 
     # Calibrating
 
-    def step(self, command: Command, *, accept: Collection[str] = ()) -> StepResult:
-        """Carry out a step. ``start`` borrows the bus; the end of the calibration returns it.
-
-        After ``save`` the arm has the new calibration, and the joints are held where they are.
-
-        Raises:
-            MotionError: Something moves, or the bus is lent already.
-            BusError: As ``Session.step``; so are CalibrationError and ConfigError.
-        """
+    def start(self, access: BusAccess | None = None) -> CalibrationView:
+        """Begin, on a bus that is borrowed for it."""
         with self._lock:
-            if command is Command.START:
-                self._start()
-                return StepResult()
-            self._session.step(command, accept=accept)
-            if command is Command.SAVE:
-                return self._give_back(hold=True, stored=self._session.stored)
-            if command in (Command.ABORT, Command.RESET):
-                return self._give_back(hold=self._session.held_before)
-            return StepResult()
+            loan = self._loan
+            if loan is None:
+                loan = self._rig.lend_bus("calibration")
+                self.calibration_file = self._file()
+            try:
+                return super().start(access or loan)
+            finally:
+                self._loan = loan if self.is_active else None
+                if self._loan is None:  # it failed, and nothing has to be put back
+                    loan.abandon()
+
+    def save(self) -> Stored:
+        """Save; the arm then has the new calibration, and its joints are held where they are."""
+        with self._lock:
+            stored = super().save()
+            self.ended = self._give_back(hold=True, stored=stored)
+            return stored
+
+    def abort(self, command: Command = Command.ABORT) -> CalibrationView:
+        """Put the servos back as they were found, and hold the joints if they were held."""
+        with self._lock:
+            view = super().abort(command)
+            self.ended = self._give_back(hold=self.held_before)
+            return view
 
     def hold(self) -> StepResult:
         """Hold the joints where they stand, even if no component asks for the servos.
@@ -214,7 +223,6 @@ class Calibrator:
 
         Raises:
             CalibrationError: A calibration is under way.
-            MotionError: Something moves, or the bus is lent already.
         """
         with self._lock:
             self._refuse_active("hold the joints")
@@ -227,17 +235,16 @@ class Calibrator:
 
         Raises:
             BusError: A servo cannot be reached; try again.
-            MotionError: The bus is lent already.
         """
         with self._lock:
-            if self._session.is_active:
-                self._session.let_go()
+            if self.is_active:
+                self._lent.call(eeprom.let_go)
                 return
             self._rig.arm.stop()
             self._rig.gripper.stop()
             loan = self._rig.lend_bus("letting go")
             try:
-                loan.call(jobs.let_go)
+                loan.call(eeprom.let_go)
             finally:
                 loan.abandon()
 
@@ -249,7 +256,6 @@ class Calibrator:
 
         Raises:
             CalibrationError: A calibration is under way, or there is no such version.
-            MotionError: Something moves, or the bus is lent already.
         """
         with self._lock:
             self._refuse_active("go back")
@@ -257,7 +263,7 @@ class Calibrator:
             self._loan = self._rig.lend_bus("an earlier calibration")
             try:
                 stored = store.restore(self._file(), number)
-                self._loan.call(partial(write_calibration, stored=stored))
+                self._loan.call(partial(eeprom.write_calibration, stored=stored))
             except So101Error:
                 self._give_back(hold=hold)
                 raise
@@ -276,7 +282,7 @@ class Calibrator:
             try:
                 loan = self._rig.lend_bus("its end")
                 try:
-                    return loan.call(jobs.is_driving)
+                    return loan.call(eeprom.is_driving)
                 finally:
                     loan.abandon()
             except So101Error:
@@ -287,8 +293,8 @@ class Calibrator:
     # How
 
     def _end(self) -> None:
-        self._session.close()
-        self._give_back(hold=self._session.held_before)
+        super().close()
+        self._give_back(hold=self.held_before)
 
     def _file(self) -> Path:
         settings = self._rig.settings
@@ -297,23 +303,10 @@ class Calibrator:
         return file
 
     def _refuse_active(self, then: str) -> None:
-        if self._session.is_active:
+        if self.is_active:
             raise CalibrationError(
                 None, "a calibration is under way", f"save or abort it, then {then}"
             )
-
-    def _start(self) -> None:
-        loan = self._loan
-        if loan is None:
-            loan = self._rig.lend_bus("calibration")
-            if self._session.calibration_file != self._file():
-                self._session = Session(self._file(), self._session.joints)
-        try:
-            self._session.step(Command.START, loan)
-        finally:
-            self._loan = loan if self._session.is_active else None
-            if self._loan is None:  # it failed, and nothing has to be put back
-                loan.abandon()
 
     def _give_back(self, *, hold: bool | None, stored: Stored | None = None) -> StepResult:
         loan, self._loan = self._loan, None

@@ -5,7 +5,6 @@ import math
 import pytest
 from harness.heard_port import HeardEmulator
 
-from so101_motion.calib.procedure.steps import Command
 from so101_motion.calib.record import store
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import CalibrationError
@@ -52,14 +51,15 @@ class Arm:
 
     def calibrate(self, homed_at=0.5):
         self.put(homed_at)
-        self.calibrator.step(Command.START)
-        self.calibrator.step(Command.SET_HOMING)
-        self.calibrator.step(Command.START_RECORDING)
+        self.calibrator.start()
+        self.calibrator.set_homing()
+        self.calibrator.start_recording()
         for share in (0.5, 0.3, 0.1, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.5):
             self.put(share)
             self.pass_time(0.05)
-        self.calibrator.step(Command.STOP_RECORDING)
-        return self.calibrator.step(Command.SAVE)
+        self.calibrator.stop_recording()
+        self.calibrator.save()
+        return self.calibrator.ended
 
     @property
     def held(self):
@@ -109,7 +109,7 @@ def test_there_is_nothing_to_go_back_to_at_first_and_the_arm_stays_as_it_was(arm
 
 
 def test_a_calibration_under_way_is_ended_first(arm):
-    arm.calibrator.step(Command.START)
+    arm.calibrator.start()
     for call in (arm.calibrator.restore, arm.calibrator.hold):
         with pytest.raises(CalibrationError, match="under way"):
             call()
@@ -180,10 +180,10 @@ def test_joints_that_another_program_drives_are_let_go_of_also_in_a_calibration(
     drive(arm)
     arm.calibrator.let_go()
     assert not any(arm.driven)
-    arm.calibrator.step(Command.START)
+    arm.calibrator.start()
     drive(arm)
     arm.emulator.world.disconnect("wrist_flex")
     arm.calibrator.let_go()
     assert arm.driven == [False, False, False, True, False, False]  # nobody can reach that one
     arm.emulator.world.connect("wrist_flex")
-    arm.calibrator.step(Command.ABORT)
+    arm.calibrator.abort()

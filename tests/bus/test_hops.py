@@ -14,7 +14,7 @@ from so101_motion.viam.models.calibration import So101Calibration
 
 MOST_FOR_A_MOVE = 26
 MOST_FOR_A_STOP = 10
-MOST_FOR_A_CALIBRATION_STEP = 13  # from the operation on
+MOST_FOR_A_CALIBRATION_STEP = 10  # from the operation on
 
 WALKS = (Path(__file__).parents[2] / "docs" / "architecture.md").read_text()
 HOME = JointGoal(q=np.zeros(5))

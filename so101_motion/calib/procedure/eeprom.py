@@ -1,28 +1,34 @@
-"""Read and write the homing offset and limits in a servo's EEPROM.
+"""What a calibration reads from servos and writes to them; all of it runs on the port's thread.
 
-These are three registers that cannot change at once, so the order matters. While the offset changes
-the limits are open, 0 to 4095; then both limits change in a single write. If that is cut short, the
-servo holds the old values, or looks like a new one, or holds the new values; it never has limits
-that belong to another offset.
+Homing offset and limits are three registers that cannot change at once, so the order matters.
+While the offset changes the limits are open, 0 to 4095; then both limits change in a single write.
+If that is cut short, the servo holds the old values, or looks like a new one, or holds the new
+values; it never has limits that belong to another offset.
 
 Torque is off while the offset changes, because the servo's goal would then mean another angle.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from so101_motion.calib.procedure.travel import representable
+from so101_motion.calib.procedure.travel import around, representable
 from so101_motion.calib.record import store
-from so101_motion.calib.record.record import JointCalibration
+from so101_motion.calib.record.record import SERVO_IDS, JointCalibration
 from so101_motion.calib.record.store import Stored
+from so101_motion.common.errors import CalibrationError
 from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.bus import RETRIES, Bus
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN, Memory, Register
 from so101_motion.drivers.feetech.presence import missing_servos
 
 _MAX = TICKS_PER_TURN - 1
+
+_STILL = 171
+"""How far a joint may move between being read and the check of its new offset [tick]; 15 deg,
+chosen: a hand trembles, and a servo that interprets offsets differently is off by more."""
 
 # Both limits, which lie side by side; 0 and 0, which makes a servo turn without end, is left legal.
 _LIMITS = Register(
@@ -135,3 +141,57 @@ def write_calibration(bus: Bus, stored: Stored) -> Path | None:
     for entry in there.values():
         write_held(bus, entry.id, HeldCalibration.of(entry))
     return kept
+
+
+# Before and during a calibration
+
+
+def release(bus: Bus, servo_ids: Iterable[int]) -> None:
+    """Switch the torque of servos off."""
+    for servo_id in servo_ids:
+        bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+
+
+def let_go(bus: Bus) -> None:
+    """Switch the torque of every servo off that answers, the jaw's as well."""
+    release(bus, sorted(bus.answering(SERVO_IDS.values())))
+
+
+def is_driving(bus: Bus) -> bool | None:
+    """Whether any servo drives its joint; None if none answers."""
+    row = reg.TORQUE_ENABLE
+    answers = bus.sync_read(tuple(SERVO_IDS.values()), row.address, row.size, tries=1 + RETRIES)
+    return any(row.decode(each.data) for each in answers.values()) if answers else None
+
+
+def require(bus: Bus, joints: Iterable[str]) -> None:
+    """Check that the joints' servos answer."""
+    ids = [SERVO_IDS[joint] for joint in joints]
+    answering = bus.answering(ids)
+    if missing := [servo_id for servo_id in ids if servo_id not in answering]:
+        raise missing_servos(bus, missing, answering)
+
+
+def read_positions(bus: Bus, joints: Sequence[str]) -> dict[str, int]:
+    """Read the positions of the joints, 0 to 4095 [tick], in one transaction if possible."""
+    row, ids = reg.PRESENT_POSITION, tuple(map(SERVO_IDS.__getitem__, joints))
+    answers = bus.sync_read(ids, row.address, row.size, tries=1 + RETRIES)
+    if missing := [i for i in ids if i not in answers]:
+        raise missing_servos(bus, missing, answers)
+    return {joint: row.decode(answers[SERVO_IDS[joint]].data) % TICKS_PER_TURN for joint in joints}
+
+
+def check_homed(bus: Bus, homes: Mapping[str, int]) -> None:
+    """Check that the servos report the homing pose ``homes`` [tick] with their new offsets.
+
+    Raises:
+        CalibrationError: A servo reads something else.
+    """
+    for joint, ticks in read_positions(bus, tuple(homes)).items():
+        if abs(around(ticks - homes[joint])) > _STILL:
+            raise CalibrationError(
+                joint,
+                f"reads {ticks} with its new homing offset instead of {homes[joint]}",
+                "hold the arm still and start again; if that does not help, this software does not"
+                " know its servo's firmware",
+            )

@@ -1,7 +1,7 @@
-"""Run a calibration: carry out the steps of ``steps.py`` on a lent bus.
+"""Run a calibration: carry out the commands of ``steps.py`` on a lent bus.
 
-How it works. Between ``start`` and the end of a calibration, the joints are limp and a ``Sampler``
-watches them. The commands, and what each changes:
+Between ``start`` and the end of a calibration, the joints are limp and a ``Sampler`` watches them.
+The commands, and what each changes:
 
 * ``start`` switches torque off. No setting is written.
 * ``set_homing`` writes the journal, then each servo's homing offset, so that the pose of this
@@ -19,8 +19,6 @@ the new one. After a crash, ``journal.py`` does this at the next start.
 This file does not switch torque on: the lender takes the bus back and, with the goal seeded, lets
 the joints hold where they are. It should do so after ``save``, and after ``abort`` if
 ``held_before``.
-
-Commands may come from any thread and are carried out one at a time. ``view`` never waits.
 """
 
 from __future__ import annotations
@@ -28,30 +26,42 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
-from functools import partial, partialmethod
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from so101_motion.calib.access import BusAccess
-from so101_motion.calib.procedure import jobs, journal, steps, travel
+from so101_motion.calib.procedure import eeprom, journal, steps, travel
 from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
 from so101_motion.calib.procedure.journal import Journal, Saving
 from so101_motion.calib.procedure.sampler import Sampler
 from so101_motion.calib.procedure.steps import Command
 from so101_motion.calib.procedure.travel_assessment import ROLL, can_be_accepted
-from so101_motion.calib.procedure.view import CalibrationProgress, CalibrationView, show
+from so101_motion.calib.procedure.view import (
+    CalibrationProgress,
+    CalibrationView,
+    JointProgress,
+    show,
+)
 from so101_motion.calib.record import record, store, zero
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.common.errors import CalibrationError, ConfigError, So101Error
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 
 _log = logging.getLogger(__name__)
 
+_REVERSED = 0x80  # bit of register 18: the encoder counts down (FT)
+
 
 class Session:
-    """Calibrates one arm, as often as asked.
+    """Calibrates one arm, as often as asked. Commands of any thread are carried out one at a time.
+
+    A command raises ``CalibrationError`` if it is not possible now, if a servo does not take a
+    value or a file cannot be written; ``BusError`` if a servo cannot be reached: try again then.
 
     Args:
         calibration_file: Where it is saved; absolute, see ``store.resolve``.
@@ -59,7 +69,6 @@ class Session:
 
     Attributes:
         held_before: Whether any of the joints was driven when the calibration began.
-        stored: The content of the file after the last ``save``; None before.
 
     Raises:
         ConfigError: There is no such joint, or none at all.
@@ -68,7 +77,6 @@ class Session:
     def __init__(self, calibration_file: Path, joints: Collection[str] = JOINTS) -> None:
         self.calibration_file = calibration_file
         self.held_before = False
-        self.stored: store.Stored | None = None
         self.joints = _in_order("joints", joints)
         if not self.joints:
             raise ConfigError("joints", list(joints), "name at least one")
@@ -91,67 +99,131 @@ class Session:
         """Whether the bus is still needed; once it is not, give it back."""
         return self._access is not None
 
-    def step(
-        self, command: Command, access: BusAccess | None = None, *, accept: Collection[str] = ()
-    ) -> CalibrationView:
-        """Carry out a command; the top of this file says what each changes.
+    # The commands
+
+    def start(self, access: BusAccess) -> CalibrationView:
+        """Begin; the bus is lent until ``is_active`` is False again."""
+        with self._carried_out(Command.START):
+            was_held = self.is_active and self.held_before
+            self._leave()
+            self._access = access
+            try:
+                self._put_back()
+                note = access.call(partial(journal.recover, calibration_file=self.calibration_file))
+                found = access.call(partial(find, joints=self.joints))
+                self._set(joints=found, note=note)
+                self.held_before = was_held or any(known.driven for known in found.values())
+                ids = [SERVO_IDS[joint] for joint in self.joints]
+                access.call(partial(eeprom.release, servo_ids=ids))
+            except Exception:
+                if self._journal is None:
+                    self._leave()  # nothing that would have to be put back
+                raise
+            self._sampler = Sampler(access.clock, self.joints)
+            self._set(recorded_for=0.0)
+            access.watch(self._sampler)
+        return self.view
+
+    def set_homing(self) -> CalibrationView:
+        """Let the pose of this moment read 2047, for good."""
+        with self._carried_out(Command.SET_HOMING):
+            access, known = self._lent, self._progress.joints
+            positions = access.call(partial(eeprom.read_positions, joints=self.joints))
+            encoders = {
+                joint: known[joint].held.homing_offset + positions[joint] for joint in known
+            }
+            wanted = {
+                joint: HeldCalibration(homing_offset=travel.homing_offset(encoder))
+                for joint, encoder in encoders.items()
+            }
+            homes = {
+                joint: (encoders[joint] - held.homing_offset) % TICKS_PER_TURN
+                for joint, held in wanted.items()
+            }
+            before = {joint: joint_known.before for joint, joint_known in known.items()}
+            self._note_down(Journal(before=before, meanwhile=wanted))
+            self._write(wanted)
+            access.call(partial(eeprom.check_homed, homes=homes))
+            for joint, home in homes.items():
+                self._know(joint, home=home)
+        return self.view
+
+    def start_recording(self) -> CalibrationView:
+        """Record the travels of the joints from now on."""
+        with self._carried_out(Command.START_RECORDING):
+            access, sampler = self._lent, self._sampler
+            assert sampler is not None
+            access.call(lambda _: sampler.record())
+            self._set(started_at=access.clock.now(), recorded_for=None)
+        return self.view
+
+    def stop_recording(self, accept: Collection[str] = ()) -> CalibrationView:
+        """End the recording.
 
         Args:
-            command: The command.
-            access: The bus, for ``start``; lent until ``is_active`` is False again.
-            accept: For ``stop_recording``: joints whose travel is right although it is not that of
-                an SO-101, because something is mounted on them or blocks them.
-
-        Raises:
-            BusError: A servo cannot be reached; try again.
-            CalibrationError: The command is not possible now, a joint must be moved on, a servo
-                does not take a value, or a file cannot be written.
-            ConfigError: ``accept`` names something that is not a joint.
+            accept: Joints whose travel is right although it is not that of an SO-101, because
+                something is mounted on them or blocks them.
         """
-        with self._lock:
-            leads = steps.step(self._progress.state, command)
-            try:
-                match command:
-                    case Command.START:
-                        assert access is not None
-                        self._start(access)
-                    case Command.SET_HOMING:
-                        self._set_homing()
-                    case Command.START_RECORDING:
-                        self._start_recording()
-                    case Command.STOP_RECORDING:
-                        self._stop_recording(accept)
-                    case Command.SAVE:
-                        self.stored = self._save()
-                    case Command.ABORT | Command.RESET:
-                        self._abort()
-            except Exception as error:
-                self._set(state=leads.otherwise, error=str(error))
-                raise
-            self._set(state=leads.then, error=None)
-            return self.view
-
-    start = partialmethod(step, Command.START)
-    set_homing = partialmethod(step, Command.SET_HOMING)
-    start_recording = partialmethod(step, Command.START_RECORDING)
-    stop_recording = partialmethod(step, Command.STOP_RECORDING)
-    abort = partialmethod(step, Command.ABORT)
-    reset = partialmethod(step, Command.RESET)
+        with self._carried_out(Command.STOP_RECORDING):
+            sampler = self._sampler
+            assert sampler is not None
+            accepted, arcs = _in_order("accept", accept), sampler.seen.arcs
+            if wrong := record.misplaced((), {joint: arc.travel for joint, arc in arcs.items()}):
+                raise CalibrationError(None, wrong, record.NEW_IDS)
+            joints = self._progress.joints
+            judged = {joint: known.assess(arcs.get(joint)) for joint, known in joints.items()}
+            left = {
+                joint: assessment.sentence
+                for joint, assessment in judged.items()
+                if not assessment.is_usable
+                and not (
+                    joint in accepted
+                    and joint in arcs
+                    and can_be_accepted(assessment.verdict, arcs[joint].travel)
+                )
+            }
+            if left:
+                first = next(iter(left)) if len(left) == 1 else None
+                each = "; ".join(f"{joint}: {sentence}" for joint, sentence in left.items())
+                reason = each if first is None else left[first]
+                step = "the recording goes on; then stop it again"
+                raise CalibrationError(first, reason, step)
+            for joint, known in joints.items():
+                fit = known.fitted(arcs.get(joint), judged[joint])
+                self._know(joint, fit=fit, assessment=replace(judged[joint], is_usable=True))
+            self._set(recorded_for=self._lent.clock.now() - self._progress.started_at)
+        return self.view
 
     def save(self) -> store.Stored:
         """Save the new calibration to servos and file; returns the content of the file."""
-        self.step(Command.SAVE)
-        assert self.stored is not None
-        return self.stored
+        with self._carried_out(Command.SAVE):
+            saving = self._saving()
+            record.check(saving.calibration)
+            self._lent.call(partial(eeprom.require, joints=self.joints))
+            assert self._journal is not None
+            self._note_down(replace(self._journal, saving=saving, is_decided=True))
+            self._write(
+                {joint: HeldCalibration.of(entry) for joint, entry in saving.calibration.items()}
+            )
+            stored = store.save(self.calibration_file, saving.calibration, zeros=saving.zeros)
+            journal.remove(self.calibration_file)
+            self._journal = None
+            self._leave()
+        return stored
 
-    def let_go(self) -> None:
-        """Switch the torque of all servos off that answer, in any state of a calibration.
+    def abort(self, command: Command = Command.ABORT) -> CalibrationView:
+        """Put the servos back as they were found."""
+        with self._carried_out(command):
+            self._put_back()
+            self._leave()
+            for joint in self._progress.joints:
+                self._know(joint, home=None, fit=None, assessment=None)
+            self._set(recorded_for=0.0)
+        return self.view
 
-        Raises:
-            BusError: A servo cannot be reached; try again.
-        """
-        with self._lock:
-            self._lent().call(jobs.let_go)
+    def reset(self) -> CalibrationView:
+        """The same as ``abort``, under another name."""
+        return self.abort(Command.RESET)
 
     def close(self) -> None:
         """Abort a running calibration; the next start restores what is out of reach now."""
@@ -166,98 +238,17 @@ class Session:
 
     # How
 
-    def _start(self, access: BusAccess) -> None:
-        was_held = self.is_active and self.held_before
-        self._leave()
-        self._access = access
-        try:
-            self._put_back()
-            note = access.call(partial(journal.recover, calibration_file=self.calibration_file))
-            found = access.call(partial(jobs.find, joints=self.joints))
-            self._set(joints=found, note=note)
-            self.held_before = was_held or any(known.driven for known in found.values())
-            access.call(partial(jobs.release, joints=self.joints))
-        except Exception:
-            if self._journal is None:
-                self._leave()  # nothing that would have to be put back
-            raise
-        self._sampler = Sampler(access.clock, self.joints)
-        self._set(recorded_for=0.0)
-        access.watch(self._sampler)
-
-    def _set_homing(self) -> None:
-        access, known = self._lent(), self._progress.joints
-        positions = access.call(partial(jobs.read_positions, joints=self.joints))
-        encoders = {joint: known[joint].held.homing_offset + positions[joint] for joint in known}
-        wanted = {
-            joint: HeldCalibration(homing_offset=travel.homing_offset(encoder))
-            for joint, encoder in encoders.items()
-        }
-        homes = {
-            joint: (encoders[joint] - held.homing_offset) % TICKS_PER_TURN
-            for joint, held in wanted.items()
-        }
-        before = {joint: joint_known.before for joint, joint_known in known.items()}
-        self._note_down(Journal(before=before, meanwhile=wanted))
-        self._write(wanted)
-        access.call(partial(jobs.check_homed, homes=homes))
-        for joint, home in homes.items():
-            self._know(joint, home=home)
-
-    def _start_recording(self) -> None:
-        access, sampler = self._lent(), self._sampler
-        assert sampler is not None
-        access.call(lambda _: sampler.record())
-        self._set(started_at=access.clock.now(), recorded_for=None)
-
-    def _stop_recording(self, accept: Collection[str]) -> None:
-        access, sampler = self._lent(), self._sampler
-        assert sampler is not None
-        accepted, arcs = _in_order("accept", accept), sampler.seen.arcs
-        if wrong := record.misplaced((), {joint: arc.travel for joint, arc in arcs.items()}):
-            raise CalibrationError(None, wrong, record.NEW_IDS)
-        assessments = {
-            joint: known.assess(arcs.get(joint)) for joint, known in self._progress.joints.items()
-        }
-        meant = [
-            joint
-            for joint in accepted
-            if joint in arcs and can_be_accepted(assessments[joint].verdict, arcs[joint].travel)
-        ]
-        left = {
-            joint: assessment.sentence
-            for joint, assessment in assessments.items()
-            if not assessment.is_usable and joint not in meant
-        }
-        if left:
-            raise _must_move_on(left)
-        for joint, known in list(self._progress.joints.items()):
-            fit = known.fitted(arcs.get(joint), assessments[joint])
-            self._know(joint, fit=fit, assessment=replace(assessments[joint], is_usable=True))
-        self._set(recorded_for=access.clock.now() - self._progress.started_at)
-
-    def _save(self) -> store.Stored:
-        access = self._lent()
-        saving = self._saving()
-        record.check(saving.calibration)
-        access.call(partial(jobs.require, joints=self.joints))
-        assert self._journal is not None
-        self._note_down(replace(self._journal, saving=saving, is_decided=True))
-        self._write(
-            {joint: HeldCalibration.of(entry) for joint, entry in saving.calibration.items()}
-        )
-        stored = store.save(self.calibration_file, saving.calibration, zeros=saving.zeros)
-        journal.remove(self.calibration_file)
-        self._journal = None
-        self._leave()
-        return stored
-
-    def _abort(self) -> None:
-        self._put_back()
-        self._leave()
-        for joint in self._progress.joints:
-            self._know(joint, home=None, fit=None, assessment=None)
-        self._set(recorded_for=0.0)
+    @contextlib.contextmanager
+    def _carried_out(self, command: Command) -> Iterator[None]:
+        """Check that a command is possible, and note where it has led to."""
+        with self._lock:
+            leads = steps.step(self._progress.state, command)
+            try:
+                yield
+            except Exception as error:
+                self._set(state=leads.otherwise, error=str(error))
+                raise
+            self._set(state=leads.then, error=None)
 
     def _saving(self) -> Saving:
         calibration, zeros = {}, {}
@@ -278,13 +269,11 @@ class Session:
 
     def _put_back(self) -> None:
         """Restore what the servos held, unless that has been done."""
-        if self._journal is None or journal.read(self.calibration_file) is None:
-            self._journal = None
-            return
-        if self._journal.is_decided:
-            self._note_down(replace(self._journal, is_decided=False))
-        self._write(self._journal.before)
-        journal.remove(self.calibration_file)
+        if self._journal is not None and journal.read(self.calibration_file) is not None:
+            if self._journal.is_decided:
+                self._note_down(replace(self._journal, is_decided=False))
+            self._write(self._journal.before)
+            journal.remove(self.calibration_file)
         self._journal = None
 
     def _note_down(self, noted: Journal) -> None:
@@ -293,11 +282,11 @@ class Session:
         self._journal = noted
 
     def _write(self, wanted: Mapping[str, HeldCalibration]) -> None:
-        access = self._lent()
         for joint, held in wanted.items():
-            access.call(partial(write_held, servo_id=SERVO_IDS[joint], wanted=held))
+            self._lent.call(partial(write_held, servo_id=SERVO_IDS[joint], wanted=held))
             self._know(joint, held=held)
 
+    @property
     def _lent(self) -> BusAccess:
         assert self._access is not None  # the table has commands that need it after a start only
         return self._access
@@ -317,18 +306,26 @@ class Session:
         self._set(joints={**joints, joint: replace(joints[joint], **changes)})
 
 
+def find(bus: Bus, joints: Collection[str]) -> dict[str, JointProgress]:
+    """Read the state of the joints' servos before a calibration."""
+    eeprom.require(bus, joints)
+    found = {}
+    for joint in joints:
+        servo_id = SERVO_IDS[joint]
+        held = eeprom.read_held(bus, servo_id)
+        found[joint] = JointProgress(
+            joint=joint,
+            before=eeprom.restorable(held),
+            held=held,
+            driven=bus.read(servo_id, reg.TORQUE_ENABLE) == 1,
+            counts_down=bool(bus.read(servo_id, reg.PHASE) & _REVERSED),
+        )
+    return found
+
+
 def _in_order(key: str, joints: Collection[str]) -> tuple[str, ...]:
     """The joints in order, base to jaw."""
     for joint in joints:
         if joint not in JOINTS:
             raise ConfigError(key, joint, f"must be one of {', '.join(JOINTS)}")
     return tuple(joint for joint in JOINTS if joint in joints)
-
-
-def _must_move_on(left: Mapping[str, str]) -> CalibrationError:
-    """The error that keeps a recording from ending: a sentence for each unfinished joint."""
-    if len(left) == 1:
-        ((joint, sentence),) = left.items()
-        return CalibrationError(joint, sentence, "the recording goes on; then stop it again")
-    reason = "; ".join(f"{joint}: {sentence}" for joint, sentence in left.items())
-    return CalibrationError(None, reason, "the recording goes on; then stop it again")

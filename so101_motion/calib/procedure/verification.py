@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 
 from so101_motion.calib.access import BusAccess
-from so101_motion.calib.procedure import jobs
+from so101_motion.calib.procedure import eeprom
 from so101_motion.calib.procedure.sampler import Sampler
+from so101_motion.calib.procedure.session import find
 from so101_motion.calib.procedure.travel import TravelArc, around
 from so101_motion.calib.record.record import Calibration, JointCalibration
 from so101_motion.calib.record.zero import SWEPT
@@ -172,9 +173,9 @@ class Verification(LocalOperation):
     def _release(self) -> None:
         """Switch torque off, and begin to record."""
         self._require("ready")
-        found = self._access.call(partial(jobs.find, joints=tuple(self._entries)))
+        found = self._access.call(partial(find, joints=tuple(self._entries)))
         self._offsets = {joint: each.held.homing_offset for joint, each in found.items()}
-        self._access.call(jobs.let_go)
+        self._access.call(eeprom.let_go)
         self._sampler.record()
         self._released_at = self._access.clock.now()
         self._access.watch(self._sampler)
