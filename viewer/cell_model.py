@@ -31,13 +31,7 @@ LOOKS = 80
 
 
 class Between(NamedTuple):
-    """The clearance between two arms over the time of their plans.
-
-    Attributes:
-        first: The name of one arm.
-        second: The name of the other.
-        closest: Their two closest bodies at each instant.
-    """
+    """The clearance between two arms over the time of their plans: their closest bodies at each."""
 
     first: str
     second: str
@@ -50,13 +44,7 @@ class Between(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CommonPlan:
-    """A plan for all arms.
-
-    Attributes:
-        plans: The part of each arm, by its name.
-        clearances: The clearance of every two arms.
-        name: What the page calls it.
-    """
+    """A plan for all arms, by their names, with the clearance of every two arms."""
 
     plans: Mapping[str, Plan]
     clearances: tuple[Between, ...]
@@ -68,18 +56,7 @@ class CommonPlan:
 
 
 class CellModel:
-    """State and commands of the Move tab of several arms.
-
-    Args:
-        cell: Keeps the arms apart.
-        arms: Target and picture of each arm, by its name in the cell.
-        submit: Runs a slow call on another thread.
-        now: The time [s].
-        welcome: What the tab says first.
-
-    Attributes:
-        plan_view: The newest plan; None before the first.
-    """
+    """State and commands of the Move tab of several arms; ``now`` is the time [s]."""
 
     def __init__(
         self,
@@ -155,11 +132,7 @@ class CellModel:
     # Updates
 
     def refresh(self) -> bool:
-        """Take in changes since the last call.
-
-        Returns:
-            Whether there is anything new to show.
-        """
+        """Take in changes since the last call; return whether there is anything new to show."""
         news = [arm.refresh() for arm in self.arms.values()]
         news += [self._collect_plan(), self._collect_motions(), self._notice_dropped_parts()]
         if self._playback.advance(self._now()):

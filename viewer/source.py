@@ -56,13 +56,7 @@ class Source:
 
 
 class SourceOpener:
-    """Opens a source on a thread of its own, again and again until it succeeds.
-
-    Args:
-        open: Opens it; raises ``So101Error`` while that is not possible.
-        found: Called with what was opened.
-        failed: Called with why it could not be opened.
-    """
+    """Opens a source on a thread of its own, again and again until it succeeds."""
 
     def __init__(
         self,

@@ -46,17 +46,10 @@ HINT_POINTS = 25
 class ViewModel(TargetEditor):
     """State and commands of the Move tab.
 
-    Args:
-        load_solver: Makes the inverse kinematics for the ghost, for some surroundings.
-        now: The time [s].
-
     Attributes:
         plan_view: The newest plan and what is drawn of it; None before the first.
         plan_is_current: Whether that plan can still be executed.
-        path: The line to the target, or None.
         replans: Whether ``execute`` plans again while the arm moves, when the scene changes.
-        sweeps: Whether configurations along the path are shown when there is a plan.
-        tracker: Measures how well motions are followed.
         drops: How often a plan was dropped because something has changed.
         ran: The newest plan that was executed and how it was followed; None before.
     """
@@ -215,11 +208,7 @@ class ViewModel(TargetEditor):
     # Updates
 
     def refresh(self) -> bool:
-        """Take in changes since the last call.
-
-        Returns:
-            Whether there is anything new to show.
-        """
+        """Take in changes since the last call; return whether there is anything new to show."""
         self.state = self.arm.state
         if self._motion is None and texts.blocked(self.state) is not None:
             self._sentence = texts.HOLDS_AGAIN  # for later: where it arrived is no longer true

@@ -14,13 +14,7 @@ ASKED_FOR = 5.0
 
 
 class AskingButton:
-    """A gray button that acts at the second press, within ``ASKED_FOR``.
-
-    Args:
-        question: What it says after the first press.
-        command: What it does then.
-        icon: The icon in front of the label.
-    """
+    """A gray button that says ``question`` when it is pressed, and acts if it is again in time."""
 
     def __init__(
         self,

@@ -25,7 +25,6 @@ class BarButton:
     """A button of the bar.
 
     Attributes:
-        label: What it says.
         button: The invisible widget that is pressed.
         why_not: Why it cannot be pressed now, as a sentence; None if it can.
         asks: What it asks before it does anything; None if it does not ask.
@@ -41,9 +40,6 @@ class Bar:
     """The content of the bar. For the page's thread.
 
     Attributes:
-        state: What the arm does, in a word or two.
-        title: Which arm it is.
-        buttons: The buttons beside Stop, in their order.
         stop: The widget that Stop presses; None until there is something to stop.
         plan: The widget that the key P presses, or None.
         views: Labels and widgets of the buttons over the picture, which turn the camera.
@@ -98,9 +94,7 @@ def uuid_of(widget: Any) -> str | None:
 def add_stop(gui: viser.GuiApi, *stops: Callable[[], None]) -> viser.GuiButtonHandle:
     """Add the invisible button that the bar's Stop and the keys Space and Escape press.
 
-    Args:
-        gui: Where.
-        stops: What it calls, each in a thread of its own because it may wait for rest.
+    It calls each of ``stops`` in a thread of its own, because it may wait for rest.
     """
     button = gui.add_button("STOP", color="red", visible=False)
     for stop in stops:

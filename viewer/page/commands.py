@@ -12,8 +12,7 @@ Command = Callable[[], None]
 class Commands:
     """A queue of commands for one thread, which any thread can empty.
 
-    Args:
-        on_error: Called with what a command raised; the next one runs all the same.
+    ``on_error`` is called with what a command raised; the next one runs all the same.
     """
 
     def __init__(self, on_error: Callable[[Exception], None]) -> None:

@@ -37,13 +37,7 @@ _MODES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """One event in the log.
-
-    Attributes:
-        at: When, local time.
-        text: What happened, a sentence without a full stop.
-        tone: How it is meant.
-    """
+    """One event in the log, at a local time; the text is a sentence without a full stop."""
 
     at: datetime
     text: str
@@ -54,11 +48,7 @@ class Event:
 
 
 class EventLog:
-    """The last ``KEPT`` events; any thread may use it.
-
-    Attributes:
-        count: How many there have been.
-    """
+    """The last ``KEPT`` events, and a count of all; any thread may use it."""
 
     def __init__(self) -> None:
         self.count = 0

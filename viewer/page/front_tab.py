@@ -22,12 +22,7 @@ class Drawn(Enum):
 
 @dataclass(slots=True)
 class FrontTab:
-    """The tab in front in the window in control. For the page's thread.
-
-    Attributes:
-        name: Its label.
-        rehearses: Whether the ghost belongs to the Program tab.
-    """
+    """The tab in front in the window in control, and whether its program has the ghost."""
 
     name: str = ""
     rehearses: bool = False
@@ -40,16 +35,9 @@ class FrontTab:
     def note(
         self, rehearsal: object | None, t: float, targets: tuple[object, ...], *, runs: bool
     ) -> bool:
-        """Give the ghost to the rehearsal or to the targets, whichever changed last.
+        """Give the ghost to the rehearsal at ``t`` [s] or to the targets, whichever changed last.
 
-        Args:
-            rehearsal: The Program tab's; None without one.
-            t: How far into it its ghost stands [s].
-            targets: Those of the Move tab.
-            runs: Whether the program is run.
-
-        Returns:
-            Whether it changed hands.
+        Return whether it changed hands.
         """
         if (rehearsal, t) != self._rehearsed:
             self._rehearsed, self._targets = (rehearsal, t), targets

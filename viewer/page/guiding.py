@@ -47,11 +47,7 @@ class Guiding:
             self._switching = self._submit(lambda: self._arm.set_manual(True))
 
     def refresh(self) -> bool:
-        """Check time and arm; return whether the time has just run out.
-
-        Raises:
-            So101Error: The arm cannot be guided, or not be held again; says why.
-        """
+        """Return whether the time has just run out; raises what switching has failed with."""
         if self._switching is not None:
             if not self._switching.done():
                 return False

@@ -20,7 +20,6 @@ class History(Generic[T]):
     """The past values of something, the present one, and those that were undone.
 
     Args:
-        value: The first one.
         restore: Takes the value that was undone or redone to, and which of both in a sentence.
         now: The time [s]; without it each value counts.
     """
@@ -46,10 +45,7 @@ class History(Generic[T]):
     def add(self, value: T, kind: Hashable = None) -> None:
         """Take a new value; what was undone is forgotten.
 
-        Args:
-            value: The value.
-            kind: What was changed, if it is changed by dragging or typing; the values of one drag
-                count as one.
+        Values of the same ``kind`` that follow each other fast, as in a drag, count as one.
         """
         before, self._changed = self._changed, inf if self._now is None else self._now()
         is_same = kind is not None and kind == self._kind

@@ -38,12 +38,7 @@ that something holds back."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JogSpeed:
-    """A step of the speed.
-
-    Attributes:
-        turning: Of a joint, or of the tool about an axis [rad/s].
-        going: Of the tool along an axis [m/s].
-    """
+    """A step of the speed: turning a joint or the tool [rad/s], and going along an axis [m/s]."""
 
     turning: float
     going: float
@@ -135,8 +130,7 @@ class Jogging:
 
     Args:
         rig: The arm and the jaw.
-        target: Where the dragged arrows want the joints, shape (5,), [rad]; None where they cannot
-            be.
+        target: Where the dragged arrows want the joints, shape (5,), [rad]; None if out of reach.
 
     Attributes:
         mode: One of ``MODES``; None while it is off.
@@ -190,10 +184,9 @@ class Jogging:
             self._clock.join(thread)
 
     def hold(self, held: Array) -> None:
-        """Take note of what is held; any thread.
+        """Take note of what is held, shape (``AXES``,), -1 to 1; any thread.
 
-        Args:
-            held: Shape (``AXES``,), -1 to 1; all zero for a drag that goes on.
+        All zero is a drag that goes on.
         """
         self._held = held, self._clock.now()
         self._wake.set()

@@ -37,9 +37,7 @@ NEAR_LIMIT = 0.03
 def sentence(sentence: Sentence, *, is_whole: bool = False) -> str:
     """One sentence, coloured by its tone.
 
-    Args:
-        sentence: The sentence.
-        is_whole: Whether the place grows with it, in a narrow panel; else nothing below it moves.
+    A whole one makes its place grow, in a narrow panel; else nothing below it moves.
     """
     by_keys = ' tabindex="0"' if len(sentence.text) > _SHORT and not is_whole else ""
     height = "min-height:4.6em" if is_whole else "height:4.6em;overflow-y:auto"
@@ -66,9 +64,7 @@ def headline(title: str, subtitle: str, *, is_under_way: bool) -> str:
 def facts(rows: Iterable[tuple[str, ...]], *, lines: int = 0) -> str:
     """Names and values in columns; all rows are as long as the first.
 
-    Args:
-        rows: The rows.
-        lines: Lines to reserve, so that what stands below does not move.
+    Room for ``lines`` lines is reserved, so that what stands below does not move.
     """
     table = [*rows]
     columns = len(table[0]) - 1 if table else 1
@@ -96,12 +92,7 @@ def caption(text: str, is_old: bool) -> str:
 
 
 def picture(url: str | None, trouble: str) -> str:
-    """A camera's picture; grey, with what is wrong, when it is old.
-
-    Args:
-        url: The picture itself, as a ``data:`` address; None before the first.
-        trouble: Why there is no newer one; empty when it is new.
-    """
+    """A camera's picture, a ``data:`` address; grey, with what is wrong, when it is old."""
     old = "filter:grayscale(1);opacity:.5;" if trouble else ""
     look = f"{old}display:block;width:100%"
     image = f'<img alt="The camera\'s picture" src="{escape(url or "")}" style="{look}">'
@@ -174,12 +165,7 @@ MOST_PARTS = 120
 
 
 def timeline(line: Timeline | None, seek: str | None) -> str:
-    """A timeline; a finger or a mouse on it moves the preview.
-
-    Args:
-        line: What is on it; None for an empty one.
-        seek: The id of the widget that receives the time [s].
-    """
+    """A timeline; a finger or a mouse on it sends the time [s] to the widget ``seek``."""
     if line is None:
         return '<div class="so101-timeline"></div>'
     parts = line.parts if len(line.parts) <= MOST_PARTS else ()
@@ -206,14 +192,10 @@ def steps(
     press: str | None,
     move: str | None,
 ) -> str:
-    """A list of steps to choose from: a name and small print each.
+    """A list of steps to choose from: a name, small print, and how many loops each is in.
 
-    Args:
-        rows: Name, small print, and how many loops it is in.
-        chosen: Index of the one that is edited, set in bold.
-        active: Index of the one that is being done, marked.
-        press: The id of the widget that receives the number of the row that was pressed.
-        move: The id of the widget that receives which row was dragged where.
+    The index of the one that is edited is ``chosen``, of the one that is being done ``active``. The
+    widget ``press`` receives the number of a row that is pressed, ``move`` which was dragged where.
     """
     lines = []
     for k, (name, rest, depth) in enumerate(rows):
@@ -232,13 +214,7 @@ def gauge(
 ) -> str:
     """A value between its limits, in the unit that is shown.
 
-    Args:
-        name: What it is.
-        value: The value.
-        lower: Smallest possible value.
-        upper: Largest possible value.
-        unit: Written behind the value.
-        warns: Whether it turns red near its limits; a closed gripper is nothing to warn of.
+    It turns red near its limits if it ``warns``; a closed gripper is nothing to warn of.
     """
     share = min(max((value - lower) / (upper - lower), 0.0), 1.0)
     near = warns and min(share, 1.0 - share) < NEAR_LIMIT

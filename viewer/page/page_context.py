@@ -33,14 +33,9 @@ class PageContext:
     """Page context for parts that work without an arm.
 
     Attributes:
-        server: The page.
-        tabs: The tabs of the panel on the right, one a part.
         post: Queues a command for the page's thread.
         workers: Runs slow calls, one after the other.
         leave_open: Lets every window press the given widgets, not only the one in control.
-        events: The event log.
-        bar: The bar at the top of the page.
-        front: The tab in front.
     """
 
     server: viser.ViserServer
@@ -159,10 +154,6 @@ class PageContext:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmContext(PageContext):
-    """Page context for parts that work on an arm.
-
-    Attributes:
-        rig: The arm and the gripper; its owner closes it.
-    """
+    """Page context for parts that work on an arm; its owner closes the rig."""
 
     rig: RigLike

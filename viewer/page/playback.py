@@ -38,14 +38,7 @@ class Playback:
         self._rate, self._seen = rate, None
 
     def advance(self, now: float) -> bool:
-        """Advance while it plays.
-
-        Args:
-            now: The time [s].
-
-        Returns:
-            Whether it moved.
-        """
+        """Advance to the time ``now`` [s] while it plays; return whether it moved."""
         if self._rate is None:
             return False
         before, self._seen = self._seen, now

@@ -33,15 +33,12 @@ class _Change:
 
 
 class SavedFiles:
-    """The user's files of one kind. For the page's thread.
+    """The user's files of one kind, and undo of their changes. For the page's thread.
 
     Args:
         file_of: The file for a name.
         listed: The names of all files.
         tell: Called with the outcome of undo and redo.
-
-    Attributes:
-        names: The names, as read last.
     """
 
     def __init__(
@@ -66,11 +63,7 @@ class SavedFiles:
         return self._done < len(self._changes)
 
     def look_again(self, now: float) -> None:
-        """Read the names again, at most once a second: other programs write files as well.
-
-        Args:
-            now: The time [s].
-        """
+        """Read the names again, at most once a second: other programs write files as well."""
         if now - self._looked_at >= _LOOKS_EVERY:
             self._looked_at = now
             self._look()

@@ -31,12 +31,7 @@ class Sentence:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathLine:
-    """The tool's path to the target.
-
-    Attributes:
-        points: Shape (k, 3), [m], in the base frame.
-        planned: Whether it is a plan's, or only a preview before there is one.
-    """
+    """The tool's path to the target, or a guess of it: shape (k, 3), [m], in the base frame."""
 
     points: Array
     planned: bool
@@ -47,15 +42,12 @@ class PlanView:
     """A plan and what is drawn of it.
 
     Attributes:
-        plan: The plan.
         path: The line of the frame that the target is for.
         sweep: Configurations along the path, both ends left out, shape (k, 5), [rad].
-        closest: The closest approach of two bodies anywhere on the path.
-        t_closest: When that is [s].
+        closest: The closest approach of two bodies anywhere on the path, at ``t_closest`` [s].
         scene: What was around the arm.
         q_jaw: Jaw angle [rad].
         name: What the page calls it, such as ``"Plan 3"``.
-        made_at: When it was made.
     """
 
     plan: Plan

@@ -12,17 +12,11 @@ from .saved_files import SavedFiles
 
 
 class SharedField:
-    """A widget whose value both people and the page set.
+    """A widget whose value both people and the page set; ``shown`` is a value as it shows it.
 
     The page writes only what is news: a value it has not shown yet and that nobody entered. Else
     a picture drawn while somebody types or drags would put the previous value back under their
     fingers.
-
-    Args:
-        widget: The widget.
-        command: What an entered value does.
-        context: Brings the command to the page's thread.
-        shown: A value as the widget shows it.
     """
 
     def __init__(

@@ -38,17 +38,7 @@ DIRECTIONS = (ANY, TILT, TURN)
 
 
 class TargetEditor(ABC):
-    """The target, and the commands that change it.
-
-    Args:
-        solver: Inverse kinematics for the ghost.
-        state: The arm.
-        now: The time [s].
-
-    Attributes:
-        state: The arm, as it was last seen.
-        history: The targets before, with how much of the direction was chosen.
-    """
+    """The target, and the commands that change it, as the arm was last seen."""
 
     def __init__(self, solver: TargetSolver, state: JointState, now: Callable[[], float]) -> None:
         self._solver, self.state = solver, state
@@ -76,12 +66,9 @@ class TargetEditor(ABC):
         self._take(self._at_joints(q, self._target.frame), ("joint", i))
 
     def set_target_above(self, p_base: Array) -> None:
-        """Set a target point above a surface, for a gripper that comes from above and stops short.
+        """Set a target point above one of a surface, shape (3,), [m]; the gripper stops short.
 
-        Where it cannot point down it comes as it can; a direction that is kept stays.
-
-        Args:
-            p_base: The point of the surface, shape (3,), [m].
+        It comes from above if it can; a direction that is kept stays.
         """
         p_above, frame = p_base + np.array([0.0, 0.0, ABOVE]), self._target.frame
         if self._kind != ANY:
@@ -92,11 +79,7 @@ class TargetEditor(ABC):
         self._take(self._at_point(p_above, frame, None) if down is None else down)
 
     def take_nearest(self) -> None:
-        """Set the target to the nearest place that can be reached without contact.
-
-        Raises:
-            ConfigError: There is none near it.
-        """
+        """Set the nearest place that is reached without contact; ``ConfigError`` without one."""
         if self._target.problem is None:
             return
         near = self._nearest() or self._beside()
@@ -109,11 +92,7 @@ class TargetEditor(ABC):
         self.set_target_joints(self.state.q_ref)
 
     def set_target_frame(self, frame: str) -> None:
-        """Set the frame that targets are for; the ghost stays where it is.
-
-        Raises:
-            ConfigError: There is no such frame.
-        """
+        """Set the frame that targets are for, one of ``FRAMES``; the ghost stays where it is."""
         if frame not in FRAMES:
             raise ConfigError("frame", frame, f"must be one of {', '.join(FRAMES)}")
         self._take(self._at_joints(self._target.q, frame))
@@ -121,11 +100,7 @@ class TargetEditor(ABC):
     # Where the gripper points
 
     def set_direction(self, kind: str) -> None:
-        """Choose how much of the gripper's direction is kept, one of ``DIRECTIONS``.
-
-        Raises:
-            ConfigError: There is no such choice.
-        """
+        """Choose how much of the gripper's direction is kept, one of ``DIRECTIONS``."""
         if kind not in DIRECTIONS:
             raise ConfigError("direction", kind, f"must be one of {', '.join(DIRECTIONS)}")
         self._kind = kind

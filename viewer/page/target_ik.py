@@ -58,7 +58,6 @@ class Target:
     """A target, and the joint angles that reach it or not.
 
     Attributes:
-        goal: What to plan for.
         frame: The frame that shall be at the target point, one of ``FRAMES``.
         p_base: The target point in the base frame, shape (3,), [m].
         q: Joint angles of the ghost, shape (5,), [rad]: at the target, or as near as it gets.
@@ -79,12 +78,7 @@ class Target:
 
 
 class Surroundings(NamedTuple):
-    """What inverse kinematics depends on besides the target: scene, range and frame.
-
-    Attributes:
-        scene: What is around the arm and in its hand.
-        range: The smallest and the largest joint angles, shapes (5,), [rad].
-    """
+    """What inverse kinematics depends on: the scene, and the joint range, shapes (5,), [rad]."""
 
     scene: Scene
     range: tuple[Array, Array]
@@ -95,11 +89,7 @@ class Surroundings(NamedTuple):
 
 
 class TargetSolver:
-    """Solves targets by inverse kinematics. Belongs to one thread.
-
-    Args:
-        around: What the arm has around it, and its range.
-    """
+    """Solves targets by inverse kinematics. Belongs to one thread."""
 
     def __init__(self, around: Surroundings) -> None:
         self._model = RobotModel.load().narrowed(*around.range)
@@ -119,13 +109,7 @@ class TargetSolver:
         return Direction(tilt=float(np.arcsin(np.clip(up, -1.0, 1.0))), roll=float(q[4]))
 
     def turned(self, direction: Direction, pan: float, frame: str) -> Array:
-        """How ``frame`` is turned while the gripper points there; shape (3, 3).
-
-        Args:
-            direction: Where it points.
-            pan: Angle of the first joint [rad].
-            frame: One of ``FRAMES``.
-        """
+        """How ``frame`` is turned while the gripper points there with the base at ``pan`` [rad]."""
         # With upper arm and forearm at zero the wrist alone tilts the gripper, down from level.
         q = np.array([pan, 0.0, 0.0, -direction.tilt, direction.roll or 0.0])
         return self._model.frame(q, frame).R
@@ -139,14 +123,9 @@ class TargetSolver:
         q_jaw: float,
         direction: Direction | None = None,
     ) -> Target:
-        """The target that brings ``frame`` to a point.
+        """The target that brings ``frame`` to a point, shape (3,), [m], in the base frame.
 
-        Args:
-            p_base: The point in the base frame, shape (3,), [m].
-            frame: The frame that shall be there.
-            q_seed: Where the arm is, shape (5,), [rad]; the ghost stays as near as it can.
-            q_jaw: Jaw angle [rad].
-            direction: Where the gripper shall point; None for anywhere.
+        The ghost stays as near to ``q_seed``, shape (5,), [rad], as it can.
         """
         target = self._solved(
             PoseGoal(T_base_tool=SE3.from_translation(p_base), frame=frame), q_seed, q_jaw
@@ -190,13 +169,7 @@ class TargetSolver:
         return Target(goal=goal, frame=frame, p_base=p_base, q=q, problem=_collides(touching))
 
     def at_joints(self, q: Array, frame: str, *, q_jaw: float) -> Target:
-        """Target at joint angles.
-
-        Args:
-            q: Joint angles, shape (5,), [rad].
-            frame: The frame of the target point.
-            q_jaw: Jaw angle [rad].
-        """
+        """The target at joint angles, shape (5,), [rad], with the jaw at ``q_jaw`` [rad]."""
         return Target(
             goal=JointGoal(q=q),
             frame=frame,
@@ -206,12 +179,7 @@ class TargetSolver:
         )
 
     def first_target(self, q: Array, *, q_jaw: float) -> Target:
-        """A target beside the arm, so that the first picture shows a path.
-
-        Args:
-            q: Where the arm is, shape (5,), [rad].
-            q_jaw: Jaw angle [rad].
-        """
+        """A target beside the arm at ``q``, so that the first picture shows a path."""
         p_now = self.point(q, FRAMES[0])
         for offset in _FIRST_OFFSETS:
             target = self.at_point(p_now + offset, FRAMES[0], q_seed=q, q_jaw=q_jaw)

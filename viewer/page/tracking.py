@@ -63,7 +63,6 @@ class MotionTracker:
 
     Attributes:
         newest: The newest motion that has ended; None before.
-        newest_name: What that motion is called.
         began: When the motion under way, or the last one, was first seen [s]; None before.
     """
 
@@ -77,9 +76,7 @@ class MotionTracker:
     def take(self, state: JointState, name: str) -> bool:
         """Record ``state`` if it is new; return whether a motion has just ended.
 
-        Args:
-            state: The arm.
-            name: What a motion that begins now is called.
+        A motion that begins now is called ``name``.
         """
         states = self._states
         if state.arm_moving:

@@ -17,12 +17,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(slots=True, kw_only=True)
 class Worker:
-    """One worker thread. Its fields belong to the page's thread.
-
-    Attributes:
-        doing: What runs on it now, in words; empty when nothing does.
-        trouble: Why the last run failed; None if it did not.
-    """
+    """One worker thread: what runs, and why the last run failed. For the page's thread."""
 
     doing: str = ""
     trouble: Exception | None = None
@@ -38,16 +33,9 @@ class Worker:
         call: Callable[[], T],
         then: Callable[[T], None] = lambda _result: None,
     ) -> bool:
-        """Run ``call``, unless something runs already.
+        """Run ``call``, unless something runs already; return whether it runs.
 
-        Args:
-            doing: What that is, for people, such as ``"looking for the motor"``.
-            call: What to run.
-            then: Takes the result, on the page's thread. After an error there is none; the error
-                is in ``trouble``.
-
-        Returns:
-            Whether it runs.
+        ``then`` takes the result on the page's thread; after an error that is in ``trouble``.
         """
         if self._job is not None:
             return False

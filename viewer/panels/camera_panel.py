@@ -47,13 +47,7 @@ _END = b"\xff\xd9"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A picture of a camera.
-
-    Attributes:
-        data: As the camera sent it.
-        kind: ``"image/jpeg"`` or ``"image/png"``.
-        t: When it came, ``time.monotonic`` [s].
-    """
+    """A picture as the camera sent it, and when it came, ``time.monotonic`` [s]."""
 
     data: bytes
     kind: str
@@ -65,11 +59,7 @@ class Picture:
 
 
 def check_camera(camera: str, *, has_machine: bool) -> None:
-    """Refuse what is neither an address nor, where there is a machine, a name.
-
-    Raises:
-        ConfigError: It is neither.
-    """
+    """Raise ``ConfigError`` for what is no address nor, where there is a machine, a name."""
     parts = urlsplit(camera)
     if parts.scheme in ("http", "https") and parts.hostname:
         return
@@ -87,17 +77,14 @@ class CameraFeed:
     """Fetches pictures until it is closed.
 
     Args:
-        camera: The address of a picture or of a stream, http or https, or the machine's name of
-            it.
-        ask: Asks the machine for a picture of the camera of that name; None without a machine.
+        camera: The http or https address of a picture or a stream, or the machine's name of it;
+            ``ConfigError`` if it is neither.
         wanted: Whether anybody is watching; otherwise nothing is fetched.
+        ask: Asks the machine for a picture of the camera of that name; None without a machine.
 
     Attributes:
         picture: The newest one; None before the first.
         problem: Why there is no newer one; empty when there is.
-
-    Raises:
-        ConfigError: It is neither.
     """
 
     def __init__(
@@ -198,15 +185,7 @@ of an arm at home in narrow windows too, of alerts, and of the folded plots."""
 
 
 class CameraPart(Part):
-    """Shows the pictures of a camera.
-
-    Args:
-        camera: Its device or address, or the machine's name of it.
-        machine: The machine with cameras, if there is one.
-
-    Raises:
-        ConfigError: It is none of these.
-    """
+    """Shows the pictures of a camera: its address, or the machine's name of it."""
 
     def __init__(
         self, context: PageContext, camera: str, machine: MachineRig | None = None

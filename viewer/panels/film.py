@@ -52,10 +52,9 @@ _POLICY = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovedArm:
-    """How an arm moves, or has moved.
+    """How an arm moves by its plan, or has moved.
 
     Attributes:
-        view: Its plan.
         run: How the plan was carried out; None for the plan alone.
         T_scene_base: Where its base stands in the frame of a scene that it shares with others.
     """
@@ -83,9 +82,7 @@ class MovedArm:
 class Film:
     """A motion of one arm or several to be recorded.
 
-    Attributes:
-        title: Which arms they are, or what they do.
-        arms: How they move, as ``holder_of`` calls the arms; a single one has an empty name.
+    The arms have the names that ``holder_of`` gives; that of a single one is empty.
     """
 
     title: str

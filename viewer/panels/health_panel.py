@@ -65,7 +65,6 @@ class Health:
         period: Of the control loop [s]; None when the source does not tell.
         late_ticks: Setpoints that came more than half a period late since the start.
         port_losses: How often the port went away; None when there is no port or it is unknown.
-        uncalibrated: The joints that were never calibrated.
         last_failure: The file with the second before the last failure; None when there is none.
         not_ready: Why a machine does not drive its arm; empty when it does, or cannot be asked.
     """
@@ -221,13 +220,7 @@ or two; ten are seen as a jerk."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """One thing that is wrong.
-
-    Attributes:
-        cause: What it is about; there is one alarm for each cause.
-        joints: The joints it is about.
-        sentence: What is wrong and what to do.
-    """
+    """One thing that is wrong, with what to do; there is one alarm for each cause."""
 
     cause: str
     joints: tuple[str, ...]
@@ -258,13 +251,7 @@ def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
 def state_alarms(
     state: JointState, uncalibrated: Iterable[str], not_ready: str = ""
 ) -> tuple[Alarm, ...]:
-    """What is wrong with the joints' places and calibration.
-
-    Args:
-        state: The arm.
-        uncalibrated: The joints that were never calibrated.
-        not_ready: Why a machine does not drive the arm; empty when it does.
-    """
+    """What is wrong with the joints' places and calibration, or with the machine's driver."""
     found = []
     if not_ready:
         found.append(_warm("not ready", (), f"{capital(not_ready)}."))
@@ -304,23 +291,14 @@ def not_said_yet(alarms: Iterable[Alarm], state: JointState) -> tuple[Alarm, ...
 
 
 class LateCycles:
-    """Counts late setpoints of the last ``LATE_WITHIN`` seconds.
-
-    Args:
-        computer: What runs the control loop, in words.
-    """
+    """Counts late setpoints of the last ``LATE_WITHIN`` seconds, for a computer named in words."""
 
     def __init__(self, computer: str) -> None:
         self._computer = computer
         self._seen: list[tuple[float, int]] = []
 
     def alarm(self, t: float, late_ticks: int) -> tuple[Alarm, ...]:
-        """The alarm for many late setpoints.
-
-        Args:
-            t: The time [s].
-            late_ticks: How many there have been since the start.
-        """
+        """The alarm for many late setpoints; ``late_ticks`` counts all until now, ``t`` [s]."""
         self._seen.append((t, late_ticks))
         while self._seen[0][0] < t - LATE_WITHIN:
             self._seen.pop(0)
@@ -360,7 +338,6 @@ class HealthPart(Part):
     """Shows the figures of the servos and the bus of an arm.
 
     Args:
-        panel: Where the tab is added.
         mark: Called with the joints in alarm, and how bad it is.
         name: What messages call the arm; empty if it is alone.
     """
@@ -433,11 +410,7 @@ class HealthPart(Part):
 
 
 class EventsPart(Part):
-    """Shows the log of events.
-
-    Args:
-        panel: Where the tab is added.
-    """
+    """Shows the log of events."""
 
     def __init__(self, context: PageContext, panel: viser.PanelHandle) -> None:
         self._log, self._count = context.events, -1

@@ -40,13 +40,9 @@ def waiting(bar: Bar, title: str, error: Exception | None = None) -> None:
 def notice(
     connection: ArmConnection, state: JointState, since: datetime, *, is_back: bool = False
 ) -> Sentence | None:
-    """What is wrong with the connection or the arm's mode; None when all is well.
+    """What is wrong with a connection, lost ``since`` then, or with the arm's mode, or None.
 
-    Args:
-        connection: The connection.
-        state: The arm.
-        since: When it was lost.
-        is_back: Whether its fault is that it was lost, and it is back.
+    It ``is_back`` when the fault is that it was lost, and it is there again.
     """
     if connection.problem is not None:
         port = connection.to.removeprefix("arm on ")
@@ -77,8 +73,6 @@ class HoldButtons(Part):
     """Fills the bar for the arms of a page; each button is for all of them.
 
     Args:
-        title: Which arms they are.
-        rigs: The arms by name; the name of a single one is not shown.
         guide: Starts hand guiding for a limited time.
         fade: Shows an arm in grey, or in its own colours.
     """
@@ -190,11 +184,7 @@ def _accept(rig: RigLike) -> None:
 
 
 def hold(rig: RigLike) -> None:
-    """Hold the joints where they stand; a grip is pressed again.
-
-    Raises:
-        So101Error: The cause of a fault is still there.
-    """
+    """Hold the joints where they stand and press a grip again; raises if a fault remains."""
     if isinstance(rig, HardwareRig):
         rig.drive()
     rig.arm.set_torque(True)

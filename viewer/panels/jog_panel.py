@@ -42,12 +42,7 @@ _STOPPED = Sentence("Stopped. Start jogging to go on.")
 
 
 class JogPart(Part):
-    """The widgets of the Jog tab.
-
-    Args:
-        page: Has the target whose arrows can be dragged.
-        title: What the tab is called.
-    """
+    """The widgets of the Jog tab; ``page`` has the target whose arrows can be dragged."""
 
     def __init__(self, context: ArmContext, page: ViewModel, *, title: str = "Jog") -> None:
         self._context, self._page, self._arm = context, page, context.rig.arm
@@ -153,11 +148,7 @@ _JAW_ROW = (6, "gripper", "hy")
 def jog_buttons(mode: str, speed: str, *, hand: str, is_on: bool) -> str:
     """Two buttons a row, less and more, with their keys.
 
-    Args:
-        mode: What is moved; its button above is lit.
-        speed: The step of the speed; its button is lit too.
-        hand: The id of the widget that receives what is held.
-        is_on: Whether they can be used.
+    What is moved and how fast is lit above; ``hand`` is the id of the widget that hears of presses.
     """
     moved = _JOINT_ROWS if mode == JOINTS else () if mode == ARROWS else _TOOL_ROWS
     rows = "".join(_row(*row, is_on=is_on) for row in (*moved, _JAW_ROW))

@@ -49,12 +49,7 @@ class ArmPanel:
             gui.add_html(markup.small(_KEYS))
 
     def show(self, state: JointState, bounds: tuple[Array, Array]) -> None:
-        """Show the joints between their limits.
-
-        Args:
-            state: The arm now, or its last known state.
-            bounds: Smallest and largest angles, shapes (5,), [rad].
-        """
+        """Show the joints between their limits, shapes (5,), [rad]."""
         angles = zip(ARM_JOINTS, to_deg(state.q), *map(to_deg, bounds), strict=True)
         joints = [markup.gauge(name, *map(float, each)) for name, *each in angles]
         opened = 100.0 * (state.q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED)
@@ -64,23 +59,18 @@ class ArmPanel:
 
 
 class MovePart(Part):
-    """The part of the page that shows and moves the arms.
+    """The part of the page that shows and moves the arms; the name of a single one is empty.
 
     Args:
-        rigs: The arms, by name; the name of a single one is empty.
         cell: Keeps several arms apart; None for a single one.
         bases: Where their bases stand, by name.
         stops: What Stop calls, each in a thread of its own.
         plan: A plan of a single arm that is shown from the start.
-        atlas: Is shaded while the target of a single arm is dragged; without one the reach is
-            computed.
+        atlas: Is shaded while the target of a single arm is dragged, instead of a computed reach.
 
     Attributes:
         pages: Target and picture of each arm, by name.
-        model: What is shown of all of them.
         nodes: The node in the scene that stands where an arm's base does, by the arm's name.
-        stop_button: What the bar's Stop presses.
-        panel: The panel on the left.
     """
 
     def __init__(

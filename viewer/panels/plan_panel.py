@@ -45,15 +45,7 @@ class PlanPanel:
     """The Move tab, and the panel with the plots of the newest plan.
 
     What is used for every motion comes first, so that Plan and Execute are seen on a phone without
-    scrolling.
-
-    Args:
-        model: What is shown of all arms.
-        poses: The poses of a single arm; None for several.
-        on_click: Called with what clicks in the picture do, ``SELECTS`` or another.
-
-    Attributes:
-        plan_button: The button Plan.
+    scrolling. ``on_click`` is called with what clicks in the picture do, ``SELECTS`` or another.
     """
 
     plan_button: viser.GuiButtonHandle

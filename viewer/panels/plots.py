@@ -42,9 +42,6 @@ class PlanPlots:
 
     A single arm has plots of velocity, acceleration, position and tracking. Of several there are
     the clearance between every two, and the velocity of each.
-
-    Args:
-        names: What the arms are called.
     """
 
     def __init__(self, gui: viser.GuiApi, names: Sequence[str]) -> None:
@@ -160,12 +157,7 @@ def _kept(count: int) -> NDArray[np.intp]:
 
 
 def nearest_limit(q: Array, bounds: tuple[Array, Array]) -> float:
-    """The joint limit that a motion comes nearest to [rad].
-
-    Args:
-        q: Joint angles along the path, shape (n, 5), [rad].
-        bounds: The smallest and the largest joint angles, shapes (5,), [rad].
-    """
+    """The joint limit [rad] that a motion along ``q``, shape (n, 5), [rad], comes nearest to."""
     limits = np.concatenate(bounds)
     room = np.concatenate([q.min(axis=0) - bounds[0], bounds[1] - q.max(axis=0)])
     return float(limits[int(np.argmin(room))])
@@ -194,16 +186,7 @@ def _add_plot(
     *,
     height: int = _HEIGHT,
 ) -> viser.GuiUplotHandle:
-    """Add a plot over the time of a plan.
-
-    Args:
-        gui: Where.
-        label: What is drawn, with its unit.
-        curves: What each curve is called.
-        lines: What each level line is called.
-        data: Times, the values of each curve, and of each line.
-        height: [px].
-    """
+    """Add a plot over the time of a plan: the values of each curve, then of each level line."""
     colors = cycle(_COLORS)
     drawn = tuple(
         uplot.Series(label=name, stroke=next(colors), width=2, points={"show": False})

@@ -16,17 +16,7 @@ from ..view_model import ViewModel
 
 
 class PoseList:
-    """The user's own poses. For the page's thread.
-
-    Args:
-        page: Has the arm and the target, and shows the outcome.
-
-    Attributes:
-        poses: The poses, read again with every change.
-        saved_files: Undoes changes of their file.
-        chosen: Name of the selected one, or None.
-        name: The name for the next one.
-    """
+    """The user's own poses. For the page's thread."""
 
     def __init__(self, book: SavedPoses, page: ViewModel) -> None:
         self._book, self._page = book, page

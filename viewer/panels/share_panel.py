@@ -46,13 +46,9 @@ class _PendingFile:
 
 
 def file_name(arm: MovedArm, kind: str, now: datetime, *, chosen: str = "") -> str:
-    """A file name with time and content, so that names sort by time.
+    """A file name with the local time and the content, so that names sort by time.
 
-    Args:
-        arm: How the arm moves; for a film any of the arms.
-        kind: One of ``KINDS``.
-        now: Local time.
-        chosen: The name of the arm; empty for a single one.
+    ``chosen`` is the name of the arm, or empty; a film has no arm in its name.
     """
     what = "plan" if arm.run is None else "run"
     which = "" if kind == FILM else re.sub(r"\W+", "-", f" {chosen}".rstrip())
@@ -60,23 +56,13 @@ def file_name(arm: MovedArm, kind: str, now: datetime, *, chosen: str = "") -> s
 
 
 def content(arm: MovedArm, kind: str) -> bytes:
-    """The bytes of a file that holds the motion of one arm, any of ``KINDS`` but a film.
-
-    Raises:
-        ConfigError: MCAP needs a package that is not installed.
-    """
+    """A file of any of ``KINDS`` but a film; ``ConfigError`` if MCAP's package is not installed."""
     motion = arm.view.plan.trajectory if arm.run is None else arm.run
     return encoded(motion, f"motion{KINDS[kind]}")
 
 
 class SharePart(Part):
-    """Offers motions for download.
-
-    Args:
-        pages: The newest plans and runs of the arms by name; that of a single one is empty.
-        bases: Where their bases stand in the frame of the scene.
-        title: Which arms they are.
-    """
+    """Offers motions for download; the name of a single arm is empty."""
 
     def __init__(
         self,

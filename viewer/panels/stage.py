@@ -33,7 +33,6 @@ class Stage:
     """The arm, its ghost, the target handles and the path in the scene.
 
     Args:
-        page: What is drawn.
         model: Kinematics; used by the thread that calls ``show`` alone.
         views: The cameras that can follow the jaw's tip; None without.
         root: The node that all nodes are under, placed where the arm's base stands; empty for an
@@ -97,10 +96,7 @@ class Stage:
             self._scene.remove_click_callback("all")
 
     def set_handles(self, shown: bool) -> None:
-        """Show or hide the target's arrows.
-
-        They come back by themselves when the target changes.
-        """
+        """Show or hide the target's arrows; they come back when the target changes."""
         self._has_handles = shown
         self._target.visible = self._visible and shown
 

@@ -71,10 +71,7 @@ class ArmInStep:
             self._model.tell(words.PAUSE_STOPS)
 
     def set_aperture(self, aperture: float | None) -> None:
-        """Set the jaw's aperture there, 0 to 1; None to leave it.
-
-        The arm stops at a waypoint where the jaw moves.
-        """
+        """Set the jaw's aperture there, 0 to 1, which needs a stop; None to leave it."""
         passed = self._passed
         self._change(aperture=aperture, passes=passed and aperture is None)
         if passed and aperture is not None:
@@ -117,20 +114,14 @@ class ProgramModel:
     """State and commands of the Program tab.
 
     Args:
-        arms: The arms that run programs.
-        pages: Place and target of each, by its name.
-        submit: Runs a slow call on another thread.
+        pages: Place and target of each arm, by its name.
         zeros: Tells the zeros of the arms' calibrations.
 
     Attributes:
-        pages: See above.
         texts: What is said of one arm, or of several.
         edit: Changes what an arm does in the selected step, by its name.
-        program: What is edited, or run.
         chosen: Index of the step that is edited; None without one.
         name: What the program is called, when it is saved or was loaded.
-        history: The programs before.
-        saved_files: The user's programs.
         timeline: The plan over time, as long as it is valid; else None.
         run: What is being run; else None.
     """
@@ -168,10 +159,7 @@ class ProgramModel:
     # Steps
 
     def record_arms(self, names: Sequence[str] | None = None) -> None:
-        """Add a step in which these arms, or all, go to where they stand now, at the same time.
-
-        Their jaws stay as they are there.
-        """
+        """Add a step in which these arms, or all, go to where they stand now; their jaws stay."""
         self._record({name: self.pages[name].q_arm for name in names or self.pages})
 
     def record_targets(self, names: Sequence[str] | None = None) -> None:
@@ -285,11 +273,7 @@ class ProgramModel:
                 each.start()
 
     def plan(self, part: str = ALL) -> None:
-        """Plan the program, or a part of it; nothing moves.
-
-        Args:
-            part: ``ALL``, ``REST`` from the selected step on, or ``STEP``: that one alone.
-        """
+        """Plan ``ALL``, the ``REST`` from the selected step on, or that ``STEP`` alone."""
         if self.can_plan:
             arms, program = self._arms, self.program
             if part != ALL:

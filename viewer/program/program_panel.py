@@ -40,14 +40,7 @@ _LINES = 3  # of the figures
 
 
 class ProgramPart(Part):
-    """The widgets of the Program tab.
-
-    Args:
-        arms: The arms that run programs.
-        pages: Target and picture of each, by its name.
-        nodes: The node in the scene that stands where the arm's base does, by the same names.
-        zeros: Tells the zeros of the arms' calibrations.
-    """
+    """The widgets of the Program tab; ``nodes`` stand where the arms' bases do in the scene."""
 
     def __init__(
         self,
@@ -204,12 +197,7 @@ class ProgramPart(Part):
 
 
 class RowList:
-    """The steps of a program in rows; a row is chosen by a press and moved by dragging it.
-
-    Args:
-        choose: Called with the index of the row that is pressed, also when it is the chosen one.
-        reorder: Called with the indices of the row that was dragged, and of its new place.
-    """
+    """The steps of a program in rows; a row is chosen by a press and moved by dragging it."""
 
     def __init__(
         self,
@@ -282,12 +270,7 @@ class WaypointFields:
         )
 
     def show(self, waypoint: Waypoint | None, *, is_alone: bool) -> None:
-        """Show a waypoint; without one the fields are grey.
-
-        Args:
-            waypoint: What the arm does.
-            is_alone: Whether it moves alone, so that it may pass.
-        """
+        """Show a waypoint, or all fields grey; only an arm that moves alone may pass."""
         if waypoint is None:
             fields = (self._name, self._speed, self._pass, self._pause, self._jaw, self._opening)
             for field in fields:
@@ -326,13 +309,7 @@ class LoopFields:
         self._model.set_loop(first - 1, last - 1, times)
 
     def show(self, index: int | None, steps: object, around: tuple[Loop, ...]) -> None:
-        """Fill in the inner loop around a step, or one of that step alone.
-
-        Args:
-            index: The selected step; None, and all is grey, without one.
-            steps: The steps of the program; when they change, the fields are filled in again.
-            around: The loops that the step is in, the outer one first.
-        """
+        """Fill in the inner loop around a step, or that step alone, when ``steps`` change."""
         grey(self._acts, index is None)
         if index is None or (index, steps) == self._offered:
             return
@@ -344,11 +321,7 @@ class LoopFields:
 
 
 class RehearsalFields:
-    """The timeline of a planned program: where its ghosts stand, and buttons that play it.
-
-    Args:
-        model: Places and plays the ghosts.
-    """
+    """The timeline of a planned program: where its ghosts stand, and buttons that play it."""
 
     def __init__(self, context: PageContext, model: ProgramModel) -> None:
         gui = context.gui
@@ -361,12 +334,7 @@ class RehearsalFields:
         self._drawn: RehearsalTime | None = None
 
     def show(self, timeline: RehearsalTime | None, t: float) -> None:
-        """Show a planned program, and the time ``t`` [s] on it; without one all is grey.
-
-        Args:
-            timeline: What was planned.
-            t: Where the ghosts stand [s].
-        """
+        """Show a planned program, and the time ``t`` [s] on it; without one all is grey."""
         self._slider.disabled = timeline is None
         grey(self._play, timeline is None)
         if timeline is not self._drawn:

@@ -32,14 +32,7 @@ deleted = texts.deleted
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """What is said otherwise of one arm and of several.
-
-    Attributes:
-        step: What a step is called.
-        arms: What moves.
-        hold: Who holds after a stop.
-        welcome: What the tab says first.
-    """
+    """What is said otherwise of one arm and of several: of a step, what moves, and who holds."""
 
     step: str
     arms: str
@@ -179,14 +172,7 @@ def title(program: Program, index: int) -> str:
 
 
 def line(program: Program, index: int, clearance: float | None = None) -> str:
-    """What is special about a step.
-
-    Args:
-        program: The program.
-        index: Which step.
-        clearance: How near the only arm comes to anything, or two arms to each other [m], if it is
-            planned.
-    """
+    """What is special about a step, and how near it comes to anything [m], if it is planned."""
     step = program.steps[index]
     ending = [_repeats(loop) for loop in reversed(program.loops) if loop.last == index]
     if step.keys() == {ARM}:

@@ -29,13 +29,9 @@ _EMPTY = Program()
 
 
 class ProgramView:
-    """Draws a program and its plan.
+    """Draws a program and its plan, for one arm, under the node of its base.
 
-    Args:
-        model: Kinematics; used by the thread that calls ``show`` alone.
-        on_pick: Called with each dot and its step's index, to connect clicks.
-        arm: The name of the arm whose waypoints and motions are drawn.
-        root: Name of the root node, in the frame of the arm's base.
+    ``on_pick`` connects clicks on a dot with its step's index. Only ``show`` uses the ``model``.
     """
 
     def __init__(

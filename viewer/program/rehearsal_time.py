@@ -66,16 +66,10 @@ class RehearsalTime:
     Loops are shown twice: the second time stands for all later ones. Jaws are assumed to move at
     full speed; an object in one ends that earlier.
 
-    Args:
-        rehearsal: What was planned.
-        arms: What it was planned for.
-        clearance: Tells how near one arm, with its jaw, comes to anything; None for several arms.
-
     Attributes:
-        rehearsal: What was planned.
         between: The clearance of every two arms over the whole program.
-        nearest: How near an arm comes to anything, or two arms to each other, in each step of the
-            whole program [m].
+        nearest: How near one arm comes to anything, by ``clearance``, or two arms to each other, in
+            each step of the whole program [m].
     """
 
     def __init__(

@@ -82,12 +82,7 @@ def set_up_view(server: viser.ViserServer, sight: Sight) -> None:
 class Views:
     """The buttons over the picture, which turn the camera of the window they are pressed in.
 
-    Args:
-        sight: What they show.
-        follows: Whether there is a button to follow the tool; then ``moved`` must be called.
-
-    Attributes:
-        buttons: Their labels and invisible widgets.
+    If one ``follows`` the tool, ``moved`` must be called.
     """
 
     def __init__(self, server: viser.ViserServer, sight: Sight, *, follows: bool) -> None:

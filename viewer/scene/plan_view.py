@@ -30,16 +30,7 @@ def plan_view(
     q_jaw: float,
     name: str = "Plan",
 ) -> PlanView:
-    """Compute what to draw of ``plan``.
-
-    Args:
-        plan: The plan.
-        solver: Computes clearances and points.
-        frame: The frame whose path is drawn.
-        scene: What it was made for.
-        q_jaw: Jaw angle then [rad].
-        name: What the page calls it.
-    """
+    """Compute what to draw of a plan: the path of ``frame``, clearances with that jaw angle."""
     trajectory = plan.trajectory
     t = np.linspace(0.0, trajectory.duration, _LOOKS)
     closest = [solver.clearance(q, q_jaw) for q in trajectory.at(t)[0]]

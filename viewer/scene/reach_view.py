@@ -61,11 +61,7 @@ class Reach:
 class ReachView:
     """A shade at the height of a target.
 
-    Args:
-        scene: Where it is shown.
-        model: The arm.
-        atlas: For the atlas's own frame, its cells are shown instead, coloured by the torque
-            that is left.
+    For the frame of an ``atlas``, its cells are shown instead, coloured by the torque that is left.
     """
 
     def __init__(

@@ -144,11 +144,7 @@ def segments(points: Array) -> Array:
 
 
 class Line:
-    """A line in the scene that comes, changes and goes.
-
-    Args:
-        name: Name of its node.
-    """
+    """A line in the scene that comes, changes and goes."""
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene, self._name = scene, name
@@ -161,13 +157,7 @@ class Line:
             self._node.visible = visible
 
     def show(self, pieces: Array | None, color: Color, thickness: float = 3.0) -> None:
-        """Draw pieces, shape (n, 2, 3), [m], instead of what was there; None draws nothing.
-
-        Args:
-            pieces: What is drawn.
-            color: Its colour.
-            thickness: [px].
-        """
+        """Draw pieces, shape (n, 2, 3), [m], so thick [px], instead of what was there."""
         if self._node is not None:
             self._node.remove()
             self._node = None
@@ -210,13 +200,7 @@ class SweepView:
         self._root.visible = visible
 
     def show(self, configurations: Array | None, q_jaw: float, model: RobotModel) -> None:
-        """Draw the arm at these configurations, shape (k, 5), [rad]; None hides it.
-
-        Args:
-            configurations: What to draw; nothing is done when they are those drawn last.
-            q_jaw: Jaw angle [rad].
-            model: Where the links are.
-        """
+        """Draw the arm at these configurations, shape (k, 5), [rad]; None hides it."""
         if configurations is self._shown:
             return
         self._shown = configurations

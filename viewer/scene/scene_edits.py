@@ -35,11 +35,7 @@ Thing = Obstacle | Attached
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeldBy(Attached):
-    """An object that one of several arms holds.
-
-    Attributes:
-        holder: The name of the arm.
-    """
+    """An object that one of several arms holds."""
 
     holder: str
 
@@ -108,11 +104,7 @@ def with_thing(scene: Scene, changed: Thing) -> Scene:
 
 
 def resized(shape: Shape, **to: Any) -> Shape:
-    """A shape with these dimensions [m], named as its own; those it does not have are ignored.
-
-    Raises:
-        ConfigError: The dimensions are impossible.
-    """
+    """A shape with these dimensions [m], named as its own; those it does not have are ignored."""
     own = {each.name for each in fields(shape)}
     return replace(shape, **{name: value for name, value in to.items() if name in own})
 
@@ -125,14 +117,10 @@ def added(
     place: SE3 | None = None,
     held_at: Sequence[Array] = (),
 ) -> Scene:
-    """``scene`` with one more obstacle of this name, where there is room on the floor.
+    """``scene`` with one more obstacle, ``name`` and a number, where there is room on the floor.
 
-    Args:
-        scene: The scene.
-        shape: The shape of the new one.
-        name: What it is called; a number follows.
-        place: Where it is, seen from the base, if that is known.
-        held_at: Where things are that a gripper holds, shape (3,) each, [m].
+    It is at ``place``, seen from the base, if that is known, and clear of things held at some
+    points, shape (3,) each, [m].
     """
     floor = FLOOR_Z if scene.floor_z is None else scene.floor_z
     low, high = _extent(shape)
@@ -177,11 +165,7 @@ def without(scene: Scene, name: str) -> Scene:
 def held(scene: Scene, name: str, T_base_tool: SE3, holder: str = "") -> Scene:
     """``scene`` with an obstacle attached where it is; ``ConfigError`` for a zone or a held one.
 
-    Args:
-        scene: The scene.
-        name: The obstacle.
-        T_base_tool: The gripper that holds it.
-        holder: The arm of that gripper; empty where there is only one.
+    The ``holder`` is an arm's name, or empty where there is only one.
     """
     thing = thing_named(scene, name)
     if not isinstance(thing, Obstacle):

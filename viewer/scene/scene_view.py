@@ -65,11 +65,7 @@ class _Drawn:
 
 
 class SceneView:
-    """Draws a scene and keeps the picture up to date.
-
-    Args:
-        on_pick: Connects clicks on a node; called with the node and the thing's name.
-    """
+    """Draws a scene, sending only what differs; ``on_pick`` connects clicks on a thing's node."""
 
     def __init__(
         self,
@@ -83,13 +79,7 @@ class SceneView:
         self._floor: viser.GridHandle | None = None
 
     def show(self, scene: Scene, tools: Mapping[str, SE3], *, chosen: str | None = None) -> None:
-        """Draw ``scene``; sends only what differs.
-
-        Args:
-            scene: The scene.
-            tools: The tools, which carry held objects, as ``holder_of`` calls their arms.
-            chosen: Name of the thing to set off from the others.
-        """
+        """Draw ``scene``; the tools, by the names that ``holder_of`` gives, carry what is held."""
         self._show_floor(scene.floor_z)
         there = {thing.name: thing for thing in things(scene)}
         for name in [name for name, drawn in self._drawn.items() if not _still(drawn, there)]:
@@ -222,13 +212,7 @@ def _floor(stage: viser.SceneApi, path: str) -> viser.GridHandle:
 
 
 def hit(scene: Scene, p_from: Array, along: Array) -> Array | None:
-    """Where a ray first hits something of ``scene``, shape (3,), [m]; None if it hits nothing.
-
-    Args:
-        scene: What is around the arm.
-        p_from: Where the ray begins, shape (3,), [m].
-        along: Its direction, shape (3,).
-    """
+    """Where a ray first hits something of ``scene``, shape (3,), [m]; None if it does not."""
     along = along / np.linalg.norm(along)
     distances = [
         _distance(

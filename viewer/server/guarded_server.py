@@ -56,10 +56,7 @@ class GuardError(So101Error):
 class GuardedServer:
     """A running viser server behind a request policy.
 
-    Attributes:
-        viser: The server to build a page on.
-        url: The link with the key; with it a person may move the arm.
-        policy: Who may talk to it.
+    Whoever has its ``url``, with the key, may move the arm.
     """
 
     viser: viser.ViserServer
@@ -125,11 +122,7 @@ def start_guarded(
 
 
 def check_locked(address: str, port: int) -> None:
-    """Request the page and a websocket without a key; both must be refused.
-
-    Raises:
-        GuardError: One of them was not.
-    """
+    """Request the page and a websocket without a key; ``GuardError`` unless both are refused."""
     upgrade = {
         "Connection": "Upgrade",
         "Upgrade": "websocket",

@@ -50,13 +50,7 @@ _RIGHT_WIDTH = 400
 class Host:
     """Runs parts on a server. Close it after use.
 
-    Attributes:
-        gui: Makes widgets.
-        windows: The browsers on the page.
-        events: The event log.
-        bar: The bar at the top.
-        front: The tab in front.
-        say: Called with what a command raised; a part that can show it better may replace this.
+    ``say`` is called with what a command raised; a part that can show it better may replace it.
     """
 
     def __init__(self, server: GuardedServer) -> None:
@@ -189,12 +183,7 @@ class Host:
 
 
 class ServedPage:
-    """A served page. Use it in a ``with`` block or call ``close``.
-
-    Attributes:
-        host: Runs the page's parts.
-        url: The link that opens it.
-    """
+    """A served page, opened by its ``url``. Use it in a ``with`` block or call ``close``."""
 
     def __init__(self, server: GuardedServer) -> None:
         self.url, self._server = server.url, server

@@ -36,12 +36,9 @@ def new_key(_port: int = 0) -> str:
 
 
 def key_for(page: str, port: int, *, is_new: bool = False) -> str:
-    """The key of a page: the one of its last start, or a new one.
+    """The key of a page such as ``"Arm on /dev/ttyACM0"``: the one of its last start, or a new one.
 
-    Args:
-        page: What is served, such as ``"Arm on /dev/ttyACM0"``.
-        port: Where; the same page on another port has a key of its own.
-        is_new: Whether an earlier key shall not be valid any more.
+    The same page on another port has a key of its own; ``is_new`` ends an earlier one.
     """
     try:
         file = user_storage.folder() / "page-keys.json"

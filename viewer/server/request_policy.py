@@ -135,12 +135,7 @@ class RequestPolicy:
 
 
 def harden(reply: Response, request: Request) -> Response:
-    """Add security headers to a page or file.
-
-    Args:
-        reply: What is served to a request that passed the policy.
-        request: That request; its host is known to be ours.
-    """
+    """Add security headers to a page or file, for a request that passed the policy."""
     _confine(reply, connect=f"'self' ws://{request.headers['Host']} blob: data:")
     return reply
 

@@ -198,12 +198,6 @@ class ControlFilter:
     filter stands before them: a refused message changes nothing, and its window gets the true value
     back. Messages about a window's own view and tabs pass, and those for open widgets (Stop). This
     uses viser's internals; its version is pinned and the tests press real buttons.
-
-    Args:
-        server: Whose messages are filtered.
-        may_act: Whether a window, by its client id, may act now.
-        refused: Called with the id of a window whose message was refused.
-        passed: Called with the ids of a window and of the open widget that it pressed.
     """
 
     def __init__(

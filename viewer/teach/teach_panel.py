@@ -37,13 +37,7 @@ CANNOT = Sentence("This arm's module on the machine cannot record or replay a pa
 
 
 class TeachPart(Part):
-    """The widgets of the Teach tab.
-
-    Args:
-        open_leader: Opens the leader arm, if there is one on this computer.
-        title: What the tab is called.
-        node: The node in the scene that stands where the arm's base does.
-    """
+    """The widgets of the Teach tab; the leader, if there is one, is on this computer."""
 
     def __init__(
         self,

@@ -39,12 +39,7 @@ _FACES = np.array(
 
 
 class AtlasPart(Part):
-    """The tab of an atlas.
-
-    Args:
-        atlas: What is shown.
-        set_goal: Takes joint angles, shape (5,), [rad], as the goal.
-    """
+    """The tab of an atlas; ``set_goal`` takes joint angles, shape (5,), [rad]."""
 
     def __init__(
         self, context: ArmContext, atlas: Atlas, set_goal: Callable[[Array], None]

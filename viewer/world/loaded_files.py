@@ -28,20 +28,11 @@ VOXEL = 0.01
 def read_loaded(
     name: str, content: bytes, *, voxel: float = VOXEL, scale: float = 1.0
 ) -> Scene | Mesh | PointCloud:
-    """The content of a file.
+    """The content of a file; ``ConfigError``, which begins with its name, if it cannot be used.
 
     Meshes are in millimetres, unless their format declares a unit, and are put around the middle
     of their bounding box. Point clouds are in metres and stay where they are, seen from the arm's
-    base.
-
-    Args:
-        name: The file's name; its ending gives the kind.
-        content: Its bytes.
-        voxel: Edge of the cubes of a cloud [m].
-        scale: Factor for the lengths of a mesh or a cloud.
-
-    Raises:
-        ConfigError: The file cannot be used; the message begins with its name.
+    base; ``voxel`` is the edge of their cubes [m]. Both are multiplied by ``scale``.
     """
     kind = PurePath(name).suffix.lower()
     if kind not in ENDINGS:
@@ -62,14 +53,9 @@ def read_loaded(
 
 
 def thinned(points: Array, voxel: float) -> PointCloud:
-    """A cloud with one point for each of its cubes, which is all that planning uses.
+    """A cloud with one point for each cube of edge ``voxel`` [m], which is all that planning uses.
 
-    Args:
-        points: Shape (n, 3), [m].
-        voxel: Edge of the cubes [m].
-
-    Raises:
-        ConfigError: There are too many cubes, or impossible points.
+    ``ConfigError`` if there are too many cubes, or impossible points.
     """
     points = full_cubes(PointCloud(points=points, resolution=voxel))
     if len(points) > MOST_CUBES:

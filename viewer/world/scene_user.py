@@ -45,10 +45,6 @@ class ArmsOfCell:
     """Arms that share a space; the scene is in the frame of the cell.
 
     What an arm holds is ``HeldBy`` that arm there. A handover may pass it on meanwhile.
-
-    Args:
-        rigs: Their rigs, by the names of the arms.
-        file: Where they stand, and the first scene.
     """
 
     viam_name = None
@@ -77,11 +73,9 @@ class ArmsOfCell:
         return {name: bases[name] @ arm.T_base() for name, arm in self.arms.items()}
 
     def use(self, scene: Scene) -> None:
-        """Let all arms plan with ``scene`` from now on, and hold what it says.
+        """Let all arms plan with ``scene`` from now on, and hold what it says, or none of them.
 
-        Raises:
-            ConfigError: It is not said which arm holds something in it, or it has a floor on which
-                an arm does not stand upright; then no arm has it.
+        ``ConfigError`` if it does not say which arm holds something, or tilts an arm's floor.
         """
         file = self._file_with(scene)
         seen = {each.name: file.scene_of(each) for each in file.arms}

@@ -52,18 +52,12 @@ class WorldModel:
     """The edited scene.
 
     Args:
-        file: Where ``save`` writes.
-        write: Writes it.
         now: The time [s]; without it each edit is undone by itself, also while somebody types.
 
     Attributes:
-        scene: The scene as edited.
-        selected: Name of the thing that is being edited, or None.
-        sentence: The outcome of the last edit.
         dragging: Whether somebody holds a thing by its handles.
         voxel: Edge of the cubes of a cloud that is loaded [m].
         scale: Factor for the lengths of a mesh or cloud that is loaded.
-        history: The scenes before.
         saved_files: Undoes ``save``.
     """
 
@@ -208,15 +202,7 @@ class WorldModel:
         return json.dumps(world_state_json(self.scene, arm=arm), indent=1, ensure_ascii=False)
 
     def load(self, name: str, content: bytes) -> None:
-        """Load a scene file, or add what is in a file of a mesh or of points.
-
-        Args:
-            name: The file's name.
-            content: Its bytes.
-
-        Raises:
-            ConfigError: It is none of these.
-        """
+        """Load a scene, or add what is in a file of a mesh or of points; see ``read_loaded``."""
         found = read_loaded(name, content, voxel=self.voxel, scale=self.scale)
         if isinstance(found, Scene):
             loaded = len(scene_edits.things(found))

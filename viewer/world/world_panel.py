@@ -64,11 +64,7 @@ _FOR_VIAM = (
 class WorldPart(Part):
     """Add, drag, resize, name, delete, attach, save and load things.
 
-    Args:
-        user: Plans with the scene.
-        file: Where Save writes.
-        now: The time [s].
-        on_handles: Called with whether a thing is selected, when that changes.
+    ``on_handles`` is called with whether a thing is selected, when that changes.
     """
 
     def __init__(
