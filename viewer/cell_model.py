@@ -22,7 +22,7 @@ from so101_motion.planning.collision.apart import Meeting, clearance_over_time
 from so101_motion.planning.request import Plan
 
 from .page import texts
-from .page.playback import Playback
+from .page.plan_view import Playback
 from .page.screen_state import Sentence
 from .view_model import ViewModel
 

@@ -21,8 +21,7 @@ from .app import serve
 from .page import texts
 from .page.bar import BarButton, add_stop
 from .page.guiding import Guiding
-from .page.page_context import PageContext
-from .page.part import Part
+from .page.page_context import PageContext, Part
 from .scene.camera_and_lights import Sight, set_up_view
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage

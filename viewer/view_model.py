@@ -26,12 +26,11 @@ from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 
 from .page import texts
-from .page.playback import Playback
-from .page.screen_state import PathLine, PlanView, Sentence, Tone
+from .page.plan_view import PathLine, PlanView, Playback, plan_view
+from .page.screen_state import Sentence, Tone
 from .page.target_editor import TargetEditor
 from .page.target_ik import Surroundings, Target, TargetSolver
 from .page.tracking import MotionTracker, Tracking
-from .scene.plan_view import plan_view
 
 SAME_POSE = to_rad(0.5)
 """Ghost and arm nearer than this are one picture, so the ghost is hidden [rad]; chosen."""

@@ -20,7 +20,7 @@ from conftest import Visit
 from harness.browser_user import Guest
 from harness.emulated_kit import NEW, Kit  # it lives with the tests of the module
 from playwright.sync_api import Locator, TimeoutError, ViewportSize
-from so101_viewer.page import asking_button
+from so101_viewer.page import shared_fields
 from so101_viewer.setup_app import SetupApp, serve_setup
 
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
@@ -367,7 +367,7 @@ def test_saving_that_failed_is_tried_again(person: Newcomer, kit: Kit, folder: P
 def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person: Newcomer, kit: Kit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(asking_button, "ASKED_FOR", 60.0)  # a busy page answers late
+    monkeypatch.setattr(shared_fields, "ASKED_FOR", 60.0)  # a busy page answers late
     person.presses("Next")
     plans = "This will move:"  # planned anew where a busy machine had no time for it
     person.insists("Hold the joints", "Back", "Next", until=lambda: person.guest.says(plans))

@@ -20,7 +20,7 @@ from so101_motion.common.units import to_mm
 from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import RigLike
 
-from .part import Part
+from .page_context import Part
 from .screen_state import Tone
 
 KEPT = 500

@@ -6,29 +6,100 @@ nothing, and it never waits: commands run on a worker.
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import viser
 
 from so101_motion.arm.stop_order import mark_request
+from so101_motion.common.errors import So101Error
 from so101_motion.common.operation import Input, Offer, Operation, View
 
 from . import cards, texts
-from .asking_button import AskingButton
-from .page_context import PageContext
-from .part import Part
-from .shared_fields import SharedField
-from .worker import Worker
+from .page_context import PageContext, Part
+from .shared_fields import AskingButton, SharedField
+
+T = TypeVar("T")
+
+log = logging.getLogger(__name__)
 
 _PERIOD = 0.07
 """Time between two pictures [s]; chosen: hands are slow, and browsers on phones are as well."""
 
 
 _NONE = "none"
+
+
+@dataclass(slots=True, kw_only=True)
+class Worker:
+    """One worker thread: what runs, and why the last run failed. For the page's thread."""
+
+    doing: str = ""
+    trouble: Exception | None = None
+    _workers: ThreadPoolExecutor = field(
+        default_factory=lambda: ThreadPoolExecutor(1, thread_name_prefix="so101-page-worker")
+    )
+    _job: tuple[Future[Any], Callable[[Any], None]] | None = None
+    _look: Future[object] | None = None
+
+    def do(
+        self,
+        doing: str,
+        call: Callable[[], T],
+        then: Callable[[T], None] = lambda _result: None,
+    ) -> bool:
+        """Run ``call``, unless something runs already; return whether it runs.
+
+        ``then`` takes the result on the page's thread; after an error that is in ``trouble``.
+        """
+        if self._job is not None:
+            return False
+        self.doing, self.trouble = doing, None
+        self._job = (self._workers.submit(call), then)
+        return True
+
+    def watch(self, look: Callable[[], object]) -> None:
+        """Look at something, unless something runs already.
+
+        Nobody waits for it, and errors are ignored: it is called again soon.
+        """
+        if self._job is None and self._look is None:
+            self._look = self._workers.submit(look)
+
+    @property
+    def is_looking(self) -> bool:
+        return self._look is not None
+
+    def collect(self) -> bool:
+        if self._look is not None and self._look.done():
+            looked, self._look = self._look, None
+            error = looked.exception()
+            if error is not None and not isinstance(error, So101Error):
+                log.error("the page could not look", exc_info=error)
+        return self._collect_job()
+
+    def _collect_job(self) -> bool:
+        if self._job is None or not self._job[0].done():
+            return False
+        (future, then), self._job, self.doing = self._job, None, ""
+        error = future.exception()
+        if error is None:
+            then(future.result())
+            return True
+        if not isinstance(error, So101Error):
+            log.error("a command of the page failed", exc_info=error)
+        assert isinstance(error, Exception)
+        self.trouble = error
+        return True
+
+    def end(self) -> None:
+        self._workers.shutdown(wait=True)
 
 
 class _Field:
@@ -164,13 +235,13 @@ class OperationPanel(Part):
                     self._buttons[slot] = self._new_button(slot, offer)
         first = view.offers[0] if view.offers else None
         places: dict[str, int] = {}
-        shown = {field.label for offer in view.offers for field in offer.inputs.values()}
+        shown = {each.label for offer in view.offers for each in offer.inputs.values()}
         for slot, offer in self._offers.items():
-            for name, field in offer.inputs.items():
-                if field.label in shown:
-                    shown.remove(field.label)
-                    places[f"field {field.label}"] = len(places)
-                    self._show_field(field, str(offer.arguments.get(name, "")), len(places))
+            for name, wanted in offer.inputs.items():
+                if wanted.label in shown:
+                    shown.remove(wanted.label)
+                    places[f"field {wanted.label}"] = len(places)
+                    self._show_field(wanted, str(offer.arguments.get(name, "")), len(places))
             places[slot] = len(places) + 1
         for label, known in self._fields.items():
             known.widget.visible = f"field {label}" in places

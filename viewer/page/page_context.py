@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from enum import Enum, auto
 from functools import partial
 from typing import Any, Self, TypeVar
 
@@ -21,11 +22,75 @@ from so101_motion.common.geometry import Array
 from so101_motion.rig.protocols import RigLike
 
 from .bar import Bar
-from .commands import Command
 from .events import EventLog
-from .front_tab import FrontTab
 
 T = TypeVar("T")
+
+Command = Callable[[], None]
+
+PROGRAM = "Program"
+"""The tab that has a plan of its own, besides the Move tab."""
+
+
+class Drawn(Enum):
+    """What the scene shows of the Move tab."""
+
+    PLAN = auto()
+    """The plan: its path, and a ghost that goes along it."""
+    TARGET = auto()
+    """A ghost at the target, to be recorded as a step of a program; no path."""
+    NOTHING = auto()
+    """No ghost, no path: the program's are shown instead."""
+
+
+@dataclass(slots=True)
+class FrontTab:
+    """The tab in front in the window in control, and whether its program has the ghost."""
+
+    name: str = ""
+    rehearses: bool = False
+    _rehearsed: tuple[object, ...] = field(default=(), repr=False)
+    _targets: tuple[object, ...] = field(default=(), repr=False)
+
+    def turn_to(self, name: str) -> None:
+        self.name = name
+
+    def note(
+        self, rehearsal: object | None, t: float, targets: tuple[object, ...], *, runs: bool
+    ) -> bool:
+        """Give the ghost to the rehearsal at ``t`` [s] or to the targets, whichever changed last.
+
+        Return whether it changed hands.
+        """
+        if (rehearsal, t) != self._rehearsed:
+            self._rehearsed, self._targets = (rehearsal, t), targets
+        are_old = all(one is other for one, other in zip(targets, self._targets, strict=True))
+        before, self.rehearses = self.rehearses, runs or (rehearsal is not None and are_old)
+        return self.rehearses is not before
+
+    @property
+    def is_program(self) -> bool:
+        return self.name == PROGRAM
+
+    @property
+    def drawn(self) -> Drawn:
+        if not self.is_program:
+            return Drawn.PLAN
+        return Drawn.NOTHING if self.rehearses else Drawn.TARGET
+
+
+class Part:
+    """A part of the page: its widgets and their commands. Runs on the page's thread."""
+
+    def refresh(self) -> bool:
+        """Take in changes since the last call; return whether there is anything new to show."""
+        return False
+
+    def show(self) -> None:
+        """Update widgets and scene; viser sends only what differs."""
+
+    def close(self) -> None:
+        """Release what does not belong to the page."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,8 @@ from so101_motion.planning.collision.apart import Meeting
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 
-from .screen_state import PlanView, Sentence, Tone
+from .plan_view import PlanView
+from .screen_state import Sentence, Tone
 from .tracking import Tracking
 
 PRESS_PLAN = Sentence("Reachable. Press Plan.")

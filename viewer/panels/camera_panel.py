@@ -25,8 +25,7 @@ from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.viam.client import MachineRig
 
 from ..page import markup
-from ..page.page_context import PageContext
-from ..page.part import Part
+from ..page.page_context import PageContext, Part
 
 PERIOD = 0.2
 """Least time between two pictures [s]; chosen: often enough to see what happens, and light on the

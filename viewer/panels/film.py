@@ -24,10 +24,9 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
 
 from ..page import texts
-from ..page.screen_state import PlanView
+from ..page.plan_view import PlanView, plan_view
 from ..page.target_ik import Surroundings, TargetSolver
 from ..scene.camera_and_lights import Sight, set_up_recording
-from ..scene.plan_view import plan_view
 from ..scene.robot_view import Line, RobotView, segments
 from ..scene.scene_edits import held_by
 from ..scene.scene_view import SceneView

@@ -26,8 +26,7 @@ from so101_motion.rig.rig import Rig
 
 from ..page import markup, texts
 from ..page.events import EventLog
-from ..page.page_context import ArmContext, PageContext
-from ..page.part import Part
+from ..page.page_context import ArmContext, PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 

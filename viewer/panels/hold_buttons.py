@@ -22,8 +22,7 @@ from so101_motion.rig.rig import Rig
 
 from ..page import texts
 from ..page.bar import CONNECTION, Bar, BarButton
-from ..page.page_context import PageContext
-from ..page.part import Part
+from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 

@@ -20,8 +20,7 @@ from so101_motion.viam.client import MachineRig
 from ..page import markup, texts
 from ..page.bar import uuid_of
 from ..page.jogging import ARROWS, JOINTS, MODES, SPEEDS, Jogging, read_held
-from ..page.page_context import ArmContext
-from ..page.part import Part
+from ..page.page_context import ArmContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
 

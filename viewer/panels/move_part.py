@@ -20,9 +20,7 @@ from so101_motion.tasks.sweeps.atlas import Atlas
 from ..cell_model import CellModel
 from ..page import markup
 from ..page.bar import add_stop
-from ..page.front_tab import Drawn
-from ..page.page_context import PageContext
-from ..page.part import Part
+from ..page.page_context import Drawn, PageContext, Part
 from ..page.screen_state import Tone
 from ..page.target_ik import TargetSolver
 from ..scene.camera_and_lights import Sight, Views, set_up_view

@@ -22,7 +22,7 @@ from ..cell_model import CellModel, CommonPlan
 from ..page import markup, texts
 from ..page.bar import board, uuid_of
 from ..page.page_context import PageContext
-from ..page.playback import RATES
+from ..page.plan_view import RATES
 from ..page.shared_fields import SharedField, UndoButtons, grey, put, tenth, tenths
 from ..page.target_editor import DIRECTIONS
 from ..page.target_ik import FRAMES

@@ -19,7 +19,7 @@ from so101_motion.planning.request import Plan
 from ..cell_model import CellModel, CommonPlan
 from ..page import markup, texts
 from ..page.bar import uuid_of
-from ..page.screen_state import PlanView
+from ..page.plan_view import PlanView
 from ..page.tracking import Tracking
 from ..view_model import ViewModel
 

@@ -8,8 +8,8 @@ from so101_motion.common.named_poses import NamedPose
 from so101_motion.files.saved_poses import SavedPoses
 
 from ..page import texts
+from ..page.history import SavedFiles
 from ..page.page_context import PageContext
-from ..page.saved_files import SavedFiles
 from ..page.screen_state import Sentence
 from ..page.shared_fields import SharedField, UndoButtons
 from ..view_model import ViewModel

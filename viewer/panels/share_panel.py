@@ -15,8 +15,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.files.trajectory_export import encoded
 
 from ..page import markup, texts
-from ..page.page_context import PageContext
-from ..page.part import Part
+from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
 from .film import Film, MovedArm, recording

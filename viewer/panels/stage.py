@@ -11,9 +11,9 @@ from viser.transforms import SO3
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.kinematics.model import RobotModel
 
-from ..page.front_tab import Drawn
-from ..page.page_context import PageContext
-from ..page.screen_state import PathLine, Tone
+from ..page.page_context import Drawn, PageContext
+from ..page.plan_view import PathLine
+from ..page.screen_state import Tone
 from ..page.target_editor import ANY
 from ..scene.camera_and_lights import Views
 from ..scene.reach_view import ReachView

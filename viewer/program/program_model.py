@@ -39,9 +39,8 @@ from so101_motion.tasks.program.rehearsal import stands_at
 
 from ..page import texts
 from ..page.guiding import Guiding
-from ..page.history import History
-from ..page.playback import Playback
-from ..page.saved_files import SavedFiles
+from ..page.history import History, SavedFiles
+from ..page.plan_view import Playback
 from ..page.screen_state import Sentence
 from ..page.target_ik import Surroundings, TargetSolver
 from ..view_model import ViewModel

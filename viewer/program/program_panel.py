@@ -18,9 +18,7 @@ from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
 from ..page.bar import board, uuid_of
-from ..page.front_tab import PROGRAM
-from ..page.page_context import PageContext
-from ..page.part import Part
+from ..page.page_context import PROGRAM, PageContext, Part
 from ..page.shared_fields import SharedField, UndoButtons, grey, put
 from ..view_model import ViewModel
 from . import program_texts as words

@@ -28,9 +28,8 @@ from so101_motion.setup.setup_steps import (
 )
 
 from ..page import cards, markup
-from ..page.asking_button import AskingButton
-from ..page.page_context import ArmContext, PageContext
-from ..page.part import Part
+from ..page.page_context import ArmContext, PageContext, Part
+from ..page.shared_fields import AskingButton
 from ..page.texts import capital
 from . import setup_cards
 from .page import CalibrationPage, ChainPage, ConfigurePage, ConnectionPage, FinalTestPage, StepPage

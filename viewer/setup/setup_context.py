@@ -16,8 +16,8 @@ from so101_motion.setup.findings import Findings
 from so101_motion.setup.motor_operation import MotorOperation
 from so101_motion.setup.setup_steps import SetupState
 
+from ..page.operation_panel import Worker
 from ..page.page_context import PageContext
-from ..page.worker import Worker
 from ..server.host import ServedPage
 from .picture import Picture
 from .setup_target import SetupTarget

@@ -24,8 +24,7 @@ from so101_motion.viam.client import MachineRig
 
 from ..page import markup
 from ..page.operation_panel import OperationPanel
-from ..page.page_context import ArmContext
-from ..page.part import Part
+from ..page.page_context import ArmContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..scene.robot_view import Line, segments
 

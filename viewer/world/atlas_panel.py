@@ -24,8 +24,7 @@ from so101_motion.tasks.sweeps.atlas_view import (
 )
 
 from ..page import markup
-from ..page.page_context import ArmContext
-from ..page.part import Part
+from ..page.page_context import ArmContext, Part
 
 _ALL = "All"
 _SHARE = 0.8  # of the spacing: gaps show what is inside

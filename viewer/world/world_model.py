@@ -34,8 +34,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.world_state_json import world_state_json
 
 from ..page import texts
-from ..page.history import History
-from ..page.saved_files import SavedFiles
+from ..page.history import History, SavedFiles
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 from ..scene import scene_edits

@@ -31,8 +31,7 @@ from so101_motion.planning.collision.scene import (
 from so101_motion.planning.kinematics.model import RobotModel
 
 from ..page import markup, texts
-from ..page.page_context import PageContext
-from ..page.part import Part
+from ..page.page_context import PageContext, Part
 from ..page.screen_state import Sentence, Tone
 from ..page.shared_fields import SharedField, UndoButtons, grey, put, tenth, tenths
 from ..scene.scene_edits import NEW_SHAPES, Thing, holder_of, pose_of

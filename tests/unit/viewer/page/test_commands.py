@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import threading
 
-from so101_viewer.page.commands import Commands
+from so101_viewer.server.host import Commands
 
 
 def test_commands_run_in_order_and_once() -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from so101_viewer.page.playback import RATES, Playback
+from so101_viewer.page.plan_view import RATES, Playback
 
 
 def test_a_new_plan_stands_at_its_goal() -> None:

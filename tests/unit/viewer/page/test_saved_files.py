@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from so101_viewer.page.saved_files import SavedFiles
+from so101_viewer.page.history import SavedFiles
 
 from so101_motion.common.errors import ConfigError
 

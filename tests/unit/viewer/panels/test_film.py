@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from so101_viewer.page.plan_view import plan_view
 from so101_viewer.panels.film import (
     FRAMES,
     Film,
@@ -11,7 +12,6 @@ from so101_viewer.panels.film import (
     recording,
     write_recording,
 )
-from so101_viewer.scene.plan_view import plan_view
 from so101_viewer.scene.scene_edits import holder_of
 
 from so101_motion.common.errors import ConfigError
